@@ -1,0 +1,9 @@
+"""jshape: input shapers for any nonlinear plant, tuned by exact gradients.
+
+Names are loaded when they are first used (``__init__.pyi`` lists them), so that the command line can answer without
+waiting for JAX.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

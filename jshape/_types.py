@@ -1,0 +1,24 @@
+"""Array aliases with named axes. Units are SI throughout; angles in rad, frequencies in rad/s."""
+
+from jaxtyping import Array, Float, Shaped
+
+Scalar = Float[Array, ""]
+"""A zero-dimensional array: one mass (kg), one energy (J), one frequency (rad/s), …"""
+
+State = Float[Array, " state"]
+"""A plant's state, in the order its own docstring gives."""
+
+Impulses = Float[Array, " impulses"]
+"""One value an impulse: normalised amplitudes (sum 1) or times (s)."""
+
+Times = Float[Array, " times"]
+"""Instants, s."""
+
+Breaks = Float[Array, " breaks"]
+"""Instants at which a piecewise polynomial begins a new piece, s, not decreasing."""
+
+Coefficients = Float[Array, " breaks powers"]
+"""Row j: the polynomial from break j on, in powers 0, 1, 2 … of the time since that break."""
+
+Inputs = Shaped[Array, "..."] | tuple[Shaped[Array, "..."], ...] | float
+"""What drives a plant at one instant: a scalar, or one scalar for each entry of its ``drive``."""

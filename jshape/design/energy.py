@@ -1,0 +1,330 @@
+"""Energy shapers: closed forms from the work–energy principle, for a displacement-driven mass on any spring.
+
+The base moves so far that the payload swings from one resting point exactly to the next; each new move of the base comes
+when the payload rests. Where it rests, and how often, tells the shapers apart::
+
+    js.design.energy.two_impulse(plant, 1.0)              # one swing: the nonlinear ZV
+    js.design.energy.three_impulse(plant, 1.0)            # rests half way: the nonlinear ZVD
+    js.design.energy.robust(plant, 1.0, rests=3)          # rests three times, equal steps
+    js.design.energy.first_order_robust(plant, 1.0, 4)    # steps for which errors in the mass cancel
+    js.design.energy.fast_three_impulse(plant, 1.0)       # a push at full speed instead of a rest
+    js.design.energy.negative(plant, 1.0)                 # 1, −1, 1
+
+``damping`` says how a damper is taken into account: ``"exact"`` (the default: the equations of motion are solved),
+``"orbit"`` (the loss along the undamped orbit), ``"harmonic"`` (the loss of a harmonic quarter cycle, as in the paper) or
+``"ignore"``. Without a damper they are one and the same; the two approximations are for shapers made of swings,
+``fast_three_impulse`` and ``negative`` know ``"exact"`` and ``"ignore"``. Amplitudes are normalised; times in s.
+"""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import lineax as lx
+import numpy as np
+import optimistix as optx
+from jaxtyping import Array, Float
+
+from jshape import _check
+from jshape._root import bracketed_root, integral
+from jshape._types import Scalar
+from jshape.design._swing import half_period, time_from_turn
+from jshape.plants import AbstractOscillator
+from jshape.schedule import Schedule
+from jshape.shaper import Shaper
+from jshape.simulate import all_states
+
+DAMPING = ("exact", "orbit", "harmonic", "ignore")
+
+_STEPS = 64
+"""Fixed steps a swing in the exact solution with damping: rounding is reached with fewer."""
+
+
+def two_impulse(plant: AbstractOscillator, distance: Any, *, damping: str = "exact") -> Shaper:
+    """One swing from start to destination: the fastest shaper without negative impulses.
+
+    *Raises* ``ValueError`` for a plant that is not a displacement-driven mass on a spring, a zero distance, or a spring
+    that does not swing that far.
+    *Source*: Chatlatanagulchai, Moonmangmee and Intarawirat (2017), Eqs. 2–5.
+    """
+    return _swings(plant, distance, jnp.ones(1), damping)
+
+
+def three_impulse(plant: AbstractOscillator, distance: Any, alpha: Any = 0.5, *, damping: str = "exact") -> Shaper:
+    """Two swings, with a rest at ``alpha`` (0 < α < 1) of the distance; 0.5 cancels errors in the mass to first order.
+
+    *Raises* ``ValueError`` as ``two_impulse``, and for an α outside (0, 1).
+    *Source*: Moonmangmee and Chatlatanagulchai (2025), Eqs. 13, 20, 21.
+    """
+    alpha = _check.scalar(alpha, "alpha")
+    if _check.is_concrete(alpha) and not 0 < float(alpha) < 1:
+        raise ValueError(f"alpha must lie between 0 and 1, not {float(alpha)}")
+    return _swings(plant, distance, jnp.stack([alpha, 1 - alpha]), damping)
+
+
+def robust(plant: AbstractOscillator, distance: Any, rests: Any = 1, *, damping: str = "exact") -> Shaper:
+    """Rests on the way: ``rests`` of them in equal steps, or at the given positions (m, between 0 and the distance).
+
+    k rests make k + 2 impulses. Equal steps cancel errors in the mass to first order for odd numbers of impulses only
+    (see ``first_order_robust``).
+
+    *Raises* ``ValueError`` as ``two_impulse``, and for positions that are not in order between 0 and the distance.
+    *Source*: Chatlatanagulchai, Moonmangmee and Intarawirat (2017), Eqs. 6 (its lower limit put right) to 9; Moonmangmee
+    and Chatlatanagulchai (2025), Eqs. 31 and 36 (Eq. 37 swaps the amplitudes).
+    """
+    if isinstance(rests, int | np.integer) or np.ndim(rests) == 0:
+        count = _check.count(rests, "rests", least=0)
+        return _swings(plant, distance, jnp.full(count + 1, 1 / (count + 1)), damping)
+    places = _check.as_array(rests, "rests")
+    size = _check_arguments(plant, distance, damping)
+    ends = jnp.concatenate([jnp.zeros(1), places / size, jnp.ones(1)])
+    if places.ndim != 1 or (_check.is_concrete(ends) and np.any(np.diff(np.asarray(ends)) <= 0)):
+        raise ValueError(
+            f"rests must be positions in order between 0 and the distance, {_check.show(size)}, not {_check.show(places)}"
+        )
+    return _swings(plant, distance, jnp.diff(ends), damping)
+
+
+def first_order_robust(
+    plant: AbstractOscillator, distance: Any, impulses: int = 4, *, damping: str = "exact"
+) -> Shaper:
+    """Steps for which an error in the mass (in all frequencies alike) leaves nothing to first order.
+
+    With an even number of impulses the steps are s, m, …, m, s, with an odd one s, m, …, m.
+
+    The payload reaches the end of each swing late by an error that the next swing turns round: with swing forces F (at
+    the end of a swing, before the base moves; F' after it) and half periods h, the lag r_i = F_i h_i − r_{i−1} F_i/F'_i
+    must end at 0. For odd springs and odd numbers of impulses the steps come out equal.
+
+    *Raises* ``ValueError`` as ``two_impulse``, and for fewer than three impulses. Derived here; it generalises
+    Moonmangmee and Chatlatanagulchai (2025), Eq. 28, whose equal steps for even numbers of impulses do not have this
+    property.
+    """
+    impulses = _check.count(impulses, "impulses", least=3)
+    size = _check_arguments(plant, distance, damping)
+    return _swings(plant, distance, _first_order_shares(plant, size, impulses - 1), damping)
+
+
+def fast_three_impulse(
+    plant: AbstractOscillator, distance: Any, first: Any = None, *, damping: str = "exact"
+) -> Shaper:
+    """A second push when the payload is fastest, a last one when it rests at the destination.
+
+    ``first``: the first amplitude A1, a fraction of the distance, from the whole A1–A2 family (0 < A1 < ½ for an odd
+    spring); equal first and second amplitudes, the paper's optimum, unless given.
+
+    *Raises* ``ValueError`` as ``two_impulse``, and for an A1 that leaves no second amplitude.
+    *Source*: Moonmangmee and Chatlatanagulchai (2025), Eqs. 43 (with its bracket put right), 45, 46, 50.
+    """
+    size = _check_arguments(plant, distance, damping)
+    if first is not None:
+        first = _check.scalar(first, "first")
+        if _check.is_concrete(first) and not 0 < float(first) < 1:
+            raise ValueError(f"first must lie between 0 and 1, not {float(first)}")
+    _check.one_of(damping, "damping", ("exact", "ignore"))
+    amplitudes, times = _fast(plant, size, first, _damping(plant, damping))
+    if _check.is_concrete(amplitudes) and not np.all(np.asarray(amplitudes)[:2] > 0) and first is not None:
+        raise ValueError(f"first must leave room for a second push, which {float(first)} does not")
+    return _checked(amplitudes, times, size)
+
+
+def negative(plant: AbstractOscillator, distance: Any, *, damping: str = "exact") -> Shaper:
+    """Unity magnitude 1, −1, 1: the base goes all the way, comes back to brake the payload, and meets it there.
+
+    *Raises* ``ValueError`` as ``two_impulse``.
+    *Source*: Chatlatanagulchai, Moonmangmee and Intarawirat (2017), Eq. 10 and after; here also for springs that are
+    not odd, where the payload is not half way when the base comes back.
+    """
+    size = _check_arguments(plant, distance, damping)
+    _check.one_of(damping, "damping", ("exact", "ignore"))
+    return _checked(*_negative(plant, size, _damping(plant, damping)), size)
+
+
+def _swings(plant: AbstractOscillator, distance: Any, shares: Float[Array, " swings"], damping: str) -> Shaper:
+    """The shaper whose swings cover these shares of the distance."""
+    size = _check_arguments(plant, distance, damping)
+    damping = _damping(plant, damping)
+    bases, ways, times = _approximate_swings(plant, size, shares, damping)
+    if damping == "exact":
+        # One program, compiled once, serves every swing of every shaper.
+        exact = [_exact_swing(plant, *swing) for swing in zip(bases, ways, times, strict=True)]
+        bases, times = (jnp.stack(part) for part in zip(*exact, strict=True))
+    return _checked(*_assemble(bases, ways, times, size), size)
+
+
+@eqx.filter_jit
+def _approximate_swings(
+    plant: AbstractOscillator, size: Scalar, shares: Array, damping: str
+) -> tuple[Array, Array, Array]:
+    bases, ways = _bases(plant, size * shares)
+    times = jax.vmap(lambda b, w: half_period(plant, -b, w - b))(bases, ways)
+    if damping != "ignore":
+        approximate = _loss_harmonic if damping == "harmonic" else _loss_orbit
+        losses = jax.vmap(lambda b, w, t: approximate(plant, b, w, t))(bases, ways, times)
+        bases, _ = _bases(plant, ways, losses)
+    return bases, ways, times
+
+
+def _assemble(bases: Array, ways: Array, times: Array, size: Scalar) -> tuple[Array, Array]:
+    """Amplitudes and times from each swing's base position ahead of it (m), way (m) and duration (s)."""
+    places = jnp.concatenate([jnp.zeros(1), jnp.cumsum(ways)])
+    levels = jnp.concatenate([jnp.zeros(1), places[:-1] + bases, size[None]])
+    return jnp.diff(levels) / size, jnp.concatenate([jnp.zeros(1), jnp.cumsum(times)])
+
+
+@eqx.filter_jit
+def _first_order_shares(plant: AbstractOscillator, size: Scalar, swings: int) -> Array:
+    def shares(s: Scalar) -> Array:
+        ends = 2 if swings % 2 else 1
+        inner = jnp.full(swings - ends, 1.0) * (1 - ends * s) / (swings - ends)
+        return jnp.concatenate([s[None], inner, s[None]][: ends + 1])
+
+    def lag(s: Scalar) -> Scalar:
+        bases, ways = _bases(plant, size * shares(s))
+        times = jax.vmap(lambda b, w: half_period(plant, -b, w - b))(bases, ways)
+        before, after = jax.vmap(plant.spring.force)(ways - bases), jax.vmap(plant.spring.force)(-bases)
+        total = jnp.zeros_like(s)
+        for i in range(swings):
+            total = before[i] * times[i] + total * before[i] / after[i]
+        return total / plant.spring.force(size)
+
+    # For an odd number of swings a long first one adds to the last one's lag; for an even number it opposes it.
+    lower, upper = (0.02 / swings, 0.49) if swings % 2 else (0.2 / swings, 1 - 0.2 / swings)
+    return shares(bracketed_root(lag, lower, upper, rising=bool(swings % 2)))
+
+
+@eqx.filter_jit
+def _fast(plant: AbstractOscillator, size: Scalar, first: Scalar | None, damping: str) -> tuple[Array, Array]:
+    potential = lambda share: plant.spring.potential(share * size)
+    if first is None:
+        a1 = a2 = bracketed_root(lambda a: 2 * potential(-a) - potential(1 - 2 * a), 0.0, 0.5)
+    else:
+        a1 = first
+        a2 = bracketed_root(lambda a: potential(-a1) + potential(-a) - potential(1 - a1 - a), 0.0, 1 - a1)
+        a2 = jnp.where(potential(-a1) < potential(1 - a1), a2, -1.0)
+    t2 = time_from_turn(plant, -a1 * size, jnp.zeros_like(size))
+    t3 = t2 + time_from_turn(plant, (1 - a1 - a2) * size, -a2 * size)
+
+    def conditions(x: Array) -> Array:
+        second, t2, t3 = x
+        one = second if first is None else first
+        passed, end = _after(plant, size, jnp.stack([one, second]), jnp.stack([t2, t3]))
+        return jnp.stack([passed[0] / size - one, end[0] / size - 1, end[1] * t2 / size])
+
+    if damping == "exact":
+        a2, t2, t3 = _newton(conditions, jnp.stack([a2, t2, t3]))
+        a1 = a2 if first is None else first
+    return jnp.stack([a1, a2, 1 - a1 - a2]), jnp.stack([jnp.zeros_like(t2), t2, t3])
+
+
+@eqx.filter_jit
+def _negative(plant: AbstractOscillator, size: Scalar, damping: str) -> tuple[Array, Array]:
+    potential = lambda share: plant.spring.potential(share * size)
+    balance = lambda p: potential(-1.0) - potential(p - 1) + potential(p) - potential(1.0)
+    place = bracketed_root(balance, 0.0, 1.0)
+    t2 = time_from_turn(plant, -size, (place - 1) * size)
+    t3 = t2 + time_from_turn(plant, size, place * size)
+
+    def conditions(x: Array) -> Array:
+        _, end = _after(plant, size, jnp.asarray([1.0, -1.0]), x)
+        return jnp.stack([end[0] / size - 1, end[1] * t2 / size])
+
+    if damping == "exact":
+        t2, t3 = _newton(conditions, jnp.stack([t2, t3]))
+    return jnp.asarray([1.0, -1.0, 1.0]), jnp.stack([jnp.zeros_like(t2), t2, t3])
+
+
+def _bases(plant: AbstractOscillator, ways: Array, losses: Any = 0.0) -> tuple[Array, Array]:
+    """How far ahead of the payload the base must stand for each swing of the given way (m): U(−b) − U(w − b) = loss."""
+    potential = plant.spring.potential
+
+    def one(way: Scalar, loss: Scalar) -> Scalar:
+        balance = lambda s: potential(-s * way) - potential((1 - s) * way) - loss
+        # A damper takes energy, so the base may have to stand beyond the destination of the swing.
+        return way * bracketed_root(balance, 0.0, 2.0)
+
+    if plant.spring.odd and isinstance(losses, float):
+        return ways / 2, ways
+    return jax.vmap(one)(ways, jnp.broadcast_to(jnp.asarray(losses), ways.shape)), ways
+
+
+def _loss_harmonic(plant: AbstractOscillator, base: Scalar, way: Scalar, time: Scalar) -> Scalar:
+    """Energy lost in a quarter cycle of a harmonic motion with the swing's whole way as amplitude, J.
+
+    *Source*: Chatlatanagulchai, Moonmangmee and Intarawirat (2017), after Eq. 5: for the cubic damper c w⁴ ω³ 3π/16 (the
+    printed terms are dimensionally wrong). It over-estimates the loss of the papers' plant tenfold.
+    """
+    del base
+    omega = jnp.pi / time
+    speed = lambda phase: jnp.abs(way) * omega * jnp.cos(phase)
+    return integral(lambda phase: plant.damper.force(speed(phase)) * speed(phase) / omega, 0.0, jnp.pi / 2)
+
+
+def _loss_orbit(plant: AbstractOscillator, base: Scalar, way: Scalar, time: Scalar) -> Scalar:
+    """Energy lost along the undamped orbit of the swing, J: the damper's force over its way."""
+    del time
+    middle, half, energy = way / 2 - base, way / 2, plant.spring.potential(-base)
+
+    def integrand(theta):
+        kinetic = energy - plant.spring.potential(middle + half * jnp.sin(theta))
+        speed = jnp.sqrt(2 * jnp.maximum(kinetic, 0.0) / plant.inertia())
+        return plant.damper.force(speed) * jnp.abs(half) * jnp.cos(theta)
+
+    return integral(integrand, -jnp.pi / 2, jnp.pi / 2)
+
+
+@eqx.filter_jit
+def _exact_swing(plant: AbstractOscillator, base: Scalar, way: Scalar, time: Scalar) -> tuple[Scalar, Scalar]:
+    """The base position and time for which the damped payload comes to rest exactly at the end of its way."""
+
+    def conditions(x: Array) -> Array:
+        (end,) = _after(plant, way, x[:1], x[1:])
+        return jnp.stack([end[0] / way - 1, end[1] * time / way])
+
+    solution = _newton(conditions, jnp.stack([base / way, time]))
+    return solution[0] * way, solution[1]
+
+
+def _after(plant: AbstractOscillator, size: Scalar, amplitudes: Array, times: Array) -> Float[Array, "times state"]:
+    """The states at the given times, from rest at 0, the base moving by one of the amplitudes at 0 and at each but
+    the last of them.
+    """
+    levels = size * jnp.cumsum(amplitudes)
+    plan = Schedule(jnp.concatenate([jnp.zeros(1), times]), jnp.append(levels, levels[-1])[:, None])
+    return all_states(plant, plan.segments(), jnp.zeros(2), _STEPS)[:, -1]
+
+
+def _newton(conditions: Any, start: Array) -> Array:
+    solver = optx.Newton(rtol=1e-11, atol=1e-11, linear_solver=lx.LU())
+    solution = optx.root_find(lambda x, _: conditions(x), solver, start, max_steps=32, throw=False)
+    return jnp.where(solution.result == optx.RESULTS.successful, solution.value, jnp.nan)
+
+
+def _damping(plant: AbstractOscillator, damping: str) -> str:
+    """What to do about the damper: nothing where it is known to do nothing."""
+    forces = jnp.stack([jnp.asarray(plant.damper.force(jnp.asarray(v))) for v in (1e-3, 0.1, 10.0)])
+    return "ignore" if _check.is_concrete(forces) and not np.any(np.asarray(forces)) else damping
+
+
+def _check_arguments(plant: Any, distance: Any, damping: str) -> Scalar:
+    if not isinstance(plant, AbstractOscillator) or plant.drives()[0] != "displacement":
+        raise ValueError(
+            f"plant must be a displacement-driven mass on a spring, such as TwoMass, not {type(plant).__name__}"
+        )
+    _check.one_of(damping, "damping", DAMPING)
+    size = _check.scalar(distance, "distance")
+    _check.not_zero(size, "distance")
+    _check.warn_if_single()
+    return size
+
+
+def _checked(amplitudes: Array, times: Array, size: Scalar) -> Shaper:
+    if _check.is_concrete(amplitudes, times) and not (
+        np.all(np.isfinite(np.asarray(amplitudes))) and np.all(np.isfinite(np.asarray(times)))
+    ):
+        raise ValueError(
+            f"distance: this spring does not carry the payload over {_check.show(size)} m that way: a swing passes a "
+            "point from which it does not come back, or the damper takes more than the base can give"
+        )
+    return Shaper(amplitudes, times)

@@ -1,0 +1,376 @@
+"""What a shaped move is judged by: what is left after it, and what happens during it.
+
+Everywhere ``distance`` is a number (a step of that size) or any command, and the shaper may be ``None`` for the bare
+command. Energies in J, vibrations as fractions of the distance, times in s::
+
+    js.residual_energy(plant, shaper, 1.0)
+    js.residual_vibration(plant, shaper, 1.0)         # amplitude over distance
+    js.percentage_vibration(shaper, omega, zeta)      # the linear V, for comparison
+
+All of them run on the fixed-step kernel: under ``jit`` and ``vmap``, and ``grad`` of any order.
+"""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+from scipy.optimize import brentq
+
+from jshape import _check
+from jshape._types import Scalar, State
+from jshape.command import polynomial
+from jshape.plants import AbstractOscillator, AbstractPlant
+from jshape.schedule import Schedule, Segments, inputs_at, schedule
+from jshape.shaper import Shaper
+from jshape.simulate import all_states, final_state, initial, steps_for, with_arrays
+
+
+def residual_energy(
+    plant: AbstractPlant,
+    shaper: Shaper | None,
+    distance: Any,
+    *,
+    initial_state: Any = None,
+    steps: int | None = None,
+    method: str = "dopri8",
+) -> Scalar:
+    """Energy left in the plant right after the last impulse, above rest at the destination, J.
+
+    ``steps``: fixed steps a segment; chosen from the plant's frequencies unless given or traced (then 32). ``method``:
+    ``"dopri8"`` or ``"tsit5"``. Infinite if the plant has left the region from which it returns to rest.
+
+    *Raises* ``ValueError`` for wrong arguments, and if the plant has no rest at the destination.
+    """
+    return residual_energy_and_error(plant, shaper, distance, initial_state=initial_state, steps=steps, method=method)[
+        0
+    ]
+
+
+def residual_energy_and_error(
+    plant: AbstractPlant,
+    shaper: Shaper | None,
+    distance: Any,
+    *,
+    initial_state: Any = None,
+    steps: int | None = None,
+    method: str = "dopri8",
+) -> tuple[Scalar, Scalar]:
+    """``residual_energy`` and an estimate of its error, J: the state's embedded estimate through the energy's slope."""
+    plan, plant, state = _prepare(plant, shaper, distance, initial_state)
+    steps = steps_for(plant, plan, method) if steps is None else _check.count(steps, "steps")
+    energy, error = _residual_energy(plant, plan, state, steps, method)
+    if _check.is_concrete(energy) and np.any(np.isnan(np.asarray(energy))):
+        raise ValueError(
+            f"distance: {type(plant).__name__} has no rest at its final input, {_check.show(plan.coefficients[-1, 0])}"
+        )
+    return energy, error
+
+
+def residual_vibration(
+    plant: AbstractPlant,
+    shaper: Shaper | None,
+    distance: Any,
+    *,
+    initial_state: Any = None,
+    steps: int | None = None,
+) -> Scalar:
+    """Amplitude of the vibration left after the last impulse, over the distance: a fraction.
+
+    For a mass on a spring, the deflection (the greater of both sides) at which the spring alone holds the residual
+    energy; with damping that bounds the amplitude. For other plants, the greatest departure of the payload from its rest
+    during the slowest mode's next two periods. Infinite if the payload will not come back.
+
+    *Source*: Moonmangmee and Chatlatanagulchai (2025), before Fig. 5, there read off the first overshoot.
+    """
+    plan, plant, state = _prepare(plant, shaper, distance, initial_state)
+    steps = steps_for(plant, plan) if steps is None else _check.count(steps, "steps")
+    return _residual_vibration(plant, plan, state, steps)
+
+
+def overshoot(plant: AbstractPlant, shaper: Shaper | None, distance: Any, *, initial_state: Any = None) -> Scalar:
+    """How far the payload passes its destination, over the distance: a fraction, not negative.
+
+    From the beginning of the move to two periods of the slowest mode after its end.
+
+    *Source*: Moonmangmee and Chatlatanagulchai (2025), before Fig. 5: (x_p − x_d)/x_d.
+    """
+    plan, plant, state = _prepare(plant, shaper, distance, initial_state)
+    track = _track(plant, plan, state, 2.0, "payload", _fine(plant, plan))
+    target = _target(plant, plan)
+    distance = target - _start(plant, state)
+    return jnp.maximum(jnp.max(_extremes((track.value - target) / distance, track.slope / distance, track.step)), 0.0)
+
+
+def peak_deflection(plant: AbstractPlant, shaper: Shaper | None, distance: Any, *, initial_state: Any = None) -> Scalar:
+    """Greatest bend of the flexible part (either way) from the beginning of the move to one period after it, m."""
+    plan, plant, state = _prepare(plant, shaper, distance, initial_state)
+    track = _track(plant, plan, state, 1.0, "deflection", _fine(plant, plan))
+    both = [_extremes(sign * track.value, sign * track.slope, track.step) for sign in (1, -1)]
+    return jnp.max(jnp.stack(both))
+
+
+def settling_time(
+    plant: AbstractPlant,
+    shaper: Shaper | None,
+    distance: Any,
+    band: float = 0.02,
+    *,
+    periods: float = 20.0,
+    initial_state: Any = None,
+) -> Scalar:
+    """Time after which the payload stays within ``band`` (a fraction of the distance) of its destination, s.
+
+    Watched for ``periods`` of the slowest mode after the move; infinite if it has not settled by then.
+    *Raises* ``ValueError`` unless band and periods are positive.
+    """
+    _check.positive(band, "band")
+    _check.positive(periods, "periods")
+    plan, plant, state = _prepare(plant, shaper, distance, initial_state)
+    track = _track(plant, plan, state, periods, "payload", _fine(plant, plan, periods))
+    target = _target(plant, plan)
+    limit = band * jnp.abs(target - _start(plant, state))
+    sides = [_last_above(sign * (track.value - target) - limit, track) for sign in (1, -1)]
+    return jnp.maximum(*sides)
+
+
+def rise_time(
+    plant: AbstractPlant,
+    shaper: Shaper | None,
+    distance: Any,
+    low: float = 0.1,
+    high: float = 0.9,
+    *,
+    initial_state: Any = None,
+) -> Scalar:
+    """Time from first reaching ``low`` to first reaching ``high`` (fractions of the distance) with the payload, s.
+
+    Infinite if it does not get there within a period after the move. *Raises* ``ValueError`` unless 0 ≤ low < high ≤ 1.
+    """
+    if not 0 <= low < high <= 1:
+        raise ValueError(f"low and high must satisfy 0 <= low < high <= 1, not {low} and {high}")
+    plan, plant, state = _prepare(plant, shaper, distance, initial_state)
+    track = _track(plant, plan, state, 1.0, "payload", _fine(plant, plan))
+    begin = _start(plant, state)
+    progress = (track.value - begin) / (_target(plant, plan) - begin)
+    slope = track.slope / (_target(plant, plan) - begin)
+    times = [0.0 if level == 0 else _first_above(progress - level, slope, track) for level in (low, high)]
+    return times[1] - times[0]
+
+
+class EnergyProfile(eqx.Module):
+    """Energies against position, one row for each segment of the move.
+
+    ``position``: of the payload, m; ``kinetic``, ``potential``: J, the latter with the base where it is in that segment.
+    """
+
+    position: Float[Array, "segments points"]
+    kinetic: Float[Array, "segments points"]
+    potential: Float[Array, "segments points"]
+
+    @property
+    def total(self) -> Float[Array, "segments points"]:
+        """Kinetic and potential energy together, J: constant along a segment without damping."""
+        return self.kinetic + self.potential
+
+
+def energy_profile(plant: AbstractPlant, shaper: Shaper, distance: Any, points: int = 129) -> EnergyProfile:
+    """Kinetic and potential energy T(x2), U(x2) along a move, segment by segment.
+
+    *Raises* ``ValueError`` for a plant that is not a mass on a spring.
+    *Source*: Moonmangmee and Chatlatanagulchai (2025), Eqs. 24–27 and 51–54, Figs. 4, 6 and 9, here by simulation, so
+    that it holds with damping and for any spring.
+    """
+    if not isinstance(plant, AbstractOscillator):
+        raise ValueError(f"plant must be a mass on a spring to have an energy profile, not {type(plant).__name__}")
+    points = _check.count(points, "points", least=2)
+    plan, plant, state = _prepare(plant, shaper, distance, None)
+    segments = plan.segments()
+    states = all_states(plant, segments, state, points - 1)
+    local = segments.duration[:, None] * jnp.linspace(0.0, 1.0, points)
+
+    def energies(segment, row, time):
+        inputs = inputs_at(plant, segment.coefficients, segment.age + time)
+        return plant.payload(row, inputs), plant.kinetic_energy(row), plant.potential_energy(row, inputs)
+
+    along = jax.vmap(jax.vmap(energies, in_axes=(None, 0, 0)))
+    return EnergyProfile(*along(segments, states, local))
+
+
+def percentage_vibration(shaper: Shaper, omega: Any, zeta: Any = 0.0) -> Float[Array, "..."]:
+    """The linear residual vibration V(ω, ζ): amplitude after the last impulse over that after a single one, a fraction.
+
+    ``omega``: rad/s, ``zeta``: –, of any shapes that broadcast. *Raises* ``ValueError`` for a frequency that is not positive
+    or a damping outside [0, 1).
+
+    *Source*: Singer and Seering (1990); Moonmangmee and Chatlatanagulchai (2025), Eq. 3 without its denominator.
+    """
+    omega, zeta = _check.as_array(omega, "omega"), _check.as_array(zeta, "zeta")
+    _check.positive(omega, "omega")
+    _check.damping_ratio(zeta)
+    omega, zeta = jnp.broadcast_arrays(omega, zeta)
+    before_end = shaper.duration - shaper.times
+    weight = shaper.amplitudes * jnp.exp(-(zeta * omega)[..., None] * before_end)
+    phase = (omega * jnp.sqrt(1 - zeta**2))[..., None] * shaper.times
+    c, s = jnp.sum(weight * jnp.cos(phase), axis=-1), jnp.sum(weight * jnp.sin(phase), axis=-1)
+    # The derivative of the magnitude does not exist at an exact zero; there it is taken as 0.
+    square = c**2 + s**2
+    return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
+
+
+def insensitivity(shaper: Shaper, omega: Any, zeta: Any = 0.0, vibration: float = 0.05) -> float:
+    """Width of the band of frequencies around ``omega`` in which V stays at or under ``vibration``, over ``omega``.
+
+    A curve that touches the limit from below (extra-insensitive shapers) counts as under it. 0 if V exceeds the limit at
+    ``omega`` itself. Concrete values only. *Raises* ``ValueError`` for a vibration outside (0, 1).
+
+    *Source*: Singhose, Seering and Singer (1994), their insensitivity I.
+    """
+    if not 0 < vibration < 1:
+        raise ValueError(f"vibration must lie between 0 and 1 (5 % is 0.05), not {vibration}")
+    nominal = float(_check.scalar(omega, "omega"))
+    excess = lambda w: np.asarray(percentage_vibration(shaper, np.asarray(w), zeta)) - vibration * (1 + 1e-6)
+    if excess(nominal) > 0:
+        return 0.0
+    edges = []
+    # Ripples of V are no narrower than about π over the duration, so a hundredth of that misses none.
+    ripple = min(np.pi / max(float(shaper.duration), 1e-300), nominal) / 100
+    for direction in (-1, 1):
+        reach = nominal * (1 - 1e-9) if direction < 0 else 100 * nominal
+        inside = nominal
+        while True:
+            grid = inside + direction * ripple * np.arange(1, 513)
+            grid = grid[np.abs(grid - nominal) <= reach]
+            if not len(grid):
+                edges.append(inside)
+                break
+            above = np.flatnonzero(excess(grid) > 0)
+            if len(above):
+                outside = grid[above[0]]
+                inside = grid[above[0] - 1] if above[0] else inside
+                edges.append(brentq(lambda w: float(excess(w)), *sorted((inside, outside)), xtol=1e-13 * nominal))
+                break
+            inside = grid[-1]
+    return (edges[1] - edges[0]) / nominal
+
+
+class _Track(eqx.Module):
+    """A quantity and its rate at the ends of all fixed steps of a move, one row a segment."""
+
+    time: Float[Array, "segments points"]
+    value: Float[Array, "segments points"]
+    slope: Float[Array, "segments points"]
+    step: Float[Array, " segments"]
+
+
+def _prepare(plant, shaper, distance, initial_state) -> tuple[Schedule, Any, State]:
+    plan = schedule(plant, distance, shaper)
+    _check.warn_if_single()
+    plant = with_arrays(plant)
+    return plan, plant, initial(plant, initial_state)
+
+
+@eqx.filter_jit
+def _residual_energy(plant, plan: Schedule, state, steps: int, method: str) -> tuple[Scalar, Scalar]:
+    end, error = final_state(plant, plan, state, steps, method)
+    inputs = plan.final_inputs(plant)
+    energy, slope = jax.value_and_grad(plant.residual_energy)(end, inputs)
+    curvature = jax.jvp(jax.grad(lambda y: plant.residual_energy(y, inputs)), (end,), (error,))[1]
+    error = jnp.abs(slope) @ error + jnp.abs(curvature) @ error / 2
+    return jnp.where(plant.escaped(end, inputs), jnp.inf, energy), error
+
+
+@eqx.filter_jit
+def _residual_vibration(plant, plan: Schedule, state, steps: int) -> Scalar:
+    end, _ = final_state(plant, plan, state, steps)
+    inputs = plan.final_inputs(plant)
+    distance = jnp.abs(_target(plant, plan) - _start(plant, state))
+    if isinstance(plant, AbstractOscillator) and plant.drives()[0] == "displacement":
+        amplitude = plant.spring.amplitude(plant.residual_energy(end, inputs))
+    else:
+        still = Schedule(jnp.zeros_like(plan.breaks[-1:]), plan.coefficients[-1:])
+        track = _track(plant, still, end, 2.0, "payload", 512)
+        away = track.value - _target(plant, plan)
+        both = [_extremes(sign * away, sign * track.slope, track.step) for sign in (1, -1)]
+        amplitude = jnp.max(jnp.stack(both))
+    lost = plant.escaped(end, inputs) | ~jnp.isfinite(amplitude)
+    return jnp.where(lost, jnp.inf, amplitude / distance)
+
+
+def _target(plant, plan: Schedule) -> Scalar:
+    return plant.payload(plant.rest_state(plan.final_inputs(plant)), plan.coefficients[-1, 0])
+
+
+def _start(plant, state: State) -> Scalar:
+    return plant.payload(plant.rest_state(plant.zero_inputs()), jnp.zeros_like(state[0]))
+
+
+def _fine(plant, plan: Schedule, periods: float = 2.0) -> int:
+    """Steps a segment, fine enough for the extremes between them: cubic pieces err by (ω step)⁴/384."""
+    return max(8 * steps_for(plant, plan), 256 * int(np.ceil(periods)))
+
+
+@eqx.filter_jit
+def _track(plant, plan: Schedule, state, periods: float, name: str, steps: int) -> _Track:
+    """The named quantity over the move and that many periods of the slowest mode after it."""
+    lowest = jnp.min(plant.natural_frequency())
+    tail = periods * jnp.where(lowest > 0, 2 * jnp.pi / jnp.where(lowest > 0, lowest, 1.0), plan.breaks[-1])
+    moving = plan.segments()
+    last = Segments(plan.breaks[-1:], tail[None], jnp.zeros_like(plan.breaks[-1:]), plan.coefficients[-1:])
+    segments = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), moving, last)
+    states = all_states(plant, segments, state, steps)
+    local = segments.duration[:, None] * jnp.linspace(0.0, 1.0, steps + 1)
+    quantity = getattr(plant, name)
+
+    def at(segment: Segments, y, time):
+        age = segment.age + time
+        inputs = inputs_at(plant, segment.coefficients, age)
+        rate = plant.vector_field(segment.begin + time, y, inputs)
+        position, velocity = (polynomial(segment.coefficients, age, k) for k in (0, 1))
+        return jax.jvp(quantity, (y, position), (rate, velocity))
+
+    value, slope = jax.vmap(jax.vmap(at, in_axes=(None, 0, 0)))(segments, states, local)
+    return _Track(segments.begin[:, None] + local, value, slope, segments.duration / steps)
+
+
+def _extremes(value, slope, step) -> Array:
+    """The greatest value on every step, of the cubic through its ends' values and slopes."""
+    h = step[:, None]
+    p0, p1, m0, m1 = value[:, :-1], value[:, 1:], h * slope[:, :-1], h * slope[:, 1:]
+    # p(s) = p0 + m0 s + b s² + a s³
+    a, b = 2 * (p0 - p1) + m0 + m1, 3 * (p1 - p0) - 2 * m0 - m1
+    inside = jnp.maximum(b**2 - 3 * a * m0, 0.0)
+    # The root of p' at a maximum, in the form without cancellation as a → 0.
+    below = jnp.sqrt(jnp.where(inside > 0, inside, 1.0)) - b
+    s = jnp.where((m0 > 0) & (m1 < 0), m0 / jnp.where(below > 0, below, 1.0), 0.0)
+    s = jnp.clip(s, 0.0, 1.0)
+    peak = p0 + s * (m0 + s * (b + s * a))
+    return jnp.maximum(peak, jnp.maximum(p0, p1))
+
+
+def _crossing(g0, g1, t0, t1) -> Array:
+    share = jnp.where(g1 != g0, g0 / jnp.where(g1 != g0, g0 - g1, 1.0), 0.0)
+    return t0 + jnp.clip(share, 0.0, 1.0) * (t1 - t0)
+
+
+def _last_above(value, track: _Track) -> Scalar:
+    """The last time at which ``value`` comes down to 0; 0 if it is never above, infinite if it still is at the end."""
+    g, t = value.reshape(-1), track.time.reshape(-1)
+    down = (g[:-1] > 0) & (g[1:] <= 0)
+    last = jnp.max(jnp.where(down, _crossing(g[:-1], g[1:], t[:-1], t[1:]), 0.0))
+    return jnp.where(g[-1] > 0, jnp.inf, last)
+
+
+def _first_above(value, slope, track: _Track) -> Scalar:
+    """The first time at which ``value`` reaches 0 from below, by Newton's method on the cubic of its step."""
+    h = track.step[:, None]
+    up = (value[:, :-1] < 0) & (value[:, 1:] >= 0)
+    p0, p1, m0, m1 = value[:, :-1], value[:, 1:], h * slope[:, :-1], h * slope[:, 1:]
+    a, b = 2 * (p0 - p1) + m0 + m1, 3 * (p1 - p0) - 2 * m0 - m1
+    s = jnp.where(p1 != p0, p0 / jnp.where(p1 != p0, p0 - p1, 1.0), 0.0)
+    for _ in range(4):
+        rate = m0 + s * (2 * b + 3 * s * a)
+        s = jnp.clip(s - (p0 + s * (m0 + s * (b + s * a))) / jnp.where(rate != 0, rate, 1.0), 0.0, 1.0)
+    return jnp.min(jnp.where(up, track.time[:, :-1] + s * h, jnp.inf))

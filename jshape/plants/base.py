@@ -1,0 +1,101 @@
+"""What vibrates: the face that every plant shows to the rest of jshape.
+
+A plant of your own takes ten lines: its parameters as fields, what drives it, its equation of motion, its energy and
+where it rests. Everything downstream (simulation, gradients, design by ``js.tune``, sweeps) then works with it::
+
+    class SinhMass(js.plants.AbstractPlant):
+        m: jax.Array
+        k: jax.Array
+        drive = "displacement"
+
+        def vector_field(self, t, state, inputs):
+            x, v = state
+            return jnp.stack([v, -self.k / self.m * jnp.sinh(x - inputs)])
+
+        def residual_energy(self, state, inputs):
+            x, v = state
+            return self.m * v**2 / 2 + self.k * (jnp.cosh(x - inputs) - 1)
+
+        def rest_state(self, inputs):
+            return jnp.stack([inputs, 0.0 * inputs])
+"""
+
+import abc
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from jshape._types import Inputs, Scalar, State
+
+DRIVES = {"displacement": 0, "force": 0, "velocity": 1, "acceleration": 2}
+"""What can drive a plant, and which derivative of the command it is."""
+
+
+class AbstractPlant(eqx.Module):
+    """A flexible machine as an ordinary differential equation with parameters as leaves.
+
+    ``drive`` says what the command does to it: ``"displacement"``, ``"velocity"`` or ``"acceleration"`` of its base, the
+    command being the base's position (m), or ``"force"``, the command being the force itself (N). ``inputs``, in every
+    method, is that quantity at one instant, a scalar; a plant that needs more than one lists them,
+    ``drive = ("displacement", "velocity")``, and gets a tuple in that order. The first is what must not jump
+    further than the command allows; the others are taken between the command's jumps.
+    """
+
+    drive: eqx.AbstractClassVar[str | tuple[str, ...]]
+
+    @abc.abstractmethod
+    def vector_field(self, t: Scalar, state: State, inputs: Inputs) -> State:
+        """Time derivative of the state at time ``t`` (s)."""
+
+    @abc.abstractmethod
+    def residual_energy(self, state: State, inputs: Inputs) -> Scalar:
+        """Energy above that of rest at this input, J."""
+
+    @abc.abstractmethod
+    def rest_state(self, inputs: Inputs) -> State:
+        """The state in which the plant stays for ever at this input."""
+
+    def payload(self, state: State, position: Scalar) -> Scalar:
+        """What is to arrive without vibrating, m: the first state unless a plant knows better.
+
+        ``position``: the command's value at that time.
+        """
+        del position
+        return state[0]
+
+    def deflection(self, state: State, position: Scalar) -> Scalar:
+        """How far the flexible part is bent, m: payload less command unless a plant knows better."""
+        return self.payload(state, position) - position
+
+    def escaped(self, state: State, inputs: Inputs) -> Bool[Array, ""]:
+        """Whether the plant has left the region from which it returns to rest by itself."""
+        del inputs
+        return ~jnp.all(jnp.isfinite(state))
+
+    def natural_frequency(self) -> Float[Array, "..."]:
+        """Undamped natural frequencies of the plant linearised about rest at input 0, rad/s, ascending.
+
+        A scalar where there is only one. They come from the eigenvalues of the linearised equation (on the CPU alone,
+        as JAX's ``eigvals`` does); a plant with a formula overrides this.
+        """
+        zero = self.zero_inputs()
+        state = self.rest_state(zero)
+        matrix = jax.jacfwd(lambda y: self.vector_field(jnp.zeros(()), y, zero))(state)
+        magnitude = jnp.sort(jnp.abs(jnp.linalg.eigvals(matrix)))
+        frequencies = magnitude[::2]
+        return frequencies[0] if len(frequencies) == 1 else frequencies
+
+    def drives(self) -> tuple[str, ...]:
+        """``drive`` as a tuple. *Raises* ``ValueError`` for a word that is not among ``DRIVES``."""
+        drives = (self.drive,) if isinstance(self.drive, str) else tuple(self.drive)
+        for name in drives:
+            if name not in DRIVES:
+                raise ValueError(f"drive of {type(self).__name__} must be among {', '.join(DRIVES)}, not {name!r}")
+        return drives
+
+    def zero_inputs(self) -> Inputs:
+        """Inputs at which the plant begins: all zero, in the shape that the methods take."""
+        zero = jnp.zeros(())
+        return zero if isinstance(self.drive, str) else tuple(zero for _ in self.drives())

@@ -1,0 +1,282 @@
+"""Springs: force and potential as functions of the deflection.
+
+``Duffing`` is the spring of the papers; ``PotentialSpring`` and ``ForceSpring`` take any function of yours::
+
+    js.plants.PotentialSpring(lambda x: 5 * x**2 + 2 * x**3)      # need not be symmetric
+    js.plants.ForceSpring(lambda x: 10 * jnp.sinh(x))
+
+A force is positive for a positive deflection: it pulls back. Every spring is relaxed, and has no energy, at 0.
+"""
+
+import abc
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jshape import _check
+from jshape._root import bracketed_root, integral
+from jshape._types import Scalar
+
+
+class AbstractSpring(eqx.Module):
+    """A conservative spring: force = dU/dx, with U(0) = 0 and no force at 0."""
+
+    odd: eqx.AbstractVar[bool]
+    """Whether the force is an odd function, the same for pull and push."""
+
+    @abc.abstractmethod
+    def potential(self, x: Scalar) -> Scalar:
+        """Stored energy at deflection x (m), J."""
+
+    @abc.abstractmethod
+    def force(self, x: Scalar) -> Scalar:
+        """Restoring force at deflection x (m), N."""
+
+    @abc.abstractmethod
+    def amplitude(self, energy: Scalar) -> Scalar:
+        """The greatest deflection (m, not negative, to either side) of a swing with that energy (J).
+
+        Infinite where no deflection stores that much: the payload would not come back.
+        """
+
+    def stiffness(self, x: Any) -> Scalar:
+        """Slope of the force at deflection x (m), N/m."""
+        return jax.grad(self.force)(_check.as_array(x, "x"))
+
+
+class LinearSpring(AbstractSpring):
+    """F = k x. ``k``: N/m. *Raises* ``ValueError`` unless k > 0."""
+
+    k: Scalar
+
+    def __init__(self, k: Any):
+        self.k = _check.scalar(k, "k")
+
+    def __check_init__(self):
+        _check.positive(self.k, "k")
+
+    @property
+    def odd(self) -> bool:
+        return True
+
+    def potential(self, x: Scalar) -> Scalar:
+        return self.k * x**2 / 2
+
+    def force(self, x: Scalar) -> Scalar:
+        return self.k * x
+
+    def amplitude(self, energy: Scalar) -> Scalar:
+        return safe_sqrt(2 * energy / self.k)
+
+
+class Duffing(AbstractSpring):
+    """F = k1 x + k3 x³: hardening for k3 > 0, softening for k3 < 0 (unstable beyond x² = −k1/k3).
+
+    ``k1``: N/m, ``k3``: N/m³. *Raises* ``ValueError`` if k1 is not positive or k3 not finite.
+
+    *Source*: Chatlatanagulchai, Moonmangmee and Intarawirat (2017), after Eq. 4; Moonmangmee and Chatlatanagulchai
+    (2025), Eq. 6, where what is printed as the force is the energy.
+    """
+
+    k1: Scalar
+    k3: Scalar
+
+    def __init__(self, k1: Any, k3: Any):
+        self.k1 = _check.scalar(k1, "k1")
+        self.k3 = _check.scalar(k3, "k3")
+
+    def __check_init__(self):
+        _check.positive(self.k1, "k1")
+        _check.finite(self.k3, "k3")
+
+    @property
+    def odd(self) -> bool:
+        return True
+
+    def potential(self, x: Scalar) -> Scalar:
+        return self.k1 * x**2 / 2 + self.k3 * x**4 / 4
+
+    def force(self, x: Scalar) -> Scalar:
+        return (self.k1 + self.k3 * x**2) * x
+
+    def amplitude(self, energy: Scalar) -> Scalar:
+        # The smaller root of k3 a⁴/4 + k1 a²/2 = E, in the form that survives k3 → 0.
+        inside = self.k1**2 + 4 * self.k3 * energy
+        bounded = inside >= 0
+        root = jnp.sqrt(jnp.where(bounded, inside, 1.0))
+        return jnp.where(bounded, safe_sqrt(4 * energy / (self.k1 + root)), jnp.inf)
+
+
+class SaturatingSpring(AbstractSpring):
+    """F = F0 tanh(k x / F0): softens towards a greatest force, yet always pulls back.
+
+    ``k``: stiffness at rest, N/m; ``limit``: the greatest force F0, N. *Raises* ``ValueError`` unless both are positive.
+    """
+
+    k: Scalar
+    limit: Scalar
+
+    def __init__(self, k: Any, limit: Any):
+        self.k = _check.scalar(k, "k")
+        self.limit = _check.scalar(limit, "limit")
+
+    def __check_init__(self):
+        _check.positive(self.k, "k")
+        _check.positive(self.limit, "limit")
+
+    @property
+    def odd(self) -> bool:
+        return True
+
+    def potential(self, x: Scalar) -> Scalar:
+        # log cosh without overflow.
+        u = jnp.abs(self.k * x / self.limit)
+        return self.limit**2 / self.k * (u + jnp.log1p(jnp.exp(-2 * u)) - np.log(2.0))
+
+    def force(self, x: Scalar) -> Scalar:
+        return self.limit * jnp.tanh(self.k * x / self.limit)
+
+    def amplitude(self, energy: Scalar) -> Scalar:
+        return _greatest_deflection(self, energy)
+
+
+class PowerLawSpring(AbstractSpring):
+    """F = k |x|^p sign(x): 1 linear, 3 the pure cubic, 1.5 a Hertzian contact.
+
+    ``k``: N/m^p. ``power``: p > 0, fixed (not a leaf: its derivative does not exist at rest). *Raises* ``ValueError``
+    unless both are positive.
+    """
+
+    k: Scalar
+    power: float = eqx.field(static=True)
+
+    def __init__(self, k: Any, power: float):
+        self.k = _check.scalar(k, "k")
+        self.power = power
+
+    def __check_init__(self):
+        _check.positive(self.k, "k")
+        _check.positive(self.power, "power")
+
+    @property
+    def odd(self) -> bool:
+        return True
+
+    def potential(self, x: Scalar) -> Scalar:
+        return self.k * signed_power(x, self.power) * x / (self.power + 1)
+
+    def force(self, x: Scalar) -> Scalar:
+        return self.k * signed_power(x, self.power)
+
+    def amplitude(self, energy: Scalar) -> Scalar:
+        ratio = (self.power + 1) * energy / self.k
+        return jnp.where(ratio > 0, jnp.where(ratio > 0, ratio, 1.0) ** (1 / (self.power + 1)), 0.0)
+
+
+class PotentialSpring(AbstractSpring):
+    """A spring by its potential: any JAX function of the deflection, symmetric or not.
+
+    ``function``: deflection (m) → energy (J), a scalar function; a plain function, or an ``equinox.Module`` whose
+    parameters are then leaves of the plant. ``odd``: say so if the force is an odd function (it saves a root search).
+    *Raises* ``ValueError`` if the function has a force at deflection 0.
+    """
+
+    function: Callable[[Scalar], Scalar]
+    odd: bool = eqx.field(static=True)
+
+    def __init__(self, function: Callable[[Scalar], Scalar], odd: bool = False):
+        self.function = as_leaf(function)
+        self.odd = odd
+
+    def __check_init__(self):
+        _check_rest(self)
+
+    def potential(self, x: Scalar) -> Scalar:
+        x = _check.as_array(x, "x")
+        return self.function(x) - self.function(jnp.zeros_like(x))
+
+    def force(self, x: Scalar) -> Scalar:
+        return jax.grad(self.function)(_check.as_array(x, "x"))
+
+    def amplitude(self, energy: Scalar) -> Scalar:
+        return _greatest_deflection(self, energy)
+
+
+class ForceSpring(AbstractSpring):
+    """A spring by its force: any JAX function of the deflection, odd or not.
+
+    ``function``: deflection (m) → force (N), as in ``PotentialSpring``. The potential is its integral, by Gauss–Legendre
+    quadrature with 64 points: exact to rounding for smooth forces. *Raises* ``ValueError`` if there is a force at 0.
+    """
+
+    function: Callable[[Scalar], Scalar]
+    odd: bool = eqx.field(static=True)
+
+    def __init__(self, function: Callable[[Scalar], Scalar], odd: bool = False):
+        self.function = as_leaf(function)
+        self.odd = odd
+
+    def __check_init__(self):
+        _check_rest(self)
+
+    def potential(self, x: Scalar) -> Scalar:
+        x = _check.as_array(x, "x")
+        return x * integral(lambda s: self.function(s * x), 0.0, 1.0)
+
+    def force(self, x: Scalar) -> Scalar:
+        return self.function(_check.as_array(x, "x"))
+
+    def amplitude(self, energy: Scalar) -> Scalar:
+        return _greatest_deflection(self, energy)
+
+
+class _Function(eqx.Module):
+    """A plain Python function as a pytree without leaves, so that plants that hold one pass through ``jit``."""
+
+    function: Callable[..., Any] = eqx.field(static=True)
+
+    def __call__(self, *args: Any) -> Any:
+        return self.function(*args)
+
+
+def as_leaf(function: Callable[..., Any]) -> Callable[..., Any]:
+    """A function in a form that a pytree may hold. *Raises* ``ValueError`` if it cannot be called."""
+    if not callable(function):
+        raise ValueError(f"function must be a callable on JAX arrays, not {function!r}")
+    return function if isinstance(function, eqx.Module) else _Function(function)
+
+
+def safe_sqrt(x: Scalar) -> Scalar:
+    """Square root, 0 for what rounding has made negative, with a derivative of 0 there instead of an infinite one."""
+    return jnp.where(x > 0, jnp.sqrt(jnp.where(x > 0, x, 1.0)), 0.0)
+
+
+def _greatest_deflection(spring: AbstractSpring, energy: Scalar) -> Scalar:
+    """Where the potential first reaches that energy, on the side on which it is farther away."""
+    energy = _check.as_array(energy, "energy")
+    grid = jnp.asarray(np.concatenate([[0.0], np.logspace(-12, 6, 217)]), energy.dtype)
+    sides = []
+    for sign in (1.0, -1.0):
+        reached = jax.vmap(spring.potential)(sign * grid) >= energy
+        index = jnp.maximum(jnp.argmax(reached), 1)
+        root = bracketed_root(lambda a, sign=sign: spring.potential(sign * a) - energy, grid[index - 1], grid[index])
+        sides.append(jnp.where(jnp.any(reached), root, jnp.inf))
+    return jnp.where(energy > 0, jnp.maximum(*sides), 0.0)
+
+
+def _check_rest(spring: AbstractSpring) -> None:
+    force = spring.force(jnp.zeros(()))
+    if _check.is_concrete(force) and not abs(float(force)) < 1e-9:
+        raise ValueError(f"function must give no force at deflection 0, where the spring rests, not {float(force)}")
+
+
+def signed_power(x: Scalar, power: float) -> Scalar:
+    """|x|^p sign(x), differentiable at 0 where the function itself is."""
+    if float(power).is_integer() and int(power) % 2 == 1:
+        return x ** int(power)
+    magnitude = jnp.where(x == 0, 1.0, jnp.abs(x))
+    return jnp.where(x == 0, 0.0, jnp.sign(x) * magnitude**power)

@@ -1,0 +1,146 @@
+"""Input shapers: a few impulses through which a command passes.
+
+A shaper is its normalised amplitudes (they sum to 1) and its times::
+
+    s = js.Shaper(amplitudes=[0.5, 0.5], times=[0.0, 0.59])
+    s.shape(js.Step(1.0))          # the staircase that the machine follows
+    s.convolve(other)              # both, one after the other: two modes
+    s.digitise(0.005)              # taps of a digital filter at 200 Hz
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from jshape import _check
+from jshape._types import Impulses, Scalar
+from jshape.command import AbstractCommand, PiecewisePolynomial, superpose
+
+
+class Shaper(eqx.Module):
+    """An input shaper.
+
+    ``amplitudes``: normalised, they sum to 1 (to 1e-6; to 1e-4 in single precision). ``times``: s, not decreasing,
+    the first is 0; equal times are allowed. Both are leaves, so a shaper passes through ``jit``, ``vmap`` and ``grad``;
+    concrete values are checked here, traced ones pass, also when their order changes.
+
+    *Raises* ``ValueError`` if there is no impulse, the lengths differ, a value is not finite, the times decrease or
+    do not begin at 0, or the amplitudes do not sum to 1.
+    """
+
+    amplitudes: Impulses
+    times: Impulses
+
+    def __init__(self, amplitudes: Any, times: Any):
+        self.amplitudes = _check.as_array(amplitudes, "amplitudes")
+        self.times = _check.as_array(times, "times")
+        shape = self.amplitudes.shape
+        if self.amplitudes.ndim != 1 or self.times.shape != shape:
+            raise ValueError(
+                "amplitudes and times must be two lists of the same length, not of shapes "
+                f"{shape} and {self.times.shape}"
+            )
+        if not shape[0]:
+            raise ValueError("amplitudes is empty: a shaper needs at least one impulse")
+        _check.finite(self.amplitudes, "amplitudes")
+        _check.finite(self.times, "times")
+        if _check.is_concrete(self.times):
+            times_ = np.asarray(self.times)
+            if times_[0] != 0:
+                raise ValueError(f"times must begin at 0, not {times_[0]}")
+            if np.any(np.diff(times_) < 0):
+                raise ValueError(f"times must not decrease, not {_check.show(times_)}")
+        if _check.is_concrete(self.amplitudes):
+            total = float(np.sum(np.asarray(self.amplitudes, dtype=np.float64)))
+            tolerance = 1e-4 if self.amplitudes.dtype == jnp.float32 else 1e-6
+            if abs(total - 1) > tolerance:
+                raise ValueError(f"amplitudes must sum to 1, not {total:.9g} (they are {_check.show(self.amplitudes)})")
+
+    @property
+    def duration(self) -> Scalar:
+        """Time of the last impulse, s: what the shaper adds to a move."""
+        return jnp.max(self.times)
+
+    def convolve(self, other: "Shaper") -> "Shaper":
+        """Both shapers one after the other: impulses at every ``t_i + t_j`` with amplitudes ``A_i A_j``, sorted."""
+        times = (self.times[:, None] + other.times[None, :]).reshape(-1)
+        amplitudes = (self.amplitudes[:, None] * other.amplitudes[None, :]).reshape(-1)
+        order = jnp.argsort(times, stable=True)
+        return Shaper(amplitudes[order], times[order])
+
+    def scale(self, factor: Any) -> "Shaper":
+        """The same shaper with its times multiplied by ``factor`` (> 0): for a frequency divided by it."""
+        factor = _check.scalar(factor, "factor")
+        _check.positive(factor, "factor")
+        return Shaper(self.amplitudes, self.times * factor)
+
+    def shape(self, command: AbstractCommand) -> PiecewisePolynomial:
+        """The shaped command: the sum of the command's copies, delayed and weighted, itself a command."""
+        return superpose(command, self.amplitudes, self.times)
+
+    def digitise(
+        self, sample_time: Any, method: str = "nearest", modes: Sequence[tuple[float, float]] = ()
+    ) -> Float[np.ndarray, " taps"]:
+        """Taps of the FIR filter that a controller with that sample time (s) runs; they sum to 1.
+
+        ``method``:
+
+        - ``"nearest"``: each impulse at its nearest sample.
+        - ``"split"``: each impulse shared between its two neighbouring samples, so that its mean time stays.
+        - ``"zeros"``: split, then corrected by the smallest change of the taps that gives the filter, at each of the
+          ``modes`` ``(omega, zeta)`` (rad/s, –), exactly the response that the shaper has there: a zero stays a zero, and
+          so does a double one (a ZVD).
+
+        *Raises* ``ValueError`` for a sample time that is not positive, an unknown method, or ``"zeros"`` without modes.
+        """
+        _check.positive(sample_time, "sample_time")
+        _check.one_of(method, "method", ("nearest", "split", "zeros"))
+        amplitudes, position = np.asarray(self.amplitudes, float), np.asarray(self.times, float) / float(sample_time)
+        # A time that is a whole number of samples but for rounding is taken as one.
+        position = np.where(np.abs(position - np.rint(position)) < 1e-9, np.rint(position), position)
+        if method == "nearest":
+            taps = np.zeros(int(np.rint(position).max()) + 1)
+            np.add.at(taps, np.rint(position).astype(int), amplitudes)
+            return taps
+        taps = np.zeros(int(np.ceil(position).max()) + 1)
+        below, share = np.floor(position).astype(int), position - np.floor(position)
+        np.add.at(taps, below, amplitudes * (1 - share))
+        np.add.at(taps, np.ceil(position).astype(int), amplitudes * share)
+        return taps if method == "split" else _place_zeros(taps, amplitudes, position, float(sample_time), modes)
+
+
+def _place_zeros(taps, amplitudes, position, sample_time: float, modes) -> Float[np.ndarray, " taps"]:
+    """The taps corrected so that transform and slope at every mode's pole are the shaper's own."""
+    if not modes:
+        raise ValueError('modes must name at least one (omega, zeta) for method="zeros"')
+    # One free tap on either side of each impulse is enough room for the corrections of several modes.
+    support = np.unique(
+        np.clip(np.concatenate([np.floor(position) + k for k in (-1, 0, 1, 2)]), 0, len(taps)).astype(int)
+    )
+    wide = np.zeros(support.max() + 1)
+    wide[: len(taps)] = taps
+    rows, targets = [np.ones(len(support))], [amplitudes.sum() - wide[support].sum()]
+    for omega, zeta in modes:
+        _check.positive(omega, "modes: omega")
+        _check.damping_ratio(zeta, "modes: zeta")
+        pole = omega * sample_time * complex(-zeta, np.sqrt(1 - zeta**2))
+        for power in (0, 1):
+            row = support**power * np.exp(-pole * support)
+            want = np.sum(amplitudes * position**power * np.exp(-pole * position)) - row @ wide[support]
+            rows += [row.real, row.imag]
+            targets += [want.real, want.imag]
+    matrix, target = np.array(rows), np.array(targets)
+    scale = np.linalg.norm(matrix, axis=1, keepdims=True)
+    change, *_ = np.linalg.lstsq(matrix / scale, target / scale[:, 0], rcond=None)
+    residual = np.abs(matrix @ change - target) / scale[:, 0]
+    if residual.max() > 1e-9:
+        raise ValueError(
+            f"modes cannot all be placed exactly with {len(support)} taps at a sample time of {sample_time} s "
+            f"(the worst misses by {residual.max():.2g}); use a shorter sample time or fewer modes"
+        )
+    wide[support] += change
+    return np.trim_zeros(wide, "b")

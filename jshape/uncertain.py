@@ -1,0 +1,115 @@
+"""Uncertain plants: the same plant many times over, with some leaves changed.
+
+A leaf is named by its dotted path: ``"m2"``, ``"spring.k1"``, ``"omega.0"`` (the first of several). An uncertain set gives
+each named leaf a list of values, multiples of its nominal value unless ``relative=False``; several leaves make a grid::
+
+    over = {"m2": jnp.linspace(0.8, 1.2, 41), "spring.k1": [0.9, 1.0, 1.1]}     # 123 plants
+"""
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from jshape import _check
+from jshape.plants import AbstractPlant
+
+
+def leaf_names(plant: AbstractPlant) -> list[str]:
+    """The dotted paths of all of a plant's leaves, entries of lists one by one."""
+    names = []
+    for path, leaf in jax.tree_util.tree_leaves_with_path(plant):
+        name = ".".join(str(getattr(key, "name", getattr(key, "idx", getattr(key, "key", key)))) for key in path)
+        names += [name] if jnp.ndim(leaf) == 0 else [f"{name}.{i}" for i in range(jnp.shape(leaf)[0])]
+    return names
+
+
+def leaf(plant: AbstractPlant, name: str) -> Array:
+    """The value of the leaf of that dotted path. *Raises* ``ValueError`` for an unknown one, listing what there is."""
+    where, index = _where(plant, name)
+    value = jnp.asarray(where(plant))
+    return value if index is None else value[index]
+
+
+def with_leaves(plant: AbstractPlant, values: Mapping[str, Any]) -> AbstractPlant:
+    """The plant with those leaves replaced. Values may be traced; they are not checked."""
+    for name, value in values.items():
+        where, index = _where(plant, name)
+        new = value if index is None else jnp.asarray(where(plant)).at[index].set(value)
+        plant = eqx.tree_at(where, plant, new)
+    return plant
+
+
+def check_over(plant: AbstractPlant, over: Mapping[str, Any], relative: bool = True) -> dict[str, Array]:
+    """The absolute values of each named leaf of an uncertain set.
+
+    *Raises* ``ValueError`` for an empty set, an unknown leaf, values that are not a list of finite numbers, multiples of
+    a leaf that is 0, or values with which the plant itself cannot be (a negative mass).
+    """
+    if not isinstance(over, Mapping) or not over:
+        raise ValueError(f"over must name at least one leaf and its values, not {over!r}")
+    absolute = {}
+    for name, values in over.items():
+        nominal = leaf(plant, name)
+        values = _check.as_array(values, f"over[{name!r}]")
+        if values.ndim != 1 or not len(values):
+            raise ValueError(f"over[{name!r}] must be a list of at least one value, not of shape {values.shape}")
+        _check.finite(values, f"over[{name!r}]")
+        if relative and _check.is_concrete(nominal) and float(nominal) == 0:
+            raise ValueError(f"over[{name!r}]: {name} is 0, of which there are no multiples; give relative=False")
+        absolute[name] = values * nominal if relative else values
+        _check_construction(plant, name, absolute[name])
+    return absolute
+
+
+def grid(absolute: Mapping[str, Array]) -> dict[str, Array]:
+    """All combinations of the leaves' values, one entry a plant, the last leaf changing fastest."""
+    mesh = jnp.meshgrid(*absolute.values(), indexing="ij")
+    return {name: values.reshape(-1) for name, values in zip(absolute, mesh, strict=True)}
+
+
+def map_plants(function: Callable[[AbstractPlant], Any], plant: AbstractPlant, samples: Mapping[str, Array]) -> Any:
+    """``vmap`` of a function of the plant over samples of its leaves (one entry a plant in each)."""
+    return jax.vmap(lambda values: function(with_leaves(plant, values)))(dict(samples))
+
+
+def _where(plant: AbstractPlant, name: str) -> tuple[Callable[[Any], Any], int | None]:
+    if not isinstance(name, str) or name not in leaf_names(plant):
+        raise ValueError(f"unknown leaf {name!r}: {type(plant).__name__} has {', '.join(leaf_names(plant))}")
+    parts = name.split(".")
+    index = None
+
+    def follow(tree: Any, keys: list[str]) -> Any:
+        for key in keys:
+            tree = tree[int(key)] if key.isdigit() else getattr(tree, key)
+        return tree
+
+    if parts[-1].isdigit() and isinstance(follow(plant, parts[:-1]), jax.Array | np.ndarray):
+        index = int(parts.pop())
+    return lambda tree: follow(tree, parts), index
+
+
+def _check_construction(plant: AbstractPlant, name: str, values: Array) -> None:
+    """The checks of construction, which a leaf that is put in place later does not pass through, at both ends."""
+    if not _check.is_concrete(plant, values):
+        return
+    for value in (jnp.min(values), jnp.max(values)):
+        try:
+            _recheck(with_leaves(plant, {name: value}))
+        except ValueError as error:
+            raise ValueError(f"over[{name!r}]: {error}") from None
+
+
+def _recheck(module: eqx.Module) -> None:
+    check = getattr(module, "__check_init__", None)
+    if check is not None:
+        check()
+    for field in dataclasses.fields(module):
+        part = getattr(module, field.name)
+        if isinstance(part, eqx.Module):
+            _recheck(part)
