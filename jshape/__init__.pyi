@@ -16,6 +16,7 @@ from .metrics import residual_energy as residual_energy
 from .metrics import residual_vibration as residual_vibration
 from .metrics import rise_time as rise_time
 from .metrics import settling_time as settling_time
+from .robustness import sweep as sweep
 from .shaper import Shaper as Shaper
 from .simulate import Response as Response
 from .simulate import simulate as simulate

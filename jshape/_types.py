@@ -1,6 +1,8 @@
 """Array aliases with named axes. Units are SI throughout; angles in rad, frequencies in rad/s."""
 
-from jaxtyping import Array, Float, Shaped
+from typing import Any
+
+from jaxtyping import Array, Float
 
 Scalar = Float[Array, ""]
 """A zero-dimensional array: one mass (kg), one energy (J), one frequency (rad/s), …"""
@@ -20,5 +22,5 @@ Breaks = Float[Array, " breaks"]
 Coefficients = Float[Array, " breaks powers"]
 """Row j: the polynomial from break j on, in powers 0, 1, 2 … of the time since that break."""
 
-Inputs = Shaped[Array, "..."] | tuple[Shaped[Array, "..."], ...] | float
+Inputs = Any
 """What drives a plant at one instant: a scalar, or one scalar for each entry of its ``drive``."""

@@ -69,9 +69,9 @@ def integrate(
     """Through all segments in order, ``steps`` equal steps in each.
 
     ``durations``: s, may be 0. ``data``: arrays with a leading axis over the segments, handed to ``field`` a segment
-    at a time. Returns the last state, the sum of the steps' absolute error estimates (those of the tableau's lower-order
-    solution: an upper bound in practice) and, with ``save``, the state after every step. *Raises* ``ValueError`` for an
-    unknown method or no steps.
+    at a time. Returns the last state, the sum of the steps' absolute error estimates (those of the tableau's
+    lower-order solution: an upper bound in practice) and, with ``save``, the state after every step. *Raises*
+    ``ValueError`` for an unknown method or no steps.
     """
     _check.one_of(method, "method", tuple(METHODS))
     steps = _check.count(steps, "steps")

@@ -80,8 +80,8 @@ def residual_vibration(
     """Amplitude of the vibration left after the last impulse, over the distance: a fraction.
 
     For a mass on a spring, the deflection (the greater of both sides) at which the spring alone holds the residual
-    energy; with damping that bounds the amplitude. For other plants, the greatest departure of the payload from its rest
-    during the slowest mode's next two periods. Infinite if the payload will not come back.
+    energy; with damping that bounds the amplitude. For other plants, the greatest departure of the payload from its
+    rest during the slowest mode's next two periods. Infinite if the payload will not come back.
 
     *Source*: Moonmangmee and Chatlatanagulchai (2025), before Fig. 5, there read off the first overshoot.
     """
@@ -156,14 +156,15 @@ def rise_time(
     begin = _start(plant, state)
     progress = (track.value - begin) / (_target(plant, plan) - begin)
     slope = track.slope / (_target(plant, plan) - begin)
-    times = [0.0 if level == 0 else _first_above(progress - level, slope, track) for level in (low, high)]
-    return times[1] - times[0]
+    reach = lambda level: _first_above(progress - level, slope, track)
+    return reach(high) - (reach(low) if low > 0 else 0.0)
 
 
 class EnergyProfile(eqx.Module):
     """Energies against position, one row for each segment of the move.
 
-    ``position``: of the payload, m; ``kinetic``, ``potential``: J, the latter with the base where it is in that segment.
+    ``position``: of the payload, m; ``kinetic``, ``potential``: J, the latter with the base where it is in that
+    segment.
     """
 
     position: Float[Array, "segments points"]
@@ -186,14 +187,19 @@ def energy_profile(plant: AbstractPlant, shaper: Shaper, distance: Any, points: 
     if not isinstance(plant, AbstractOscillator):
         raise ValueError(f"plant must be a mass on a spring to have an energy profile, not {type(plant).__name__}")
     points = _check.count(points, "points", least=2)
-    plan, plant, state = _prepare(plant, shaper, distance, None)
+    plan, oscillator, state = _prepare(plant, shaper, distance, None)
+    return _energy_profile(oscillator, plan, state, points)
+
+
+@eqx.filter_jit
+def _energy_profile(plant: AbstractOscillator, plan: Schedule, state: State, points: int) -> EnergyProfile:
     segments = plan.segments()
     states = all_states(plant, segments, state, points - 1)
     local = segments.duration[:, None] * jnp.linspace(0.0, 1.0, points)
 
-    def energies(segment, row, time):
+    def energies(segment: Segments, row: State, time: Scalar):
         inputs = inputs_at(plant, segment.coefficients, segment.age + time)
-        return plant.payload(row, inputs), plant.kinetic_energy(row), plant.potential_energy(row, inputs)
+        return row[0], plant.kinetic_energy(row), plant.potential_energy(row, inputs)
 
     along = jax.vmap(jax.vmap(energies, in_axes=(None, 0, 0)))
     return EnergyProfile(*along(segments, states, local))
@@ -202,8 +208,8 @@ def energy_profile(plant: AbstractPlant, shaper: Shaper, distance: Any, points: 
 def percentage_vibration(shaper: Shaper, omega: Any, zeta: Any = 0.0) -> Float[Array, "..."]:
     """The linear residual vibration V(ω, ζ): amplitude after the last impulse over that after a single one, a fraction.
 
-    ``omega``: rad/s, ``zeta``: –, of any shapes that broadcast. *Raises* ``ValueError`` for a frequency that is not positive
-    or a damping outside [0, 1).
+    ``omega``: rad/s, ``zeta``: –, of any shapes that broadcast. *Raises* ``ValueError`` for a frequency that is not
+    positive or a damping outside [0, 1).
 
     *Source*: Singer and Seering (1990); Moonmangmee and Chatlatanagulchai (2025), Eq. 3 without its denominator.
     """
@@ -223,8 +229,8 @@ def percentage_vibration(shaper: Shaper, omega: Any, zeta: Any = 0.0) -> Float[A
 def insensitivity(shaper: Shaper, omega: Any, zeta: Any = 0.0, vibration: float = 0.05) -> float:
     """Width of the band of frequencies around ``omega`` in which V stays at or under ``vibration``, over ``omega``.
 
-    A curve that touches the limit from below (extra-insensitive shapers) counts as under it. 0 if V exceeds the limit at
-    ``omega`` itself. Concrete values only. *Raises* ``ValueError`` for a vibration outside (0, 1).
+    A curve that touches the limit from below (extra-insensitive shapers) counts as under it. 0 if V exceeds the
+    limit at ``omega`` itself. Concrete values only. *Raises* ``ValueError`` for a vibration outside (0, 1).
 
     *Source*: Singhose, Seering and Singer (1994), their insensitivity I.
     """

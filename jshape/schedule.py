@@ -86,7 +86,12 @@ def schedule(plant: AbstractPlant, command: AbstractCommand | Any, shaper: Shape
             f"distance: {type(plant).__name__} is driven by {plant.drives()[0]}, which {type(command).__name__} "
             "gives only as impulses; use a smoother command, such as Trapezoid"
         )
-    breaks, coefficients = command.pieces() if shaper is None else shaper.shape(command).pieces()
+    breaks, coefficients = _pieces(command, shaper)
     if _check.is_concrete(coefficients) and bool(jnp.any(coefficients[-1, 1:] != 0)):
         raise ValueError("distance: the command does not come to rest: its last piece is not constant")
     return Schedule(breaks, coefficients)
+
+
+@eqx.filter_jit
+def _pieces(command: AbstractCommand, shaper: Shaper | None) -> tuple[Breaks, Coefficients]:
+    return command.pieces() if shaper is None else shaper.shape(command).pieces()

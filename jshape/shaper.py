@@ -78,6 +78,18 @@ class Shaper(eqx.Module):
         _check.positive(factor, "factor")
         return Shaper(self.amplitudes, self.times * factor)
 
+    def pad(self, impulses: int) -> "Shaper":
+        """The same shaper with impulses of no amplitude at its end, ``impulses`` in all, so that several can be
+        stacked.
+
+        *Raises* ``ValueError`` if it has more than that already.
+        """
+        missing = impulses - len(self.times)
+        if missing < 0:
+            raise ValueError(f"impulses must be at least the shaper's own {len(self.times)}, not {impulses}")
+        times = jnp.concatenate([self.times, jnp.full(missing, self.times[-1])])
+        return Shaper(jnp.concatenate([self.amplitudes, jnp.zeros(missing)]), times)
+
     def shape(self, command: AbstractCommand) -> PiecewisePolynomial:
         """The shaped command: the sum of the command's copies, delayed and weighted, itself a command."""
         return superpose(command, self.amplitudes, self.times)
@@ -92,8 +104,8 @@ class Shaper(eqx.Module):
         - ``"nearest"``: each impulse at its nearest sample.
         - ``"split"``: each impulse shared between its two neighbouring samples, so that its mean time stays.
         - ``"zeros"``: split, then corrected by the smallest change of the taps that gives the filter, at each of the
-          ``modes`` ``(omega, zeta)`` (rad/s, –), exactly the response that the shaper has there: a zero stays a zero, and
-          so does a double one (a ZVD).
+          ``modes`` ``(omega, zeta)`` (rad/s, –), exactly the response that the shaper has there: a zero stays a zero,
+          and so does a double one (a ZVD).
 
         *Raises* ``ValueError`` for a sample time that is not positive, an unknown method, or ``"zeros"`` without modes.
         """

@@ -1,6 +1,7 @@
 """The one door to the integrators: schedule → response.
 
-``simulate`` is for looking and judging: adaptive steps at a tight tolerance, by diffrax, with samples at exact instants.
+``simulate`` is for looking and judging: adaptive steps at a tight tolerance, by diffrax, with samples at exact
+instants.
 ``final_state`` is for designing and sweeping: the state right after the last break, by fixed steps, with exact
 derivatives of every order. Both run segment by segment in a time that is rescaled to [0, 1] on each of them.
 """
@@ -35,9 +36,9 @@ class Response(eqx.Module):
     """What a plant did. All arrays have a leading time axis.
 
     ``times``: s; ``states``: as the plant documents them; ``command``: the (shaped) command; ``payload``: what is to
-    arrive, m; ``deflection``: how far the flexible part is bent, m; ``energy``: above rest at the input of that instant,
-    J; ``diverged``: whether the plant has left the region from which it returns; ``error``: estimate of the worst
-    absolute error of any state at any sample. ``result`` says in words how it ended.
+    arrive, m; ``deflection``: how far the flexible part is bent, m; ``energy``: above rest at the input of that
+    instant, J; ``diverged``: whether the plant has left the region from which it returns; ``error``: estimate of the
+    worst absolute error of any state at any sample. ``result`` says in words how it ended.
     """
 
     times: Times
@@ -74,10 +75,12 @@ def simulate(
 ) -> Response:
     """Run a plant through a command.
 
-    ``command``: any command; a number is a step of that size. ``initial_state``: at rest at 0 unless given. ``horizon``:
-    s; if not given, the shaped command's duration and four periods of the slowest mode. ``samples``: how many,
-    evenly from 0 to the horizon. ``method``: ``"adaptive"`` (Dopri8 at the tolerances, run a second time at ten times
-    looser ones to tell the error) or ``"fixed"`` (the kernel of sweeps and gradients, with its embedded error estimate). ``adjoint``: diffrax's, for derivatives of the adaptive path (reverse mode unless ``ForwardMode()`` is given).
+    ``command``: any command; a number is a step of that size. ``initial_state``: at rest at 0 unless given.
+    ``horizon``: s; if not given, the shaped command's duration and four periods of the slowest mode. ``samples``: how
+    many, evenly from 0 to the horizon. ``method``: ``"adaptive"`` (Dopri8 at the tolerances, run a second time at ten
+    times looser ones to tell the error) or ``"fixed"`` (the kernel of sweeps and gradients, with its embedded error
+    estimate). ``adjoint``: diffrax's, for derivatives of the adaptive path (reverse mode unless ``ForwardMode()`` is
+    given).
 
     *Raises* ``ValueError`` for arguments of the wrong kind, a horizon that is not positive, fewer than two samples, or
     an initial state of the wrong shape. A plant that diverges is no error: the response says so.
@@ -220,8 +223,9 @@ def _simulate_adaptive(plant, plan, state, horizon, samples, rtol, atol, adjoint
                     max_steps=4096,
                     throw=False,
                 )
-                failed = (solution.result != diffrax.RESULTS.successful) | ~jnp.all(jnp.isfinite(solution.ys[0]))
-                return jnp.where(failed, jnp.nan, solution.ys[0]), failed
+                (after,) = jnp.asarray(solution.ys)
+                failed = (solution.result != diffrax.RESULTS.successful) | ~jnp.all(jnp.isfinite(after))
+                return jnp.where(failed, jnp.nan, after), failed
 
             after, failed = jax.lax.cond(lost, lambda y: (y, lost), solve, y)
             return (after, failed), y

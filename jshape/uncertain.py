@@ -1,7 +1,8 @@
 """Uncertain plants: the same plant many times over, with some leaves changed.
 
-A leaf is named by its dotted path: ``"m2"``, ``"spring.k1"``, ``"omega.0"`` (the first of several). An uncertain set gives
-each named leaf a list of values, multiples of its nominal value unless ``relative=False``; several leaves make a grid::
+A leaf is named by its dotted path: ``"m2"``, ``"spring.k1"``, ``"omega.0"`` (the first of several). An uncertain set
+gives each named leaf a list of values, multiples of its nominal value unless ``relative=False``; several leaves make a
+grid::
 
     over = {"m2": jnp.linspace(0.8, 1.2, 41), "spring.k1": [0.9, 1.0, 1.1]}     # 123 plants
 """
@@ -48,8 +49,8 @@ def with_leaves(plant: AbstractPlant, values: Mapping[str, Any]) -> AbstractPlan
 def check_over(plant: AbstractPlant, over: Mapping[str, Any], relative: bool = True) -> dict[str, Array]:
     """The absolute values of each named leaf of an uncertain set.
 
-    *Raises* ``ValueError`` for an empty set, an unknown leaf, values that are not a list of finite numbers, multiples of
-    a leaf that is 0, or values with which the plant itself cannot be (a negative mass).
+    *Raises* ``ValueError`` for an empty set, an unknown leaf, values that are not a list of finite numbers, multiples
+    of a leaf that is 0, or values with which the plant itself cannot be (a negative mass).
     """
     if not isinstance(over, Mapping) or not over:
         raise ValueError(f"over must name at least one leaf and its values, not {over!r}")

@@ -18,7 +18,8 @@ LOST = 1e30
 
 
 class Task(eqx.Module):
-    """What is to be moved: the plant, its uncertain leaves' values (one entry a plant), the command, where it begins."""
+    """What is to be moved: the plant, its uncertain leaves' values (one entry a plant), the command, where it
+    begins."""
 
     plant: AbstractPlant
     command: AbstractCommand

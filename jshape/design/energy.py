@@ -1,7 +1,7 @@
 """Energy shapers: closed forms from the work–energy principle, for a displacement-driven mass on any spring.
 
-The base moves so far that the payload swings from one resting point exactly to the next; each new move of the base comes
-when the payload rests. Where it rests, and how often, tells the shapers apart::
+The base moves so far that the payload swings from one resting point exactly to the next; each new move of the base
+comes when the payload rests. Where it rests, and how often, tells the shapers apart::
 
     js.design.energy.two_impulse(plant, 1.0)              # one swing: the nonlinear ZV
     js.design.energy.three_impulse(plant, 1.0)            # rests half way: the nonlinear ZVD
@@ -11,8 +11,8 @@ when the payload rests. Where it rests, and how often, tells the shapers apart::
     js.design.energy.negative(plant, 1.0)                 # 1, −1, 1
 
 ``damping`` says how a damper is taken into account: ``"exact"`` (the default: the equations of motion are solved),
-``"orbit"`` (the loss along the undamped orbit), ``"harmonic"`` (the loss of a harmonic quarter cycle, as in the paper) or
-``"ignore"``. Without a damper they are one and the same; the two approximations are for shapers made of swings,
+``"orbit"`` (the loss along the undamped orbit), ``"harmonic"`` (the loss of a harmonic quarter cycle, as in the paper)
+or ``"ignore"``. Without a damper they are one and the same; the two approximations are for shapers made of swings,
 ``fast_three_impulse`` and ``negative`` know ``"exact"`` and ``"ignore"``. Amplitudes are normalised; times in s.
 """
 
@@ -70,8 +70,8 @@ def robust(plant: AbstractOscillator, distance: Any, rests: Any = 1, *, damping:
     (see ``first_order_robust``).
 
     *Raises* ``ValueError`` as ``two_impulse``, and for positions that are not in order between 0 and the distance.
-    *Source*: Chatlatanagulchai, Moonmangmee and Intarawirat (2017), Eqs. 6 (its lower limit put right) to 9; Moonmangmee
-    and Chatlatanagulchai (2025), Eqs. 31 and 36 (Eq. 37 swaps the amplitudes).
+    *Source*: Chatlatanagulchai, Moonmangmee and Intarawirat (2017), Eqs. 6 (its lower limit put right) to 9;
+    Moonmangmee and Chatlatanagulchai (2025), Eqs. 31 and 36 (Eq. 37 swaps the amplitudes).
     """
     if isinstance(rests, int | np.integer) or np.ndim(rests) == 0:
         count = _check.count(rests, "rests", least=0)
@@ -80,9 +80,8 @@ def robust(plant: AbstractOscillator, distance: Any, rests: Any = 1, *, damping:
     size = _check_arguments(plant, distance, damping)
     ends = jnp.concatenate([jnp.zeros(1), places / size, jnp.ones(1)])
     if places.ndim != 1 or (_check.is_concrete(ends) and np.any(np.diff(np.asarray(ends)) <= 0)):
-        raise ValueError(
-            f"rests must be positions in order between 0 and the distance, {_check.show(size)}, not {_check.show(places)}"
-        )
+        given = _check.show(places)
+        raise ValueError(f"rests must lie in order between 0 and the distance, {_check.show(size)}, not {given}")
     return _swings(plant, distance, jnp.diff(ends), damping)
 
 
@@ -252,8 +251,8 @@ def _bases(plant: AbstractOscillator, ways: Array, losses: Any = 0.0) -> tuple[A
 def _loss_harmonic(plant: AbstractOscillator, base: Scalar, way: Scalar, time: Scalar) -> Scalar:
     """Energy lost in a quarter cycle of a harmonic motion with the swing's whole way as amplitude, J.
 
-    *Source*: Chatlatanagulchai, Moonmangmee and Intarawirat (2017), after Eq. 5: for the cubic damper c w⁴ ω³ 3π/16 (the
-    printed terms are dimensionally wrong). It over-estimates the loss of the papers' plant tenfold.
+    *Source*: Chatlatanagulchai, Moonmangmee and Intarawirat (2017), after Eq. 5: for the cubic damper c w⁴ ω³ 3π/16
+    (the printed terms are dimensionally wrong). It over-estimates the loss of the papers' plant tenfold.
     """
     del base
     omega = jnp.pi / time

@@ -54,8 +54,8 @@ def zvd_n(omega: Any, zeta: Any = 0.0, *, order: int) -> Shaper:
     omega, zeta = _mode(omega, zeta)
     n = _check.count(order, "order", least=0) + 1
     k = jnp.exp(-jnp.pi * _decay(zeta))
-    i = np.arange(n + 1)
-    choices = jnp.asarray([math.comb(n, j) for j in i], dtype=omega.dtype)
+    i = jnp.arange(n + 1, dtype=omega.dtype)
+    choices = jnp.asarray([math.comb(n, j) for j in range(n + 1)], dtype=omega.dtype)
     return Shaper(choices * k**i / (1 + k) ** n, jnp.pi * i / _damped(omega, zeta))
 
 
@@ -106,7 +106,9 @@ def mzv(omega: Any, zeta: Any = 0.0) -> Shaper:
     k = jnp.exp(-0.75 * jnp.pi * _decay(zeta))
     outer, middle = 1 - 1 / math.sqrt(2), math.sqrt(2) - 1
     amplitudes = jnp.stack([outer * jnp.ones_like(k), middle * k, outer * k**2])
-    return Shaper(amplitudes / jnp.sum(amplitudes), 0.75 * jnp.pi * np.arange(3) / _damped(omega, zeta))
+    return Shaper(
+        amplitudes / jnp.sum(amplitudes), 0.75 * jnp.pi * jnp.arange(3, dtype=omega.dtype) / _damped(omega, zeta)
+    )
 
 
 def ei(omega: Any, zeta: Any = 0.0, vibration: Any = 0.05) -> Shaper:
@@ -127,7 +129,7 @@ def ei(omega: Any, zeta: Any = 0.0, vibration: Any = 0.05) -> Shaper:
 
 
 def two_hump_ei(omega: Any, zeta: Any = 0.0, vibration: Any = 0.05) -> Shaper:
-    """Two-hump extra insensitive: four impulses, V 0 at the design frequency with a hump of ``vibration`` on either side.
+    """Two-hump extra insensitive: four impulses, V 0 at the design frequency, a hump of ``vibration`` on either side.
 
     ``omega``: rad/s; ``zeta``: –; ``vibration``: a fraction. Found up to ζ = 0.36 for 5 %, 0.20 for 20 %.
 
@@ -366,7 +368,6 @@ def _follow(residual, start: Float[Array, " unknowns"], args: tuple) -> tuple[Ar
         return (here, ahead), None
 
     start = jax.lax.stop_gradient(start)
-    start = optx.root_find(residual, solver, start, (0 * fixed_zeta, *fixed), max_steps=6, throw=False).value
     shares = jnp.arange(1, _STEPS + 1, dtype=start.dtype) / _STEPS
     (_, guess), _ = jax.lax.scan(step, (start, start), shares)
     root = optx.root_find(residual, solver, jax.lax.stop_gradient(guess), args, max_steps=6, throw=False).value

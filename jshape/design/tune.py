@@ -1,7 +1,7 @@
 """A shaper tuned by gradients of the residual energy, for any plant and any command.
 
-``js.tune(plant, 1.0, impulses=2)`` drives the nominal plant's residual energy to zero; with an uncertain set it looks for the
-shaper that is best in the worst case, on average or in the tail::
+``js.tune(plant, 1.0, impulses=2)`` drives the nominal plant's residual energy to zero; with an uncertain set it looks
+for the shaper that is best in the worst case, on average or in the tail::
 
     sol = js.tune(plant, 1.0, impulses=3, duration=1.643, objective="worst", over={"m2": jnp.linspace(0.8, 1.2, 41)})
     sol.shaper, sol.objective, sol.result
@@ -36,8 +36,9 @@ class Solution:
     """A tuned shaper and how it was found.
 
     ``objective``: residual energy (J): the nominal plant's, or the worst, mean or tail mean over the uncertain set.
-    ``history``: the objective after each iteration (nominal: of the start that won) or at each point looked at (others),
-    the best so far. ``energies``: of every plant of the set at the end, J; ``samples``: those plants' leaves, absolute.
+    ``history``: the objective after each iteration (nominal: of the start that won) or at each point looked at
+    (others), the best so far. ``energies``: of every plant of the set at the end, J; ``samples``: those plants'
+    leaves, absolute.
     ``certified``: the objective on a set ten times finer along each leaf (as far as that stays under 20,000 plants), J.
     ``error``: how much the objective changes with four times as many integration steps, J. ``result`` says in words how
     it ended.
@@ -77,19 +78,22 @@ def tune(
 ) -> Solution:
     """Tune the amplitudes and times of a shaper.
 
-    ``impulses``: at least 2. ``duration``: of the shaper, s; if not given it is free, up to three quarters of the slowest
-    mode's period an interval. ``amplitudes``: ``"positive"``, ``"bounded"`` (|A| ≤ ``limit``), ``"unity"`` (1, −1, …, 1: only
-    times are tuned) or ``"free"``. ``over``: an uncertain set, multiples of nominal unless ``relative=False``; several leaves
-    make a grid. ``objective``: ``"nominal"``, ``"worst"``, ``"mean"`` or ``"cvar"`` (the mean of the worst tenth).
-    ``starts``: how many starting points are tried, ``seed``: of the random ones. ``start``: begin there and nowhere else.
+    ``impulses``: at least 2. ``duration``: of the shaper, s; if not given it is free, up to three quarters of the
+    slowest mode's period an interval. ``amplitudes``: ``"positive"``, ``"bounded"`` (|A| ≤ ``limit``), ``"unity"`` (1,
+    −1, …, 1: only times are tuned) or ``"free"``. ``over``: an uncertain set, multiples of nominal unless
+    ``relative=False``; several leaves make a grid. ``objective``: ``"nominal"``, ``"worst"``, ``"mean"`` or ``"cvar"``
+    (the mean of the worst tenth).
+    ``starts``: how many starting points are tried, ``seed``: of the random ones. ``start``: begin there and nowhere
+    else.
     ``iterations``: at most so many (40 Levenberg–Marquardt steps for nominal; 200 for the others).
     ``progress``: see ``Progress``.
 
     Nominal: Levenberg–Marquardt on the residual state, all starts side by side; of those that reach zero the first
-    counts, and the textbook shapers come first. Others: the best starts are polished by SLSQP on the objective's epigraph.
+    counts, and the textbook shapers come first. Others: the best starts are polished by SLSQP on the objective's
+    epigraph.
 
-    *Raises* ``ValueError`` for arguments that make no sense. A design that does not reach zero, or does not converge, is no
-    error: ``result`` says so.
+    *Raises* ``ValueError`` for arguments that make no sense. A design that does not reach zero, or does not converge,
+    is no error: ``result`` says so.
     """
     impulses = _check.count(impulses, "impulses", least=2)
     starts = _check.count(starts, "starts")
@@ -103,18 +107,19 @@ def tune(
     absolute = {} if over is None else check_over(plant, over, relative)
     allowed = rules(impulses, amplitudes, limit, _longest(plant, command, impulses, duration), duration is not None)
     if start is None:
-        first = _starts.starts(plant, float(command.final), allowed, starts, seed)
+        begin = _starts.starts(plant, float(command.final), allowed, starts, seed)
     else:
         if len(start.times) != impulses:
             raise ValueError(f"start must have {impulses} impulses, not {len(start.times)}")
-        first = tuple(part[None] for part in allowed.fit(start))
+        fitted = allowed.fit(start)
+        begin = fitted[0][None], fitted[1][None]
     samples = grid(absolute) if absolute and objective != "nominal" else {}
     task = Task(plant, command, samples, initial_state, _steps(plant, command, allowed))
     report = progress or (lambda stage, done, total, best: None)
     if objective == "nominal":
-        found, history, result = _nominal(task, allowed, *first, iterations or 40, report)
+        found, history, result = _nominal(task, allowed, *begin, iterations or 40, report)
     else:
-        found, history, result = _robust(task, allowed, objective, *first, iterations or 200, report)
+        found, history, result = _robust(task, allowed, objective, *begin, iterations or 200, report)
     return _solution(task, objective, absolute, found, history, result)
 
 
@@ -150,24 +155,30 @@ def _robust(task: Task, allowed: Rules, objective: str, amplitudes, gaps, iterat
     values = np.asarray(energies_of_many(task, jnp.asarray(amplitudes), jnp.asarray(gaps)))
     scores = np.array([value_of(objective, row) for row in values])
     chosen = np.argsort(scores, kind="stable")[:POLISHED]
-    best, found, converged, history = np.inf, None, False, []
+    history: list[float] = []
+    first = int(chosen[0])
+    best, found, ending = scores[first], (amplitudes[first], gaps[first]), "interrupted"
+    polished = 0
+    try:
+        for index, candidate in enumerate(chosen):
 
-    for index, candidate in enumerate(chosen):
+            def note(value: float, index: int = index) -> None:
+                history.append(min(value, history[-1]) if history else value)
+                report("polishing", index, len(chosen), history[-1])
 
-        def note(value: float, index: int = index) -> None:
-            history.append(min(value, history[-1]) if history else value)
-            report("polishing", index, len(chosen), history[-1])
-
-        a, g, success = polish(task, allowed, objective, amplitudes[candidate], gaps[candidate], iterations, note)
-        value = value_of(objective, np.asarray(energies(task, jnp.asarray(a), jnp.asarray(g))))
-        if value < best:
-            best, found, converged = value, (a, g), success
-    report("polishing", len(chosen), len(chosen), best)
-    assert found is not None
+            a, g, success = polish(task, allowed, objective, amplitudes[candidate], gaps[candidate], iterations, note)
+            value = value_of(objective, np.asarray(energies(task, jnp.asarray(a), jnp.asarray(g))))
+            polished += 1
+            if value < best or index == 0:
+                best, found = value, (a, g)
+                ending = "converged" if success else f"stopped after {iterations} iterations without converging"
+    except KeyboardInterrupt:
+        # What has been found is kept; a second interrupt ends the program.
+        ending = "interrupted"
+    report("polishing", polished, len(chosen), best)
     words = {"worst": "worst case", "mean": "mean", "cvar": "mean of the worst tenth"}[objective]
-    ending = "converged" if converged else f"stopped after {iterations} iterations without converging"
-    result = f"{ending}: {words} {best:.6g} J, the best of {len(chosen)} polished starts out of {len(scores)}"
-    return found, np.array(history), result
+    result = f"{ending}: {words} {best:.6g} J, the best of {polished} polished starts out of {len(scores)}"
+    return found, np.array(history or [best]), result
 
 
 def _solution(task: Task, objective: str, absolute, found, history, result: str) -> Solution:

@@ -36,9 +36,9 @@ DRIVES = {"displacement": 0, "force": 0, "velocity": 1, "acceleration": 2}
 class AbstractPlant(eqx.Module):
     """A flexible machine as an ordinary differential equation with parameters as leaves.
 
-    ``drive`` says what the command does to it: ``"displacement"``, ``"velocity"`` or ``"acceleration"`` of its base, the
-    command being the base's position (m), or ``"force"``, the command being the force itself (N). ``inputs``, in every
-    method, is that quantity at one instant, a scalar; a plant that needs more than one lists them,
+    ``drive`` says what the command does to it: ``"displacement"``, ``"velocity"`` or ``"acceleration"`` of its base,
+    the command being the base's position (m), or ``"force"``, the command being the force itself (N). ``inputs``, in
+    every method, is that quantity at one instant, a scalar; a plant that needs more than one lists them,
     ``drive = ("displacement", "velocity")``, and gets a tuple in that order. The first is what must not jump
     further than the command allows; the others are taken between the command's jumps.
     """

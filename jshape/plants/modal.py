@@ -15,9 +15,9 @@ from jshape.plants.base import AbstractPlant
 class ModalPlant(AbstractPlant):
     """Modes q_i'' + 2 ζ_i ω_i q_i' + ω_i² q_i = ω_i² r, seen together at the payload Σ gain_i q_i.
 
-    ``omega``: rad/s, ``zeta``: –, ``gains``: – (equal parts, if not given; they sum to 1 where the payload is to reach the
-    command). State: q_1 … q_n (m), then q_1' … q_n' (m/s). Energies are those of modes with unit mass weighted by gain²,
-    J per kg.
+    ``omega``: rad/s, ``zeta``: –, ``gains``: – (equal parts, if not given; they sum to 1 where the payload is to reach
+    the command). State: q_1 … q_n (m), then q_1' … q_n' (m/s). Energies are those of modes with unit mass weighted by
+    gain², J per kg.
 
     *Raises* ``ValueError`` for lists of different lengths, a frequency that is not positive, a damping outside [0, 1).
 

@@ -114,7 +114,8 @@ class Duffing(AbstractSpring):
 class SaturatingSpring(AbstractSpring):
     """F = F0 tanh(k x / F0): softens towards a greatest force, yet always pulls back.
 
-    ``k``: stiffness at rest, N/m; ``limit``: the greatest force F0, N. *Raises* ``ValueError`` unless both are positive.
+    ``k``: stiffness at rest, N/m; ``limit``: the greatest force F0, N. *Raises* ``ValueError`` unless both are
+    positive.
     """
 
     k: Scalar
@@ -209,8 +210,9 @@ class PotentialSpring(AbstractSpring):
 class ForceSpring(AbstractSpring):
     """A spring by its force: any JAX function of the deflection, odd or not.
 
-    ``function``: deflection (m) → force (N), as in ``PotentialSpring``. The potential is its integral, by Gauss–Legendre
-    quadrature with 64 points: exact to rounding for smooth forces. *Raises* ``ValueError`` if there is a force at 0.
+    ``function``: deflection (m) → force (N), as in ``PotentialSpring``. The potential is its integral, by
+    Gauss–Legendre quadrature with 64 points: exact to rounding for smooth forces. *Raises* ``ValueError`` if there is
+    a force at 0.
     """
 
     function: Callable[[Scalar], Scalar]
@@ -247,7 +249,7 @@ def as_leaf(function: Callable[..., Any]) -> Callable[..., Any]:
     """A function in a form that a pytree may hold. *Raises* ``ValueError`` if it cannot be called."""
     if not callable(function):
         raise ValueError(f"function must be a callable on JAX arrays, not {function!r}")
-    return function if isinstance(function, eqx.Module) else _Function(function)
+    return function if isinstance(function, eqx.Module) else _Function(function)  # pyright: ignore
 
 
 def safe_sqrt(x: Scalar) -> Scalar:

@@ -18,8 +18,8 @@ class TwoMass(AbstractOscillator):
     them; ``base_damping``: viscous, of the base against the ground, N s/m. State: x2 (m), x2' (m/s).
 
     The base jumps with a step and holds still between two: the damper then sees the payload's own velocity alone, and
-    the jump itself, which takes no time, moves neither payload nor its velocity. With a smooth command the base's velocity
-    counts as it is.
+    the jump itself, which takes no time, moves neither payload nor its velocity. With a smooth command the base's
+    velocity counts as it is.
 
     *Raises* ``ValueError`` for a mass that is not positive, negative damping, or a spring or damper that is none.
 

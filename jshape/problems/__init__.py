@@ -1,0 +1,1 @@
+"""Problem files that come with jshape: ``jshape tune paper_001`` finds them by name."""

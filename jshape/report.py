@@ -1,0 +1,271 @@
+"""One problem, every shaper that applies, side by side: the table, the numbers and the figures that people take
+away."""
+
+import dataclasses
+import json
+from collections.abc import Callable, Mapping
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import jax.numpy as jnp
+import matplotlib.pyplot as plt
+import numpy as np
+
+from jshape import plot
+from jshape.command import AbstractCommand, as_command
+from jshape.design import energy, linear
+from jshape.design.tune import Solution
+from jshape.export import write_csv, write_json
+from jshape.metrics import energy_profile, residual_energy
+from jshape.plants import AbstractOscillator, ModalPlant
+from jshape.problem import Problem
+from jshape.robustness import sweep
+from jshape.shaper import Shaper
+from jshape.simulate import Response, simulate
+from jshape.uncertain import leaf, with_leaves
+
+MARKER = "jshape-results"
+"""What results.json says it is; a folder that holds another one's files is not written to."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Row:
+    """One shaper's numbers. ``worst`` values are over the stated uncertainty, ``None`` where there is none."""
+
+    name: str
+    shaper: Shaper
+    nominal_energy: float
+    worst_energy: float | None
+    worst_vibration: float | None
+
+
+@dataclasses.dataclass(frozen=True)
+class Report:
+    """All rows, the sensitivity data, what did not apply and why, and the tuned solution, if there is one."""
+
+    problem: Problem
+    rows: list[Row]
+    left_out: dict[str, str]
+    curves: dict[str, Any]
+    solution: Solution | None
+
+    def gains(self) -> list[str]:
+        """What tuning gains over the best closed form that takes no longer, in words: one line, or none."""
+        tuned = next((row for row in self.rows if row.name == "tuned"), None)
+        if tuned is None or tuned.worst_energy is None or self.problem.objective != "worst":
+            return []
+        longest = float(tuned.shaper.duration) * (1 + 1e-6)
+        others = [row for row in self.rows if row is not tuned and float(row.shaper.duration) <= longest]
+        best = min(others, key=lambda row: row.worst_energy or 0.0)
+        if not best.worst_energy or not tuned.worst_energy or not np.isfinite(best.worst_energy):
+            return []
+        ratio = best.worst_energy / tuned.worst_energy
+        words = f"{ratio:.3g} times less than" if ratio > 1 else f"{1 / ratio:.3g} times more than"
+        return [
+            f"worst residual energy {tuned.worst_energy:.6g} J: {words} the {best.worst_energy:.6g} J of "
+            f"{best.name}, the best closed form that takes no longer"
+        ]
+
+
+Step = Callable[[str], None]
+"""Called with the name of what is being done."""
+
+
+def closed_forms(problem: Problem) -> tuple[dict[str, Shaper], dict[str, str]]:
+    """Every closed-form shaper that applies to a problem, and why the others do not."""
+    plant, move = problem.plant, problem.distance
+    found: dict[str, Shaper] = {"unshaped": Shaper([1.0], [0.0])}
+    left_out: dict[str, str] = {}
+    frequencies = np.atleast_1d(np.asarray(plant.natural_frequency()))
+    zeta = np.atleast_1d(np.asarray(plant.zeta)) if isinstance(plant, ModalPlant) else np.zeros_like(frequencies)
+    modes = [(float(w), float(z)) for w, z in zip(frequencies, zeta, strict=True)]
+    if all(np.isfinite(w) and w > 0 for w, _ in modes):
+        for name, kind in {"linear ZV": "zv", "linear ZVD": "zvd", "linear ZVDD": "zvdd", "linear EI": "ei"}.items():
+            found[name] = getattr(linear, kind)(*modes[0]) if len(modes) == 1 else linear.multi_mode(modes, kind=kind)
+    else:
+        left_out["linear shapers"] = "the plant has no natural frequency at rest"
+    designs: dict[str, Callable[[Any, Any], Shaper]] = {
+        "energy 2-impulse": energy.two_impulse,
+        "energy 3-impulse": energy.three_impulse,
+        "energy 4-impulse": lambda p, d: energy.robust(p, d, rests=2),
+        "energy 4-impulse, first order": lambda p, d: energy.first_order_robust(p, d, impulses=4),
+        "energy fast 3-impulse": energy.fast_three_impulse,
+        "energy negative": energy.negative,
+    }
+    if not isinstance(plant, AbstractOscillator) or plant.drives()[0] != "displacement":
+        left_out["energy shapers"] = f"{type(plant).__name__} is not a displacement-driven mass on a spring"
+    elif isinstance(move, AbstractCommand):
+        left_out["energy shapers"] = f"they are for steps, not for a {type(move).__name__}"
+    else:
+        for name, design in designs.items():
+            try:
+                found[name] = design(plant, move)
+            except ValueError as error:
+                left_out[name] = str(error)
+    return found, left_out
+
+
+def build(problem: Problem, solution: Solution | None, step: Step = lambda _: None) -> Report:
+    """Judge every shaper of a problem, the tuned one last. ``step`` is told what is being done."""
+    step("closed-form shapers")
+    shapers, left_out = closed_forms(problem)
+    if solution is not None:
+        shapers["tuned"] = solution.shaper
+    step("nominal residual energies")
+    longest = max(len(s.times) for s in shapers.values())
+    nominal = [float(residual_energy(problem.plant, s.pad(longest), problem.distance)) for s in shapers.values()]
+    energies: Any = [None] * len(shapers)
+    vibrations: Any = [None] * len(shapers)
+    curves: dict[str, Any] = {}
+    if problem.over:
+        step("residual energies over the uncertainty")
+        over: Mapping[str, Any] = problem.over
+        data = sweep(problem.plant, shapers, problem.distance, over, "residual_energy")
+        energies = _greatest(data, "residual_energy")
+        step("residual vibrations over the uncertainty")
+        data = sweep(problem.plant, shapers, problem.distance, over, "residual_vibration")
+        vibrations = _greatest(data, "residual_vibration")
+        for name, values in over.items():
+            step(f"sensitivity to {name}")
+            wide = 1 + 2 * (np.array([min(values), max(values)]) - 1)
+            ratios = jnp.linspace(max(wide[0], 0.2), wide[1], 121)
+            curves[name] = sweep(problem.plant, shapers, problem.distance, {name: ratios}, "residual_vibration")
+    rows = [Row(*values) for values in zip(shapers, shapers.values(), nominal, energies, vibrations, strict=True)]
+    return Report(problem, rows, left_out, curves, solution)
+
+
+def _greatest(dataset: Any, name: str) -> list[float]:
+    data = dataset[name]
+    return [float(v) for v in data.max(dim=[d for d in data.dims if d != "shaper"]).values]
+
+
+def writable(folder: Path) -> str | None:
+    """Why a folder must not be written to; ``None`` if it is empty, new, or holds an earlier result of jshape's."""
+    if not folder.exists():
+        return None
+    if not folder.is_dir():
+        return f"{folder}: is a file, not a folder"
+    if not any(folder.iterdir()):
+        return None
+    try:
+        if json.loads((folder / "results.json").read_text(encoding="utf-8"))["format"] == MARKER:
+            return None
+    except (OSError, ValueError, KeyError, TypeError):
+        pass
+    return f"{folder}: holds files that are not jshape's results; name another folder"
+
+
+def write(report: Report, folder: Path, step: Step = lambda _: None) -> list[Path]:
+    """Write the shapers, the numbers, the problem and the figures into a folder; returns the figures' paths."""
+    step("files")
+    (folder / "shapers").mkdir(parents=True, exist_ok=True)
+    (folder / "figures").mkdir(exist_ok=True)
+    for row in report.rows:
+        stem = row.name.replace(",", "").replace(" ", "_").replace("-", "_")
+        write_json(row.shaper, folder / "shapers" / f"{stem}.json", row.name)
+        write_csv(row.shaper, folder / "shapers" / f"{stem}.csv")
+    (folder / "problem.toml").write_text(report.problem.text, encoding="utf-8")
+    for name, dataset in report.curves.items():
+        dataset.to_dataframe().to_csv(folder / f"sensitivity_{name}.csv")
+    (folder / "results.json").write_text(json.dumps(numbers(report), indent=2) + "\n", encoding="utf-8")
+    paths = []
+    for name, figure in figures(report, step):
+        path = folder / "figures" / f"{name}.png"
+        figure.savefig(path, dpi=300)
+        figure.savefig(path.with_suffix(".pdf"))
+        plt.close(figure)
+        paths.append(path)
+    return paths
+
+
+def numbers(report: Report) -> dict[str, Any]:
+    """Everything in the report that is a number, as plain data; what is not finite becomes a word."""
+
+    def plain(value: float | None) -> float | str | None:
+        return value if value is None or np.isfinite(value) else "lost"
+
+    rows = [
+        {
+            "name": row.name,
+            "amplitudes": np.asarray(row.shaper.amplitudes).tolist(),
+            "times": np.asarray(row.shaper.times).tolist(),
+            "move_time": float(row.shaper.duration),
+            "nominal_residual_energy": plain(row.nominal_energy),
+            "worst_residual_energy": plain(row.worst_energy),
+            "worst_residual_vibration": plain(row.worst_vibration),
+        }
+        for row in report.rows
+    ]
+    solution = report.solution
+    tuned = None
+    if solution is not None:
+        tuned = {
+            "result": solution.result,
+            "objective": solution.objective,
+            "certified": solution.certified,
+            "integration_error": solution.error,
+            "history": np.asarray(solution.history).tolist(),
+        }
+    return {
+        "format": MARKER,
+        "version": 1,
+        "problem": report.problem.name,
+        "title": report.problem.title,
+        "units": {"times": "s", "energies": "J", "vibrations": "fraction of the distance"},
+        "shapers": rows,
+        "left_out": report.left_out,
+        "tuned": tuned,
+        "versions": {name: version(name) for name in ("jshape", "jax", "diffrax", "optimistix")},
+    }
+
+
+def figures(report: Report, step: Step = lambda _: None):
+    """The report's figures, by name, one at a time."""
+    problem = report.problem
+    shown = _shown(report)
+    step("responses")
+    longest = max(len(row.shaper.times) for row in shown)
+    natural = float(np.min(np.asarray(problem.plant.natural_frequency())))
+    period = 2 * np.pi / natural if natural > 0 else max(float(row.shaper.duration) for row in shown)
+    move = as_command(problem.distance)
+    horizon = max(float(row.shaper.duration) for row in shown) + float(move.duration) + 1.2 * period
+    run = lambda plant, row: simulate(plant, move, row.shaper.pad(longest), horizon=horizon, samples=600)
+    nominal = {row.name: run(problem.plant, row) for row in shown}
+    ends = [
+        with_leaves(problem.plant, {name: values[at] * leaf(problem.plant, name)})
+        for name, values in problem.over.items()
+        for at in (0, -1)
+    ]
+    extremes: dict[str, list[Response]] = {row.name: [run(plant, row) for plant in ends] for row in shown}
+    pair = isinstance(problem.plant, AbstractOscillator)
+    yield "response", plot.response(nominal, extremes, ("base $x_1$", "payload $x_2$") if pair else ("", ""))
+    if isinstance(problem.plant, AbstractOscillator):
+        step("energies")
+        step_rows = [row for row in shown if len(row.shaper.times) > 1]
+        profile = lambda row: energy_profile(problem.plant, row.shaper.pad(longest), problem.distance)
+        profiles = {row.name: profile(row) for row in step_rows}
+        yield "energy", plot.energy(profiles)
+    for name, dataset in report.curves.items():
+        step(f"sensitivity to {name}")
+        stated = (float(min(problem.over[name])), float(max(problem.over[name])))
+        yield f"sensitivity_{name}", plot.sensitivity(dataset.sel(shaper=_steadiest(report)), name, band=stated)
+    if report.solution is not None and len(report.solution.history) > 1:
+        objective = "nominal" if not report.solution.samples else problem.objective
+        yield "convergence", plot.convergence(report.solution.history, objective)
+
+
+def _steadiest(report: Report) -> list[str]:
+    """The six closed forms with the least worst vibration, in the table's order, and the tuned shaper."""
+    closed = [row for row in report.rows if row.name not in ("unshaped", "tuned")]
+    best = sorted(closed, key=lambda row: row.worst_vibration if row.worst_vibration is not None else 0.0)[:6]
+    return [row.name for row in report.rows if row in best or row.name == "tuned"]
+
+
+def _shown(report: Report) -> list[Row]:
+    """At most four shapers for the figures with a panel each: the closed forms that serve best, and the tuned one."""
+    preferred = ["energy 2-impulse", "energy 3-impulse", "energy fast 3-impulse"]
+    preferred += ["linear ZV", "linear ZVD", "linear EI"]
+    by_name = {row.name: row for row in report.rows}
+    closed = [by_name[name] for name in preferred if name in by_name][: 3 if "tuned" in by_name else 4]
+    return closed + ([by_name["tuned"]] if "tuned" in by_name else [])
