@@ -3,15 +3,8 @@
 import sys
 
 import jax
-
-jax.config.update("jax_enable_x64", True)
-
 import jax.numpy as jnp
 import matplotlib as mpl
-
-mpl.use("svg")
-mpl.rcParams["svg.hashsalt"] = "jshape"
-mpl.rcParams["svg.fonttype"] = "none"
 
 import jshape as js
 from jshape import plot
@@ -19,6 +12,10 @@ from jshape.uncertain import with_leaves
 
 
 def main(path: str) -> None:
+    jax.config.update("jax_enable_x64", True)
+    mpl.use("svg")
+    # Text stays text, and the same picture gives the same file.
+    mpl.rcParams.update({"svg.hashsalt": "jshape", "svg.fonttype": "none"})
     plant = js.plants.TwoMass(m1=1.0, m2=1.0, spring=js.plants.Duffing(k1=10.0, k3=100.0))
     three = js.design.energy.three_impulse(plant, 1.0)
     over = {"m2": jnp.linspace(0.8, 1.2, 41)}

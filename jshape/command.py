@@ -77,9 +77,9 @@ class PiecewisePolynomial(AbstractCommand):
         self.breaks = _check.as_array(breaks, "breaks")
         self.coefficients = _check.as_array(coefficients, "coefficients")
         self.smoothness = smoothness
-        if self.breaks.ndim != 1 or self.coefficients.ndim != 2 or len(self.breaks) != len(self.coefficients):
+        if self.breaks.ndim != 1 or self.coefficients.ndim != 2 or not 0 < len(self.breaks) == len(self.coefficients):
             raise ValueError(
-                "coefficients must have one row for each of the breaks, not shapes "
+                "coefficients must have one row for each of the breaks, at least one, not shapes "
                 f"{self.coefficients.shape} and {self.breaks.shape}"
             )
         _check_times(self.breaks, "breaks")

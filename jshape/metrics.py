@@ -297,7 +297,7 @@ def _residual_vibration(plant, plan: Schedule, state, steps: int) -> Scalar:
         amplitude = plant.spring.amplitude(plant.residual_energy(end, inputs))
     else:
         still = Schedule(jnp.zeros_like(plan.breaks[-1:]), plan.coefficients[-1:])
-        track = _track(plant, still, end, 2.0, "payload", 512)
+        track = _track(plant, still, end, 2.0, "payload", 192)
         away = track.value - _target(plant, plan)
         both = [_extremes(sign * away, sign * track.slope, track.step) for sign in (1, -1)]
         amplitude = jnp.max(jnp.stack(both))
