@@ -3,7 +3,7 @@ away."""
 
 import dataclasses
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -112,32 +112,38 @@ def build(problem: Problem, solution: Solution | None, step: Step = lambda _: No
     shapers, left_out = closed_forms(problem)
     if solution is not None:
         shapers["tuned"] = solution.shaper
-    step("nominal residual energies")
-    longest = max(len(s.times) for s in shapers.values())
-    nominal = [float(residual_energy(problem.plant, s.pad(longest), problem.distance)) for s in shapers.values()]
+    curves: dict[str, Any] = {}
     energies: Any = [None] * len(shapers)
     vibrations: Any = [None] * len(shapers)
-    curves: dict[str, Any] = {}
-    if problem.over:
+    if not problem.over:
+        step("nominal residual energies")
+        longest = max(len(s.times) for s in shapers.values())
+        nominal = [float(residual_energy(problem.plant, s.pad(longest), problem.distance)) for s in shapers.values()]
+    else:
+        # The nominal plant rides along, as the last value of every leaf.
+        over = {name: np.append(values, 1.0) for name, values in problem.over.items()}
+        run = lambda metric, over, error: sweep(
+            problem.plant, shapers, problem.distance, over, metric, estimate_error=error
+        )[metric]
         step("residual energies over the uncertainty")
-        over: Mapping[str, Any] = problem.over
-        data = sweep(problem.plant, shapers, problem.distance, over, "residual_energy")
-        energies = _greatest(data, "residual_energy")
+        data = run("residual_energy", over, True)
+        nominal = data.isel(dict.fromkeys(over, -1)).values.tolist()
+        energies = _greatest(data)
         step("residual vibrations over the uncertainty")
-        data = sweep(problem.plant, shapers, problem.distance, over, "residual_vibration")
-        vibrations = _greatest(data, "residual_vibration")
-        for name, values in over.items():
+        vibrations = _greatest(run("residual_vibration", over, False))
+        for name, values in problem.over.items():
             step(f"sensitivity to {name}")
             wide = 1 + 2 * (np.array([min(values), max(values)]) - 1)
             ratios = jnp.linspace(max(wide[0], 0.2), wide[1], 121)
-            curves[name] = sweep(problem.plant, shapers, problem.distance, {name: ratios}, "residual_vibration")
+            curves[name] = run("residual_vibration", {name: ratios}, False).to_dataset()
     rows = [Row(*values) for values in zip(shapers, shapers.values(), nominal, energies, vibrations, strict=True)]
     return Report(problem, rows, left_out, curves, solution)
 
 
-def _greatest(dataset: Any, name: str) -> list[float]:
-    data = dataset[name]
-    return [float(v) for v in data.max(dim=[d for d in data.dims if d != "shaper"]).values]
+def _greatest(data: Any) -> list[float]:
+    """The greatest value for each shaper over the stated uncertainty, without the nominal plant that rides along."""
+    leaves = [d for d in data.dims if d != "shaper"]
+    return data.isel({name: slice(None, -1) for name in leaves}).max(dim=leaves).values.tolist()
 
 
 def writable(folder: Path) -> str | None:

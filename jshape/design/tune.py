@@ -17,7 +17,7 @@ import numpy as np
 from jshape import _check
 from jshape.command import as_command
 from jshape.design import _starts
-from jshape.design._energies import Task, energies, energies_of_many, join
+from jshape.design._energies import Task, energies, energies_and_slopes, energies_of_many, join
 from jshape.design._nominal import levenberg_marquardt
 from jshape.design._rules import Rules, rules
 from jshape.design._worst import OBJECTIVES, polish, value_of
@@ -152,7 +152,12 @@ def _nominal(task: Task, allowed: Rules, amplitudes, gaps, iterations: int, repo
 
 
 def _robust(task: Task, allowed: Rules, objective: str, amplitudes, gaps, iterations: int, report: Progress):
-    values = np.asarray(energies_of_many(task, jnp.asarray(amplitudes), jnp.asarray(gaps)))
+    points = jnp.asarray(amplitudes), jnp.asarray(gaps)
+    if len(amplitudes) <= 64:
+        # The program that polishing needs anyway serves for a few starts, too.
+        values = [np.asarray(energies_and_slopes(task, *pair)[0]) for pair in zip(*points, strict=True)]
+    else:
+        values = np.asarray(energies_of_many(task, *points))
     scores = np.array([value_of(objective, row) for row in values])
     chosen = np.argsort(scores, kind="stable")[:POLISHED]
     history: list[float] = []
@@ -167,7 +172,7 @@ def _robust(task: Task, allowed: Rules, objective: str, amplitudes, gaps, iterat
                 report("polishing", index, len(chosen), history[-1])
 
             a, g, success = polish(task, allowed, objective, amplitudes[candidate], gaps[candidate], iterations, note)
-            value = value_of(objective, np.asarray(energies(task, jnp.asarray(a), jnp.asarray(g))))
+            value = value_of(objective, np.asarray(energies_and_slopes(task, jnp.asarray(a), jnp.asarray(g))[0]))
             polished += 1
             if value < best or index == 0:
                 best, found = value, (a, g)
@@ -183,12 +188,20 @@ def _robust(task: Task, allowed: Rules, objective: str, amplitudes, gaps, iterat
 
 def _solution(task: Task, objective: str, absolute, found, history, result: str) -> Solution:
     amplitudes, gaps = jnp.asarray(found[0]), jnp.asarray(found[1])
-    evaluate = lambda task: np.asarray(energies(task, amplitudes, gaps))
-    values = evaluate(task)
+    finer = dataclasses.replace(task, steps=4 * task.steps)
+    if not task.samples:
+        values = np.asarray(energies(task, amplitudes, gaps))
+        certified = float(energies(finer, amplitudes, gaps)[0])
+        error = abs(float(values[0]) - certified)
+    else:
+        # The given samples come first, so that one program tells the error and the finer grid's value.
+        values = np.asarray(energies_and_slopes(task, amplitudes, gaps)[0])
+        dense = grid(_refine(absolute))
+        both = {name: jnp.concatenate([task.samples[name], dense[name]]) for name in dense}
+        again = np.asarray(energies(dataclasses.replace(finer, samples=both), amplitudes, gaps))
+        certified = value_of(objective, again[len(values) :])
+        error = abs(value_of(objective, values) - value_of(objective, again[: len(values)]))
     final = value_of(objective, values)
-    error = abs(final - value_of(objective, evaluate(dataclasses.replace(task, steps=4 * task.steps))))
-    dense = dataclasses.replace(task, samples=grid(_refine(absolute))) if task.samples else task
-    certified = value_of(objective, evaluate(dense))
     samples = {name: np.asarray(v) for name, v in task.samples.items()}
     return Solution(
         join(amplitudes / jnp.sum(amplitudes), gaps), final, history, result, values, samples, certified, error

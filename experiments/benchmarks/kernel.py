@@ -1,0 +1,375 @@
+"""The kernel beside its peers, in one run, on one thread: energies of many Duffing plants, and their gradients.
+
+    python experiments/benchmarks/kernel.py        # a few minutes; writes kernel.json and kernel.md beside this file
+
+Every method moves the papers' plant (m1 = 1, k1 = 10, k3 = 100) by 1 m with the same three impulses; the payload runs
+from 0.6 to 1.4 kg. Errors are the worst over all plants against this kernel with eight times the steps, which in turn
+is held against SciPy's DOP853 at a tolerance of 1e-13. Times are the least of several rounds, the methods taking turns.
+Needs numba and casadi besides jshape.
+"""
+
+import json
+import os
+import platform
+import time
+from collections.abc import Callable
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+# One thread for everybody, before any library looks at the processors.
+if hasattr(os, "sched_setaffinity"):
+    os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+os.environ["XLA_FLAGS"] = os.environ.get("XLA_FLAGS", "") + " --xla_cpu_multi_thread_eigen=false"
+
+import diffrax
+import jax
+import jax.numpy as jnp
+import numba
+import numpy as np
+from scipy.integrate import solve_ivp
+
+import jshape as js
+
+jax.config.update("jax_enable_x64", True)
+
+K1, K3 = 10.0, 100.0
+AMPLITUDES = np.array([0.25, 0.5, 0.25])
+TIMES = np.array([0.0, 0.8214899715396663, 1.6429799430793326])
+LEVELS = np.cumsum(AMPLITUDES)[:-1]
+GAPS = np.diff(TIMES)
+
+
+def main() -> None:
+    masses = np.linspace(0.6, 1.4, 10_000)
+    few = masses[:: len(masses) // 40]
+    exact = np.asarray(energies(masses, 128))
+    check = np.array([scipy_energy(m, "DOP853", 1e-13) for m in few])
+    reference_error = float(np.max(np.abs(check - exact[:: len(masses) // 40])))
+    print(f"reference: this kernel with 128 steps is within {reference_error:.1e} J of DOP853 at 1e-13")
+
+    methods: dict[str, tuple[Callable[[np.ndarray], Any], np.ndarray]] = {
+        "jshape, dopri8, 16 steps": (lambda m: energies(m, 16), masses),
+        "jshape, dopri8, 32 steps": (lambda m: energies(m, 32), masses),
+        "jshape, tsit5, 32 steps": (lambda m: energies(m, 32, "tsit5"), masses),
+        "numba, the same dopri8, 16 steps": (lambda m: numba_energies(m, 16), masses),
+        "diffrax diffeqsolve, Dopri8, 1e-8": (lambda m: diffrax_energies(m, 1e-8), masses[::10]),
+        "diffrax diffeqsolve, Dopri8, 3e-9": (lambda m: diffrax_energies(m, 3e-9), masses[::10]),
+        "diffrax diffeqsolve, Tsit5, 1e-8": (lambda m: diffrax_energies(m, 1e-8, diffrax.Tsit5()), masses[::10]),
+        "diffrax diffeqsolve, Tsit5, 2e-9": (lambda m: diffrax_energies(m, 2e-9, diffrax.Tsit5()), masses[::10]),
+        "SciPy DOP853, 1e-8": (lambda m: [scipy_energy(x, "DOP853", 1e-8) for x in m], few),
+        "SciPy LSODA, 1e-8": (lambda m: [scipy_energy(x, "LSODA", 1e-8) for x in m], few),
+    }
+    forward = compare(methods, lambda m: np.asarray(energies(m, 128)))
+    gradient = gradients()
+    cost = one_design()
+    write(forward, gradient, cost, reference_error)
+
+
+# --- residual energies of many plants ---------------------------------------------------------------------------------
+
+
+def energies(masses, steps: int, method: str = "dopri8"):
+    """What a user writes: ``vmap`` of ``js.residual_energy``."""
+    return _energies(jnp.asarray(masses), steps, method)
+
+
+def _energy(mass, amplitudes, times, steps, method="dopri8"):
+    plant = js.plants.TwoMass(m2=mass, spring=js.plants.Duffing(K1, K3))
+    return js.residual_energy(plant, js.Shaper(amplitudes, times), 1.0, steps=steps, method=method)
+
+
+_energies = jax.jit(
+    lambda masses, steps, method: jax.vmap(lambda m: _energy(m, AMPLITUDES, TIMES, steps, method))(masses),
+    static_argnums=(1, 2),
+)
+
+
+def scipy_energy(mass: float, method: str, tolerance: float) -> float:
+    state = np.zeros(2)
+    for level, gap in zip(LEVELS, GAPS, strict=True):
+
+        def field(t, y, level=level):
+            x = y[0] - level
+            return [y[1], -(K1 * x + K3 * x**3) / mass]
+
+        state = solve_ivp(field, (0, gap), state, method=method, rtol=tolerance, atol=tolerance).y[:, -1]
+    x = state[0] - 1
+    return mass * state[1] ** 2 / 2 + K1 * x**2 / 2 + K3 * x**4 / 4
+
+
+def _diffrax_energy(mass, amplitudes, times, tolerance, solver, adjoint):
+    """As diffrax's documentation has it: one adaptive ``diffeqsolve`` between two impulses."""
+
+    def field(t, y, args):
+        mass, level = args
+        x = y[0] - level
+        return jnp.stack([y[1], -(K1 * x + K3 * x**3) / mass])
+
+    state = jnp.zeros(2)
+    level = 0.0
+    for i in range(len(amplitudes) - 1):
+        level = level + amplitudes[i]
+        state = diffrax.diffeqsolve(
+            diffrax.ODETerm(field),
+            solver,
+            times[i],
+            times[i + 1],
+            0.05,
+            state,
+            (mass, level),
+            stepsize_controller=diffrax.PIDController(rtol=tolerance, atol=tolerance),
+            adjoint=adjoint,
+        ).ys[-1]
+    x = state[0] - jnp.sum(amplitudes)
+    return mass * state[1] ** 2 / 2 + K1 * x**2 / 2 + K3 * x**4 / 4
+
+
+def diffrax_energies(masses, tolerance, solver=diffrax.Dopri8()):  # noqa: B008
+    return _diffrax_energies(jnp.asarray(masses), tolerance, solver)
+
+
+_diffrax_energies = jax.jit(
+    lambda masses, tolerance, solver: jax.vmap(
+        lambda m: _diffrax_energy(m, AMPLITUDES, TIMES, tolerance, solver, diffrax.RecursiveCheckpointAdjoint())
+    )(masses),
+    static_argnums=(2,),
+)
+
+_tableau = diffrax.Dopri8.tableau
+_A = np.zeros((len(_tableau.b_sol), len(_tableau.b_sol)))
+for _i, _row in enumerate(_tableau.a_lower):
+    _A[_i + 1, : len(_row)] = _row
+_B = np.asarray(_tableau.b_sol)
+
+
+def numba_energies(masses: np.ndarray, steps: int) -> np.ndarray:
+    return _numba_energies(masses, steps, _A, _B, LEVELS, GAPS)
+
+
+@numba.njit(fastmath=True)
+def _numba_energies(masses, steps, a, b, levels, gaps):
+    """The same tableau, steps and segments as a loop over plants."""
+    stages = len(b)
+    out = np.empty(len(masses))
+    kx, kv = np.empty(stages), np.empty(stages)
+    for n in range(len(masses)):
+        m, x, v = masses[n], 0.0, 0.0
+        for segment in range(len(gaps)):
+            h, level = gaps[segment] / steps, levels[segment]
+            for _ in range(steps):
+                for i in range(stages):
+                    zx, zv = x, v
+                    for j in range(i):
+                        zx += h * a[i, j] * kx[j]
+                        zv += h * a[i, j] * kv[j]
+                    kx[i] = zv
+                    kv[i] = -(10.0 * (zx - level) + 100.0 * (zx - level) ** 3) / m
+                for i in range(stages):
+                    x += h * b[i] * kx[i]
+                    v += h * b[i] * kv[i]
+        d = x - 1.0
+        out[n] = m * v * v / 2 + 10.0 * d * d / 2 + 100.0 * d**4 / 4
+    return out
+
+
+def compare(methods, exact) -> list[dict[str, Any]]:
+    """Time and error of each method, taking turns."""
+    best = dict.fromkeys(methods, np.inf)
+    for run, masses in methods.values():
+        jax.block_until_ready(run(masses))
+    for _ in range(5):
+        for name, (run, masses) in methods.items():
+            best[name] = min(best[name], timed(lambda run=run, masses=masses: run(masses)) / len(masses))
+    rows = []
+    base = best["jshape, dopri8, 16 steps"]
+    for name, (run, masses) in methods.items():
+        error = float(np.max(np.abs(np.asarray(run(masses)) - exact(masses))))
+        rows.append(dict(method=name, microseconds=1e6 * best[name], ratio=best[name] / base, error=error))
+        print(f"{name:40s} {1e6 * best[name]:10.3f} µs {best[name] / base:9.1f} x  {error:.1e} J")
+    return rows
+
+
+def timed(run: Callable[[], Any]) -> float:
+    begin = time.perf_counter()
+    jax.block_until_ready(run())
+    return time.perf_counter() - begin
+
+
+# --- value and gradient -----------------------------------------------------------------------------------------------
+
+
+def gradients() -> list[dict[str, Any]]:
+    """The mean over 1,000 plants and its gradient in all amplitudes and times; 2, 4 and 8 states."""
+    rows = []
+    amplitudes, times = jnp.asarray(AMPLITUDES), jnp.asarray(TIMES)
+    masses = jnp.linspace(0.6, 1.4, 1000)
+
+    def modal(modes: int):
+        omega = jnp.asarray([4.0, 6.0, 8.0, 10.0][:modes])
+        return lambda r, a, t: js.residual_energy(js.plants.ModalPlant(omega * r, 0.01), js.Shaper(a, t), 1.0, steps=16)
+
+    def diffrax_modal(modes: int, solver, adjoint):
+        omega = jnp.asarray([4.0, 6.0, 8.0, 10.0][:modes])
+
+        def field(t, y, args):
+            w, level = args
+            q, v = y[:modes], y[modes:]
+            return jnp.concatenate([v, w**2 * (level - q) - 0.02 * w * v])
+
+        def energy(r, a, t):
+            y, level = jnp.zeros(2 * modes), 0.0
+            for i in range(2):
+                level = level + a[i]
+                y = diffrax.diffeqsolve(
+                    diffrax.ODETerm(field), solver, t[i], t[i + 1], 0.02, y, (omega * r, level), adjoint=adjoint,
+                    stepsize_controller=diffrax.PIDController(rtol=1e-8, atol=1e-8),
+                ).ys[-1]  # fmt: skip
+            w = omega * r
+            return jnp.sum(y[modes:] ** 2 + (w * (y[:modes] - jnp.sum(a))) ** 2) / modes**2 / 2
+
+        return energy
+
+    adjoints = {
+        "reverse": (diffrax.RecursiveCheckpointAdjoint(), diffrax.Dopri8(), jax.value_and_grad),
+        "forward": (
+            diffrax.ForwardMode(),
+            diffrax.Dopri8(scan_kind="bounded"),
+            lambda f, argnums: lambda a, t: (f(a, t), jax.jacfwd(f, argnums)(a, t)),
+        ),
+    }
+    for states in (2, 4, 8):
+        if states == 2:
+            ours = lambda r, a, t: _energy(r, a, t, 16)
+            theirs = lambda s, j: lambda r, a, t: _diffrax_energy(r, a, t, 1e-8, s, j)
+        else:
+            ours = modal(states // 2)
+            theirs = lambda s, j, n=states // 2: diffrax_modal(n, s, j)
+        mean = lambda f: lambda a, t: jnp.mean(jax.vmap(lambda r: f(r, a, t))(masses))
+        runs = {
+            "value": jax.jit(mean(ours)),
+            "gradient": jax.jit(jax.value_and_grad(mean(ours), argnums=(0, 1))),
+        }
+        for name, (adjoint, solver, derive) in adjoints.items():
+            runs[f"diffrax {name}"] = jax.jit(derive(mean(theirs(solver, adjoint)), argnums=(0, 1)))
+        best = dict.fromkeys(runs, np.inf)
+        for run in runs.values():
+            jax.block_until_ready(run(amplitudes, times))
+        for _ in range(5):
+            for name, run in runs.items():
+                best[name] = min(best[name], timed(lambda run=run: run(amplitudes, times)))
+        _, ours_gradient = runs["gradient"](amplitudes, times)
+        _, peer_gradient = runs["diffrax reverse"](amplitudes, times)
+        differ = max(float(jnp.max(jnp.abs(x - y))) for x, y in zip(ours_gradient, peer_gradient, strict=True))
+        peer = min(best["diffrax reverse"], best["diffrax forward"])
+        row = dict(
+            states=states,
+            value_microseconds=1e3 * best["value"],
+            gradient_microseconds=1e3 * best["gradient"],
+            gradient_over_value=best["gradient"] / best["value"],
+            diffrax_reverse_over_ours=best["diffrax reverse"] / best["gradient"],
+            diffrax_forward_over_ours=best["diffrax forward"] / best["gradient"],
+            best_diffrax_over_ours=peer / best["gradient"],
+            gradients_differ=differ,
+        )
+        rows.append(row)
+        print(f"{states} states: " + ", ".join(f"{k} {v:.3g}" for k, v in row.items() if k != "states"))
+    return rows
+
+
+# --- one cost and gradient --------------------------------------------------------------------------------------------
+
+
+def one_design() -> dict[str, Any]:
+    """The force-driven Duffing mass (m = k = a = x_f = 1): cost and gradient in the first force and the time."""
+    import casadi as ca
+
+    def casadi_function(steps: int):
+        x, p = ca.SX.sym("x", 2), ca.SX.sym("p", 2)
+        field = ca.Function("f", [x, p], [ca.vertcat(x[1], p[0] - x[0] - x[0] ** 3)])
+        y, h = ca.SX([0, 0]), p[1] / steps
+        for _ in range(steps):
+            k1 = field(y, p)
+            k2 = field(y + h / 2 * k1, p)
+            k3 = field(y + h / 2 * k2, p)
+            k4 = field(y + h * k3, p)
+            y = y + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        cost = y[1] ** 2 / 2 + y[0] ** 2 / 2 + y[0] ** 4 / 4 - 2 * y[0] + 1.25
+        return ca.Function("c", [p], [cost, ca.gradient(cost, p)])
+
+    plant = js.plants.ForcedMass(1.0, js.plants.Duffing(1.0, 1.0))
+
+    def cost(p, steps):
+        share = p[0] / 2
+        shaper = js.Shaper(jnp.stack([share, 1 - share]), jnp.stack([jnp.zeros_like(p[1]), p[1]]))
+        return js.residual_energy(plant, shaper, 2.0, steps=steps)
+
+    ours = jax.jit(jax.value_and_grad(cost), static_argnums=1)
+    point = np.array([0.7, 2.2])
+    exact = ours(point, 256)
+    error = lambda value, slope: max(abs(float(value) - float(exact[0])), float(np.max(np.abs(slope - exact[1]))))
+    wanted = error(*ours(point, 8))
+    steps, peer = 32, casadi_function(32)
+    while error(peer(point)[0], np.array(peer(point)[1])[:, 0]) > wanted and steps < 4096:
+        steps *= 2
+        peer = casadi_function(steps)
+    best = [np.inf, np.inf]
+    argument = jnp.asarray(point)
+    for _ in range(200):
+        best[0] = min(best[0], timed(lambda: ours(argument, 8)))
+        best[1] = min(best[1], timed(lambda: peer(point)))
+    row = dict(
+        ours_microseconds=1e6 * best[0],
+        casadi_microseconds=1e6 * best[1],
+        casadi_over_ours=best[1] / best[0],
+        ours_steps=8,
+        casadi_steps=steps,
+        ours_error=wanted,
+        casadi_error=error(peer(point)[0], np.array(peer(point)[1])[:, 0]),
+    )
+    print("one design: " + ", ".join(f"{k} {v:.3g}" for k, v in row.items()))
+    return row
+
+
+# --- what is kept -----------------------------------------------------------------------------------------------------
+
+
+def write(forward, gradient, cost, reference_error: float) -> None:
+    names = ("jshape", "jax", "diffrax", "scipy", "numba", "casadi", "numpy")
+    about = dict(
+        machine=f"{platform.machine()}, one thread of {processor()}",
+        python=platform.python_version(),
+        versions={name: version(name) for name in names},
+        reference_error=reference_error,
+    )
+    here = Path(__file__).parent
+    record = dict(about=about, forward=forward, gradient=gradient, one_design=cost)
+    (here / "kernel.json").write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
+    lines = [
+        "| 10,000 plants, residual energy | µs a plant | over jshape's | worst error (J) |",
+        "| --- | --- | --- | --- |",
+    ]
+    lines += [f"| {r['method']} | {r['microseconds']:.3g} | {r['ratio']:.3g} | {r['error']:.1e} |" for r in forward]
+    lines += [
+        "",
+        "| 1,000 plants, mean and gradient in 6 variables | gradient over value | diffrax's best adjoint over ours |",
+    ]
+    lines += ["| --- | --- | --- |"]
+    for r in gradient:
+        lines.append(f"| {r['states']} states | {r['gradient_over_value']:.3g} | {r['best_diffrax_over_ours']:.3g} |")
+    words = f"CasADi (RK4, {cost['casadi_steps']} steps) takes {cost['casadi_over_ours']:.2g} times as long"
+    lines += ["", f"One cost and gradient of the force-driven Duffing shaper: {words} at the same error."]
+    lines += ["", f"{about['machine']}; " + ", ".join(f"{k} {v}" for k, v in about["versions"].items()) + "."]
+    (here / "kernel.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def processor() -> str:
+    try:
+        text = Path("/proc/cpuinfo").read_text(encoding="utf-8")
+        return next(line.split(":")[1].strip() for line in text.splitlines() if line.startswith("model name"))
+    except (OSError, StopIteration):
+        return platform.processor() or "an unnamed processor"
+
+
+if __name__ == "__main__":
+    main()
