@@ -23,6 +23,7 @@ from jshape import _check
 from jshape._types import Scalar, State
 from jshape.command import polynomial
 from jshape.plants import AbstractOscillator, AbstractPlant
+from jshape.plants.springs import safe_sqrt
 from jshape.schedule import Schedule, Segments, inputs_at, schedule
 from jshape.shaper import Shaper
 from jshape.simulate import all_states, final_state, initial, steps_for, with_arrays
@@ -216,14 +217,15 @@ def percentage_vibration(shaper: Shaper, omega: Any, zeta: Any = 0.0) -> Float[A
     omega, zeta = _check.as_array(omega, "omega"), _check.as_array(zeta, "zeta")
     _check.positive(omega, "omega")
     _check.damping_ratio(zeta)
-    omega, zeta = jnp.broadcast_arrays(omega, zeta)
-    before_end = shaper.duration - shaper.times
-    weight = shaper.amplitudes * jnp.exp(-(zeta * omega)[..., None] * before_end)
-    phase = (omega * jnp.sqrt(1 - zeta**2))[..., None] * shaper.times
-    c, s = jnp.sum(weight * jnp.cos(phase), axis=-1), jnp.sum(weight * jnp.sin(phase), axis=-1)
     # The derivative of the magnitude does not exist at an exact zero; there it is taken as 0.
-    square = c**2 + s**2
-    return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
+    return safe_sqrt(_vibration_squared(jnp, shaper.amplitudes, shaper.times, *jnp.broadcast_arrays(omega, zeta)))
+
+
+def _vibration_squared(xp: Any, amplitudes: Any, times: Any, omega: Any, zeta: Any) -> Any:
+    """V² for frequencies and dampings of one shape, in NumPy or in JAX (``xp``)."""
+    weight = amplitudes * xp.exp(-(zeta * omega)[..., None] * (xp.max(times) - times))
+    phase = (omega * xp.sqrt(1 - zeta**2))[..., None] * times
+    return xp.sum(weight * xp.cos(phase), axis=-1) ** 2 + xp.sum(weight * xp.sin(phase), axis=-1) ** 2
 
 
 def insensitivity(shaper: Shaper, omega: Any, zeta: Any = 0.0, vibration: float = 0.05) -> float:
@@ -236,8 +238,15 @@ def insensitivity(shaper: Shaper, omega: Any, zeta: Any = 0.0, vibration: float 
     """
     if not 0 < vibration < 1:
         raise ValueError(f"vibration must lie between 0 and 1 (5 % is 0.05), not {vibration}")
-    nominal = float(_check.scalar(omega, "omega"))
-    excess = lambda w: np.asarray(percentage_vibration(shaper, np.asarray(w), zeta)) - vibration * (1 + 1e-6)
+    nominal, damping = float(_check.scalar(omega, "omega")), float(_check.scalar(zeta, "zeta"))
+    _check.positive(nominal, "omega")
+    _check.damping_ratio(damping)
+    impulses = np.asarray(shaper.amplitudes, float), np.asarray(shaper.times, float)
+
+    def excess(w: Any) -> np.ndarray:
+        square = _vibration_squared(np, *impulses, np.asarray(w, float), np.asarray(damping))
+        return np.sqrt(square) - vibration * (1 + 1e-6)
+
     if excess(nominal) > 0:
         return 0.0
     edges = []

@@ -67,6 +67,8 @@ class Shaper(eqx.Module):
 
     def convolve(self, other: "Shaper") -> "Shaper":
         """Both shapers one after the other: impulses at every ``t_i + t_j`` with amplitudes ``A_i A_j``, sorted."""
+        if not isinstance(other, Shaper):
+            raise ValueError(f"other must be a Shaper, not {other!r}")
         times = (self.times[:, None] + other.times[None, :]).reshape(-1)
         amplitudes = (self.amplitudes[:, None] * other.amplitudes[None, :]).reshape(-1)
         order = jnp.argsort(times, stable=True)
@@ -92,6 +94,8 @@ class Shaper(eqx.Module):
 
     def shape(self, command: AbstractCommand) -> PiecewisePolynomial:
         """The shaped command: the sum of the command's copies, delayed and weighted, itself a command."""
+        if not isinstance(command, AbstractCommand):
+            raise ValueError(f"command must be a jshape command, such as Step, not {command!r}")
         return superpose(command, self.amplitudes, self.times)
 
     def digitise(
@@ -107,8 +111,10 @@ class Shaper(eqx.Module):
           ``modes`` ``(omega, zeta)`` (rad/s, –), exactly the response that the shaper has there: a zero stays a zero,
           and so does a double one (a ZVD).
 
-        *Raises* ``ValueError`` for a sample time that is not positive, an unknown method, or ``"zeros"`` without modes.
+        For concrete shapers only. *Raises* ``ValueError`` for a sample time that is not positive, an unknown method,
+        ``"zeros"`` without modes, or modes that that sample time has no room for.
         """
+        sample_time = _check.scalar(sample_time, "sample_time")
         _check.positive(sample_time, "sample_time")
         _check.one_of(method, "method", ("nearest", "split", "zeros"))
         amplitudes, position = np.asarray(self.amplitudes, float), np.asarray(self.times, float) / float(sample_time)
@@ -127,8 +133,8 @@ class Shaper(eqx.Module):
 
 def _place_zeros(taps, amplitudes, position, sample_time: float, modes) -> Float[np.ndarray, " taps"]:
     """The taps corrected so that transform and slope at every mode's pole are the shaper's own."""
-    if not modes:
-        raise ValueError('modes must name at least one (omega, zeta) for method="zeros"')
+    if np.ndim(modes) != 2 or np.shape(modes)[1] != 2:
+        raise ValueError(f'modes must be at least one pair (omega, zeta) for method="zeros", not {modes!r}')
     # One free tap on either side of each impulse is enough room for the corrections of several modes.
     support = np.unique(
         np.clip(np.concatenate([np.floor(position) + k for k in (-1, 0, 1, 2)]), 0, len(taps)).astype(int)

@@ -24,7 +24,7 @@ under ``jit``, ``vmap`` and ``grad``.
 
 import functools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
@@ -188,23 +188,23 @@ KINDS: dict[str, Callable[..., Shaper]] = {
 """Every shaper here that takes ``(omega, zeta)``, by its name."""
 
 
-def multi_mode(modes: Sequence[tuple[Any, Any]], kind: str = "zvd") -> Shaper:
-    """One shaper for several modes ``(omega, zeta)`` (rad/s, –): each mode's own of that ``kind``, convolved.
+def multi_mode(modes: Any, kind: str = "zvd") -> Shaper:
+    """One shaper for several modes: each mode's own of that ``kind``, convolved.
 
-    ``kind``: the name of a function of this file. *Raises* ``ValueError`` for no modes, something that is not a
-    pair, an unknown kind, and as the functions do.
+    ``modes``: pairs ``(omega, zeta)``, rad/s and –, in a list or an array of two columns. ``kind``: the name of a
+    function of this file. *Raises* ``ValueError`` for no modes, something that is not a pair, an unknown kind, and as
+    the functions do.
 
     *Source*: Singer and Seering (1990), on multiple modes.
     """
     _check.one_of(kind, "kind", tuple(KINDS))
-    if not len(modes):
+    try:
+        pairs = [(omega, zeta) for omega, zeta in modes]
+    except (TypeError, ValueError):
+        raise ValueError(f"modes must be pairs (omega, zeta), not {modes!r}") from None
+    if not pairs:
         raise ValueError("modes is empty: at least one (omega, zeta) is needed")
-    shapers = []
-    for number, mode in enumerate(modes):
-        if np.shape(mode) != (2,):
-            raise ValueError(f"modes[{number}] must be a pair (omega, zeta), not {mode!r}")
-        shapers.append(KINDS[kind](*mode))
-    return functools.reduce(Shaper.convolve, shapers)
+    return functools.reduce(Shaper.convolve, (KINDS[kind](omega, zeta) for omega, zeta in pairs))
 
 
 def _mode(omega: Any, zeta: Any) -> tuple[Scalar, Scalar]:

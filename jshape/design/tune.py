@@ -17,6 +17,7 @@ import numpy as np
 from jshape import _check
 from jshape.command import as_command
 from jshape.design import _starts
+from jshape.design._descent import descend
 from jshape.design._energies import Task, energies, energies_and_slopes, energies_of_many, join
 from jshape.design._nominal import levenberg_marquardt
 from jshape.design._rules import Rules, rules
@@ -74,6 +75,7 @@ def tune(
     initial_state: Any = None,
     start: Shaper | None = None,
     iterations: int | None = None,
+    method: str = "second-order",
     progress: Progress | None = None,
 ) -> Solution:
     """Tune the amplitudes and times of a shaper.
@@ -84,13 +86,13 @@ def tune(
     ``relative=False``; several leaves make a grid. ``objective``: ``"nominal"``, ``"worst"``, ``"mean"`` or ``"cvar"``
     (the mean of the worst tenth).
     ``starts``: how many starting points are tried, ``seed``: of the random ones. ``start``: begin there and nowhere
-    else.
-    ``iterations``: at most so many (40 Levenberg–Marquardt steps for nominal; 200 for the others).
-    ``progress``: see ``Progress``.
+    else. ``iterations``: at most so many (40 for Levenberg–Marquardt, 200 for SLSQP, 1000 for Adam). ``progress``: see
+    ``Progress``.
 
-    Nominal: Levenberg–Marquardt on the residual state, all starts side by side; of those that reach zero the first
-    counts, and the textbook shapers come first. Others: the best starts are polished by SLSQP on the objective's
-    epigraph.
+    ``method``: ``"second-order"`` is, for nominal, Levenberg–Marquardt (optimistix) on the residual state, all starts
+    side by side; of those that reach zero the first counts, and the textbook shapers come first. For the others the
+    best starts are polished by SLSQP (SciPy) on the objective's epigraph. ``"first-order"`` is Adam (optax) on the
+    smoothed objective, projected onto the rules, all starts side by side; it is slower to the last digits.
 
     *Raises* ``ValueError`` for arguments that make no sense. A design that does not reach zero, or does not converge,
     is no error: ``result`` says so.
@@ -98,6 +100,7 @@ def tune(
     impulses = _check.count(impulses, "impulses", least=2)
     starts = _check.count(starts, "starts")
     _check.one_of(objective, "objective", OBJECTIVES)
+    _check.one_of(method, "method", ("second-order", "first-order"))
     if objective != "nominal" and over is None:
         raise ValueError(f"over must name the uncertain leaves for objective={objective!r}")
     if duration is not None:
@@ -116,7 +119,9 @@ def tune(
     samples = grid(absolute) if absolute and objective != "nominal" else {}
     task = Task(plant, command, samples, initial_state, _steps(plant, command, allowed))
     report = progress or (lambda stage, done, total, best: None)
-    if objective == "nominal":
+    if method == "first-order":
+        found, history, result = _first_order(task, allowed, objective, *begin, iterations or 1000, report)
+    elif objective == "nominal":
         found, history, result = _nominal(task, allowed, *begin, iterations or 40, report)
     else:
         found, history, result = _robust(task, allowed, objective, *begin, iterations or 200, report)
@@ -184,6 +189,17 @@ def _robust(task: Task, allowed: Rules, objective: str, amplitudes, gaps, iterat
     words = {"worst": "worst case", "mean": "mean", "cvar": "mean of the worst tenth"}[objective]
     result = f"{ending}: {words} {best:.6g} J, the best of {polished} polished starts out of {len(scores)}"
     return found, np.array(history or [best]), result
+
+
+def _first_order(task: Task, allowed: Rules, objective: str, amplitudes, gaps, iterations: int, report: Progress):
+    report("Adam", 0, 1, np.inf)
+    a, g, values = descend(task, allowed, objective, amplitudes, gaps, iterations)
+    ends = np.asarray(energies_of_many(task, jnp.asarray(a), jnp.asarray(g)))
+    scores = np.array([value_of(objective, row) for row in ends])
+    best = int(np.nanargmin(scores))
+    report("Adam", 1, 1, float(scores[best]))
+    result = f"stopped after {iterations} steps of Adam from {len(scores)} starts: {scores[best]:.6g} J"
+    return (a[best], g[best]), np.minimum.accumulate(values[best]), result
 
 
 def _solution(task: Task, objective: str, absolute, found, history, result: str) -> Solution:
