@@ -34,7 +34,9 @@ def descend(
 
 
 @eqx.filter_jit
-def _run(task: Task, bounds, longest, fixed: bool, objective: str, amplitudes, gaps, iterations: int):
+def _run(
+    task: Task, bounds: tuple[Array, Array], longest, fixed: bool, objective: str, amplitudes, gaps, iterations: int
+):
     schedule = optax.cosine_decay_schedule(RATE, iterations, alpha=0.01)
     optimiser = optax.adam(schedule)
 
