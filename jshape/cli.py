@@ -191,7 +191,7 @@ def _show(report: Any, folder: Path, figures: list[Path]) -> None:
         table.add_column(heading, justify="right", no_wrap=True)
     for row in report.rows:
         impulses = [" ".join(f"{v:6.4f}" for v in part.tolist()) for part in (row.shaper.amplitudes, row.shaper.times)]
-        cells = [row.name, "\n".join(impulses), f"{float(row.shaper.duration):.4f}", _number(row.nominal_energy)]
+        cells = [row.name, "\n".join(impulses), f"{report.move_time(row):.4f}", _number(row.nominal_energy)]
         if uncertain:
             cells += [_number(row.worst_energy), _number(100 * row.worst_vibration)]
         table.add_row(*cells, style="bold" if row.name == "tuned" else None)

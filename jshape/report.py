@@ -50,6 +50,10 @@ class Report:
     curves: dict[str, Any]
     solution: Solution | None
 
+    def move_time(self, row: Row) -> float:
+        """From the first impulse to the end of the shaped command, s."""
+        return float(row.shaper.duration) + float(as_command(self.problem.distance).duration)
+
     def gains(self) -> list[str]:
         """What tuning gains over the best closed form that takes no longer, in words: one line, or none."""
         tuned = next((row for row in self.rows if row.name == "tuned"), None)
@@ -196,7 +200,7 @@ def numbers(report: Report) -> dict[str, Any]:
             "name": row.name,
             "amplitudes": np.asarray(row.shaper.amplitudes).tolist(),
             "times": np.asarray(row.shaper.times).tolist(),
-            "move_time": float(row.shaper.duration),
+            "move_time": report.move_time(row),
             "nominal_residual_energy": plain(row.nominal_energy),
             "worst_residual_energy": plain(row.worst_energy),
             "worst_residual_vibration": plain(row.worst_vibration),

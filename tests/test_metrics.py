@@ -1,0 +1,285 @@
+"""What a move is judged by: against dense SciPy runs, exact modes and closed forms."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.optimize import brentq, minimize_scalar
+
+import jshape as js
+from jshape import plants
+from jshape.metrics import residual_energy_and_error
+
+# The papers' two-impulse shaper on a payload 20 % too heavy, with a damper: overshoots, rings and settles.
+PLANT = plants.TwoMass(1.0, 1.2, plants.Duffing(10.0, 100.0), plants.LinearDamper(0.5))
+SHAPER = js.Shaper([0.5, 0.5], [0.0, 0.59])
+PERIOD = 2 * np.pi * np.sqrt(1.2 / 10)
+
+
+@pytest.fixture(scope="module")
+def place(staircase):
+    """The payload's place at any instants, by SciPy."""
+    field = lambda t, y, u: [y[1], -(10 * (y[0] - u) + 100 * (y[0] - u) ** 3 + 0.5 * y[1]) / 1.2]
+    return lambda at: staircase(field, [0.0, 0.0], SHAPER.times, [0.5, 1.0], np.atleast_1d(at))[:, 0]
+
+
+@pytest.fixture(scope="module")
+def track(place):
+    at = np.linspace(0, 0.59 + 20 * PERIOD, 8001)
+    return at, place(at)
+
+
+def refined(place, at, values, sign):
+    """The greatest place (or the least, sign −1) near the greatest of the samples."""
+    top, step = at[np.argmax(sign * values)], at[1] - at[0]
+    found = minimize_scalar(lambda t: -sign * place(t)[0], bounds=(top - step, top + step), options={"xatol": 1e-8})
+    return -sign * found.fun
+
+
+def crossing(place, at, values, index):
+    """Where a function of the place passes 0 between two samples."""
+    return brentq(lambda t: values(place(t)[0]), at[index], at[index + 1], xtol=1e-12)
+
+
+def test_overshoot(place, track):
+    at, x = track
+    near = at < 0.59 + 2 * PERIOD
+    assert float(js.overshoot(PLANT, SHAPER, 1.0)) == pytest.approx(refined(place, at[near], x[near], 1) - 1, abs=1e-8)
+    # The same move to the other side, and twice as far on a plant that is the same but for its scale.
+    assert float(js.overshoot(PLANT, SHAPER, -1.0)) == pytest.approx(float(js.overshoot(PLANT, SHAPER, 1.0)), abs=1e-14)
+    scaled = plants.TwoMass(1.0, 1.2, plants.Duffing(10.0, 25.0), plants.LinearDamper(0.5))
+    assert float(js.overshoot(scaled, SHAPER, 2.0)) == pytest.approx(float(js.overshoot(PLANT, SHAPER, 1.0)), abs=1e-9)
+
+
+def test_no_overshoot():
+    # A payload that falls short of its destination and does not move again has none, not a negative one.
+    slow = plants.TwoMass(1.0, 1.0, plants.Duffing(1.0, 0.0), plants.LinearDamper(20.0))
+    assert js.overshoot(slow, SHAPER, 1.0) == 0.0
+
+
+def test_peak_deflection(place, track):
+    at, x = track
+    base = np.where(at < 0.59, 0.5, 1.0)
+    near = at < 0.59 + PERIOD
+    at, bend = at[near], (x - base)[near]
+    # The bend jumps with the base: the greatest is at the start (0.5), or at the second impulse, or a turn in between.
+    turns = [abs(refined(lambda t: place(t) - np.where(t < 0.59, 0.5, 1.0), at, bend, sign)) for sign in (1, -1)]
+    before = abs(place(0.59 - 1e-12)[0] - 0.5)
+    assert float(js.peak_deflection(PLANT, SHAPER, 1.0)) == pytest.approx(max(0.5, before, *turns), abs=1e-8)
+
+
+@pytest.mark.parametrize(("low", "high"), [(0.1, 0.9), (0.0, 0.5)])
+def test_rise_time(low, high, place, track):
+    at, x = track
+    reach = lambda level: crossing(place, at, lambda x: x - level, np.flatnonzero(x >= level)[0] - 1) if level else 0.0
+    expected = reach(high) - reach(low)
+    assert float(js.rise_time(PLANT, SHAPER, 1.0, low, high)) == pytest.approx(expected, abs=1e-9)
+    assert float(js.rise_time(PLANT, SHAPER, -1.0, low, high)) == pytest.approx(expected, abs=1e-9)
+
+
+def test_rise_that_does_not_come():
+    slow = plants.TwoMass(1.0, 1.0, plants.Duffing(1.0, 0.0), plants.LinearDamper(20.0))
+    # x = 1 − exp(−t/20) or so: 10 % after 2 s, but not 90 % within a period of 6.3 s.
+    assert js.rise_time(slow, SHAPER, 1.0) == np.inf
+    # Not even a tenth.
+    slower = plants.TwoMass(1.0, 1.0, plants.Duffing(1.0, 0.0), plants.LinearDamper(80.0))
+    assert js.rise_time(slower, SHAPER, 1.0) == np.inf
+
+
+BARE = plants.TwoMass(1.0, 1.2, plants.Duffing(10.0, 100.0), plants.LinearDamper(0.0))
+
+
+@pytest.mark.parametrize("band", [0.05, 0.1])
+def test_settling_time(band, place, track):
+    at, x = track
+    outside = np.flatnonzero(np.abs(x - 1) > band)
+    expected = crossing(place, at, lambda x: abs(x - 1) - band, outside[-1])
+    assert float(js.settling_time(PLANT, SHAPER, 1.0, band)) == pytest.approx(expected, abs=1e-8)
+
+
+def test_settling_that_does_not_come():
+    # Without a damper it rings for ever; a band that it never leaves after the move is settled at once.
+    assert js.settling_time(BARE, SHAPER, 1.0) == np.inf
+    held = js.settling_time(BARE, js.Shaper([1e-9, 1 - 1e-9], [0.0, 0.59]), 1.0, 1.5)
+    assert held == 0.0
+    # Within fewer periods than it takes it has not settled yet.
+    assert js.settling_time(PLANT, SHAPER, 1.0, 0.05, periods=1.0) == np.inf
+
+
+# The same program as the other plant's: a softening Duffing spring, a damper that does nothing.
+LOST = plants.TwoMass(1.0, 1.0, plants.Duffing(1.0, -0.2), plants.LinearDamper(0.0))
+
+
+@pytest.mark.parametrize(
+    "metric",
+    [js.residual_energy, js.residual_vibration, js.overshoot, js.peak_deflection, js.settling_time, js.rise_time],
+    ids=lambda metric: metric.__name__,
+)
+def test_a_lost_payload_is_infinitely_bad(metric):
+    # A softening spring that is bent past √5 m pushes the payload away: never a NaN, never a settled one.
+    assert metric(LOST, SHAPER, 6.0) == np.inf
+    assert np.isfinite(metric(LOST, SHAPER, 1.0)) or metric is js.settling_time
+
+
+def test_energy_that_no_deflection_stores():
+    # Still inside the summit, but too fast to be held: 1.25 J is what √5 m stores.
+    state = [1.0, 1.9]
+    assert js.residual_energy(LOST, None, 1.0, initial_state=state) == pytest.approx(1.9**2 / 2)
+    assert js.residual_vibration(LOST, None, 1.0, initial_state=state) == np.inf
+
+
+def test_residual_energy_of_a_bare_step(plant):
+    # Nothing has moved yet: the spring holds k1/2 + k3/4.
+    assert float(js.residual_energy(plant, None, 1.0)) == pytest.approx(5 + 25, rel=1e-15)
+    assert float(js.residual_vibration(plant, None, 1.0)) == pytest.approx(1.0, rel=1e-14)
+    # From another state, here at rest 0.4 m on: the same for 0.6 m. The distance counts from rest at 0.
+    begin = jnp.asarray([0.4, 0.0])
+    assert float(js.residual_energy(plant, None, 1.0, initial_state=begin)) == pytest.approx(5 * 0.36 + 25 * 0.1296)
+    assert float(js.residual_vibration(plant, None, 1.0, initial_state=begin)) == pytest.approx(0.6, rel=1e-14)
+
+
+@pytest.mark.parametrize("method", ["dopri8", "tsit5"])
+def test_error_estimate(method, place, staircase):
+    # Against SciPy's state at the last impulse. The estimate covers the difference to it.
+    field = lambda t, y, u: [y[1], -(10 * (y[0] - u) + 100 * (y[0] - u) ** 3 + 0.5 * y[1]) / 1.2]
+    x, v = staircase(field, [0.0, 0.0], [0.0], [0.5], [0.59])[0]
+    exact = 1.2 * v**2 / 2 + 5 * (x - 1) ** 2 + 25 * (x - 1) ** 4
+    energy, error = residual_energy_and_error(PLANT, SHAPER, 1.0, method=method)
+    assert abs(float(energy) - exact) < float(error) + 1e-10
+    assert error < 1e-5
+    # Few steps: less accurate, and known to be so.
+    energy, error = residual_energy_and_error(PLANT, SHAPER, 1.0, steps=4, method=method)
+    assert 1e-9 < abs(float(energy) - exact) < float(error) < 1.0
+
+
+@pytest.mark.parametrize("zeta", [0.0, 0.1])
+def test_percentage_vibration_is_the_exact_motion_of_a_mode(zeta):
+    # The matrix exponential carries one mode through the staircase; its envelope afterwards, over that of a bare step.
+    omega, shaper = 3.0, js.Shaper([0.2, 0.5, 0.3], [0.0, 0.4, 1.3])
+    plant, wd = plants.ModalPlant(omega, zeta), 3.0 * np.sqrt(1 - zeta**2)
+
+    def envelope(state, target):
+        q, v = float(state[0]) - target, float(state[1])
+        return np.hypot(q, (v + zeta * omega * q) / wd)
+
+    state, propagate = jnp.zeros(2), eqx.filter_jit(plants.ModalPlant.propagate)
+    for level, duration in ((0.2, 0.4), (0.7, 0.9)):
+        state = propagate(plant, state, level, duration)
+    expected = envelope(state, 1.0) / envelope(jnp.zeros(2), 1.0)
+    assert float(js.percentage_vibration(shaper, omega, zeta)) == pytest.approx(expected, rel=1e-12)
+
+
+def test_percentage_vibration_broadcasts():
+    shaper = js.design.linear.zvd(2.0, 0.1)
+    omegas, zetas = jnp.linspace(1.0, 3.0, 5), jnp.asarray([0.0, 0.1])
+    table = js.percentage_vibration(shaper, omegas[:, None], zetas[None, :])
+    assert table.shape == (5, 2)
+    np.testing.assert_allclose(table[1, 1], js.percentage_vibration(shaper, omegas[1], zetas[1]), atol=1e-15)
+    np.testing.assert_allclose(table[3, 0], js.percentage_vibration(shaper, omegas[3]), atol=1e-15)
+    # At its own mode a ZVD leaves nothing, and there the magnitude has no slope: 0, not NaN.
+    assert table[2, 1] < 1e-15
+    assert np.isfinite(jax.grad(lambda w: js.percentage_vibration(js.design.linear.zv(2.0), w))(2.0))
+    assert js.percentage_vibration(js.Shaper([1.0], [0.0]), 2.0, 0.3) == 1.0
+
+
+@pytest.mark.parametrize("vibration", [0.02, 0.05, 0.3])
+@pytest.mark.parametrize("order", [0, 1, 2])
+def test_insensitivity_in_closed_form(order, vibration):
+    # V = |cos(π ω/2ω0)|^(n+1) for the undamped ZV, ZVD, ZVDD: the band is (4/π) asin(V^(1/(n+1))) wide. 1e-6 of the
+    # limit is granted to curves that touch it.
+    shaper = (js.design.linear.zv, js.design.linear.zvd, js.design.linear.zvdd)[order](7.0)
+    width = 4 / np.pi * np.arcsin((vibration * (1 + 1e-6)) ** (1 / (order + 1)))
+    assert js.insensitivity(shaper, 7.0, vibration=vibration) == pytest.approx(width, rel=1e-9)
+    if order == 0 and vibration == 0.05:
+        assert width == pytest.approx(0.0636885, abs=2e-7)
+
+
+def test_insensitivity_at_its_ends():
+    zv = js.design.linear.zv(7.0)
+    # Not under the limit at the frequency in question: no band.
+    assert js.insensitivity(zv, 8.0) == 0.0
+    # Off the middle: the same band in rad/s, over another frequency.
+    assert js.insensitivity(zv, 7.1) * 7.1 == pytest.approx(js.insensitivity(zv, 7.0) * 7.0, rel=1e-9)
+    # With damping, by a search of its own on the formula's square.
+    shaper, zeta = js.design.linear.zvd(7.0, 0.1), 0.1
+    over = lambda w: float(js.percentage_vibration(shaper, w, zeta)) - 0.05 * (1 + 1e-6)
+    edges = brentq(over, 4.0, 7.0, xtol=1e-13), brentq(over, 7.0, 10.0, xtol=1e-13)
+    assert js.insensitivity(shaper, 7.0, zeta) == pytest.approx((edges[1] - edges[0]) / 7.0, rel=1e-9)
+    # A shaper of many small impulses leaves little from some frequency on: the band ends where the search does.
+    assert js.insensitivity(js.Shaper([1 / 200] * 200, np.arange(200) * 1e-3), 700.0, vibration=0.5) > 1
+
+
+def exact_modes(omega, gains, weights, delays, at):
+    """Departure of the payload of undamped modes from rest, by phasors."""
+    return sum(
+        -g * np.real(np.exp(1j * w * at) * sum(a * np.exp(-1j * w * d) for a, d in zip(weights, delays, strict=True)))
+        for w, g in zip(omega, gains, strict=True)
+    )
+
+
+@pytest.mark.parametrize("fast", [1.0, 7.3, 60.0])
+def test_residual_vibration_of_modes(fast):
+    # The greatest departure in two periods of the slow mode after the last impulse, by a dense sum of cosines. The fast
+    # mode decides how finely one must look.
+    weights, delays, omega = (0.4, 0.6), (0.0, 0.7), (1.0, fast)
+    plant = plants.ModalPlant(omega, 0.0, [0.5, 0.5])
+    at = 0.7 + np.linspace(0, 4 * np.pi, 400_001)
+    expected = np.max(np.abs(exact_modes(omega, (0.5, 0.5), weights, delays, at)))
+    found = float(js.residual_vibration(plant, js.Shaper(weights, delays), 1.0))
+    assert found == pytest.approx(expected, rel=1e-6)
+    if fast == 1.0:
+        assert found == pytest.approx(float(js.percentage_vibration(js.Shaper(weights, delays), 1.0)), rel=1e-6)
+
+
+def test_overshoot_of_modes():
+    # The fast mode rides on the slow one's crest.
+    omega, weights, delays = (1.0, 60.0), (0.4, 0.6), (0.0, 0.7)
+    at = 0.7 + np.linspace(0, 4 * np.pi, 400_001)
+    expected = np.max(exact_modes(omega, (0.5, 0.5), weights, delays, at))
+    plant = plants.ModalPlant(omega, 0.0, [0.5, 0.5])
+    assert float(js.overshoot(plant, js.Shaper(weights, delays), 1.0)) == pytest.approx(expected, rel=1e-6)
+
+
+def test_residual_vibration_of_a_forced_mass(staircase):
+    # It rests at 1 m under 2 N and swings about that: the greatest departure in two periods of 1 rad/s, by SciPy.
+    plant, shaper = plants.ForcedMass(1.0, plants.Duffing(1.0, 1.0)), js.Shaper([0.4, 0.6], [0.0, 2.0])
+    field = lambda t, y, u: [y[1], u - y[0] - y[0] ** 3]
+    at = 2.0 + np.linspace(0, 4 * np.pi, 20_001)
+    away = np.max(np.abs(staircase(field, [0.0, 0.0], [0.0, 2.0], [0.8, 2.0], at)[:, 0] - 1.0))
+    assert float(js.residual_vibration(plant, shaper, 2.0)) == pytest.approx(away, rel=1e-6)
+
+
+@pytest.mark.parametrize("points", [2, 3, 65])
+def test_energy_profile_is_accurate_at_any_number_of_points(points, plant):
+    # Along a swing the energy is what the base's move has put in: U(0.5); the steps are not the points.
+    shaper = js.Shaper([0.5, 0.5], [0.0, 0.591240537428156])
+    along = js.energy_profile(plant, shaper, 1.0, points)
+    assert along.position.shape == (1, points)
+    np.testing.assert_allclose(along.total, 5 * 0.25 + 25 * 0.0625, rtol=1e-10)
+    assert float(along.position[0, -1]) == pytest.approx(1.0, abs=1e-9)
+
+
+WRONG = {
+    "steps": (lambda: js.residual_energy(PLANT, SHAPER, 1.0, steps=0), "steps must be a whole number of at least 1"),
+    "method": (lambda: js.residual_energy(PLANT, SHAPER, 1.0, method="rk4"), "method must be one of .*not 'rk4'"),
+    "distance": (lambda: js.residual_vibration(PLANT, SHAPER, 0.0), "distance must not be 0"),
+    "initial_state": (lambda: js.overshoot(PLANT, SHAPER, 1.0, initial_state=[0.0]), "initial_state must have shape"),
+    "band": (lambda: js.settling_time(PLANT, SHAPER, 1.0, 0.0), "band must be greater than 0, not 0"),
+    "periods": (lambda: js.settling_time(PLANT, SHAPER, 1.0, periods=-1.0), "periods must be greater than 0"),
+    "low, high": (lambda: js.rise_time(PLANT, SHAPER, 1.0, 0.9, 0.1), "low and high must satisfy.*not 0.9 and 0.1"),
+    "high": (lambda: js.rise_time(PLANT, SHAPER, 1.0, 0.1, 1.1), "low and high must satisfy"),
+    "omega": (lambda: js.percentage_vibration(SHAPER, 0.0), "omega must be greater than 0"),
+    "zeta": (lambda: js.percentage_vibration(SHAPER, 1.0, 1.0), "zeta must be at least 0 and below 1"),
+    "vibration": (lambda: js.insensitivity(SHAPER, 1.0, vibration=5.0), "vibration must lie between 0 and 1 .*not 5"),
+    "omega list": (lambda: js.insensitivity(SHAPER, [1.0, 2.0]), "omega must be a single number"),
+    "plant": (lambda: js.energy_profile(plants.ModalPlant(1.0), SHAPER, 1.0), "plant must be a mass on a spring"),
+    "points": (lambda: js.energy_profile(PLANT, SHAPER, 1.0, points=1), "points must be a whole number of at least 2"),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_wrong_arguments_are_named(case):
+    call, message = WRONG[case]
+    with pytest.raises(ValueError, match=message):
+        call()
