@@ -5,6 +5,8 @@ import numpy as np
 import pytest
 
 import jshape as js
+from jshape import robustness
+from jshape.sampling import draw
 from jshape.uncertain import with_leaves
 
 PLANT = js.plants.TwoMass(spring=js.plants.Duffing(10.0, 100.0))
@@ -58,3 +60,76 @@ def test_errors():
         js.sweep(PLANT, THREE, 1.0, {"m9": [1.0]})
     with pytest.raises(ValueError, match="distance must not be 0"):
         js.sweep(PLANT, THREE, 0.0, {"m2": [1.0]})
+
+
+@pytest.mark.parametrize("sampling", ["sobol", "latin hypercube", "uniform"])
+def test_samples_lie_in_their_ranges_and_repeat(sampling):
+    over = {"m2": (0.8, 1.2), "spring.k1": (0.9, 1.0)}
+    draws = [draw(over, 100, sampling, seed=s) for s in (1, 1, 2)]
+    for name, (low, high) in over.items():
+        assert draws[0][name].min() >= low
+        assert draws[0][name].max() <= high
+        np.testing.assert_array_equal(draws[0][name], draws[1][name])
+        assert np.any(draws[0][name] != draws[2][name])
+        # The mean of an even distribution; 100 samples at random stay within four standard errors.
+        np.testing.assert_allclose(draws[0][name].mean(), (low + high) / 2, atol=4 * (high - low) / np.sqrt(1200))
+
+
+def test_normal_samples():
+    drawn = draw({"m2": (1.0, 0.1)}, 10_000, "normal")["m2"]
+    np.testing.assert_allclose([drawn.mean(), drawn.std()], [1.0, 0.1], atol=4e-3)
+
+
+def test_sampling_errors():
+    for over, sampling, words in [
+        ({"m2": (1.2, 0.8)}, "sobol", "must be .least, greatest."),
+        ({"m2": [0.8, 0.9, 1.0]}, "sobol", "must be a pair"),
+        ({"m2": (1.0, -0.1)}, "normal", "standard deviation greater than 0"),
+        ({"m2": (0.8, 1.2)}, "dice", "sampling must be one of"),
+        ({}, "sobol", "at least one leaf"),
+    ]:
+        with pytest.raises(ValueError, match=words):
+            draw(over, 10, sampling)
+
+
+def test_derivatives_are_those_of_the_metric():
+    over = {"m2": (0.85, 1.15), "spring.k3": (0.9, 1.1)}
+    ds = js.sweep(PLANT, THREE, 1.0, over, "residual_energy", samples=5, derivatives=True)
+    assert ds.residual_energy.dims == ("shaper", "sample")
+
+    def energy(name, i, h):
+        at = {n: float(ds[f"{n}_absolute"][i]) for n in over}
+        return js.residual_energy(with_leaves(PLANT, at | {name: at[name] + h}), THREE, 1.0, steps=64)
+
+    for name, h in (("m2", 1e-5), ("spring.k3", 1e-3)):
+        difference = (energy(name, 3, h) - energy(name, 3, -h)) / (2 * h)
+        np.testing.assert_allclose(ds[f"d_residual_energy_d_{name}"].values[0, 3], difference, rtol=1e-6)
+
+
+def test_an_interrupted_sweep_goes_on_and_ends_with_the_same_bits(tmp_path, monkeypatch):
+    monkeypatch.setattr(robustness, "PIECE", 50)
+    over = {"m2": jnp.linspace(0.6, 1.4, 230)}
+    call = lambda **given: js.sweep(PLANT, THREE, 1.0, over, "residual_energy", estimate_error=False, **given)
+    whole = call()
+    seen = []
+
+    def stop(done, pieces):
+        seen.append((done, pieces))
+        if done == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        call(store=tmp_path / "pieces", progress=stop)
+    assert seen == [(0, 5), (1, 5), (2, 5)]
+    kept = sorted(p.name for p in (tmp_path / "pieces").glob("piece_*.npy"))
+    assert kept == ["piece_000000.npy", "piece_000001.npy"]
+    before = (tmp_path / "pieces" / kept[0]).stat().st_mtime_ns
+    again = call(store=tmp_path / "pieces")
+    assert (tmp_path / "pieces" / kept[0]).stat().st_mtime_ns == before
+    np.testing.assert_array_equal(again.residual_energy, whole.residual_energy)
+    with pytest.raises(ValueError, match="holds the pieces of another computation"):
+        js.sweep(PLANT, TWO, 1.0, over, "residual_energy", store=tmp_path / "pieces")
+    (tmp_path / "else").mkdir()
+    (tmp_path / "else" / "mine.txt").write_text("mine", encoding="utf-8")
+    with pytest.raises(ValueError, match="holds files that are not jshape's"):
+        call(store=tmp_path / "else")

@@ -1,0 +1,57 @@
+"""Samples of uncertain leaves: at random, or spread evenly by SciPy's quasi-Monte Carlo.
+
+``sampling`` names how: ``"uniform"``, ``"latin hypercube"`` and ``"sobol"`` take each leaf's least and greatest value,
+``"normal"`` takes its mean and standard deviation.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from scipy.stats import norm, qmc
+
+from jshape import _check
+
+SAMPLING = ("sobol", "latin hypercube", "uniform", "normal")
+
+
+def draw(ranges: Mapping[str, Any], count: int, sampling: str = "sobol", seed: int = 0) -> dict[str, np.ndarray]:
+    """``count`` joint samples of the leaves, in the units of their ranges.
+
+    ``ranges``: leaf → (least, greatest), or (mean, standard deviation) for ``"normal"``. Sobol points are scrambled and
+    balanced best for powers of two.
+
+    *Raises* ``ValueError`` for an unknown sampling, a range that is no pair of finite numbers, or one the wrong way
+    round.
+    """
+    count = _check.count(count, "samples")
+    _check.one_of(sampling, "sampling", SAMPLING)
+    if not isinstance(ranges, Mapping) or not ranges:
+        raise ValueError(f"over must name at least one leaf and its range, not {ranges!r}")
+    pairs = {}
+    for name, pair in ranges.items():
+        values = np.asarray(_check.as_array(pair, f"over[{name!r}]"), float)
+        _check.finite(values, f"over[{name!r}]")
+        if values.shape != (2,):
+            raise ValueError(f"over[{name!r}] must be a pair of numbers for sampling, not of shape {values.shape}")
+        if sampling == "normal" and values[1] <= 0:
+            raise ValueError(f"over[{name!r}] must have a standard deviation greater than 0, not {values[1]}")
+        if sampling != "normal" and values[0] >= values[1]:
+            raise ValueError(f"over[{name!r}] must be (least, greatest), not {tuple(values.tolist())}")
+        pairs[name] = values
+    unit = _unit(len(pairs), count, sampling, seed)
+    samples = {}
+    for column, (name, (first, second)) in zip(unit.T, pairs.items(), strict=True):
+        samples[name] = norm.ppf(column, first, second) if sampling == "normal" else first + (second - first) * column
+    return samples
+
+
+def _unit(dimensions: int, count: int, sampling: str, seed: int) -> np.ndarray:
+    random = np.random.default_rng(seed)
+    if sampling == "sobol":
+        # Drawn up to the next power of two, where the points are balanced, and cut.
+        return qmc.Sobol(dimensions, rng=random).random_base2(int(np.ceil(np.log2(max(count, 2)))))[:count]
+    if sampling == "latin hypercube":
+        return qmc.LatinHypercube(dimensions, rng=random).random(count)
+    # Open at 0, so that a normal sample is finite.
+    return np.maximum(random.random((count, dimensions)), np.finfo(float).tiny)
