@@ -13,6 +13,7 @@ from .metrics import overshoot as overshoot
 from .metrics import peak_deflection as peak_deflection
 from .metrics import percentage_vibration as percentage_vibration
 from .metrics import residual_energy as residual_energy
+from .metrics import residual_energy_and_error as residual_energy_and_error
 from .metrics import residual_vibration as residual_vibration
 from .metrics import rise_time as rise_time
 from .metrics import settling_time as settling_time

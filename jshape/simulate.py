@@ -97,6 +97,9 @@ def simulate(
     _check.positive(horizon, "horizon")
     if method == "adaptive":
         adjoint = diffrax.RecursiveCheckpointAdjoint() if adjoint is None else adjoint
+        # No tighter than the arithmetic can tell, which in single precision is not tight.
+        floor = 20 * float(jnp.finfo(state.dtype).eps)
+        rtol, atol = max(rtol, floor), max(atol, floor / 100)
         return _simulate_adaptive(plant, plan, state, horizon, samples, rtol, atol, adjoint)
     return _simulate_fixed(plant, plan, state, horizon, samples)
 

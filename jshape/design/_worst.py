@@ -102,7 +102,7 @@ def polish(
         goal, slope = (lambda x: look(x)[0].mean()), (lambda x: look(x)[1].mean(axis=0))
 
     finite = [(None if b is None or np.isinf(b) else b, None if c is None or np.isinf(c) else c) for b, c in bounds]
-    options = dict(maxiter=iterations, ftol=1e-13)
+    options = dict(maxiter=iterations, ftol=max(1e-13, float(jnp.finfo(jnp.zeros(0).dtype).eps)))
     end = minimize(goal, begin, jac=slope, bounds=finite, constraints=constraints, method="SLSQP", options=options)
     amplitudes, gaps = end.x[:n], np.maximum(end.x[n : 2 * n - 1], 0.0) * rules.longest
     if rules.fixed:

@@ -295,7 +295,8 @@ def _after(plant: AbstractOscillator, size: Scalar, amplitudes: Array, times: Ar
 
 
 def _newton(conditions: Any, start: Array) -> Array:
-    solver = optx.Newton(rtol=1e-11, atol=1e-11, linear_solver=lx.LU())
+    tolerance = max(1e-11, 20 * float(jnp.finfo(start.dtype).eps))
+    solver = optx.Newton(rtol=tolerance, atol=tolerance, linear_solver=lx.LU())
     solution = optx.root_find(lambda x, _: conditions(x), solver, start, max_steps=32, throw=False)
     return jnp.where(solution.result == optx.RESULTS.successful, solution.value, jnp.nan)
 

@@ -136,7 +136,8 @@ def _nominal(task: Task, allowed: Rules, amplitudes, gaps, iterations: int, repo
     # Zero, to rounding, beside the energy that the bare command leaves.
     plan = schedule(task.plant, task.command)
     bare = float(task.plant.residual_energy(initial(task.plant, task.state), plan.final_inputs(task.plant)))
-    reached = np.flatnonzero(final <= 1e-20 * max(bare, 1e-300))
+    zero = max(1e-20, (10 * float(jnp.finfo(a.dtype).eps)) ** 2) * max(bare, 1e-300)
+    reached = np.flatnonzero(final <= zero)
     if not np.isfinite(final).any():
         # Every start has left the rules: keep the best of them as it was.
         best = int(np.argmin(values[:, 0]))
@@ -146,7 +147,7 @@ def _nominal(task: Task, allowed: Rules, amplitudes, gaps, iterations: int, repo
     history = values[best]
     settled = iterations
     if len(reached):
-        settled = int(np.argmax(history <= max(2 * history[-1], 1e-20 * bare)))
+        settled = int(np.argmax(history <= max(2 * history[-1], zero)))
         result = f"converged: no residual energy but rounding after {settled} Levenberg–Marquardt iterations"
     else:
         result = (

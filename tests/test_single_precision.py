@@ -1,0 +1,38 @@
+"""What happens to someone who leaves JAX in its 32-bit mode: a warning, and answers right to about six digits."""
+
+import subprocess
+import sys
+
+import pytest
+
+CODE = """
+import warnings
+import jax.numpy as jnp
+import jshape as js
+
+duffing = js.plants.Duffing(10.0, 100.0)
+plant = js.plants.TwoMass(spring=duffing)
+with warnings.catch_warnings(record=True) as caught:
+    warnings.simplefilter("always")
+    shaper = js.design.energy.two_impulse(plant, 1.0)
+assert any("32-bit" in str(w.message) for w in caught), caught
+warnings.simplefilter("ignore")
+assert shaper.times.dtype == jnp.float32
+close = lambda x, y, tolerance=2e-5: abs(float(x) - y) < tolerance * abs(y)
+assert close(shaper.times[1], 0.591240537428156)
+damped = js.plants.TwoMass(spring=duffing, damper=js.plants.PowerDamper(0.1, 3))
+assert close(js.design.energy.two_impulse(damped, 1.0).amplitudes[0], 0.5256241522156421)
+lighter = js.plants.TwoMass(m2=0.8, spring=duffing)
+assert close(js.residual_vibration(lighter, shaper, 1.0), 0.3014710630908722)
+run = js.simulate(lighter, 1.0, shaper)
+assert run.result.startswith("completed"), run.result
+assert close(run.energy[-1], 0.6609251897300579, 1e-3)
+tuned = js.tune(plant, 1.0, impulses=2)
+assert tuned.result.startswith("converged"), tuned.result
+assert close(tuned.shaper.times[1], 0.591240537428156, 1e-4)
+"""
+
+
+@pytest.mark.slow
+def test_single_precision_in_a_process_of_its_own():
+    subprocess.run([sys.executable, "-c", CODE], check=True)
