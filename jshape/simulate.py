@@ -77,10 +77,10 @@ def simulate(
 
     ``command``: any command; a number is a step of that size. ``initial_state``: at rest at 0 unless given.
     ``horizon``: s; if not given, the shaped command's duration and four periods of the slowest mode. ``samples``: how
-    many, evenly from 0 to the horizon. ``method``: ``"adaptive"`` (Dopri8 at the tolerances, run a second time at ten
-    times looser ones to tell the error) or ``"fixed"`` (the kernel of sweeps and gradients, with its embedded error
-    estimate). ``adjoint``: diffrax's, for derivatives of the adaptive path (reverse mode unless ``ForwardMode()`` is
-    given).
+    many, evenly from 0 to the horizon. ``method``: ``"adaptive"`` (Dopri8 at the tolerances; its difference from the
+    fixed-step kernel tells the error) or ``"fixed"`` (that kernel, the one of sweeps and gradients, with its embedded
+    error estimate). ``adjoint``: diffrax's, for derivatives of the adaptive path (reverse mode unless
+    ``ForwardMode()`` is given).
 
     *Raises* ``ValueError`` for arguments of the wrong kind, a horizon that is not positive, fewer than two samples, or
     an initial state of the wrong shape. A plant that diverges is no error: the response says so.
@@ -100,8 +100,9 @@ def simulate(
         # No tighter than the arithmetic can tell, which in single precision is not tight.
         floor = 20 * float(jnp.finfo(state.dtype).eps)
         rtol, atol = max(rtol, floor), max(atol, floor / 100)
-        return _simulate_adaptive(plant, plan, state, horizon, samples, rtol, atol, adjoint)
-    return _simulate_fixed(plant, plan, state, horizon, samples)
+        steps = _steps_between(plant, plan, horizon, samples)
+        return _simulate_adaptive(plant, plan, state, horizon, samples, rtol, atol, adjoint, steps)
+    return _simulate_fixed(plant, plan, state, horizon, samples, _steps_between(plant, plan, horizon, samples))
 
 
 def final_state(
@@ -136,7 +137,7 @@ def steps_for(plant: AbstractPlant, plan: Schedule, method: str = "dopri8") -> i
     if not _check.is_concrete(plant, plan):
         return TRACED_STEPS
     longest = float(np.max(np.diff(np.asarray(plan.breaks))))
-    angle = _fastest(plant, plan) * longest
+    angle = fastest(plant, plan) * longest
     if not np.isfinite(angle):
         return TRACED_STEPS
     steps = max(8, 2 ** int(np.ceil(np.log2(max(angle / _ANGLE[method], 1.0)))))
@@ -190,7 +191,8 @@ def _frequencies(plant: AbstractPlant, plan: Schedule) -> Float[Array, "places s
     return jnp.stack([jacobian(*place) for place in places])
 
 
-def _fastest(plant: AbstractPlant, plan: Schedule) -> float:
+def fastest(plant: AbstractPlant, plan: Schedule) -> float:
+    """The fastest mode at this command, rad/s: at rest, or with the flexible part bent by the whole command."""
     matrices = np.asarray(_frequencies(plant, plan), dtype=float)
     if not np.all(np.isfinite(matrices)):
         return np.inf
@@ -198,7 +200,7 @@ def _fastest(plant: AbstractPlant, plan: Schedule) -> float:
 
 
 @eqx.filter_jit
-def _simulate_adaptive(plant, plan, state, horizon, samples, rtol, atol, adjoint) -> Response:
+def _simulate_adaptive(plant, plan, state, horizon, samples, rtol, atol, adjoint, steps) -> Response:
     times = horizon * jnp.linspace(0.0, 1.0, samples, dtype=state.dtype)
     segments, at = plan.sampled(times)
     field = _field(plant)
@@ -206,58 +208,57 @@ def _simulate_adaptive(plant, plan, state, horizon, samples, rtol, atol, adjoint
     def rescaled(s, y, segment):
         return segment.duration * field(s * segment.duration, y, segment)
 
-    def run(tolerance):
-        controller = diffrax.PIDController(rtol=tolerance[0], atol=tolerance[1])
+    def advance(carry, segment):
+        y, lost = carry
 
-        def advance(carry, segment):
-            y, lost = carry
+        def solve(y):
+            solution = diffrax.diffeqsolve(
+                diffrax.ODETerm(rescaled),  # pyright: ignore[reportArgumentType]
+                diffrax.Dopri8(scan_kind="bounded" if isinstance(adjoint, diffrax.ForwardMode) else None),
+                0.0,
+                1.0,
+                None,
+                y,
+                segment,
+                stepsize_controller=diffrax.PIDController(rtol=rtol, atol=atol),
+                adjoint=adjoint,
+                max_steps=4096,
+                throw=False,
+            )
+            (after,) = jnp.asarray(solution.ys)
+            failed = (solution.result != diffrax.RESULTS.successful) | ~jnp.all(jnp.isfinite(after))
+            return jnp.where(failed, jnp.nan, after), failed
 
-            def solve(y):
-                solution = diffrax.diffeqsolve(
-                    diffrax.ODETerm(rescaled),  # pyright: ignore[reportArgumentType]
-                    diffrax.Dopri8(scan_kind="bounded" if isinstance(adjoint, diffrax.ForwardMode) else None),
-                    0.0,
-                    1.0,
-                    None,
-                    y,
-                    segment,
-                    stepsize_controller=controller,
-                    adjoint=adjoint,
-                    max_steps=4096,
-                    throw=False,
-                )
-                (after,) = jnp.asarray(solution.ys)
-                failed = (solution.result != diffrax.RESULTS.successful) | ~jnp.all(jnp.isfinite(after))
-                return jnp.where(failed, jnp.nan, after), failed
+        after, failed = jax.lax.cond(lost, lambda y: (y, lost), solve, y)
+        return (after, failed), y
 
-            after, failed = jax.lax.cond(lost, lambda y: (y, lost), solve, y)
-            return (after, failed), y
-
-        _, states = jax.lax.scan(advance, (state, jnp.asarray(False)), segments)
-        return states[at]
-
-    tolerances = jnp.asarray([[rtol, atol], [10 * rtol, 10 * atol]], dtype=state.dtype)
-    states, looser = jax.lax.map(run, tolerances)
-    return _response(plant, times, states, segments, at, jnp.max(jnp.abs(states - looser)))
+    _, states = jax.lax.scan(advance, (state, jnp.asarray(False)), segments)
+    states = states[at]
+    other, bound = _fixed_states(plant, segments, state, at, steps)
+    return _response(plant, times, states, segments, at, jnp.max(jnp.abs(states - other)) + bound)
 
 
-def _simulate_fixed(plant, plan, state, horizon, samples) -> Response:
-    steps = TRACED_STEPS
-    if _check.is_concrete(plant, plan, horizon):
-        step = float(horizon) / (samples - 1)
-        angle = _fastest(plant, plan) * step
-        steps = max(1, int(np.ceil(angle / _ANGLE["dopri8"]))) if np.isfinite(angle) else TRACED_STEPS
-    return _simulate_fixed_steps(plant, plan, state, horizon, samples, steps)
+def _steps_between(plant: AbstractPlant, plan: Schedule, horizon: Scalar, samples: int) -> int:
+    """Fixed steps from one sample to the next."""
+    if not _check.is_concrete(plant, plan, horizon):
+        return max(1, -(-8 * TRACED_STEPS // samples))
+    angle = fastest(plant, plan) * float(horizon) / (samples - 1)
+    return min(_MOST_STEPS, max(1, int(np.ceil(angle / _ANGLE["dopri8"])))) if np.isfinite(angle) else TRACED_STEPS
+
+
+def _fixed_states(plant, segments: Segments, state: State, at, steps: int) -> tuple[Array, Scalar]:
+    """States at the samples by the fixed-step kernel, and the embedded estimate of their error."""
+    _, error, states = integrate(_field(plant), state, segments.duration, segments, steps, save=True)
+    assert states is not None
+    return jnp.concatenate([state[None], states[:, -1]])[at], jnp.max(error)
 
 
 @eqx.filter_jit
-def _simulate_fixed_steps(plant, plan, state, horizon, samples, steps) -> Response:
+def _simulate_fixed(plant, plan, state, horizon, samples, steps) -> Response:
     times = horizon * jnp.linspace(0.0, 1.0, samples, dtype=state.dtype)
     segments, at = plan.sampled(times)
-    _, error, states = integrate(_field(plant), state, segments.duration, segments, steps, save=True)
-    assert states is not None
-    states = jnp.concatenate([state[None], states[:, -1]])[at]
-    return _response(plant, times, states, segments, at, jnp.max(error))
+    states, error = _fixed_states(plant, segments, state, at, steps)
+    return _response(plant, times, states, segments, at, error)
 
 
 def _response(plant, times, states, segments: Segments, at, error) -> Response:

@@ -227,7 +227,7 @@ def test_gradient_of_a_forced_mass():
     # The place of rest is the root of an equation that depends on the spring.
     def left(x):
         plant = plants.ForcedMass(x[4], plants.Duffing(x[5], x[6]), plants.LinearDamper(x[7]))
-        return js.residual_energy(plant, js.Shaper(x[:2], x[2:4]), x[8], steps=STEPS)
+        return js.residual_energy(plant, js.Shaper(x[:2], x[2:4]), x[8], steps=STEPS, method="tsit5")
 
     found = judged(left, jnp.asarray([0.4, 0.6, 0.0, 2.1, 1.1, 1.2, 0.9, 0.05, 2.0]))
     assert np.all(np.abs(found) > 1e-3)
@@ -237,7 +237,7 @@ def test_gradient_of_a_forced_mass():
 def test_gradient_of_modes():
     def left(x):
         plant = plants.ModalPlant(x[6:8], x[8:10], x[10:12])
-        return js.residual_energy(plant, js.Shaper(x[:3], x[3:6]), 1.0, steps=STEPS)
+        return js.residual_energy(plant, js.Shaper(x[:3], x[3:6]), 1.0, steps=STEPS, method="tsit5")
 
     found = judged(left, jnp.asarray([0.3, 0.3, 0.4, 0.0, 0.3, 0.5, 4.0, 9.0, 0.05, 0.1, 0.7, 0.3]))
     assert np.all(np.abs(found) > 1e-5)

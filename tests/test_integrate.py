@@ -74,7 +74,9 @@ def by_diffrax(solver, controller, **saved):
     )
 
 
-@pytest.mark.parametrize(("method", "solver"), [("dopri8", diffrax.Dopri8), ("tsit5", diffrax.Tsit5)])
+@pytest.mark.parametrize(
+    ("method", "solver"), [("dopri8", diffrax.Dopri8), pytest.param("tsit5", diffrax.Tsit5, marks=pytest.mark.slow)]
+)
 def test_adaptive_steps_and_dense_output_in_diffrax(method, solver):
     # The same tableau in diffrax's own loop takes the same steps (to the rounding of the error estimate, from which the
     # controller takes them) to the same state. The first step is so long that the estimate is more than rounding.

@@ -137,7 +137,7 @@ def test_wrong_sets_are_named(case):
 
 
 def test_entries_beyond_a_list():
-    with pytest.raises(ValueError, match="unknown leaf 'omega.2': ModalPlant has omega.0, omega.1"):
+    with pytest.raises(ValueError, match=r"unknown leaf 'omega\.2': ModalPlant has omega\.0, omega\.1"):
         leaf(MODES, "omega.2")
     with pytest.raises(ValueError, match="unknown leaf 'omega'"):
         with_leaves(MODES, {"omega": jnp.ones(2)})

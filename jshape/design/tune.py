@@ -105,6 +105,8 @@ def tune(
         raise ValueError(f"over must name the uncertain leaves for objective={objective!r}")
     if duration is not None:
         _check.positive(duration, "duration")
+    if iterations is not None:
+        iterations = _check.count(iterations, "iterations")
     schedule(plant, distance)
     plant, command = with_arrays(plant), as_command(distance)
     absolute = {} if over is None else check_over(plant, over, relative)

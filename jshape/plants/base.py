@@ -25,6 +25,7 @@ import abc
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from jshape._types import Inputs, Scalar, State
@@ -97,5 +98,6 @@ class AbstractPlant(eqx.Module):
 
     def zero_inputs(self) -> Inputs:
         """Inputs at which the plant begins: all zero, in the shape that the methods take."""
-        zero = jnp.zeros(())
+        kinds = [x.dtype for x in jax.tree.leaves(self) if isinstance(x, jax.Array | np.ndarray)]
+        zero = jnp.zeros((), jnp.result_type(*kinds) if kinds else float)
         return zero if isinstance(self.drive, str) else tuple(zero for _ in self.drives())

@@ -1,0 +1,348 @@
+"""Tuning by gradients: against the closed forms, and against what no neighbouring shaper improves."""
+
+import itertools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from problems import ANSWERS, two_mass
+
+import jshape as js
+from jshape import plants
+from jshape.design._rules import rules
+from jshape.design._worst import value_of
+
+energy, linear = js.design.energy, js.design.linear
+
+
+def obeys(shaper, lower=-np.inf, upper=np.inf, duration=None):
+    """Whether a shaper is one, within those bounds."""
+    amplitudes, times = np.asarray(shaper.amplitudes), np.asarray(shaper.times)
+    assert abs(amplitudes.sum() - 1) < 1e-12
+    assert times[0] == 0
+    assert np.all(np.diff(times) >= 0)
+    assert np.all((amplitudes >= lower - 1e-9) & (amplitudes <= upper + 1e-9))
+    if duration is not None:
+        assert times[-1] == pytest.approx(duration, rel=1e-12)
+    return True
+
+
+def falling(history):
+    """Whether the objective never rises but by rounding."""
+    return np.all(np.diff(history) <= 1e-12 * np.asarray(history)[:-1] + 1e-24)
+
+
+@pytest.mark.slow
+def test_nominal_from_the_linear_shaper(plant):
+    # From the linear ZV, which leaves 13 J, to the energy method's closed form, within 15 iterations.
+    solution = js.tune(plant, 1.0, impulses=2, start=linear.zv(jnp.sqrt(10.0)), iterations=15)
+    assert solution.objective <= 1e-20
+    assert solution.result.startswith("converged: no residual energy but rounding after ")
+    assert obeys(solution.shaper, lower=0, upper=1)
+    assert float(solution.shaper.times[1]) == pytest.approx(ANSWERS["000.t2"].value, abs=1e-10)
+    np.testing.assert_allclose(solution.shaper.amplitudes, 0.5, atol=1e-10)
+    assert solution.history[0] > 1
+    assert len(solution.history) <= 16
+    assert falling(solution.history)
+    # Judged by simulation as any shaper is, and with four times as many steps.
+    assert js.residual_energy(plant, solution.shaper, 1.0) < 1e-20
+    assert max(solution.error, solution.certified) < 1e-20
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("id", ["force.hardening", "force.softening"])
+def test_nominal_with_force(id):
+    # The two steps of force of the literature; the search knows the linear ZV only.
+    first, final, t2 = ANSWERS[id].value
+    plant = plants.ForcedMass(1.0, plants.Duffing(1.0, final - 1.0))
+    solution = js.tune(plant, final, impulses=2, starts=2)
+    assert solution.objective <= 1e-20
+    assert float(solution.shaper.amplitudes[0] * final) == pytest.approx(first, abs=1e-10)
+    assert float(solution.shaper.times[1]) == pytest.approx(t2, abs=1e-10)
+
+
+@pytest.mark.slow
+def test_nominal_with_a_trapezoid(damped):
+    # Any command may take the place of a step; a damper too. SciPy is not needed: the kernel with more steps judges.
+    command = js.Trapezoid(0.5, speed=1.0, acceleration=5.0)
+    solution = js.tune(damped, command, impulses=2, start=linear.zv(jnp.sqrt(10.0)), iterations=20)
+    assert solution.objective <= 1e-20
+    assert js.residual_energy(damped, solution.shaper, command, steps=256) < 1e-18
+    assert obeys(solution.shaper, lower=0, upper=1)
+
+
+NOMINAL = {
+    "positive": (dict(amplitudes="positive"), 0.0, 1.0),
+    "positive, limited": (dict(amplitudes="positive", limit=0.45), 0.0, 0.45),
+    "bounded": (dict(amplitudes="bounded", limit=0.4), -0.4, 0.4),
+    "free": (dict(amplitudes="free"), -np.inf, np.inf),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", NOMINAL)
+def test_nominal_rules_of_amplitudes(name, plant):
+    options, lower, upper = NOMINAL[name]
+    solution = js.tune(plant, 1.0, impulses=3, starts=4, iterations=20, **options)
+    assert solution.objective < 1e-20
+    assert obeys(solution.shaper, lower, upper)
+    assert falling(solution.history)
+
+
+@pytest.mark.slow
+def test_nominal_unity(plant):
+    # From close to it, the closed form of the negative shaper.
+    start = js.Shaper([1.0, -1.0, 1.0], [0.0, 0.1, 0.2])
+    solution = js.tune(plant, 1.0, impulses=3, amplitudes="unity", start=start, iterations=20)
+    assert solution.objective < 1e-20
+    np.testing.assert_allclose(solution.shaper.amplitudes, [1, -1, 1], atol=1e-15)
+    expected = [0.0, ANSWERS["000.neg.t2"].value, ANSWERS["000.neg.t3"].value]
+    np.testing.assert_allclose(solution.shaper.times, expected, atol=1e-9)
+
+
+@pytest.mark.slow
+def test_nominal_with_a_given_duration(plant):
+    # Longer than a swing it can be met; shorter than one, with positive impulses, it cannot, and the result says so.
+    met = js.tune(plant, 1.0, impulses=3, duration=0.7, starts=4, iterations=20)
+    assert met.objective < 1e-20
+    assert obeys(met.shaper, 0, 1, duration=0.7)
+    missed = js.tune(plant, 1.0, impulses=3, duration=0.5, starts=4, iterations=20)
+    assert missed.objective > 0.1
+    assert obeys(missed.shaper, 0, 1, duration=0.5)
+    assert not missed.result.startswith("converged")
+    assert missed.objective == pytest.approx(float(js.residual_energy(plant, missed.shaper, 1.0)), rel=1e-9)
+
+
+DURATION = 1.642980
+OVER = {"m2": np.linspace(0.8, 1.2, 41)}
+
+
+def robustly(plant, **options):
+    given = dict(impulses=3, duration=DURATION, starts=4, over=OVER, objective="worst")
+    return js.tune(plant, 1.0, **{**given, **options})
+
+
+@pytest.fixture(scope="module")
+def solutions(plant):
+    return {objective: robustly(plant, objective=objective) for objective in ("worst", "mean", "cvar")}
+
+
+@pytest.mark.slow
+def test_worst_case_of_the_papers_plant(solutions, plant, staircase):
+    solution = solutions["worst"]
+    assert solution.result.startswith("converged: worst case 0.00593969 J, the best of 4 polished starts")
+    assert solution.objective == pytest.approx(0.00593987, rel=1e-3)
+    assert obeys(solution.shaper, 0, 1, DURATION)
+    # Against the paper's shaper of that duration, 0.0413 J in its worst case.
+    paper = value_of("worst", left(energy.three_impulse(plant, 1.0)))
+    assert paper == pytest.approx(0.04132570631, rel=1e-6)
+    assert paper / solution.objective >= 6.9
+    # The worst two plants are the ends of the interval, or near: SciPy's energies there.
+    for index in (0, 40, int(np.argmax(solution.energies))):
+        m2, times = solution.samples["m2"][index], np.asarray(solution.shaper.times)
+        field = lambda t, y, u, m2=m2: [y[1], -(10 * (y[0] - u) + 100 * (y[0] - u) ** 3) / m2]
+        x, v = staircase(field, [0.0, 0.0], times, np.cumsum(solution.shaper.amplitudes), times[-1:])[0]
+        exact = m2 * v**2 / 2 + 5 * (x - 1) ** 2 + 25 * (x - 1) ** 4
+        assert solution.energies[index] == pytest.approx(exact, rel=1e-8)
+    # On a set ten times as dense it is hardly worse, and steps play no part.
+    assert solution.objective <= solution.certified < 1.001 * solution.objective
+    assert solution.error < 1e-12
+
+
+@jax.jit
+def _left(amplitudes, times):
+    def one(m2):
+        return js.residual_energy(two_mass(m2), js.Shaper(amplitudes, times), 1.0, steps=64)
+
+    return jax.vmap(one)(jnp.asarray(OVER["m2"]))
+
+
+def left(shaper):
+    """Residual energies over the uncertain payloads."""
+    return np.asarray(_left(shaper.amplitudes, shaper.times))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("objective", ["worst", "mean", "cvar"])
+def test_no_neighbour_is_better(objective, solutions):
+    # The optimum without any optimiser: 300 shapers of the same duration around it, near and far.
+    solution = solutions[objective]
+    best, random = solution.objective, np.random.default_rng(1)
+    assert value_of(objective, left(solution.shaper)) == pytest.approx(best, rel=1e-9)
+    for size in 10.0 ** random.uniform(-5, -1, 300):
+        change = random.normal(size=3) * size
+        amplitudes = np.asarray(solution.shaper.amplitudes) + change - change.mean()
+        times = np.asarray(solution.shaper.times) + np.array([0.0, random.normal() * size, 0.0])
+        near = jnp.asarray(amplitudes), jnp.asarray(times)
+        assert value_of(objective, np.asarray(_left(*near))) >= best * (1 - 1e-9)
+
+
+@pytest.mark.slow
+def test_objectives_are_consistent(solutions):
+    values = {
+        (tuned, judged): value_of(judged, solution.energies)
+        for tuned, solution in solutions.items()
+        for judged in solutions
+    }
+    for tuned, solution in solutions.items():
+        assert solution.objective == values[tuned, tuned]
+        assert values[tuned, "mean"] <= values[tuned, "cvar"] <= values[tuned, "worst"]
+        # Each is the best by its own measure, and by some margin.
+        assert all(values[tuned, tuned] < 0.999 * values[other, tuned] for other in solutions if other != tuned)
+        assert falling(solution.history)
+        assert solution.history[-1] == pytest.approx(solution.objective, rel=1e-6)
+        np.testing.assert_allclose(solution.samples["m2"], OVER["m2"], rtol=1e-15)
+
+
+ROBUST = {
+    "bounded": (dict(amplitudes="bounded", limit=0.45), -0.45, 0.45),
+    "positive, limited": (dict(amplitudes="positive", limit=0.4), 0.0, 0.4),
+    "unity": (dict(amplitudes="unity"), -1.0, 1.0),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ROBUST)
+def test_robust_rules_of_amplitudes(name, solutions, plant):
+    options, lower, upper = ROBUST[name]
+    solution = robustly(plant, **options)
+    assert obeys(solution.shaper, lower, upper, DURATION)
+    # A narrower choice is no better, and the limit, below what the best shaper takes, is reached.
+    assert solution.objective > 1.01 * solutions["worst"].objective
+    assert np.max(np.abs(solution.shaper.amplitudes)) == pytest.approx(upper, abs=1e-6)
+    assert falling(solution.history)
+
+
+@pytest.mark.slow
+def test_robust_options(solutions, plant):
+    best = solutions["worst"]
+    # Absolute values of a leaf that is 1 are its multiples; the same seed gives the same.
+    again = robustly(plant, relative=False)
+    np.testing.assert_array_equal(again.shaper.times, best.shaper.times)
+    # More starts (random ones among them) find no worse; one start, stopped early, says that it has not converged.
+    assert robustly(plant, starts=8, seed=3).objective <= best.objective * (1 + 1e-6)
+    early = robustly(plant, start=energy.three_impulse(plant, 1.0), iterations=2)
+    assert "stopped after 2 iterations without converging" in early.result
+    assert best.objective < early.objective <= value_of("worst", left(energy.three_impulse(plant, 1.0)))
+
+
+@pytest.mark.slow
+def test_progress_and_interruption(plant):
+    seen = []
+
+    def follow(stage, done, total, value):
+        seen.append((stage, done, total, value))
+        if len(seen) == 5:
+            raise KeyboardInterrupt
+
+    solution = robustly(plant, progress=follow)
+    assert solution.result.startswith("interrupted: worst case ")
+    assert obeys(solution.shaper, 0, 1, DURATION)
+    assert all(stage == "polishing" and done <= total == 4 for stage, done, total, _ in seen)
+    assert falling([value for *_, value in seen[:5]])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("objective", "within"), [("mean", 1e-6), ("worst", 0.02)])
+def test_first_order_method_finds_the_same(objective, within, solutions, plant):
+    # Adam shares neither the epigraph nor a linear solve with SLSQP. The mean is smooth and its optimum found to many
+    # digits; the worst case has a corner there, round which it goes.
+    start = energy.three_impulse(plant, 1.0)
+    solution = robustly(plant, objective=objective, method="first-order", start=start, iterations=1000)
+    best = solutions[objective].objective
+    assert best * (1 - 1e-9) < solution.objective < (1 + within) * best
+    assert obeys(solution.shaper, 0, 1, DURATION)
+    assert falling(solution.history)
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(values=st.lists(st.floats(0.0, 1e3), min_size=1, max_size=60))
+def test_tail_mean(values):
+    # The mean of the worst tenth, an element counted in part: by integrating the quantile function over the tail.
+    values = np.array(values)
+    ordered = np.sort(values)[::-1]
+    edges = np.arange(len(values) + 1) / len(values)
+    shares = np.clip(np.minimum(edges[1:], 0.1) - edges[:-1], 0, None) / 0.1
+    assert value_of("cvar", values) == pytest.approx(ordered @ shares, rel=1e-12, abs=1e-300)
+    assert value_of("mean", values) <= value_of("cvar", values) * (1 + 1e-12) + 1e-300
+    assert value_of("cvar", values) <= value_of("worst", values) * (1 + 1e-12) + 1e-300
+
+
+RULES = list(
+    itertools.chain(
+        ((n, "positive", limit) for n in (2, 3, 5) for limit in (None, 0.6)),
+        ((n, "bounded", limit) for n in (2, 4) for limit in (0.6, 3.0)),
+        ((n, "free", None) for n in (2, 5)),
+        ((n, "unity", None) for n in (3, 5)),
+    )
+)
+
+
+@pytest.mark.parametrize(("impulses", "amplitudes", "limit"), RULES)
+@pytest.mark.parametrize("fixed", [True, False])
+def test_projection_onto_the_rules(impulses, amplitudes, limit, fixed):
+    # Every point is brought within the rules; one within them stays; none within them is nearer (by random search).
+    allowed, random = rules(impulses, amplitudes, limit, 2.5, fixed), np.random.default_rng(0)
+    inside = [allowed.random(random) for _ in range(50)]
+    for point in inside:
+        assert allowed.obeyed(*point)
+        if fixed:
+            assert point[1].sum() == pytest.approx(2.5)
+        np.testing.assert_allclose(allowed.project(point[0]), point[0], atol=1e-9)
+    wild = random.normal(size=impulses) * 3
+    nearest = allowed.project(wild)
+    assert allowed.obeyed(nearest, inside[0][1])
+    assert nearest.sum() == pytest.approx(1, abs=1e-9)
+    distance = np.linalg.norm(nearest - wild)
+    assert all(distance <= np.linalg.norm(point[0] - wild) + 1e-9 for point in inside)
+    a, g = allowed.fit(js.Shaper(np.full(impulses, 1 / impulses), np.linspace(0, 7.0, impulses)))
+    assert allowed.obeyed(a, g)
+    assert g.sum() == pytest.approx(2.5)
+
+
+def test_what_disobeys():
+    allowed = rules(2, "positive", None, 1.0, False)
+    assert allowed.obeyed(np.array([0.4, 0.6]), np.array([0.9]))
+    for amplitudes, gap in (([-0.1, 1.1], 0.5), ([0.4, 0.6], 1.1), ([0.4, 0.6], -0.1), ([np.nan, 0.6], 0.5)):
+        assert not allowed.obeyed(np.array(amplitudes), np.array([gap]))
+
+
+CUBIC = plants.TwoMass(1.0, 1.0, plants.PowerLawSpring(10.0, 3))
+WRONG = {
+    "one impulse": (dict(impulses=1), "impulses must be a whole number of at least 2, not 1"),
+    "half an impulse": (dict(impulses=2.5), "impulses must be a whole number of at least 2, not 2.5"),
+    "no distance": (dict(distance=0.0), "distance must not be 0"),
+    "no plant": (dict(plant="crane"), "plant must be a jshape plant, not 'crane'"),
+    "objective": (dict(objective="best"), "objective must be one of 'nominal', 'worst', 'mean', 'cvar', not 'best'"),
+    "method": (dict(method="third-order"), "method must be one of 'second-order', 'first-order', not 'third-order'"),
+    "no set": (dict(objective="worst"), "over must name the uncertain leaves for objective='worst'"),
+    "unknown leaf": (dict(objective="mean", over={"m3": [1.0]}), "unknown leaf 'm3': TwoMass has m1, m2"),
+    "unknown leaf, nominal": (dict(over={"m3": [1.0]}), "unknown leaf 'm3'"),
+    "no starts": (dict(starts=0), "starts must be a whole number of at least 1, not 0"),
+    "duration": (dict(duration=-1.0), "duration must be greater than 0, not -1"),
+    "amplitudes": (
+        dict(amplitudes="big"),
+        "amplitudes must be one of 'positive', 'bounded', 'unity', 'free', not 'big'",
+    ),
+    "limit too small": (dict(limit=0.3), "limit 0.3 is too small: 3 impulses of at most that do not sum to 1"),
+    "limit too small, bounded": (dict(limit=0.3, amplitudes="bounded"), "limit 0.3 is too small"),
+    "limit of nothing": (dict(limit=0.0), "limit must be greater than 0, not 0"),
+    "no limit": (dict(amplitudes="bounded"), 'limit must be given for amplitudes="bounded"'),
+    "limit of unity": (dict(amplitudes="unity", limit=2.0), "limit has no meaning with unity amplitudes"),
+    "even unity": (dict(amplitudes="unity", impulses=4), "impulses must be odd for unity amplitudes .*, not 4"),
+    "start": (dict(start=js.Shaper([0.5, 0.5], [0.0, 1.0])), "start must have 3 impulses, not 2"),
+    "iterations": (dict(iterations=0), "iterations must be a whole number of at least 1, not 0"),
+    "negative iterations": (dict(iterations=-3), "iterations must be a whole number of at least 1, not -3"),
+    "no frequency": (dict(plant=CUBIC), "duration must be given: TwoMass has no natural frequency at rest"),
+    "initial_state": (dict(initial_state=[0.0]), r"initial_state must have shape \(2,\) for TwoMass, not \(1,\)"),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_wrong_arguments_are_named(case, plant):
+    changes, message = WRONG[case]
+    with pytest.raises(ValueError, match=message):
+        js.tune(**{"plant": plant, "distance": 1.0, "starts": 1, **changes})
