@@ -16,18 +16,18 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 from scipy.optimize import brentq
 
 from jshape import _check
+from jshape._track import extremes, fine_steps, first_above, last_above, track
 from jshape._types import Scalar, State
-from jshape.command import polynomial
 from jshape.integrate import METHODS
 from jshape.plants import AbstractOscillator, AbstractPlant
 from jshape.plants.springs import safe_sqrt
 from jshape.schedule import Schedule, Segments, inputs_at, schedule
 from jshape.shaper import Shaper
-from jshape.simulate import all_states, fastest, final_state, initial, steps_for, with_arrays
+from jshape.simulate import all_states, final_state, initial, steps_for, with_arrays
 
 
 def residual_energy(
@@ -90,7 +90,7 @@ def residual_vibration(
     """
     plan, plant, state = _prepare(plant, shaper, distance, initial_state)
     if steps is None:
-        return _residual_vibration(plant, plan, state, steps_for(plant, plan), _fine(plant, plan, 2.0))
+        return _residual_vibration(plant, plan, state, steps_for(plant, plan), fine_steps(plant, plan, 2.0))
     steps = _check.count(steps, "steps")
     return _residual_vibration(plant, plan, state, steps, 32 * steps)
 
@@ -103,19 +103,19 @@ def overshoot(plant: AbstractPlant, shaper: Shaper | None, distance: Any, *, ini
     *Source*: Moonmangmee and Chatlatanagulchai (2025), before Fig. 5: (x_p − x_d)/x_d.
     """
     plan, plant, state = _prepare(plant, shaper, distance, initial_state)
-    track = _track(plant, plan, state, 2.0, "payload", _fine(plant, plan, 2.0))
+    along = track(plant, plan, state, 2.0, "payload", fine_steps(plant, plan, 2.0))
     target = _target(plant, plan)
     distance = target - _start(plant, state)
-    greatest = jnp.max(_extremes((track.value - target) / distance, track.slope / distance, track.step))
-    return jnp.where(track.lost, jnp.inf, jnp.maximum(greatest, 0.0))
+    greatest = jnp.max(extremes((along.value - target) / distance, along.slope / distance, along.step))
+    return jnp.where(along.lost, jnp.inf, jnp.maximum(greatest, 0.0))
 
 
 def peak_deflection(plant: AbstractPlant, shaper: Shaper | None, distance: Any, *, initial_state: Any = None) -> Scalar:
     """Greatest bend of the flexible part (either way) from the beginning of the move to one period after it, m."""
     plan, plant, state = _prepare(plant, shaper, distance, initial_state)
-    track = _track(plant, plan, state, 1.0, "deflection", _fine(plant, plan, 1.0))
-    both = [_extremes(sign * track.value, sign * track.slope, track.step) for sign in (1, -1)]
-    return jnp.where(track.lost, jnp.inf, jnp.max(jnp.stack(both)))
+    along = track(plant, plan, state, 1.0, "deflection", fine_steps(plant, plan, 1.0))
+    both = [extremes(sign * along.value, sign * along.slope, along.step) for sign in (1, -1)]
+    return jnp.where(along.lost, jnp.inf, jnp.max(jnp.stack(both)))
 
 
 def settling_time(
@@ -135,11 +135,11 @@ def settling_time(
     _check.positive(band, "band")
     _check.positive(periods, "periods")
     plan, plant, state = _prepare(plant, shaper, distance, initial_state)
-    track = _track(plant, plan, state, periods, "payload", _fine(plant, plan, periods))
+    along = track(plant, plan, state, periods, "payload", fine_steps(plant, plan, periods))
     target = _target(plant, plan)
     limit = band * jnp.abs(target - _start(plant, state))
-    sides = [_last_above(sign * (track.value - target) - limit, sign * track.slope, track) for sign in (1, -1)]
-    return jnp.where(track.lost, jnp.inf, jnp.maximum(*sides))
+    sides = [last_above(sign * (along.value - target) - limit, sign * along.slope, along) for sign in (1, -1)]
+    return jnp.where(along.lost, jnp.inf, jnp.maximum(*sides))
 
 
 def rise_time(
@@ -158,14 +158,14 @@ def rise_time(
     if not 0 <= low < high <= 1:
         raise ValueError(f"low and high must satisfy 0 <= low < high <= 1, not {low} and {high}")
     plan, plant, state = _prepare(plant, shaper, distance, initial_state)
-    track = _track(plant, plan, state, 1.0, "payload", _fine(plant, plan, 1.0))
+    along = track(plant, plan, state, 1.0, "payload", fine_steps(plant, plan, 1.0))
     begin = _start(plant, state)
-    progress = (track.value - begin) / (_target(plant, plan) - begin)
-    slope = track.slope / (_target(plant, plan) - begin)
-    reach = lambda level: _first_above(progress - level, slope, track)
+    progress = (along.value - begin) / (_target(plant, plan) - begin)
+    slope = along.slope / (_target(plant, plan) - begin)
+    reach = lambda level: first_above(progress - level, slope, along)
     end = reach(high)
     begin = reach(low) if low > 0 else jnp.zeros_like(end)
-    return jnp.where(track.lost | ~jnp.isfinite(end), jnp.inf, end - jnp.where(jnp.isfinite(begin), begin, 0.0))
+    return jnp.where(along.lost | ~jnp.isfinite(end), jnp.inf, end - jnp.where(jnp.isfinite(begin), begin, 0.0))
 
 
 class EnergyProfile(eqx.Module):
@@ -281,16 +281,6 @@ def insensitivity(shaper: Shaper, omega: Any, zeta: Any = 0.0, vibration: float 
     return (edges[1] - edges[0]) / nominal
 
 
-class _Track(eqx.Module):
-    """A quantity and its rate at the ends of all fixed steps of a move, one row a segment; did the payload get lost?"""
-
-    time: Float[Array, "segments points"]
-    value: Float[Array, "segments points"]
-    slope: Float[Array, "segments points"]
-    step: Float[Array, " segments"]
-    lost: Bool[Array, ""]
-
-
 def _prepare(plant, shaper, distance, initial_state) -> tuple[Schedule, Any, State]:
     plan = schedule(plant, distance, shaper)
     _check.warn_if_single()
@@ -317,9 +307,9 @@ def _residual_vibration(plant, plan: Schedule, state, steps: int, fine: int) -> 
         amplitude = plant.spring.amplitude(plant.residual_energy(end, inputs))
     else:
         still = Schedule(jnp.zeros_like(plan.breaks[-1:]), plan.coefficients[-1:])
-        track = _track(plant, still, end, 2.0, "payload", fine)
-        away = track.value - _target(plant, plan)
-        both = [_extremes(sign * away, sign * track.slope, track.step) for sign in (1, -1)]
+        along = track(plant, still, end, 2.0, "payload", fine)
+        away = along.value - _target(plant, plan)
+        both = [extremes(sign * away, sign * along.slope, along.step) for sign in (1, -1)]
         amplitude = jnp.max(jnp.stack(both))
     lost = plant.escaped(end, inputs) | ~jnp.isfinite(amplitude)
     return jnp.where(lost, jnp.inf, amplitude / distance)
@@ -331,84 +321,3 @@ def _target(plant, plan: Schedule) -> Scalar:
 
 def _start(plant, state: State) -> Scalar:
     return plant.payload(plant.rest_state(plant.zero_inputs()), jnp.zeros_like(state[0]))
-
-
-def _fine(plant, plan: Schedule, periods: float) -> int:
-    """Steps a segment, and for that many slow periods after the move, fine enough for the extremes between them.
-
-    Cubic pieces err by (ω step)⁴/384 of the amplitude: 2e-9 at 0.03 rad of the fastest mode a step.
-    """
-    if not _check.is_concrete(plant, plan):
-        return 256 * int(np.ceil(periods))
-    longest = max(float(_tail(plant, plan, periods)), float(np.max(np.diff(np.asarray(plan.breaks)), initial=0.0)))
-    angle = fastest(plant, plan) * longest
-    return 2 ** int(np.clip(np.ceil(np.log2(max(angle, 1.0) / 0.03)), 8, 20)) if np.isfinite(angle) else 4096
-
-
-def _tail(plant, plan: Schedule, periods: float) -> Scalar:
-    """That many periods of the slowest mode (of the command's duration, where there is none), s."""
-    lowest = jnp.min(plant.natural_frequency())
-    return periods * jnp.where(lowest > 0, 2 * jnp.pi / jnp.where(lowest > 0, lowest, 1.0), plan.breaks[-1])
-
-
-@eqx.filter_jit
-def _track(plant, plan: Schedule, state, periods: float, name: str, steps: int) -> _Track:
-    """The named quantity over the move and that many periods of the slowest mode after it."""
-    tail = _tail(plant, plan, periods)
-    moving = plan.segments()
-    last = Segments(plan.breaks[-1:], tail[None], jnp.zeros_like(plan.breaks[-1:]), plan.coefficients[-1:])
-    segments = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), moving, last)
-    states = all_states(plant, segments, state, steps)
-    local = segments.duration[:, None] * jnp.linspace(0.0, 1.0, steps + 1)
-    quantity = getattr(plant, name)
-
-    def at(segment: Segments, y, time):
-        age = segment.age + time
-        inputs = inputs_at(plant, segment.coefficients, age)
-        rate = plant.vector_field(segment.begin + time, y, inputs)
-        position, velocity = (polynomial(segment.coefficients, age, k) for k in (0, 1))
-        return jax.jvp(quantity, (y, position), (rate, velocity))
-
-    value, slope = jax.vmap(jax.vmap(at, in_axes=(None, 0, 0)))(segments, states, local)
-    lost = plant.escaped(states[-1, -1], plan.final_inputs(plant)) | ~jnp.all(jnp.isfinite(value))
-    return _Track(segments.begin[:, None] + local, value, slope, segments.duration / steps, lost)
-
-
-def _extremes(value, slope, step) -> Array:
-    """The greatest value on every step, of the cubic through its ends' values and slopes."""
-    h = step[:, None]
-    p0, p1, m0, m1 = value[:, :-1], value[:, 1:], h * slope[:, :-1], h * slope[:, 1:]
-    # p(s) = p0 + m0 s + b s² + a s³
-    a, b = 2 * (p0 - p1) + m0 + m1, 3 * (p1 - p0) - 2 * m0 - m1
-    inside = jnp.maximum(b**2 - 3 * a * m0, 0.0)
-    # The root of p' at a maximum, in the form without cancellation as a → 0.
-    below = jnp.sqrt(jnp.where(inside > 0, inside, 1.0)) - b
-    s = jnp.where((m0 > 0) & (m1 < 0), m0 / jnp.where(below > 0, below, 1.0), 0.0)
-    s = jnp.clip(s, 0.0, 1.0)
-    peak = p0 + s * (m0 + s * (b + s * a))
-    return jnp.maximum(peak, jnp.maximum(p0, p1))
-
-
-def _crossings(value, slope, track: _Track) -> Array:
-    """Where in each step ``value`` crosses 0, s, by Newton's method on the cubic of that step."""
-    h = track.step[:, None]
-    p0, p1, m0, m1 = value[:, :-1], value[:, 1:], h * slope[:, :-1], h * slope[:, 1:]
-    a, b = 2 * (p0 - p1) + m0 + m1, 3 * (p1 - p0) - 2 * m0 - m1
-    s = jnp.where(p1 != p0, p0 / jnp.where(p1 != p0, p0 - p1, 1.0), 0.0)
-    for _ in range(4):
-        rate = m0 + s * (2 * b + 3 * s * a)
-        s = jnp.clip(s - (p0 + s * (m0 + s * (b + s * a))) / jnp.where(rate != 0, rate, 1.0), 0.0, 1.0)
-    return track.time[:, :-1] + s * h
-
-
-def _last_above(value, slope, track: _Track) -> Scalar:
-    """The last time at which ``value`` comes down to 0; 0 if it is never above, infinite if it still is at the end."""
-    down = (value[:, :-1] > 0) & (value[:, 1:] <= 0)
-    last = jnp.max(jnp.where(down, _crossings(value, slope, track), 0.0))
-    return jnp.where(value[-1, -1] > 0, jnp.inf, last)
-
-
-def _first_above(value, slope, track: _Track) -> Scalar:
-    """The first time at which ``value`` reaches 0 from below; infinite if it does not."""
-    up = (value[:, :-1] < 0) & (value[:, 1:] >= 0)
-    return jnp.min(jnp.where(up, _crossings(value, slope, track), jnp.inf))

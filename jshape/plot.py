@@ -47,11 +47,12 @@ def response(
     nominal: Mapping[str, Response],
     extremes: Mapping[str, list[Response]] | None = None,
     names: tuple[str, str] = ("", ""),
+    label: str = "position (m)",
 ) -> Figure:
     """Command and payload over time, one panel a shaper.
 
     ``extremes``: responses of plants at the ends of the uncertain set, drawn thin. ``names``: of what the command
-    moves and of the payload.
+    moves and of the payload; ``label``: of the vertical axis.
     """
     with mpl.rc_context(STYLE):
         figure, axes = plt.subplots(
@@ -60,13 +61,13 @@ def response(
         command_name, payload_name = names[0] or "command", names[1] or "payload"
         for axis, (name, run) in zip(axes[:, 0], nominal.items(), strict=True):
             for i, other in enumerate((extremes or {}).get(name, [])):
-                label = "payload, ends of the uncertainty" if i == 0 else None
-                axis.plot(other.times, other.payload, color=COLOURS[5], linewidth=0.7, label=label)
+                words = "payload, ends of the uncertainty" if i == 0 else None
+                axis.plot(other.times, other.payload, color=COLOURS[5], linewidth=0.7, label=words)
             axis.step(run.times, run.command, where="post", color="0.35", linewidth=1.0, label=command_name)
             axis.plot(run.times, run.payload, color=COLOURS[0], label=payload_name)
             axis.set_title(name, loc="left")
             axis.set_xlim(0, float(run.times[-1]))
-            axis.set_ylabel("position (m)")
+            axis.set_ylabel(label)
         axes[-1, 0].set_xlabel("time (s)")
         handles, labels = axes[0, 0].get_legend_handles_labels()
         columns = len(labels)

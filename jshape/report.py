@@ -248,8 +248,10 @@ def figures(report: Report, step: Step = lambda _: None):
         for at in (0, -1)
     ]
     extremes: dict[str, list[Response]] = {row.name: [run(plant, row) for plant in ends] for row in shown}
-    pair = isinstance(problem.plant, AbstractOscillator)
-    yield "response", plot.response(nominal, extremes, ("base $x_1$", "payload $x_2$") if pair else ("", ""))
+    drive = problem.plant.drives()[0]
+    names = {"displacement": ("base $x_1$", "payload $x_2$"), "force": ("force", "payload")}.get(drive, ("", ""))
+    label = "position (m), force (N)" if drive == "force" else "position (m)"
+    yield "response", plot.response(nominal, extremes, names, label)
     if isinstance(problem.plant, AbstractOscillator):
         step("energies")
         step_rows = [row for row in shown if len(row.shaper.times) > 1]
