@@ -82,4 +82,5 @@ def test_a_plant_of_ones_own_and_its_warning(tmp_path):
     assert "runs code of its own, the plant own_plant:SinhMass" in result.output
     rows = json.loads((tmp_path / "out" / "results.json").read_text(encoding="utf-8"))["shapers"]
     worst = {row["name"]: row["worst_residual_energy"] for row in rows}
-    assert worst["tuned"] < worst["linear ZVD"] / 10
+    # The linear ZVD of the same duration, designed for the stiffness at rest.
+    assert worst["tuned"] < worst["linear ZVD"] / 4

@@ -64,7 +64,9 @@ def _run(
             x, state = carry
             sharpness = 10.0 * 1000.0 ** (step / iterations)
             value, slope = jax.value_and_grad(loss)(x, sharpness)
-            slope = jax.tree.map(jnp.nan_to_num, slope)
+            a_slope, g_slope = jax.tree.map(jnp.nan_to_num, slope)
+            # Along the sums that stay as they are: what points across them would only drown the rest in Adam's scale.
+            slope = (a_slope - jnp.mean(a_slope), g_slope - jnp.mean(g_slope) if fixed else g_slope)
             change, state = optimiser.update(slope, state, x)
             return (project(optax.apply_updates(x, change)), state), value * scale
 
