@@ -231,7 +231,7 @@ def test_plants_driven_by_speed_and_acceleration(staircase):
     by_acceleration = js.simulate(Crane(9.81), command, shaper, horizon=5.0, samples=11, method="fixed")
     exact = staircase(swing, [0.0, 0.0], times, accelerations, by_acceleration.times)
     np.testing.assert_allclose(by_acceleration.states, exact, atol=1e-9)
-    by_speed = js.simulate(SpeedCrane(9.81), command, shaper, horizon=5.0, samples=11)
+    by_speed = js.simulate(SpeedCrane(9.81), command, shaper, horizon=5.0, samples=11, method="fixed")
     np.testing.assert_allclose(by_speed.states[:, 0], exact[:, 0], atol=1e-9)
 
 
@@ -296,15 +296,16 @@ def test_under_transformations(damped, runs):
 
 @pytest.mark.slow
 def test_derivative_of_the_adaptive_path(damped):
-    # By both of diffrax's adjoints, against the fixed path's derivative.
+    # By both of diffrax's adjoints, against a central difference.
     def final(amplitude, **kwargs):
+        amplitude = jnp.asarray(amplitude)
         shaper = js.Shaper(jnp.stack([amplitude, 1 - amplitude]), jnp.asarray([0.0, 0.6]))
         return js.simulate(damped, 1.0, shaper, horizon=1.0, samples=2, **kwargs).payload[-1]
 
-    exact = float(jax.jacfwd(lambda a: final(a, method="fixed"))(0.4))
-    assert float(jax.grad(final)(0.4)) == pytest.approx(exact, rel=1e-7)
+    exact = float(final(0.4 + 1e-4) - final(0.4 - 1e-4)) / 2e-4
+    assert float(jax.grad(final)(0.4)) == pytest.approx(exact, rel=1e-6)
     by_forward = jax.jacfwd(lambda a: final(a, adjoint=diffrax.ForwardMode()))(0.4)
-    assert float(by_forward) == pytest.approx(exact, rel=1e-7)
+    assert float(by_forward) == pytest.approx(exact, rel=1e-6)
 
 
 _final = eqx.filter_jit(lambda plant, plan, steps: final_state(plant, plan, initial(plant), steps))

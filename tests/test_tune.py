@@ -64,16 +64,6 @@ def test_nominal_with_force(id):
     assert float(solution.shaper.times[1]) == pytest.approx(t2, abs=1e-10)
 
 
-@pytest.mark.slow
-def test_nominal_with_a_trapezoid(damped):
-    # Any command may take the place of a step; a damper too. SciPy is not needed: the kernel with more steps judges.
-    command = js.Trapezoid(0.5, speed=1.0, acceleration=5.0)
-    solution = js.tune(damped, command, impulses=2, start=linear.zv(jnp.sqrt(10.0)), iterations=20)
-    assert solution.objective <= 1e-20
-    assert js.residual_energy(damped, solution.shaper, command, steps=256) < 1e-18
-    assert obeys(solution.shaper, lower=0, upper=1)
-
-
 NOMINAL = {
     "positive": (dict(amplitudes="positive"), 0.0, 1.0),
     "positive, limited": (dict(amplitudes="positive", limit=0.45), 0.0, 0.45),
@@ -84,12 +74,15 @@ NOMINAL = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", NOMINAL)
-def test_nominal_rules_of_amplitudes(name, plant):
+def test_nominal_rules_of_amplitudes(name, damped):
+    # With a trapezoid in the place of a step, and a damper.
     options, lower, upper = NOMINAL[name]
-    solution = js.tune(plant, 1.0, impulses=3, starts=4, iterations=20, **options)
+    command = js.Trapezoid(1.0, speed=4.0, acceleration=40.0)
+    solution = js.tune(damped, command, impulses=3, starts=4, iterations=20, **options)
     assert solution.objective < 1e-20
     assert obeys(solution.shaper, lower, upper)
     assert falling(solution.history)
+    assert js.residual_energy(damped, solution.shaper, command, steps=128) < 1e-18
 
 
 @pytest.mark.slow
