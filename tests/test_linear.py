@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.optimize import brentq, minimize_scalar
+from scipy.optimize import brentq, linprog, minimize_scalar
 
+import jshape as js
 from jshape import _check
-from jshape.design import linear
+from jshape.design import energy, insensitive, linear
 from jshape.metrics import insensitivity, percentage_vibration
 from jshape.plants import ModalPlant
 
@@ -282,6 +283,195 @@ def test_any_mode(name, omega, zeta):
     assert name.startswith("um") or np.all(np.asarray(shaper.amplitudes) > 0)
     np.testing.assert_array_equal(shaper.amplitudes, unit.amplitudes)
     np.testing.assert_allclose(shaper.times * omega, unit.times, rtol=1e-14)
+
+
+# --- specified negative amplitude, digital placement, other linear limits ------------------------------------------
+
+PAIRS = {"sna_zv": ("zv", "um_zv", 1), "sna_zvd": ("zvd", "um_zvd", 2)}
+
+
+@pytest.mark.parametrize("name", PAIRS)
+def test_specified_negative_amplitude_joins_both_ends(name):
+    positive, unity, _ = PAIRS[name]
+    function = getattr(linear, name)
+    for zeta in (0.0, 0.2):
+        one, end = function(2.0, zeta, 1.0), linear.KINDS[unity](2.0, zeta)
+        np.testing.assert_array_equal(one.amplitudes, end.amplitudes)
+        np.testing.assert_allclose(one.times, end.times, rtol=1e-13)
+        nearly, end = function(2.0, zeta, 1e-3), linear.KINDS[positive](2.0, zeta)
+        np.testing.assert_allclose(nearly.amplitudes[::2], end.amplitudes, atol=1.1e-3)
+        # The last time approaches as the root of b does with damping, as b itself without.
+        assert float(nearly.duration / end.duration) == pytest.approx(1, abs=2e-3 if zeta == 0 else 3e-2)
+
+
+@pytest.mark.parametrize("name", PAIRS)
+@pytest.mark.parametrize("zeta", [0.0, 0.1, 0.5])
+def test_specified_negative_amplitude_cancels_the_mode(name, zeta):
+    order = PAIRS[name][2]
+    durations = []
+    for negative in (0.1, 0.4, 0.8):
+        shaper = getattr(linear, name)(7.3, zeta, negative)
+        np.testing.assert_allclose(shaper.amplitudes[1::2], -negative, atol=1e-15)
+        assert float(jnp.sum(shaper.amplitudes)) == pytest.approx(1, abs=1e-14)
+        assert np.all(np.asarray(shaper.amplitudes[::2]) > 0)
+        assert np.all(np.diff(shaper.times) > 0)
+        assert residual(shaper, 7.3, zeta) < 1e-12
+        near, far = percentage_vibration(shaper, 7.3 * jnp.array([1 + 1e-3, 1 + 2e-3]), zeta)
+        assert float(far / near) == pytest.approx(2**order, rel=0.01)
+        durations.append(float(shaper.duration))
+    assert durations == sorted(durations, reverse=True)
+
+
+@pytest.mark.parametrize("negative", [0.05, 0.5, 1.0])
+def test_specified_negative_amplitude_without_damping_in_closed_form(negative):
+    shaper = linear.sna_zv(3.0, 0.0, negative)
+    half = np.arccos(negative / (1 + negative)) / 3
+    np.testing.assert_allclose(shaper.times, [0, half, 2 * half], rtol=1e-13)
+    np.testing.assert_allclose(shaper.amplitudes, [(1 + negative) / 2, -negative, (1 + negative) / 2], rtol=1e-14)
+
+
+@pytest.mark.parametrize("negative", [0.0, 1.1, -0.5, np.nan])
+def test_wrong_negative_amplitude(negative):
+    with pytest.raises(ValueError, match=f"negative must be .*not {_check.show(negative)}"):
+        linear.sna_zv(3.0, 0.1, negative)
+
+
+def test_derivative_by_the_negative_amplitude():
+    slope = jax.jvp(lambda b: linear.sna_zv(3.0, 0.1, b).times[2], (0.5,), (1.0,))[1]
+    step = 1e-6
+    ahead, behind = (linear.sna_zv(3.0, 0.1, 0.5 + sign * step).times[2] for sign in (1, -1))
+    assert float(slope) == pytest.approx(float(ahead - behind) / (2 * step), rel=1e-7)
+
+
+@pytest.mark.parametrize("zeta", [0.0, 0.05, 0.3])
+@pytest.mark.parametrize("order", [0, 1, 2])
+def test_digital_placement_is_exact_and_on_the_samples(order, zeta):
+    omega, sample_time = 9.0, 0.01
+    shaper = linear.digital_zvd_n(omega, zeta, sample_time=sample_time, order=order)
+    ticks = np.asarray(shaper.times) / sample_time
+    np.testing.assert_allclose(ticks, np.rint(ticks), atol=1e-9)
+    assert np.all(np.asarray(shaper.amplitudes) >= 0)
+    assert float(jnp.sum(shaper.amplitudes)) == pytest.approx(1, abs=1e-14)
+    # On the samples nothing is left to round: as a filter it leaves what it leaves as a shaper, nothing.
+    taps = shaper.digitise(sample_time)
+    pole = omega * complex(-zeta, np.sqrt(1 - zeta**2))
+    assert abs(np.polyval(taps, np.exp(pole * sample_time))) < 1e-13
+    rough = linear.zvd_n(omega, zeta, order=order).digitise(sample_time)
+    if order == 0:
+        assert abs(np.polyval(rough, np.exp(pole * sample_time))) > 1e-3
+    near, far = percentage_vibration(shaper, omega * jnp.array([1 + 1e-3, 1 + 2e-3]), zeta)
+    assert float(far / near) == pytest.approx(2 ** (order + 1), rel=0.01)
+    longer = float(shaper.duration - linear.zvd_n(omega, zeta, order=order).duration)
+    assert 0 <= longer < (order + 1) * sample_time
+
+
+def test_digital_placement_of_a_half_period_that_fits_is_the_shaper_itself():
+    shaper = linear.digital_zvd_n(np.pi / 0.5 * (1 - 1e-12), sample_time=0.05)
+    kept = np.asarray(shaper.amplitudes) > 1e-9
+    np.testing.assert_allclose(np.asarray(shaper.amplitudes)[kept], [0.5, 0.5], atol=1e-9)
+    np.testing.assert_allclose(np.asarray(shaper.times)[kept], [0, 0.5], atol=1e-12)
+
+
+def test_digital_placement_under_jit_and_its_errors():
+    direct = linear.digital_zvd_n(9.0, 0.1, sample_time=0.01, order=1)
+    traced = jax.jit(lambda w: linear.digital_zvd_n(w, 0.1, sample_time=0.01, order=1))(9.0)
+    np.testing.assert_allclose(traced.amplitudes, direct.amplitudes, atol=1e-14)
+    with pytest.raises(
+        ValueError, match=r"sample_time must leave at least 2 samples in half a damped period, which 0\.2 does not"
+    ):
+        linear.digital_zvd_n(9.0, sample_time=0.2)
+    with pytest.raises(ValueError, match="sample_time must be greater than 0, not 0"):
+        linear.digital_zvd_n(9.0, sample_time=0.0)
+
+
+def test_energy_shapers_of_a_linear_spring_leave_nothing_by_linear_theory():
+    # The other limits, ZV to ZVDD and UM-ZV, are compared in test_papers_energy.
+    plant, omega = js.plants.TwoMass(1.0, 2.0, spring=js.plants.Duffing(18.0, 0.0)), 3.0
+    fast = energy.fast_three_impulse(plant, 0.3)
+    root = 1 / np.sqrt(2)
+    np.testing.assert_allclose(fast.amplitudes, [1 - root, 1 - root, 2 * root - 1], atol=1e-12)
+    np.testing.assert_allclose(np.asarray(fast.times) * omega / np.pi, [0, 0.5, 1.25], atol=1e-12)
+    for shaper in (fast, energy.three_impulse(plant, 0.3, alpha=0.3), energy.robust(plant, 0.3, rests=4)):
+        assert residual(shaper, omega, 0.0) < 1e-12
+
+
+@pytest.mark.parametrize("zeta", [0.0, 0.1])
+def test_extra_insensitive_beside_the_shortest_for_its_band(zeta):
+    # Without damping it is the shortest (test_insensitive); with it, all but.
+    known = linear.ei(1.0, zeta)
+    edges = [brentq(lambda r: curve(known, r, zeta) - 0.05, *pair, xtol=1e-13) for pair in ((0.6, 0.85), (1.15, 1.6))]
+    shortest = insensitive.solve(edges, 0.05, zeta).duration
+    assert -1e-12 < 1 - shortest / float(known.duration) < 5e-6
+
+
+# --- several modes at once -----------------------------------------------------------------------------------------
+
+
+def feasible(modes, order, duration, points=1200):
+    """What a plain linear program over a grid of instants must leave, of all modes' constraints, in that time."""
+    reach = duration - np.linspace(0, duration, points + 1)
+    scale = modes[:, 0].mean()
+    poles = modes[:, 0] / scale * (-modes[:, 1] + 1j * np.sqrt(1 - modes[:, 1] ** 2))
+    rows = [(scale * reach) ** k * np.exp(pole * scale * reach) for pole in poles for k in range(order + 1)]
+    rows = np.concatenate([np.real(rows), np.imag(rows)])
+    right = np.zeros(2 * len(rows))
+    solved = linprog(
+        np.append(np.zeros(points + 1), 1.0),
+        A_ub=np.column_stack([np.concatenate([rows, -rows]), -np.ones(2 * len(rows))]),
+        b_ub=right,
+        A_eq=np.append(np.ones(points + 1), 0.0)[None],
+        b_eq=[1.0],
+    )
+    assert solved.success
+    return solved.fun
+
+
+@pytest.mark.parametrize(
+    ("modes", "order"),
+    [
+        ([(3.0, 0.0), (7.0, 0.0)], 0),
+        ([(9.0, 0.017), (70.0, 0.019)], 1),
+        ([(2.0, 0.1), (3.0, 0.05), (7.0, 0.0)], 0),
+        pytest.param([(2.0, 0.1), (3.0, 0.05), (7.0, 0.0)], 2, marks=pytest.mark.slow),
+    ],
+)
+def test_simultaneous_modes(modes, order):
+    shaper = linear.simultaneous(modes, order)
+    assert np.all(np.asarray(shaper.amplitudes) > 0)
+    assert np.all(np.diff(shaper.times) > 0)
+    for omega, zeta in modes:
+        assert residual(shaper, omega, zeta) < 1e-12
+        near, far = percentage_vibration(shaper, omega * jnp.array([1 + 1e-4, 1 + 2e-4]), zeta)
+        assert float(far / near) == pytest.approx(2 ** (order + 1), rel=0.02)
+    convolved = linear.multi_mode(modes, kind=("zv", "zvd", "zvdd")[order])
+    assert float(shaper.duration) < 0.99 * float(convolved.duration)
+    assert len(shaper.times) < len(convolved.times)
+    # A plain linear program finds nothing in 1 % less time, and something in a little more.
+    assert feasible(np.array(modes), order, 0.99 * float(shaper.duration)) > 1e-5
+    assert feasible(np.array(modes), order, 1.003 * float(shaper.duration)) < 1e-7
+
+
+def test_simultaneous_undamped_pair_in_closed_form():
+    # Impulses A, 1 − 2A, A at 0, t, 2t: 1 − 2A + 2A cos ωt = 0 for both, so (3 + 7)t = 2π.
+    shaper = linear.simultaneous([(3.0, 0.0), (7.0, 0.0)])
+    t = np.pi / 5
+    outer = 1 / (2 * (1 - np.cos(3 * t)))
+    np.testing.assert_allclose(shaper.times, [0, t, 2 * t], atol=1e-12)
+    np.testing.assert_allclose(shaper.amplitudes, [outer, 1 - 2 * outer, outer], atol=1e-12)
+
+
+@pytest.mark.parametrize("order", [0, 1])
+def test_simultaneous_of_one_mode_is_the_classic(order):
+    shaper, classic = linear.simultaneous([(5.0, 0.1)], order), linear.zvd_n(5.0, 0.1, order=order)
+    np.testing.assert_allclose(shaper.times, classic.times, rtol=1e-10)
+    np.testing.assert_allclose(shaper.amplitudes, classic.amplitudes, rtol=1e-10)
+
+
+def test_wrong_simultaneous_modes():
+    with pytest.raises(ValueError, match="modes is empty"):
+        linear.simultaneous([])
+    with pytest.raises(ValueError, match="order must be at most 3, not 4"):
+        linear.simultaneous([(3.0, 0.0)], 4)
 
 
 # --- several modes -------------------------------------------------------------------------------------------------

@@ -12,8 +12,9 @@ from problems import ANSWERS, two_mass
 
 import jshape as js
 from jshape import plants
+from jshape.design._objective import value_of
 from jshape.design._rules import rules
-from jshape.design._worst import value_of
+from jshape.design._task import Point
 
 energy, linear = js.design.energy, js.design.linear
 
@@ -273,32 +274,40 @@ RULES = list(
 
 
 @pytest.mark.parametrize(("impulses", "amplitudes", "limit"), RULES)
-@pytest.mark.parametrize("fixed", [True, False])
-def test_projection_onto_the_rules(impulses, amplitudes, limit, fixed):
+@pytest.mark.parametrize("shortest", [0.0, 1.5, 2.5])
+def test_projection_onto_the_rules(impulses, amplitudes, limit, shortest):
     # Every point is brought within the rules; one within them stays; none within them is nearer (by random search).
-    allowed, random = rules(impulses, amplitudes, limit, 2.5, fixed), np.random.default_rng(0)
+    allowed = rules(impulses, amplitudes, limit, (shortest, 2.5), {"k": (1.0, 0.5, 3.0)})
+    random = np.random.default_rng(0)
+    assert allowed.fixed == (shortest == 2.5)
     inside = [allowed.random(random) for _ in range(50)]
     for point in inside:
-        assert allowed.obeyed(*point)
-        if fixed:
-            assert point[1].sum() == pytest.approx(2.5)
-        np.testing.assert_allclose(allowed.project(point[0]), point[0], atol=1e-9)
+        assert allowed.obeyed(point)
+        assert shortest - 1e-9 <= point.gaps.sum() <= 2.5 + 1e-9
+        np.testing.assert_allclose(allowed.project(point.amplitudes), point.amplitudes, atol=1e-9)
     wild = random.normal(size=impulses) * 3
     nearest = allowed.project(wild)
-    assert allowed.obeyed(nearest, inside[0][1])
+    assert allowed.obeyed(inside[0]._replace(amplitudes=nearest))
     assert nearest.sum() == pytest.approx(1, abs=1e-9)
     distance = np.linalg.norm(nearest - wild)
-    assert all(distance <= np.linalg.norm(point[0] - wild) + 1e-9 for point in inside)
-    a, g = allowed.fit(js.Shaper(np.full(impulses, 1 / impulses), np.linspace(0, 7.0, impulses)))
-    assert allowed.obeyed(a, g)
-    assert g.sum() == pytest.approx(2.5)
+    assert all(distance <= np.linalg.norm(point.amplitudes - wild) + 1e-9 for point in inside)
+    for duration in (7.0, 0.5):
+        fitted = allowed.fit(js.Shaper(np.full(impulses, 1 / impulses), np.linspace(0, duration, impulses)))
+        assert allowed.obeyed(fitted)
+        assert fitted.gaps.sum() == pytest.approx(np.clip(duration, shortest, 2.5))
+        np.testing.assert_allclose(fitted.gaps, fitted.gaps[0])
+    assert allowed.obeyed(allowed.clean(inside[0]._replace(gaps=inside[0].gaps - 1e-12, leaves=np.array([3.1]))))
 
 
 def test_what_disobeys():
-    allowed = rules(2, "positive", None, 1.0, False)
-    assert allowed.obeyed(np.array([0.4, 0.6]), np.array([0.9]))
-    for amplitudes, gap in (([-0.1, 1.1], 0.5), ([0.4, 0.6], 1.1), ([0.4, 0.6], -0.1), ([np.nan, 0.6], 0.5)):
-        assert not allowed.obeyed(np.array(amplitudes), np.array([gap]))
+    allowed = rules(2, "positive", None, (0.3, 1.0), {"k": (1.0, 0.5, 3.0)})
+    good = Point(np.array([0.4, 0.6]), np.array([0.9]), np.array([2.0]))
+    assert allowed.obeyed(good)
+    wrong = [dict(amplitudes=np.array(a)) for a in ([-0.1, 1.1], [np.nan, 0.6])]
+    wrong += [dict(gaps=np.array([g])) for g in (1.1, -0.1, 0.2, np.inf)]
+    wrong += [dict(leaves=np.array([k])) for k in (0.4, 3.1)]
+    for change in wrong:
+        assert not allowed.obeyed(good._replace(**change))
 
 
 CUBIC = plants.TwoMass(1.0, 1.0, plants.PowerLawSpring(10.0, 3))
@@ -314,6 +323,21 @@ WRONG = {
     "unknown leaf, nominal": (dict(over={"m3": [1.0]}), "unknown leaf 'm3'"),
     "no starts": (dict(starts=0), "starts must be a whole number of at least 1, not 0"),
     "duration": (dict(duration=-1.0), "duration must be greater than 0, not -1"),
+    "durations": (dict(duration=(2.0, 1.0)), r"duration must be one number or \(shortest, longest\), not \(2.0, 1.0\)"),
+    "time_cost": (dict(time_cost=-1.0), "time_cost must not be negative, not -1"),
+    "sample_time": (dict(sample_time=0.0), "sample_time must be greater than 0, not 0"),
+    "no multiple": (dict(duration=0.7, sample_time=0.4), "duration 0.7 s is no multiple of sample_time 0.4 s"),
+    "rate of a step": (dict(rate=1.0), "rate: a Step jumps, its rate has no limit; use a smoother command"),
+    "no rate": (dict(rate=0.0), "rate must be greater than 0, not 0"),
+    "overshoot": (dict(command_overshoot=-0.1), "command_overshoot must not be negative, not -0.1"),
+    "deflection": (dict(peak_deflection=np.nan), "peak_deflection must be finite, not nan"),
+    "unknown also": (dict(also=["m3"]), "unknown leaf 'm3': TwoMass has m1, m2"),
+    "also, a word": (dict(also="m2"), "also must be a list of leaves, or leaves and their bounds, not 'm2'"),
+    "also, bounds": (dict(also={"m2": (2.0, 1.0)}), r"also\['m2'\] must be \(least, greatest\), not \(2.0, 1.0\)"),
+    "also, elsewhere": (dict(also={"m2": (2.0, 3.0)}), r"also\['m2'\] must hold the nominal value 1, not only 2 … 3"),
+    "also, nothing": (dict(also=["base_damping"]), "also: 'base_damping' is 0, of which there are no multiples"),
+    "also, uncertain": (dict(also=["m2"], over={"m2": [0.9, 1.1]}), "also: 'm2' cannot be designed and uncertain"),
+    "metric": (dict(metric="energy"), "metric must be a function .*, not 'energy'"),
     "amplitudes": (
         dict(amplitudes="big"),
         "amplitudes must be one of 'positive', 'bounded', 'unity', 'free', not 'big'",

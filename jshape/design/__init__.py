@@ -1,5 +1,6 @@
-"""How a shaper is chosen: closed forms for linear modes (``linear``) and for any spring (``energy``)."""
+"""How a shaper is chosen: closed forms for linear modes (``linear``), for any spring (``energy``), for bands of
+frequencies (``insensitive``) and for inputs that can only be switched (``switching``)."""
 
-from jshape.design import energy, linear
+from jshape.design import energy, insensitive, linear, switching
 
-__all__ = ["energy", "linear"]
+__all__ = ["energy", "insensitive", "linear", "switching"]

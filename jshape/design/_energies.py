@@ -1,41 +1,36 @@
-"""Residual energies of one shaper on many plants, with their derivatives, as compiled programs."""
+"""What one design leaves on many plants, with its derivatives, as compiled programs."""
+
+from collections.abc import Callable
+from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
-from jshape._types import Impulses
-from jshape.command import AbstractCommand
+from jshape.design._limits import of_command, of_plant
+from jshape.design._task import Point, Task, join
 from jshape.plants import AbstractPlant
 from jshape.schedule import schedule
-from jshape.shaper import Shaper
 from jshape.simulate import final_state, initial
 from jshape.uncertain import map_plants
 
 LOST = 1e30
 """Stands for the energy of a plant that diverged, J: finite, so that an optimiser turns round instead of stopping."""
 
-
-class Task(eqx.Module):
-    """What is to be moved: the plant, its uncertain leaves' values (one entry a plant), the command, where it
-    begins."""
-
-    plant: AbstractPlant
-    command: AbstractCommand
-    samples: dict[str, Array]
-    state: Array | None
-    steps: int = eqx.field(static=True)
+FORWARD = 16
+"""Up to so many variables derivatives come by forward mode, which compiles in half the time of reverse mode."""
 
 
-def join(amplitudes: Impulses, gaps: Array) -> Shaper:
-    """A shaper from amplitudes and the gaps between the impulses, s."""
-    return Shaper(amplitudes, jnp.concatenate([jnp.zeros_like(gaps[:1]), jnp.cumsum(gaps)]))
-
-
-def energy(task: Task, plant: AbstractPlant, amplitudes: Impulses, gaps: Array) -> Array:
-    """Residual energy of one plant, J; ``LOST`` where it diverges."""
-    plan = schedule(plant, task.command, join(amplitudes, gaps))
+def energy(task: Task, plant: AbstractPlant, point: Point) -> Array:
+    """Residual energy (or the task's metric) of one plant, J; ``LOST`` where it diverges."""
+    plant = task.changed(plant, point)
+    shaper = join(point.amplitudes, point.gaps)
+    if task.metric is not None:
+        value = jnp.asarray(task.metric(plant, shaper, task.command))
+        return jnp.where(jnp.isfinite(value), value, LOST)
+    plan = schedule(plant, task.command, shaper)
     end, _ = final_state(plant, plan, initial(plant, task.state), task.steps)
     value = plant.residual_energy(end, plan.final_inputs(plant))
     lost = plant.escaped(end, plan.final_inputs(plant)) | ~jnp.isfinite(value)
@@ -43,41 +38,73 @@ def energy(task: Task, plant: AbstractPlant, amplitudes: Impulses, gaps: Array) 
 
 
 @eqx.filter_jit
-def energies(task: Task, amplitudes: Impulses, gaps: Array) -> Float[Array, " plants"]:
+def energies(task: Task, point: Point) -> Float[Array, " plants"]:
     """The residual energies of all plants, J; of the nominal one alone where there are no samples."""
-    if not task.samples:
-        return energy(task, task.plant, amplitudes, gaps)[None]
-    return map_plants(lambda plant: energy(task, plant, amplitudes, gaps), task.plant, task.samples)
+    return _each(task, lambda plant: energy(task, plant, point))
 
 
 @eqx.filter_jit
-def energies_of_many(task: Task, amplitudes: Array, gaps: Array) -> Float[Array, "shapers plants"]:
-    """The residual energies for each of many shapers (a leading axis) on all plants, J."""
-    return jax.lax.map(lambda pair: energies(task, *pair), (amplitudes, gaps))
+def energies_of_many(task: Task, points: Point) -> Float[Array, "designs plants"]:
+    """The residual energies for each of many designs (a leading axis) on all plants, J."""
+    return jax.lax.map(lambda point: energies(task, Point(*point)), tuple(points))
 
 
 @eqx.filter_jit
-def energies_and_slopes(
-    task: Task, amplitudes: Impulses, gaps: Array
-) -> tuple[Float[Array, " plants"], Float[Array, "plants variables"]]:
-    """The residual energies and their derivatives with respect to the amplitudes, then the gaps."""
+def look(
+    task: Task, point: Point
+) -> tuple[
+    Float[Array, " plants"], Float[Array, "plants variables"], Float[Array, " limits"], Float[Array, "limits variables"]
+]:
+    """The residual energies, and how far inside its limits the move stays, each with its derivatives.
+
+    Derivatives are with respect to the amplitudes, then the gaps, then the leaves. Limits are kept where their value
+    is not negative; 1 is the whole limit unused.
+    """
+    flat, unravel = ravel_pytree(point)
 
     def one(plant: AbstractPlant) -> tuple[Array, Array]:
-        value, slopes = jax.value_and_grad(lambda x: energy(task, plant, *x))((amplitudes, gaps))
-        return value, jnp.nan_to_num(jnp.concatenate(slopes))
+        return _with_slopes(lambda x: energy(task, plant, unravel(x)), flat)
 
-    return map_plants(one, task.plant, task.samples)
+    values, slopes = _each(task, one)
+
+    if not task.limits.any:
+        return values, slopes, jnp.zeros(0), jnp.zeros((0, len(flat)))
+    kept, kept_slopes = _with_slopes(lambda x: limits_kept(task, unravel(x)), flat)
+    return values, slopes, jnp.nan_to_num(kept, nan=-1.0), kept_slopes
 
 
-def residual(task: Task, amplitudes: Impulses, gaps: Array) -> Array:
+def limits_kept(task: Task, point: Point) -> Float[Array, " limits"]:
+    """How far inside its limits the move stays, of all plants: negative where one is missed."""
+    kept = [of_command(task, point)]
+    if task.limits.peak_deflection is not None:
+        kept.append(_each(task, lambda plant: of_plant(task, plant, point)).reshape(-1))
+    return jnp.concatenate(kept)
+
+
+def _each(task: Task, function: Callable[[AbstractPlant], Any]) -> Any:
+    """A function of every plant, stacked: of the nominal one alone where there are no samples."""
+    if not task.samples:
+        return jax.tree.map(lambda x: x[None], function(task.plant))
+    return map_plants(function, task.plant, task.samples)
+
+
+def _with_slopes(function: Callable[[Array], Array], x: Array) -> tuple[Array, Array]:
+    """A function's value and Jacobian; derivatives that are not finite count as 0."""
+    twice = lambda x: (lambda value: (value, value))(function(x))
+    jacobian = jax.jacfwd if len(x) <= FORWARD else jax.jacrev
+    slopes, value = jacobian(twice, has_aux=True)(x)
+    return value, jnp.nan_to_num(slopes)
+
+
+def residual(task: Task, point: Point) -> Array:
     """The nominal plant's departure from rest, scaled so that close to rest its square is the residual energy over the
     energy that the bare command leaves.
 
     The scale is the Cholesky factor of the energy's curvature at rest. Unlike the energy itself, this has a simple zero
     at a perfect shaper, which is what lets Levenberg–Marquardt reach rounding.
     """
-    plant = task.plant
-    plan = schedule(plant, task.command, join(amplitudes, gaps))
+    plant = task.changed(task.plant, point)
+    plan = schedule(plant, task.command, join(point.amplitudes, point.gaps))
     inputs, begin = plan.final_inputs(plant), initial(plant, task.state)
     rest = plant.rest_state(inputs)
     end, _ = final_state(plant, plan, begin, task.steps)

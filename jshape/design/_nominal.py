@@ -6,37 +6,37 @@ import jax.numpy as jnp
 import lineax as lx
 import numpy as np
 import optimistix as optx
-from jaxtyping import Array
 
-from jshape.design._energies import Task, energy, residual
+from jshape.design._energies import energy, residual
 from jshape.design._rules import Rules
+from jshape.design._task import Point, Task
 
 
-def levenberg_marquardt(
-    task: Task, rules: Rules, amplitudes: np.ndarray, gaps: np.ndarray, iterations: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """From each start (leading axis): amplitudes and gaps at the end, and the energies (J) after every iteration.
+def levenberg_marquardt(task: Task, rules: Rules, starts: Point, iterations: int) -> tuple[Point, np.ndarray]:
+    """From each start (a leading axis): the design at the end, and the energies (J) after every iteration.
 
     The energies' first column is the start's. The amplitudes keep their sum, and with a fixed duration the gaps keep
     theirs; other rules are left to the caller to check.
     """
     fixed_amplitudes = bool(np.all(rules.lower == rules.upper))
-    return jax.tree.map(np.asarray, _run(task, amplitudes, gaps, rules.fixed, fixed_amplitudes, iterations))
+    found, values = _run(task, starts, rules.fixed, fixed_amplitudes, iterations)
+    return Point(*(np.asarray(part) for part in found)), np.asarray(values)
 
 
 @eqx.filter_jit
-def _run(task: Task, amplitudes, gaps, fixed_duration: bool, fixed_amplitudes: bool, iterations: int):
-    def one(amplitudes: Array, gaps: Array):
+def _run(task: Task, starts: Point, fixed_duration: bool, fixed_amplitudes: bool, iterations: int):
+    def one(start: Point):
+        amplitudes, gaps, leaves = start
         total = jnp.sum(gaps)
-        free = (amplitudes[:0] if fixed_amplitudes else amplitudes[:-1], gaps[:-1] if fixed_duration else gaps)
+        free = (amplitudes[:0] if fixed_amplitudes else amplitudes[:-1], gaps[:-1] if fixed_duration else gaps, leaves)
 
-        def build(y):
+        def build(y) -> Point:
             a = amplitudes if fixed_amplitudes else jnp.append(y[0], 1 - jnp.sum(y[0]))
             g = jnp.append(y[1], total - jnp.sum(y[1])) if fixed_duration else y[1]
-            return a, g
+            return Point(a, g, y[2])
 
         def function(y, _):
-            return residual(task, *build(y)), None
+            return residual(task, build(y)), None
 
         # Interactive stepping, so that every iteration's energy is seen; tolerances play no part in a step.
         solver = optx.LevenbergMarquardt(rtol=1e-15, atol=1e-15, linear_solver=lx.QR())
@@ -46,7 +46,7 @@ def _run(task: Task, amplitudes, gaps, fixed_duration: bool, fixed_amplitudes: b
         def advance(carry, _):
             y, state = carry
             y, state, _ = solver.step(function, y, None, {}, state, frozenset())
-            return (y, state), energy(task, task.plant, *build(y))
+            return (y, state), energy(task, task.plant, build(y))
 
         dynamic, static = eqx.partition((free, state), eqx.is_array)
 
@@ -57,6 +57,6 @@ def _run(task: Task, amplitudes, gaps, fixed_duration: bool, fixed_amplitudes: b
         # The first step only looks at the start.
         dynamic, values = jax.lax.scan(body, dynamic, None, length=iterations + 1)
         (y, _) = eqx.combine(dynamic, static)
-        return *build(y), values
+        return build(y), values
 
-    return jax.vmap(one)(jnp.asarray(amplitudes), jnp.asarray(gaps))
+    return jax.vmap(one)(jax.tree.map(jnp.asarray, starts))

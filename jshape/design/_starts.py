@@ -5,16 +5,22 @@ import numpy as np
 from jshape.design import energy as energy_shapers
 from jshape.design import linear
 from jshape.design._rules import Rules
+from jshape.design._task import Point
 from jshape.plants import AbstractOscillator, AbstractPlant, ModalPlant
 from jshape.shaper import Shaper
 
 
-def starts(plant: AbstractPlant, size: float, rules: Rules, count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """``count`` starting points as amplitudes and gaps; the textbook shapers come first, the random ones last."""
+def starts(plant: AbstractPlant, size: float, rules: Rules, count: int, seed: int) -> Point:
+    """``count`` starting points (a leading axis); the textbook shapers come first, the random ones last."""
     known = [rules.fit(s) for s in _known(plant, size, rules.impulses)]
     random = np.random.default_rng(seed)
     points = known[:count] + [rules.random(random) for _ in range(count - len(known))]
-    return np.stack([p[0] for p in points]), np.stack([p[1] for p in points])
+    return stack(points)
+
+
+def stack(points: list[Point]) -> Point:
+    """Several designs as one, with a leading axis."""
+    return Point(*(np.stack(part) for part in zip(*points, strict=True)))
 
 
 def _known(plant: AbstractPlant, size: float, impulses: int) -> list[Shaper]:

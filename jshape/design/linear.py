@@ -17,6 +17,10 @@ zvdd              3/2   0.480    um_zv                  1/3   0.055
 zvddd              2    0.627    um_zvd                0.732  0.259
 ============== ======== ======   =================== ======== ======
 
+Between positive and unity-magnitude ones lie ``sna_zv`` and ``sna_zvd``, whose negative amplitude is specified;
+``digital_zvd_n`` cancels a mode exactly with impulses on the samples of a controller, and ``simultaneous`` several
+modes at once, in less time than convolved shapers.
+
 The zero-vibration ones are formulas. The extra-insensitive and the unity-magnitude ones have a formula without damping
 only; from there their defining equations are followed to the damping asked for, by Newton's method. All of them work
 under ``jit``, ``vmap`` and ``grad``.
@@ -36,6 +40,7 @@ from jaxtyping import Array, Bool, Complex, Float
 
 from jshape import _check
 from jshape._types import Impulses, Scalar
+from jshape.design.insensitive import cancel
 from jshape.shaper import Shaper
 
 
@@ -117,7 +122,8 @@ def ei(omega: Any, zeta: Any = 0.0, vibration: Any = 0.05) -> Shaper:
     ``omega``: rad/s; ``zeta``: –; ``vibration``: a fraction. With damping the hump's top is kept at the design
     frequency, so that V does not exceed ``vibration`` anywhere between the zeros; the last impulse then comes a little
     before the damped period at which the usual fits put it (0.4 % at ζ = 0.1). The upper zero moves up with the damping
-    and, above ζ = 0.67 for 5 % (0.31 for 20 %), away: no shaper is found there.
+    and, above ζ = 0.67 for 5 % (0.31 for 20 %), away: no shaper is found there (``insensitive.specified`` knows no such
+    limit). Without damping it is the shortest of all positive shapers for its band; at ζ = 0.1, within 5e-6 of that.
 
     *Raises* ``ValueError`` for a frequency that is not positive, a damping outside [0, 1), a vibration outside (0, 1)
     and where none is found (under ``jit``: an error at run time).
@@ -165,7 +171,7 @@ def um_zv(omega: Any, zeta: Any = 0.0) -> Shaper:
 
     *Source*: Singhose, Singer and Seering (1994), time-optimal negative input shapers. With damping, V = 0 is solved.
     """
-    return _unity_magnitude("um_zv", (1 / 6, 1 / 6), 1, omega, zeta)
+    return _specified_negative("um_zv", *_UM_ZV, omega, zeta, 1.0)
 
 
 def um_zvd(omega: Any, zeta: Any = 0.0) -> Shaper:
@@ -178,7 +184,65 @@ def um_zvd(omega: Any, zeta: Any = 0.0) -> Shaper:
     *Source*: Singhose, Singer and Seering (1994). V = 0 and Σ Aᵢtᵢ exp(stᵢ) = 0 at the mode's pole are solved, with
     damping and without.
     """
-    return _unity_magnitude("um_zvd", (0.08951255, 0.27672127, 0.27672127, 0.08951255), 2, omega, zeta)
+    return _specified_negative("um_zvd", *_UM_ZVD, omega, zeta, 1.0)
+
+
+def sna_zv(omega: Any, zeta: Any = 0.0, negative: Any = 0.5) -> Shaper:
+    """Specified negative amplitude, zero vibration: A₁, −``negative``, A₃; from a ZV (towards 0) to a UM-ZV (at 1).
+
+    ``omega``: rad/s; ``zeta``: –; ``negative``: over 0, up to 1. Without damping 2/ω arccos(b/(1 + b)) long with b the
+    negative amplitude: the more, the shorter, but the more it excites modes above. The positive amplitudes are b plus
+    1 − b times a ZV's, so that both ends of the family are exact for any damping; it then has one zero and no more.
+
+    *Raises* ``ValueError`` as ``um_zv``, and for a negative amplitude outside (0, 1].
+
+    *Source*: after Vaughan, Yano and Singhose (2009), robust negative input shapers, who specify the negative amplitude
+    and, between both ends, leave the others to an optimiser.
+    """
+    return _specified_negative("sna_zv", *_UM_ZV, omega, zeta, negative)
+
+
+def sna_zvd(omega: Any, zeta: Any = 0.0, negative: Any = 0.5) -> Shaper:
+    """Specified negative amplitude, zero vibration and derivative: A₁, −b, A₃, −b, A₅ with b = ``negative``.
+
+    As ``sna_zv``, between a ZVD and a UM-ZVD. *Raises* ``ValueError`` as ``sna_zv``.
+    """
+    return _specified_negative("sna_zvd", *_UM_ZVD, omega, zeta, negative)
+
+
+def digital_zvd_n(omega: Any, zeta: Any = 0.0, *, sample_time: Any, order: int = 0) -> Shaper:
+    """Zero vibration and ``order`` zero derivatives with every impulse on a whole multiple of ``sample_time`` (s).
+
+    ``omega``: rad/s; ``zeta``: –. The second impulse of a ZV is shared between the samples before and after half the
+    damped period so that the mode is cancelled exactly, not nearly; all amplitudes are positive. With an order that
+    filter is applied again. At most one sample an application longer than ``zvd_n``.
+
+    *Raises* ``ValueError`` as ``zvd_n``, and for a sample time with fewer than ``order`` + 1 (at least 2) samples in
+    half a damped period.
+
+    *Source*: after Tuttle and Seering (1994), zeros placed in the discrete domain. With z = exp(−pΔ), p the pole and n
+    the whole samples in half a period: a₀ + a₁zⁿ + a₂zⁿ⁺¹ = 0, solved in closed form.
+    """
+    omega, zeta = _mode(omega, zeta)
+    m = _check.count(order, "order", least=0) + 1
+    interval = _check.scalar(sample_time, "sample_time").astype(omega.dtype)
+    _check.positive(interval, "sample_time")
+    angle = _damped(omega, zeta) * interval
+    n = jnp.floor(jnp.pi / angle)
+    if _check.is_concrete(n) and float(n) < max(m, 2):
+        least = f"at least {max(m, 2)} samples in half a damped period"
+        raise ValueError(f"sample_time must leave {least}, which {_check.show(sample_time)} does not")
+    # Imaginary parts above cancel below; the growth e^(ζωt) of what an impulse cancels rides along.
+    grow = jnp.exp(_decay(zeta) * angle)
+    near, far = -jnp.sin((n + 1) * angle) * grow, jnp.sin(n * angle)
+    first = -(near * jnp.cos(n * angle) + far * jnp.cos((n + 1) * angle) * grow) * grow**n
+    shares = jnp.stack([first, near, far]) / (first + near + far)
+    chosen = [(i, j) for i in range(m + 1) for j in range(i + 1)]
+    weights = [
+        math.comb(m, i) * math.comb(i, j) * shares[0] ** (m - i) * shares[1] ** (i - j) * shares[2] ** j
+        for i, j in chosen
+    ]
+    return Shaper(jnp.stack(weights), jnp.stack([(i * n + j) * interval for i, j in chosen]))
 
 
 KINDS: dict[str, Callable[..., Shaper]] = {
@@ -207,6 +271,31 @@ def multi_mode(modes: Any, kind: str = "zvd") -> Shaper:
     return functools.reduce(Shaper.convolve, (KINDS[kind](omega, zeta) for omega, zeta in pairs))
 
 
+def simultaneous(modes: Any, order: int = 0) -> Shaper:
+    """The shortest shaper of positive impulses that cancels several modes at once; never longer than ``multi_mode``.
+
+    ``modes``: pairs ``(omega, zeta)``, rad/s and –. ``order``: how many derivatives with respect to frequency are 0,
+    too (0: ZV, 1: ZVD, up to 3). As many impulses as that takes. For concrete numbers only.
+
+    *Raises* ``ValueError`` as ``multi_mode``, and where no shaper is found that is proven to be the shortest.
+
+    *Source*: Hyde and Seering (1991), who solve the constraints of several modes together. Here a linear program over
+    all instants (``scipy.optimize.linprog``) gives the start and its dual the proof.
+    """
+    convolved = multi_mode(modes, kind="zv")
+    pairs = np.array([(float(omega), float(zeta)) for omega, zeta in modes])
+    order = _check.count(order, "order", least=0)
+    if order > 3:
+        raise ValueError(f"order must be at most 3, not {order}")
+    middle = float(np.exp(np.mean(np.log(pairs[:, 0]))))
+    poles = pairs[:, 0] / middle * (-pairs[:, 1] + 1j * np.sqrt(1 - pairs[:, 1] ** 2))
+    found = cancel(poles, order, (order + 1) * float(convolved.duration) * middle)
+    if found is None:
+        raise ValueError(f"modes: no shaper was found that cancels {modes!r} at once; take multi_mode")
+    amplitudes, times = found
+    return Shaper(amplitudes, times / middle)
+
+
 def _mode(omega: Any, zeta: Any) -> tuple[Scalar, Scalar]:
     frequency, damping = _check.scalar(omega, "omega"), _check.scalar(zeta, "zeta")
     _check.positive(frequency, "omega")
@@ -231,34 +320,52 @@ def _decay(zeta: Scalar) -> Scalar:
 # on the damping (and the vibration) alone.
 
 
-def _unity_magnitude(name: str, gaps: tuple[float, ...], order: int, omega: Any, zeta: Any) -> Shaper:
+_UM_ZV: tuple[tuple[float, ...], int] = (1 / 6, 1 / 6), 1
+_UM_ZVD: tuple[tuple[float, ...], int] = (0.08951255, 0.27672127, 0.27672127, 0.08951255), 2
+"""Gaps over the period without damping, and the order of the zero."""
+
+
+def _specified_negative(name: str, gaps: tuple[float, ...], order: int, omega: Any, zeta: Any, negative: Any) -> Shaper:
     omega, zeta = _mode(omega, zeta)
-    phases, solved = _unity_phases(gaps, order, zeta)
+    negative = _check.scalar(negative, "negative")
+    _check.finite(negative, "negative")
+    if _check.is_concrete(negative) and not 0 < float(negative) <= 1:
+        raise ValueError(f"negative must be greater than 0 and at most 1, not {_check.show(negative)}")
+    amplitudes, phases, solved = _negative_phases(gaps, order, zeta, negative.astype(omega.dtype))
     hint = f"no {name} shaper was found (so near to 1 its last impulses merge)"
-    times = _solved(phases / _damped(omega, zeta), solved, hint, zeta=zeta)
-    return Shaper(jnp.asarray([(-1.0) ** i for i in range(len(gaps) + 1)], dtype=times.dtype), times)
+    return Shaper(amplitudes, _solved(phases / _damped(omega, zeta), solved, hint, zeta=zeta))
 
 
 @functools.partial(jax.jit, static_argnums=(0, 1))
-def _unity_phases(gaps: tuple[float, ...], order: int, zeta: Scalar) -> tuple[Impulses, Bool[Array, ""]]:
-    """Phases of impulses 1, −1, 1, … with a zero of that order at the design frequency.
+def _negative_phases(
+    gaps: tuple[float, ...], order: int, zeta: Scalar, negative: Scalar
+) -> tuple[Impulses, Impulses, Bool[Array, ""]]:
+    """Amplitudes A₁, −b, A₃, … and phases with a zero of that order at the design frequency; were they found?
 
     The unknowns are the logarithms of the gaps: with strong damping the last ones differ by orders of magnitude.
     """
-    amplitudes = np.array([(-1.0) ** i for i in range(len(gaps) + 1)])
+    choices = np.array([math.comb(order, i) for i in range(order + 1)])
+
+    def impulses(zeta, negative):
+        k = jnp.exp(-jnp.pi * _decay(zeta))
+        robust = choices * k ** np.arange(order + 1) / (1 + k) ** order
+        one = jnp.ones_like(robust)
+        positive = (1 - negative) * robust + negative
+        return jnp.stack([positive, -negative * one], axis=1).reshape(-1)[:-1]
 
     def phases(unknowns):
         return jnp.concatenate([jnp.zeros_like(unknowns[:1]), jnp.cumsum(jnp.exp(unknowns))])
 
     def residual(unknowns, args):
-        (zeta,) = args
+        zeta, negative = args
         tau = phases(unknowns)
-        terms = amplitudes * _left(tau, jnp.ones_like(tau[:1]), _decay(zeta))[0]
+        terms = impulses(zeta, negative) * _left(tau, jnp.ones_like(tau[:1]), _decay(zeta))[0]
         return _parts(jnp.stack([jnp.sum(terms * tau**power) for power in range(order)]))
 
     start = jnp.log(2 * jnp.pi * jnp.asarray(gaps, dtype=zeta.dtype))
-    unknowns, solved = _follow(residual, start, (zeta,))
-    return phases(unknowns), solved
+    begin = jnp.zeros_like(zeta), jnp.ones_like(negative)
+    unknowns, solved = _follow(residual, start, begin, (zeta, negative))
+    return impulses(zeta, negative), phases(unknowns), solved
 
 
 def _extra_insensitive(name: str, humps: int, omega: Any, zeta: Any, vibration: Any) -> Shaper:
@@ -303,7 +410,8 @@ def _humps(humps: int, zeta: Scalar, limit: Scalar) -> tuple[Impulses, Impulses,
         height = jnp.log(jnp.abs(at_tops) / limit)
         return jnp.concatenate([_parts(at_zeros / limit), height, jnp.real(slope / at_tops)])
 
-    unknowns, solved = _follow(residual, _undamped(humps, limit), (zeta, limit))
+    start = _undamped(humps, limit)
+    unknowns, solved = _follow(residual, start, (jnp.zeros_like(zeta), limit), (zeta, limit))
     amplitudes, tau, zeros, tops = unpack(unknowns)
     ordered = jnp.all(jnp.diff(tau) > 0) & jnp.all(zeros[:-1] < tops) & jnp.all(tops < zeros[1:])
     return amplitudes, tau, solved & jnp.all(amplitudes > 0) & ordered & jnp.all(zeros > 0)
@@ -349,21 +457,21 @@ def _parts(values: Complex[Array, " n"]) -> Float[Array, " parts"]:
 
 
 _STEPS = 128
-"""Steps from no damping to the damping asked for."""
+"""Steps from where the solution is known to the damping (and negative amplitude) asked for."""
 
 
-def _follow(residual, start: Float[Array, " unknowns"], args: tuple) -> tuple[Array, Bool[Array, ""]]:
-    """The root of ``residual(unknowns, (zeta, …))`` that grows out of ``start``, the one without damping; was it found?
+def _follow(residual, start: Float[Array, " unknowns"], begin: tuple, args: tuple) -> tuple[Array, Bool[Array, ""]]:
+    """The root of ``residual(unknowns, args)`` that grows out of ``start``, the one for ``begin``; was it found?
 
     Derivatives come from the implicit function theorem at the end; the way there has none.
     """
-    fixed_zeta, *fixed = jax.lax.stop_gradient(args)
+    begin, end = jax.lax.stop_gradient((begin, args))
     eps = float(jnp.finfo(start.dtype).eps)
     solver = optx.Newton(rtol=64 * eps, atol=64 * eps)
 
     def step(carry, share):
         before, here = carry
-        at = (share * fixed_zeta, *fixed)
+        at = tuple(a + share * (b - a) for a, b in zip(begin, end, strict=True))
         ahead = optx.root_find(residual, solver, 2 * here - before, at, max_steps=6, throw=False).value
         return (here, ahead), None
 

@@ -1,0 +1,58 @@
+"""What many plants' residual energies come to: one number, and the weights with which each of them counts in it."""
+
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from jshape import _check
+
+NAMES = ("nominal", "worst", "mean", "cvar")
+
+TAIL = 0.1
+"""The share of the worst plants whose mean is the conditional value at risk."""
+
+Objective = str | Callable[[Array], Array]
+"""One of ``NAMES``, or a function (in JAX) of the energies of all plants, J."""
+
+WORDS = {
+    "nominal": "nominal energy",
+    "worst": "worst case",
+    "mean": "mean",
+    "cvar": "mean of the worst tenth",
+}
+
+
+def check(objective: Objective) -> None:
+    """*Raises* ``ValueError`` for what is neither a name nor a function."""
+    if not callable(objective):
+        _check.one_of(objective, "objective", NAMES)
+
+
+def words(objective: Objective) -> str:
+    """The objective's name as a result says it."""
+    return getattr(objective, "__name__", "objective") if callable(objective) else WORDS[objective]
+
+
+def value_of(objective: Objective, energies: np.ndarray) -> float:
+    """The objective's value for the energies of all plants, J."""
+    if callable(objective):
+        return float(objective(jnp.asarray(energies)))
+    if objective == "worst":
+        return float(np.max(energies))
+    if objective == "cvar":
+        # The mean of the worst TAIL of the plants, the last of them counted in part.
+        ordered, size = np.sort(energies)[::-1], TAIL * len(energies)
+        whole = min(int(size), len(energies))
+        part = ordered[whole] * (size - whole) if whole < len(energies) else 0.0
+        return float((ordered[:whole].sum() + part) / size)
+    return float(np.mean(energies))
+
+
+def weights_of(objective: Objective, energies: np.ndarray) -> np.ndarray:
+    """The derivative of a smooth objective (the mean, or a function) with respect to each energy."""
+    if callable(objective):
+        return np.asarray(jax.grad(lambda e: jnp.asarray(objective(e)).reshape(()))(jnp.asarray(energies)))
+    return np.full(len(energies), 1 / len(energies))

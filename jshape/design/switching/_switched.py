@@ -1,0 +1,143 @@
+"""A switched input as a user gets it: jumps, times, what it leaves, and as a command, a motion or a shaper."""
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from jshape import _check
+from jshape.command import PiecewisePolynomial
+from jshape.design.switching._task import Band, Real, advance
+from jshape.shaper import Shaper
+
+
+@dataclasses.dataclass(frozen=True)
+class Switched:
+    """An input u that jumps by ``amplitudes`` at ``times`` (s, the first is 0, the last the end), and how it was found.
+
+    ``start``: the level before it, from which the first amplitude counts. ``omega`` (rad/s), ``zeta``: the modes
+    x'' + 2ζω x' + ω² x = u that it was designed for; ``initial_state``: their x and x' at time 0, (modes, 2).
+    ``rigid``: position (m) and speed (m/s) of y'' = u at time 0, or None. ``residual``: the worst vibration left in a
+    mode that was to have none, as a fraction of what one jump from 0 to the limit leaves of it from rest. ``optimal``:
+    whether no input is faster (with a ``sample_time``: takes fewer samples); None where that was not looked into.
+    ``result`` says in words how it ended. ``switching_function``: of times (s), positive where the minimum principle
+    wants u = limit, negative where −limit.
+    """
+
+    amplitudes: Real
+    times: Real
+    start: float
+    limit: float
+    omega: Real
+    zeta: Real
+    initial_state: Real
+    rigid: Real | None
+    residual: float
+    optimal: bool | None
+    result: str
+    sample_time: float | None = None
+    switching_function: Callable[[Any], Real] | None = None
+
+    @property
+    def duration(self) -> float:
+        """Time of the last jump, s."""
+        return float(self.times[-1])
+
+    @property
+    def switches(self) -> Real:
+        """The times after the first, s: each switch and the end."""
+        return self.times[1:]
+
+    @property
+    def steps(self) -> int:
+        """How many samples a digital one takes. *Raises* ``ValueError`` for one that is not."""
+        if self.sample_time is None:
+            raise ValueError("sample_time is None: this input switches at any time and has no steps")
+        return len(self.times) - 1
+
+    @property
+    def levels(self) -> Real:
+        """The input from each time on; the last is where it stays."""
+        return self.start + np.cumsum(self.amplitudes)
+
+    @property
+    def final_state(self) -> Real:
+        """``state_at`` the end."""
+        return self.state_at(self.duration)
+
+    @property
+    def command(self) -> PiecewisePolynomial:
+        """The input itself, for a plant that it drives as a force or a displacement."""
+        return PiecewisePolynomial(self.times, self.levels[:, None])
+
+    @property
+    def motion(self) -> PiecewisePolynomial:
+        """The rigid body's position (m), for a plant that is driven by acceleration.
+
+        *Raises* ``ValueError`` where no rigid body was designed for.
+        """
+        if self.rigid is None:
+            raise ValueError("rigid is None: only an input for a rigid body is a motion")
+        rows = np.array([[*self._rigid_at(t), level / 2] for t, level in zip(self.times, self.levels, strict=True)])
+        if self.levels[-1] == 0 and abs(rows[-1, 1]) < 1e-9 * (1 + np.max(np.abs(rows[:, 1]))):
+            rows[-1, 1:] = 0.0  # at rest, not nearly so
+        return PiecewisePolynomial(self.times, rows, 2)
+
+    @property
+    def shaper(self) -> Shaper:
+        """The jumps as a shaper: amplitudes over their sum. *Raises* ``ValueError`` if they sum to 0."""
+        total = float(np.sum(self.amplitudes))
+        if abs(total) < 1e-9 * np.max(np.abs(self.amplitudes)):
+            raise ValueError(
+                "amplitudes sum to 0: an input that ends where it began is no shaper; take command or motion"
+            )
+        return Shaper(self.amplitudes / total, self.times)
+
+    def state_at(self, time: float) -> Real:
+        """States at that time (s), exactly: the rigid body's position and speed first, if any, then each mode's."""
+        modes = advance(self.omega, self.zeta, self.initial_state, self.levels, self.times, float(time))
+        return modes if self.rigid is None else np.vstack([self._rigid_at(float(time)), modes])
+
+    def sensitivity(self, omega: Any, zeta: float | None = None, mode: int = 0) -> Real:
+        """What is left of the vibration if that mode's frequency is ``omega`` instead (rad/s, one or more).
+
+        As a fraction of what the jump to the final level alone would leave (to the limit, where the final level is 0),
+        from the same initial state. *Source*: 004, Eq. 13, with the decay until the end that it leaves out.
+        """
+        at = np.atleast_1d(np.asarray(omega, float))
+        _check.positive(at, "omega")
+        damping = float(self.zeta[mode]) if zeta is None else float(zeta)
+        band = Band(float(at.min()), float(at.max()), 1.0, damping, self.initial_state[mode])
+        final = float(self.levels[-1])
+        values = np.abs(band.left(at, np.diff(self.levels, prepend=0.0), self.times))
+        return (values / band.allowed(at, final if final else self.limit)).reshape(np.shape(omega))
+
+    def followed_by(self, other: "Switched", at: float) -> "Switched":
+        """This input until ``at`` (s), and from there on the other: a move that begins before this one has settled.
+
+        The other is best designed with ``initial_state=self.state_at(at)``. *Raises* ``ValueError`` for a negative
+        time.
+        """
+        _check.not_negative(at, "at")
+        kept = self.times < at
+        times = np.concatenate([self.times[kept], at + other.times])
+        levels = np.concatenate([self.levels[kept], other.levels])
+        return dataclasses.replace(
+            self,
+            amplitudes=np.diff(levels, prepend=self.start),
+            times=times,
+            limit=max(self.limit, other.limit),
+            residual=other.residual,
+            optimal=None,
+            result=f"until {at:.6g} s: {self.result}; then: {other.result}",
+            sample_time=None,
+            switching_function=None,
+        )
+
+    def _rigid_at(self, time: float) -> Real:
+        assert self.rigid is not None
+        ages = np.maximum(time - self.times, 0.0)
+        jumps = np.diff(self.levels, prepend=0.0)
+        position, speed = self.rigid
+        return np.array([position + speed * time + jumps @ ages**2 / 2, speed + jumps @ ages])
