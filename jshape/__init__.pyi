@@ -5,7 +5,7 @@ from .command import Sampled as Sampled
 from .command import SCurve as SCurve
 from .command import Step as Step
 from .command import Trapezoid as Trapezoid
-from .design.tune import Solution as Solution
+from .design.solution import Solution as Solution
 from .design.tune import tune as tune
 from .metrics import energy_profile as energy_profile
 from .metrics import insensitivity as insensitivity
@@ -17,7 +17,9 @@ from .metrics import residual_energy_and_error as residual_energy_and_error
 from .metrics import residual_vibration as residual_vibration
 from .metrics import rise_time as rise_time
 from .metrics import settling_time as settling_time
+from .pareto import pareto as pareto
 from .robustness import sweep as sweep
+from .sensitivity import sensitivity_indices as sensitivity_indices
 from .shaper import Shaper as Shaper
 from .simulate import Response as Response
 from .simulate import simulate as simulate

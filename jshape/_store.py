@@ -3,7 +3,7 @@
 import hashlib
 import json
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -12,38 +12,44 @@ MARKER = "jshape-pieces"
 
 
 def in_pieces(
-    compute: Callable[[int], np.ndarray],
+    compute: Callable[[list[int]], Iterable[tuple[int, np.ndarray]]],
     pieces: int,
     folder: Path | None,
-    fingerprint: bytes,
+    fingerprint: Callable[[], bytes],
     progress: Callable[[int, int], None] | None,
-) -> list[np.ndarray]:
-    """``compute(0) … compute(pieces − 1)``, each kept in the folder (if there is one) as soon as it is done.
+) -> Iterator[tuple[int, np.ndarray]]:
+    """Each piece's index and result: those in the folder (if there is one) first, then what ``compute`` yields.
 
-    ``fingerprint``: of everything that the results depend on; a folder that holds the pieces of another computation is
-    refused with a ``ValueError``. ``progress(done, pieces)`` is called before each piece and at the end.
+    ``compute`` is given the indices that are missing and may yield them in any order; each is kept in the folder as
+    soon as it comes. ``fingerprint()``: of everything that the results depend on; a folder that holds the pieces of
+    another computation is refused with a ``ValueError``. ``progress(done, pieces)`` is called before the first piece is
+    computed and after each.
     """
+    missing = list(range(pieces))
     if folder is not None:
-        _claim(folder, hashlib.sha256(fingerprint).hexdigest(), pieces)
-    results = []
-    for index in range(pieces):
-        if progress is not None:
-            progress(index, pieces)
-        path = None if folder is None else folder / f"piece_{index:06d}.npy"
-        if path is not None and path.exists():
-            results.append(np.load(path, allow_pickle=False))
-            continue
-        result = compute(index)
-        if path is not None:
+        _claim(folder, hashlib.sha256(fingerprint()).hexdigest(), pieces)
+        kept = [index for index in missing if _path(folder, index).exists()]
+        missing = [index for index in missing if index not in set(kept)]
+        for index in kept:
+            yield index, np.load(_path(folder, index), allow_pickle=False)
+    done = pieces - len(missing)
+    if progress is not None:
+        progress(done, pieces)
+    for index, result in compute(missing) if missing else ():
+        if folder is not None:
             # Under another name first: what bears the right name is whole.
-            partial = path.with_suffix(".partial")
+            partial = _path(folder, index).with_suffix(".partial")
             with partial.open("wb") as file:
                 np.save(file, result, allow_pickle=False)
-            os.replace(partial, path)
-        results.append(result)
-    if progress is not None:
-        progress(pieces, pieces)
-    return results
+            os.replace(partial, _path(folder, index))
+        yield index, result
+        done += 1
+        if progress is not None:
+            progress(done, pieces)
+
+
+def _path(folder: Path, index: int) -> Path:
+    return folder / f"piece_{index:06d}.npy"
 
 
 def _claim(folder: Path, digest: str, pieces: int) -> None:

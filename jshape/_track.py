@@ -30,23 +30,24 @@ def fine_steps(plant, plan: Schedule, periods: float) -> int:
     """
     if not _check.is_concrete(plant, plan):
         return 256 * int(np.ceil(periods))
-    longest = max(float(_tail(plant, plan, periods)), float(np.max(np.diff(np.asarray(plan.breaks)), initial=0.0)))
+    longest = max(float(tail(plant, plan, periods)), float(np.max(np.diff(np.asarray(plan.breaks)), initial=0.0)))
     angle = fastest(plant, plan) * longest
     return 2 ** int(np.clip(np.ceil(np.log2(max(angle, 1.0) / 0.03)), 8, 20)) if np.isfinite(angle) else 4096
 
 
-def _tail(plant, plan: Schedule, periods: float) -> Scalar:
+def tail(plant, plan: Schedule, periods: float) -> Scalar:
     """That many periods of the slowest mode (of the command's duration, where there is none), s."""
     lowest = jnp.min(plant.natural_frequency())
     return periods * jnp.where(lowest > 0, 2 * jnp.pi / jnp.where(lowest > 0, lowest, 1.0), plan.breaks[-1])
 
 
 @eqx.filter_jit
-def track(plant, plan: Schedule, state, periods: float, name: str, steps: int) -> Track:
-    """The named quantity over the move and that many periods of the slowest mode after it."""
-    tail = _tail(plant, plan, periods)
+def track(plant, plan: Schedule, state, periods: float, name: str, steps: int, parts: int = 1) -> Track:
+    """The named quantity over the move and that many periods of the slowest mode after it, the latter in ``parts``."""
+    after = jnp.full(parts, tail(plant, plan, periods) / parts)
     moving = plan.segments()
-    last = Segments(plan.breaks[-1:], tail[None], jnp.zeros_like(plan.breaks[-1:]), plan.coefficients[-1:])
+    age = after * jnp.arange(parts)
+    last = Segments(plan.breaks[-1] + age, after, age, jnp.repeat(plan.coefficients[-1:], parts, axis=0))
     segments = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), moving, last)
     states = all_states(plant, segments, state, steps)
     local = segments.duration[:, None] * jnp.linspace(0.0, 1.0, steps + 1)

@@ -27,7 +27,7 @@ from jshape.plants import AbstractOscillator, AbstractPlant
 from jshape.plants.springs import safe_sqrt
 from jshape.schedule import Schedule, Segments, inputs_at, schedule
 from jshape.shaper import Shaper
-from jshape.simulate import all_states, final_state, initial, steps_for, with_arrays
+from jshape.simulate import all_states, final_state, initial, settled_state, steps_for, with_arrays
 
 
 def residual_energy(
@@ -38,17 +38,21 @@ def residual_energy(
     initial_state: Any = None,
     steps: int | None = None,
     method: str = "dopri8",
+    tolerance: float | None = None,
 ) -> Scalar:
     """Energy left in the plant right after the last impulse, above rest at the destination, J.
 
-    ``steps``: fixed steps a segment; chosen from the plant's frequencies unless given or traced (then 32). ``method``:
-    ``"dopri8"`` or ``"tsit5"``. Infinite if the plant has left the region from which it returns to rest.
+    ``steps``: fixed steps a segment; chosen from the plant's frequencies unless given, under ``jit`` and ``vmap`` at
+    run time, where NaN says that the frequencies ask for more than can be chosen from then (give ``steps``).
+    ``method``: ``"dopri8"`` or ``"tsit5"``. ``tolerance``: the error allowed, as a fraction of the energy that the bare
+    command leaves; the steps are doubled until two results agree to it. Infinite if the plant has left the region from
+    which it returns to rest.
 
-    *Raises* ``ValueError`` for wrong arguments, and if the plant has no rest at the destination.
+    *Raises* ``ValueError`` for wrong arguments, if the plant has no rest at the destination, and for a tolerance that
+    cannot be met.
     """
-    return residual_energy_and_error(plant, shaper, distance, initial_state=initial_state, steps=steps, method=method)[
-        0
-    ]
+    options: Any = dict(initial_state=initial_state, steps=steps, method=method, tolerance=tolerance)
+    return residual_energy_and_error(plant, shaper, distance, **options)[0]
 
 
 def residual_energy_and_error(
@@ -59,17 +63,54 @@ def residual_energy_and_error(
     initial_state: Any = None,
     steps: int | None = None,
     method: str = "dopri8",
+    tolerance: float | None = None,
 ) -> tuple[Scalar, Scalar]:
-    """``residual_energy`` and an estimate of its error, J: the state's embedded estimate through the energy's slope."""
+    """``residual_energy`` and an estimate of its error, J.
+
+    With a tolerance, the estimate is the last change when the steps were doubled; without, the state's embedded
+    estimate (that of the lower order: well above the true error) through the energy's slope.
+    """
     _check.one_of(method, "method", tuple(METHODS))
     plan, plant, state = _prepare(plant, shaper, distance, initial_state)
-    steps = steps_for(plant, plan, method) if steps is None else _check.count(steps, "steps")
+    if tolerance is not None:
+        if steps is not None:
+            raise ValueError(f"tolerance chooses the steps itself; give no steps beside it, not {steps!r}")
+        return _to_tolerance(plant, plan, state, method, tolerance)
+    if steps is not None:
+        steps = _check.count(steps, "steps")
+    elif method == "tsit5" or _check.is_concrete(plant, plan):
+        steps = steps_for(plant, plan, method)
     energy, error = _residual_energy(plant, plan, state, steps, method)
     if _check.is_concrete(energy) and np.any(np.isnan(np.asarray(energy))):
         raise ValueError(
             f"distance: {type(plant).__name__} has no rest at its final input, {_check.show(plan.coefficients[-1, 0])}"
         )
     return energy, error
+
+
+def _to_tolerance(plant, plan: Schedule, state: State, method: str, tolerance: float) -> tuple[Scalar, Scalar]:
+    """The energy, and its last change, with steps doubled until it changes by less than the tolerance."""
+    _check.positive(tolerance, "tolerance")
+    least = 8 * float(jnp.finfo(state.dtype).eps)
+    if tolerance < least:
+        raise ValueError(f"tolerance {tolerance:g} cannot be met: it is below rounding, {least:.1g}")
+    if not _check.is_concrete(plant, plan, state):
+        raise ValueError("tolerance needs values that are not being traced; give steps instead")
+    bare = float(plant.residual_energy(state, plan.final_inputs(plant)))
+    steps = steps_for(plant, plan, method, float(tolerance))
+    energy, _ = _residual_energy(plant, plan, state, steps, method)
+    change = jnp.asarray(jnp.inf)
+    for _ in range(6):
+        steps *= 2
+        finer, _ = _residual_energy(plant, plan, state, steps, method)
+        change = jnp.where(finer == energy, 0.0, jnp.abs(finer - energy))
+        energy = finer
+        if float(change) <= tolerance * bare:
+            return energy, change
+    raise ValueError(
+        f"tolerance {tolerance:g} cannot be met: with {steps} steps a segment the energy still changes by "
+        f"{float(change):.2g} J, of {bare:.3g} J that the bare command leaves"
+    )
 
 
 def residual_vibration(
@@ -90,7 +131,8 @@ def residual_vibration(
     """
     plan, plant, state = _prepare(plant, shaper, distance, initial_state)
     if steps is None:
-        return _residual_vibration(plant, plan, state, steps_for(plant, plan), fine_steps(plant, plan, 2.0))
+        chosen = steps_for(plant, plan) if _check.is_concrete(plant, plan) else None
+        return _residual_vibration(plant, plan, state, chosen, fine_steps(plant, plan, 2.0))
     steps = _check.count(steps, "steps")
     return _residual_vibration(plant, plan, state, steps, 32 * steps)
 
@@ -288,19 +330,28 @@ def _prepare(plant, shaper, distance, initial_state) -> tuple[Schedule, Any, Sta
     return plan, plant, initial(plant, initial_state)
 
 
+def _end(plant, plan: Schedule, state: State, steps: int | None, method: str = "dopri8"):
+    """The state after the last impulse, its error and whether they are known, by so many steps a segment; by as many
+    as it takes, chosen at run time, where none are given."""
+    if steps is None:
+        return settled_state(plant, plan, state)
+    return *final_state(plant, plan, state, steps, method), jnp.asarray(True)
+
+
 @eqx.filter_jit
-def _residual_energy(plant, plan: Schedule, state, steps: int, method: str) -> tuple[Scalar, Scalar]:
-    end, error = final_state(plant, plan, state, steps, method)
+def _residual_energy(plant, plan: Schedule, state, steps: int | None, method: str) -> tuple[Scalar, Scalar]:
+    end, error, known = _end(plant, plan, state, steps, method)
     inputs = plan.final_inputs(plant)
     energy, slope = jax.value_and_grad(plant.residual_energy)(end, inputs)
     curvature = jax.jvp(jax.grad(lambda y: plant.residual_energy(y, inputs)), (end,), (error,))[1]
     error = jnp.abs(slope) @ error + jnp.abs(curvature) @ error / 2
-    return jnp.where(plant.escaped(end, inputs), jnp.inf, energy), error
+    energy = jnp.where(plant.escaped(end, inputs), jnp.inf, energy)
+    return jnp.where(known, energy, jnp.nan), jnp.where(known, error, jnp.inf)
 
 
 @eqx.filter_jit
-def _residual_vibration(plant, plan: Schedule, state, steps: int, fine: int) -> Scalar:
-    end, _ = final_state(plant, plan, state, steps)
+def _residual_vibration(plant, plan: Schedule, state, steps: int | None, fine: int) -> Scalar:
+    end, _, known = _end(plant, plan, state, steps)
     inputs = plan.final_inputs(plant)
     distance = jnp.abs(_target(plant, plan) - _start(plant, state))
     if isinstance(plant, AbstractOscillator) and plant.drives()[0] == "displacement":
@@ -312,7 +363,7 @@ def _residual_vibration(plant, plan: Schedule, state, steps: int, fine: int) -> 
         both = [extremes(sign * away, sign * along.slope, along.step) for sign in (1, -1)]
         amplitude = jnp.max(jnp.stack(both))
     lost = plant.escaped(end, inputs) | ~jnp.isfinite(amplitude)
-    return jnp.where(lost, jnp.inf, amplitude / distance)
+    return jnp.where(known, jnp.where(lost, jnp.inf, amplitude / distance), jnp.nan)
 
 
 def _target(plant, plan: Schedule) -> Scalar:

@@ -10,6 +10,7 @@ import matplotlib as mpl
 import matplotlib.pyplot as plt
 import numpy as np
 import xarray as xr
+from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 
 from jshape.metrics import EnergyProfile
@@ -110,18 +111,7 @@ def sensitivity(
     data = 100 * data.isel(middle)
     with mpl.rc_context(STYLE):
         figure, axis = plt.subplots(figsize=(WIDTH, 3.0))
-        for i, name in enumerate(data["shaper"].values):
-            values = data.sel(shaper=name)
-            heavy = name == "tuned"
-            axis.plot(
-                data[leaf],
-                values,
-                color="black" if heavy else COLOURS[i % 6],
-                linestyle="-" if heavy else LINES[i % len(LINES)],
-                linewidth=2.0 if heavy else 1.0,
-                label=str(name),
-                zorder=3 if heavy else 2,
-            )
+        _lines(figure, axis, [(str(name), data[leaf], data.sel(shaper=name)) for name in data["shaper"].values])
         if limit is not None:
             axis.axhline(limit, color="0.5", linewidth=0.6)
             place = ("axes fraction", "data")
@@ -130,9 +120,30 @@ def sensitivity(
             axis.axvspan(*band, color="0.5", alpha=0.12, linewidth=0, zorder=0)
         finite = data.values[np.isfinite(data.values)]
         axis.set_ylim(0, 1.05 * np.max(finite, initial=limit or 1.0))
-        axis.margins(x=0)
         axis.set_xlabel(f"{leaf}, actual over nominal")
         axis.set_ylabel("residual vibration (%)")
+    return figure
+
+
+def pareto(dataset: xr.Dataset) -> Figure:
+    """The least objective (J, logarithmic) against the duration, a line a design, the closed forms as points."""
+    with mpl.rc_context(STYLE):
+        figure, axis = plt.subplots(figsize=(WIDTH, 3.2))
+        for i, name in enumerate(dataset["design"].values):
+            front = dataset.sel(design=name)
+            style: Any = dict(color=COLOURS[i % 7], linestyle=LINES[i % len(LINES)], marker=".", markersize=4)
+            axis.plot(front["duration"], front["objective"], label=str(name), **style)
+        longest = float(dataset["duration"].max())
+        for i, name in enumerate(dataset["closed_form"].values):
+            value, at = (float(dataset[key].sel(closed_form=name)) for key in ("closed_objective", "closed_duration"))
+            if name == "unshaped" or not np.isfinite(value) or not 0 < at <= 1.05 * longest:
+                continue
+            marker = "osD^vP*Xh<>p"[i % 12]
+            axis.plot(at, value, marker=marker, linestyle="", color="0.4", markersize=4.5, label=str(name))
+        axis.set_yscale("log")
+        axis.set_xlim(left=0)
+        axis.set_xlabel("duration of the shaper (s)")
+        axis.set_ylabel(f"{dataset['objective'].attrs['long_name']} (J)")
         figure.legend(loc="outside upper center", ncols=2)
     return figure
 
@@ -147,4 +158,108 @@ def convergence(history: np.ndarray, objective: str) -> Figure:
         words = {"nominal": "residual energy", "worst": "worst residual energy", "mean": "mean residual energy"}
         axis.set_ylabel(f"{words.get(objective, 'tail mean of the energy')} (J)")
         axis.margins(x=0.02)
+    return figure
+
+
+def sweep(dataset: xr.Dataset, metric: str | None = None) -> Figure:
+    """A metric of a ``js.sweep``: what depends on the set that was swept.
+
+    One leaf: a curve for each shaper. Two: a panel for each shaper, with one colour scale. Samples: the share of the
+    plants on which each shaper leaves more than a given value. ``metric``: the dataset's first, if not given.
+
+    *Raises* ``ValueError`` for a variable that the dataset does not have, and for more than two leaves: select some.
+    """
+    names = [str(name) for name in dataset.data_vars]
+    metric = names[0] if metric is None else metric
+    if metric not in names:
+        raise ValueError(f"metric must be one of {', '.join(names)}, not {metric!r}")
+    data = dataset[metric]
+    leaves = [str(name) for name in data.dims if name != "shaper"]
+    if len(leaves) > 2:
+        raise ValueError(f"dataset has the leaves {', '.join(leaves)}; select values of all but two, as by ds.sel")
+    with mpl.rc_context(STYLE):
+        if leaves == ["sample"]:
+            return _exceedance(data)
+        return _curves(data, leaves[0]) if len(leaves) == 1 else _panels(data, *leaves)
+
+
+def _label(data: xr.DataArray) -> str:
+    """What an axis bears: the long name, and the unit where there is one."""
+    words, unit = str(data.attrs.get("long_name", data.name)), data.attrs.get("units", "1")
+    return words if unit == "1" else f"{words} ({unit})"
+
+
+def _curves(data: xr.DataArray, leaf: str) -> Figure:
+    figure, axis = plt.subplots(figsize=(WIDTH, 2.6))
+    _lines(figure, axis, [(str(name), data[leaf], data.sel(shaper=name)) for name in data["shaper"].values])
+    axis.set_xlabel(_label(data[leaf]))
+    axis.set_ylabel(_label(data))
+    if np.nanmin(data.values) >= 0:
+        axis.set_ylim(bottom=0)
+    return figure
+
+
+def _exceedance(data: xr.DataArray) -> Figure:
+    figure, axis = plt.subplots(figsize=(WIDTH, 2.6))
+    count = data.sizes["sample"]
+    # Of a million samples a thousand draw the same curve; the last, rare ones are all kept.
+    rank = np.unique(
+        np.concatenate([np.linspace(0, count - 1, 1000), np.arange(max(count - 100, 0), count)]).astype(int)
+    )
+    curves = [(str(name), np.sort(data.sel(shaper=name).values)[rank], 1 - rank / count) for name in data.shaper.values]
+    _lines(figure, axis, curves)
+    axis.set_yscale("log")
+    axis.set_ylim(1 / count, 1)
+    axis.set_xlabel(_label(data))
+    axis.set_ylabel("share of plants at or above")
+    return figure
+
+
+def _lines(figure: Figure, axis: Any, curves: list[tuple[str, Any, Any]]) -> None:
+    """One line a shaper, the tuned one heavy, and a legend above."""
+    for i, (name, x, y) in enumerate(curves):
+        heavy = name == "tuned"
+        axis.plot(
+            x,
+            y,
+            color="black" if heavy else COLOURS[i % 6],
+            linestyle="-" if heavy else LINES[i % len(LINES)],
+            linewidth=2.0 if heavy else 1.0,
+            label=name,
+            zorder=3 if heavy else 2,
+        )
+    axis.margins(x=0)
+    if len(curves) > 1:
+        figure.legend(loc="outside upper center", ncols=2)
+
+
+def _panels(data: xr.DataArray, vertical: str, across: str) -> Figure:
+    shapers = data["shaper"].values
+    columns = min(len(shapers), 2)
+    rows = -(-len(shapers) // columns)
+    figure, axes = plt.subplots(
+        rows, columns, figsize=(WIDTH, 0.6 + 1.5 * rows), sharex=True, sharey=True, squeeze=False
+    )
+    finite = data.values[np.isfinite(data.values)]
+    greatest = np.max(finite, initial=1e-300)
+    # Shapers differ by orders of magnitude: three decades where nothing is negative, a plain scale elsewhere.
+    wide = np.min(finite, initial=0.0) >= 0
+    norm = LogNorm(greatest / 1000, greatest) if wide else Normalize(finite.min(), greatest)
+    drawn = None
+    for i, axis in enumerate(axes.flat):
+        if i >= len(shapers):
+            axis.set_visible(False)
+            continue
+        values = data.isel(shaper=i).transpose(vertical, across).values
+        # A plant that is lost stays white.
+        drawn = axis.pcolormesh(
+            data[across], data[vertical], np.where(np.isfinite(values), np.maximum(values, norm.vmin or 0.0), np.nan),
+            norm=norm, cmap="cividis", shading="nearest", rasterized=True,
+        )  # fmt: skip
+        axis.set_title(str(shapers[i]), loc="left")
+        axis.grid(False)
+    assert drawn is not None
+    figure.supxlabel(_label(data[across]), fontsize=8)
+    figure.supylabel(_label(data[vertical]), fontsize=8)
+    figure.colorbar(drawn, ax=axes, label=_label(data), shrink=0.9, aspect=30, extend="min" if wide else "neither")
     return figure

@@ -23,8 +23,20 @@ from jshape import plants
 from jshape.plants import AbstractPlant
 from jshape.uncertain import check_over
 
-PARTS = {"spring": plants.AbstractSpring, "damper": plants.AbstractDamper}
+PARTS = {
+    "spring": plants.AbstractSpring,
+    "damper": plants.AbstractDamper,
+    "trolley": plants.Trolley,
+    "controller": plants.AbstractController,
+    "link": plants.AbstractLink,
+    "plant": AbstractPlant,
+    "hoist": commands.AbstractCommand,
+    "cross": commands.AbstractCommand,
+}
 """The tables of a plant that are parts with a ``type`` of their own."""
+
+WORDS = ("drive",)
+"""What is told by a word."""
 
 COMMANDS = {name: getattr(commands, name) for name in ("Step", "Trapezoid", "SCurve", "Sampled")}
 
@@ -74,12 +86,28 @@ class Design(_Strict):
     """What to tune; the fields are ``js.tune``'s arguments."""
 
     impulses: int = Field(default=3, ge=2, le=64)
-    duration: _Positive | None = None
+    duration: _Positive | list[float] | None = None
+    time_cost: Annotated[float, Field(ge=0, strict=False)] = 0.0
+    sample_time: _Positive | None = None
     amplitudes: Literal["positive", "bounded", "unity", "free"] = "positive"
     limit: _Positive | None = None
     objective: Literal["nominal", "worst", "mean", "cvar"] | None = None
+    also: list[str] | dict[str, Any] = []
+    peak_deflection: _Positive | None = None
+    rate: _Positive | None = None
+    command_overshoot: Annotated[float, Field(ge=0, strict=False)] | None = None
     starts: int = Field(default=32, ge=1, le=100_000)
     seed: int = Field(default=0, ge=0)
+
+
+class Front(_Strict):
+    """What ``jshape pareto`` tries; the fields are ``js.pareto``'s arguments."""
+
+    impulses: list[int] = [2, 3, 4]
+    amplitudes: list[Literal["positive", "bounded", "unity", "free"]] = ["positive"]
+    limit: _Positive | None = None
+    durations: int | list[float] = 12
+    starts: int = Field(default=16, ge=1, le=100_000)
 
 
 class _File(_Strict):
@@ -89,6 +117,7 @@ class _File(_Strict):
     plant: dict[str, Any]
     uncertainty: dict[str, _Range] = {}
     design: Design = Field(default_factory=Design)
+    pareto: Front = Field(default_factory=Front)
 
     @field_validator("uncertainty", mode="before")
     @classmethod
@@ -127,6 +156,7 @@ class Problem:
     distance: Any
     over: dict[str, np.ndarray]
     design: Design
+    front: Front
     text: str
     foreign: str | None
 
@@ -182,7 +212,7 @@ def load(name: str | Path) -> Problem:
     if file.design.objective not in (None, "nominal") and not over:
         objective = file.design.objective
         raise where.error(["design", "objective"], f"{objective!r} needs an [uncertainty] table")
-    return Problem(path.stem, file.title or path.stem, plant, distance, over, file.design, text, foreign)
+    return Problem(path.stem, file.title or path.stem, plant, distance, over, file.design, file.pareto, text, foreign)
 
 
 def _distance(file: _File, where: "_Lines") -> Any:
@@ -214,6 +244,8 @@ def _plant(table: dict[str, Any], path: Path, where: "_Lines") -> tuple[Abstract
 
 
 def _known(base: type) -> dict[str, type]:
+    if base is commands.AbstractCommand:
+        return COMMANDS
     found = {name: getattr(plants, name) for name in plants.__all__}
     return {
         name: kind
@@ -273,13 +305,17 @@ def _value(name: str, value: Any, place: list[str], where: "_Lines") -> Any:
         if kind not in known:
             raise where.error([*place, "type"], f"must be one of {', '.join(known)}, not {kind!r}")
         return _build(known[kind], table, place, where)
-    numbers = value if isinstance(value, list) else [value]
-    for number in numbers:
-        if isinstance(number, bool) or not isinstance(number, int | float):
-            raise where.error(place, f"must be a number, not {number!r}")
-        if not np.isfinite(number):
-            raise where.error(place, f"must be finite, not {number}")
-    return [float(number) for number in value] if isinstance(value, list) else value
+    if name in WORDS:
+        if not isinstance(value, str):
+            raise where.error(place, f"must be a word, not {value!r}")
+        return value
+    if isinstance(value, list):
+        return [_value(name, entry, place, where) for entry in value]
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise where.error(place, f"must be a number, not {value!r}")
+    if not np.isfinite(value):
+        raise where.error(place, f"must be finite, not {value}")
+    return value
 
 
 def _words(error: Any) -> str:

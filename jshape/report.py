@@ -13,12 +13,12 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from jshape import plot
-from jshape.command import AbstractCommand, as_command
-from jshape.design import energy, linear
-from jshape.design.tune import Solution
+from jshape.command import as_command
+from jshape.design import closed_forms as closed
+from jshape.design.solution import Solution
 from jshape.export import write_csv, write_json
 from jshape.metrics import energy_profile, residual_energy
-from jshape.plants import AbstractOscillator, ModalPlant
+from jshape.plants import AbstractOscillator
 from jshape.problem import Problem
 from jshape.robustness import sweep
 from jshape.shaper import Shaper
@@ -78,36 +78,7 @@ Step = Callable[[str], None]
 
 def closed_forms(problem: Problem) -> tuple[dict[str, Shaper], dict[str, str]]:
     """Every closed-form shaper that applies to a problem, and why the others do not."""
-    plant, move = problem.plant, problem.distance
-    found: dict[str, Shaper] = {"unshaped": Shaper([1.0], [0.0])}
-    left_out: dict[str, str] = {}
-    frequencies = np.atleast_1d(np.asarray(plant.natural_frequency()))
-    zeta = np.atleast_1d(np.asarray(plant.zeta)) if isinstance(plant, ModalPlant) else np.zeros_like(frequencies)
-    modes = [(float(w), float(z)) for w, z in zip(frequencies, zeta, strict=True)]
-    if all(np.isfinite(w) and w > 0 for w, _ in modes):
-        for name, kind in {"linear ZV": "zv", "linear ZVD": "zvd", "linear ZVDD": "zvdd", "linear EI": "ei"}.items():
-            found[name] = getattr(linear, kind)(*modes[0]) if len(modes) == 1 else linear.multi_mode(modes, kind=kind)
-    else:
-        left_out["linear shapers"] = "the plant has no natural frequency at rest"
-    designs: dict[str, Callable[[Any, Any], Shaper]] = {
-        "energy 2-impulse": energy.two_impulse,
-        "energy 3-impulse": energy.three_impulse,
-        "energy 4-impulse": lambda p, d: energy.robust(p, d, rests=2),
-        "energy 4-impulse, first order": lambda p, d: energy.first_order_robust(p, d, impulses=4),
-        "energy fast 3-impulse": energy.fast_three_impulse,
-        "energy negative": energy.negative,
-    }
-    if not isinstance(plant, AbstractOscillator) or plant.drives()[0] != "displacement":
-        left_out["energy shapers"] = f"{type(plant).__name__} is not a displacement-driven mass on a spring"
-    elif isinstance(move, AbstractCommand):
-        left_out["energy shapers"] = f"they are for steps, not for a {type(move).__name__}"
-    else:
-        for name, design in designs.items():
-            try:
-                found[name] = design(plant, move)
-            except ValueError as error:
-                left_out[name] = str(error)
-    return found, left_out
+    return closed.closed_forms(problem.plant, problem.distance)
 
 
 def build(problem: Problem, solution: Solution | None, step: Step = lambda _: None) -> Report:

@@ -1,35 +1,35 @@
-"""Sweeps over uncertain plants: any metric of any shapers, over a grid of changed leaves or over samples of them.
+"""Sweeps over uncertain plants: any metrics of any shapers, over a grid of changed leaves or over samples of them.
 
 ::
 
     ds = js.sweep(plant, {"2-impulse": s2, "tuned": s3}, 1.0, over={"m2": jnp.linspace(0.6, 1.4, 81)})
     ds.residual_vibration.sel(shaper="tuned").plot()
+    ds.to_netcdf("sweep.nc")        # or to_zarr, with jshape[report]
     ds = js.sweep(plant, s3, 1.0, over={"m2": (0.8, 1.2), "spring.k1": (0.9, 1.1)}, samples=1_000_000, store="pieces")
 
-The result is an ``xarray.Dataset``. With ``store`` a long sweep is kept piece by piece: interrupted and called again,
-it goes on where it stopped, and ends with the same bits.
+The result is an ``xarray.Dataset``. All local devices share the work, or with ``client`` the workers of a
+``dask.distributed`` cluster. With ``store`` a long sweep is kept piece by piece: interrupted and called again, it goes
+on where it stopped, and ends with the same bits. ``sensitivity_indices`` tells which leaf the spread comes from.
 """
 
-from collections.abc import Callable, Mapping
-from importlib.metadata import version
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
 import xarray as xr
-from jaxtyping import Array, Float
+from jaxtyping import Array
 
 from jshape import _check, metrics
-from jshape._store import in_pieces
-from jshape.command import AbstractCommand, as_command
+from jshape._batch import STEPPED, Metric, evaluate, side_by_side, task
+from jshape._cluster import check_client
+from jshape._pieces import cut, slices
+from jshape.command import as_command
 from jshape.plants import AbstractPlant
 from jshape.sampling import draw
 from jshape.schedule import schedule
 from jshape.shaper import Shaper
-from jshape.simulate import steps_for, with_arrays
+from jshape.simulate import fastest, with_arrays
 from jshape.uncertain import check_over, grid, leaf, with_leaves
 
 METRICS = {
@@ -42,13 +42,20 @@ METRICS = {
 }
 """What can be swept by name, with its long name and unit."""
 
-BATCH = 4096
-"""Plants computed side by side: enough for the vector units, few enough to stay in the cache."""
-
-PIECE = 16 * BATCH
-"""Plants in a piece: what an interrupted sweep loses at most."""
-
-Metric = Callable[[AbstractPlant, Shaper, AbstractCommand], Array]
+UNITS = {
+    "TwoMass.m1": "kg",
+    "TwoMass.m2": "kg",
+    "TwoMass.base_damping": "N s/m",
+    "ForcedMass.mass": "kg",
+    "ModalPlant.omega": "rad/s",
+    "ModalPlant.zeta": "1",
+    "ModalPlant.gains": "1",
+    "LinearSpring.k": "N/m",
+    "Duffing.k1": "N/m",
+    "Duffing.k3": "N/m^3",
+    "LinearDamper.c": "N s/m",
+}
+"""Units of the leaves of jshape's own plants and parts, by class and field; all others are SI units of some kind."""
 
 
 def sweep(
@@ -56,7 +63,7 @@ def sweep(
     shapers: Shaper | Mapping[str, Shaper | None],
     distance: Any,
     over: Mapping[str, Any],
-    metric: str | Metric = "residual_vibration",
+    metric: str | Metric | Sequence[str | Metric] = "residual_vibration",
     *,
     relative: bool = True,
     samples: int | None = None,
@@ -66,122 +73,153 @@ def sweep(
     estimate_error: bool = True,
     store: str | Path | None = None,
     progress: Callable[[int, int], None] | None = None,
+    client: Any = None,
 ) -> xr.Dataset:
-    """A metric of each shaper on the plant with the named leaves changed.
+    """Metrics of each shaper on the plant with the named leaves changed.
 
     ``shapers``: one, or several by name (``None`` is the bare command). ``over``: leaf → values, multiples of nominal
     unless ``relative=False``: every combination of them; or, with ``samples``, leaf → (least, greatest), drawn by
     ``sampling`` (``"sobol"``, ``"latin hypercube"``, ``"uniform"``, or ``"normal"`` with mean and standard deviation)
-    and ``seed``. ``metric``: one of ``METRICS``, or a function (plant, shaper, command) → scalar in JAX.
-    ``derivatives``: also the metric's exact derivative with respect to each leaf. ``store``: a folder that keeps the
-    pieces of a long sweep (for a metric by name). ``progress(done, pieces)`` is called along the way.
+    and ``seed``. ``metric``: one of ``METRICS``, or a function (plant, shaper, command) → scalar in JAX, or several of
+    them. ``derivatives``: also each metric's exact derivative with respect to each leaf. ``store``: a folder that keeps
+    the pieces of a long sweep. ``progress(done, pieces)`` is called along the way. ``client``: a
+    ``dask.distributed.Client``, whose workers then compute the pieces.
 
-    Returns a dataset with a variable named after the metric (and ``d_<metric>_d_<leaf>``, per unit of the leaf) over
+    Returns a dataset with a variable for each metric (and ``d_<metric>_d_<leaf>``, per unit of the leaf) over
     ``shaper`` and the leaves, or ``shaper`` and ``sample``. Each leaf's own coordinate holds the values given; the
     other form stands beside it, ``<leaf>_absolute`` or ``<leaf>_ratio``. Fixed steps are chosen at the corners of the
-    set; ``attrs["error"]`` tells the largest change, of up to 64 plants for each shaper, when they are halved (with
-    ``estimate_error=False`` that is not computed, which saves a compilation).
+    set, or, where their frequencies differ fourfold, for buckets of like frequency: ``attrs["steps"]`` and
+    ``attrs["least_steps"]``. Each variable's ``attrs["error"]`` (with one metric, the dataset's, too) tells the
+    largest change of a residual metric, for up to 64 plants and each shaper, when steps are halved (cut by more in the
+    slower buckets); of another metric by name, the change on the fastest of these plants when its steps are chosen for
+    it. The accuracy of a function is not known. With ``estimate_error=False`` none of this is computed, which saves a
+    compilation.
 
-    *Raises* ``ValueError`` for an unknown metric, leaf or sampling, an empty set, shapers that are none, or a store
-    that holds something else.
+    *Raises* ``ValueError`` for an unknown metric, leaf or sampling, an empty set, shapers that are none, a store that
+    holds something else, or a client that is none; ``ImportError`` for a client without dask.distributed.
     """
-    named: Mapping[str, Shaper | None] = shapers if isinstance(shapers, Mapping) else {"shaper": shapers}
-    if not named or any(not (s is None or isinstance(s, Shaper)) for s in named.values()):
-        raise ValueError(f"shapers must be one shaper or a mapping of names to shapers, not {shapers!r}")
-    if isinstance(metric, str):
-        _check.one_of(metric, "metric", tuple(METRICS))
-    elif store is not None:
-        raise ValueError("store needs a metric by name: whether a function is still the same cannot be told")
+    names = named_shapers(shapers)
+    asked = as_metrics(metric)
+    if client is not None:
+        check_client(client)
     command = as_command(distance)
     plant = with_arrays(plant)
     absolute = check_over(plant, over if samples is None else draw(over, samples, sampling, seed), relative)
-    points = grid(absolute) if samples is None else absolute
-    # Padded to the same number of impulses, all shapers run through one compiled program.
-    longest = max(1 if s is None else len(s.times) for s in named.values())
-    padded = [(Shaper([1.0], [0.0]) if s is None else s).pad(longest) for s in named.values()]
-    stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *padded)
-    steps = max(_steps(plant, command, s, absolute) for s in padded)
-    run = lambda points, steps: _map(plant, command, stacked, points, metric, steps, derivatives)
-    name = metric if isinstance(metric, str) else getattr(metric, "__name__", "metric")
+    points = {name: np.asarray(v) for name, v in (grid(absolute) if samples is None else absolute).items()}
+    padded = padded_shapers(names)
+    of = task(plant, command, padded, tuple(asked.values()), tuple(absolute) if derivatives else ())
+    pieces = cut(plant, command, padded, points) if of.stepped else slices(np.arange(len(next(iter(points.values())))))
     folder = None if store is None else Path(store)
-    fingerprint = _fingerprint(plant, command, stacked, points, name, steps, derivatives)
-    values = _computed(run, points, steps, folder, fingerprint, progress)
-    attrs: dict[str, Any] = dict(plant=type(plant).__name__, distance=float(command.final), steps=steps)
+    values = evaluate(of, points, pieces, folder, progress, client)
+    attrs: dict[str, Any] = dict(plant=type(plant).__name__, distance=float(command.final))
+    if of.stepped:
+        steps = [piece.steps for piece in pieces]
+        attrs |= dict(steps=max(steps), least_steps=min(steps))
+    rows = 1 + len(of.slopes)
+    errors = {}
     if estimate_error:
-        stride = max(1, -(-values.shape[2] // 64))
-        some = {leaf_name: v[::stride] for leaf_name, v in points.items()}
-        change = np.abs(np.asarray(run(some, 2 * steps))[0] - values[0, :, ::stride])
-        attrs["error"] = float(np.max(change[np.isfinite(change)], initial=0.0))
-    dims = tuple(absolute) if samples is None else ("sample",)
-    shape = tuple(len(v) for v in absolute.values()) if samples is None else (samples,)
-    long_name, unit = METRICS.get(name, (name, ""))
-    variables = {name: (("shaper", *dims), values[0].reshape(-1, *shape), dict(long_name=long_name, units=unit))}
-    for i, leaf_name in enumerate(absolute if derivatives else ()):
-        about = dict(long_name=f"derivative of {long_name} with respect to {leaf_name}")
-        variables[f"d_{name}_d_{leaf_name}"] = (("shaper", *dims), values[i + 1].reshape(-1, *shape), about)
-    coordinates: dict[str, Any] = {"shaper": list(named)}
+        by_itself = task(plant, command, padded, tuple(m for m in asked.values() if m in STEPPED))
+        errors = _errors(asked, plant, command, padded, points, values[::rows], by_itself, 2 * attrs.get("steps", 1))
+    if len(asked) == 1 and errors:
+        attrs["error"] = next(iter(errors.values()))
+    dims = ("shaper", *(tuple(absolute) if samples is None else ("sample",)))
+    shape = (len(names), *(tuple(len(v) for v in absolute.values()) if samples is None else (samples,)))
+    variables = {}
+    for i, name in enumerate(asked):
+        long_name, unit = METRICS.get(name, (name, "SI"))
+        about = dict(long_name=long_name, units=unit) | ({"error": errors[name]} if name in errors else {})
+        variables[name] = (dims, values[i * rows].reshape(shape), about)
+        for k, leaf_name in enumerate(of.slopes):
+            about = dict(
+                long_name=f"derivative of {long_name} with respect to {leaf_name}",
+                units=f"{unit}/({leaf_unit(plant, leaf_name)})",
+            )
+            variables[f"d_{name}_d_{leaf_name}"] = (dims, values[i * rows + 1 + k].reshape(shape), about)
+    coordinates: dict[str, Any] = {"shaper": ("shaper", np.array(list(names), object), dict(long_name="shaper"))}
     for leaf_name, given in absolute.items():
-        nominal = float(leaf(plant, leaf_name))
-        ratio = np.asarray(given) / nominal if nominal else None
-        own, other = (ratio, np.asarray(given)) if relative else (np.asarray(given), ratio)
         along = leaf_name if samples is None else "sample"
-        label = f"{leaf_name} over nominal" if relative else leaf_name
-        coordinates[leaf_name] = (along, own, dict(long_name=label))
-        if other is not None:
-            coordinates[f"{leaf_name}_{'absolute' if relative else 'ratio'}"] = (along, other)
+        coordinates |= _coordinates(plant, leaf_name, np.asarray(given), along, relative)
     return xr.Dataset(variables, coordinates, attrs)
 
 
-def _computed(run: Callable[..., Array], points, steps: int, folder, fingerprint: bytes, progress) -> np.ndarray:
-    """All values, a piece at a time; the last one is filled up, so that one program serves all."""
-    count = len(next(iter(points.values())))
-    size = min(PIECE, count)
-
-    def compute(index: int) -> np.ndarray:
-        at = np.minimum(np.arange(index * size, (index + 1) * size), count - 1)
-        return np.asarray(run({name: v[at] for name, v in points.items()}, steps))
-
-    pieces = in_pieces(compute, -(-count // size), folder, fingerprint, progress)
-    return np.concatenate(pieces, axis=2)[:, :, :count]
-
-
-def _fingerprint(plant, command, shapers, points, name: str, steps: int, derivatives: bool) -> bytes:
-    """Everything that a sweep's numbers depend on, but for the code itself, whose version stands for it."""
-    leaves = [np.asarray(x).tobytes() for x in jax.tree.leaves((plant, command, shapers, points))]
-    structure = jax.tree.structure((plant, command, shapers, points))
-    words = f"{structure} {name} {steps} {derivatives} {PIECE} {version('jshape')} {version('jax')}"
-    return b"|".join([words.encode(), *leaves])
+def summary(data: xr.DataArray) -> xr.Dataset:
+    """A swept metric's ``mean``, ``quantile_95`` (one plant in twenty has more) and ``worst`` for each shaper."""
+    over = [name for name in data.dims if name != "shaper"]
+    # A lost plant is infinitely bad; between it and another there is nothing to interpolate.
+    parts = {
+        "mean": data.mean(over),
+        "quantile_95": data.quantile(0.95, over, method="higher", skipna=False).drop_vars("quantile"),
+        "worst": data.max(over),
+    }
+    return xr.Dataset({word: part.assign_attrs(data.attrs) for word, part in parts.items()})
 
 
-def _steps(plant: AbstractPlant, command: AbstractCommand, shaper: Shaper | None, absolute: Mapping[str, Array]) -> int:
-    """Enough fixed steps for the nominal plant and for the corners of the set."""
-    ends = [jnp.asarray([jnp.min(values), jnp.max(values)]) for values in absolute.values()]
-    corners = grid(dict(zip(absolute, ends, strict=True)))
-    plants = [plant]
-    for i in range(min(len(next(iter(corners.values()))), 64)):
-        plants.append(with_leaves(plant, {name: values[i] for name, values in corners.items()}))
-    return max(steps_for(one, schedule(one, command, shaper)) for one in plants)
+def named_shapers(shapers: Shaper | Mapping[str, Shaper | None]) -> dict[str, Shaper | None]:
+    """One shaper or several, by name. *Raises* ``ValueError`` if there is none, or one is no shaper."""
+    names: dict[str, Shaper | None] = dict(shapers) if isinstance(shapers, Mapping) else {"shaper": shapers}
+    if not names or any(not (s is None or isinstance(s, Shaper)) for s in names.values()):
+        raise ValueError(f"shapers must be one shaper or a mapping of names to shapers, not {shapers!r}")
+    return names
 
 
-@eqx.filter_jit
-def _map(
-    plant, command, shapers: Shaper, points: dict[str, Array], metric: str | Metric, steps: int, derivatives: bool
-) -> Float[Array, "values shapers plants"]:
-    """The metric, and its derivatives in the leaves' order, for each of the stacked shapers on each of the plants."""
+def padded_shapers(names: Mapping[str, Shaper | None]) -> list[Shaper]:
+    """All with the same number of impulses, so that they run through one compiled program."""
+    longest = max(1 if s is None else len(s.times) for s in names.values())
+    return [(Shaper([1.0], [0.0]) if s is None else s).pad(longest) for s in names.values()]
 
-    def one(shaper: Shaper, values: dict[str, Array]) -> Array:
-        changed = with_leaves(plant, values)
+
+def as_metrics(metric: str | Metric | Sequence[str | Metric]) -> dict[str, str | Metric]:
+    """The metrics by the names of their variables. *Raises* ``ValueError`` for an unknown name, or one given twice."""
+    several = list(metric) if isinstance(metric, Sequence) and not isinstance(metric, str) else [metric]
+    found: dict[str, str | Metric] = {}
+    for one in several:
+        if not callable(one):
+            _check.one_of(one, "metric", tuple(METRICS))
+        name = getattr(one, "__name__", "metric") if callable(one) else one
+        if name in found:
+            raise ValueError(f"metric must name each one once, not {name!r} twice")
+        found[name] = one
+    if not found:
+        raise ValueError(f"metric must be at least one of {', '.join(METRICS)}, or a function, not {metric!r}")
+    return found
+
+
+def leaf_unit(plant: AbstractPlant, name: str) -> str:
+    """The unit of a plant's leaf, where it is known; ``"SI"`` elsewhere."""
+    *parts, field = [part for part in name.split(".") if not part.isdigit()]
+    owner: Any = plant
+    for part in parts:
+        owner = getattr(owner, part, None)
+    return UNITS.get(f"{type(owner).__name__}.{field}", "SI")
+
+
+def _coordinates(plant: AbstractPlant, name: str, given: np.ndarray, along: str, relative: bool) -> dict[str, Any]:
+    nominal, unit = float(leaf(plant, name)), leaf_unit(plant, name)
+    absolute = (along, given, dict(long_name=name, units=unit))
+    if not nominal:
+        return {name: absolute}
+    ratio = (along, given / nominal, dict(long_name=f"{name} over nominal", units="1"))
+    return {name: ratio, f"{name}_absolute": absolute} if relative else {name: absolute, f"{name}_ratio": ratio}
+
+
+def _errors(asked, plant, command, padded, points, values, stepped, steps: int) -> dict[str, float]:
+    """What finer steps change in each metric by name; ``values``: one row a metric."""
+    some = slice(None, None, max(1, -(-values.shape[2] // 64)))
+    few = {name: v[some] for name, v in points.items()}
+    finer: list[Array] = list(side_by_side(stepped, few, steps)) if stepped.metrics else []
+    found = {}
+    for (name, metric), coarse in zip(asked.items(), values[:, :, some], strict=True):
         if callable(metric):
-            return metric(changed, shaper, command)
-        given = dict(steps=steps) if metric in ("residual_energy", "residual_vibration") else {}
-        return getattr(metrics, metric)(changed, shaper, command, **given)
-
-    def all_of(shaper: Shaper, values: dict[str, Array]) -> Array:
-        if not derivatives:
-            return one(shaper, values)[None]
-        value, slopes = jax.value_and_grad(lambda v: one(shaper, v))(values)
-        return jnp.stack([value, *(slopes[name] for name in points)])
-
-    size = min(BATCH, len(next(iter(points.values()))))
-    found = jax.lax.map(lambda s: jax.lax.map(lambda v: all_of(s, v), points, batch_size=size), shapers)
-    return jnp.moveaxis(found, -1, 0)
+            continue
+        if metric in STEPPED:
+            other = finer.pop(0)
+        else:
+            plants = [with_leaves(plant, {n: v[i] for n, v in few.items()}) for i in range(coarse.shape[1])]
+            at = int(np.argmax([fastest(one, schedule(one, command)) for one in plants]))
+            other = np.array([float(getattr(metrics, metric)(plants[at], shaper, command)) for shaper in padded])
+            coarse = coarse[:, at]
+        # Infinite both times is no change.
+        with np.errstate(invalid="ignore"):
+            change = np.abs(other - coarse)
+        found[name] = float(np.max(change[~np.isnan(change)], initial=0.0))
+    return found

@@ -16,7 +16,14 @@ SAMPLING = ("sobol", "latin hypercube", "uniform", "normal")
 
 
 def draw(ranges: Mapping[str, Any], count: int, sampling: str = "sobol", seed: int = 0) -> dict[str, np.ndarray]:
-    """``count`` joint samples of the leaves, in the units of their ranges.
+    """``count`` joint samples of the leaves, in the units of their ranges: one of ``draw_sets``."""
+    return draw_sets(ranges, count, 1, sampling, seed)[0]
+
+
+def draw_sets(
+    ranges: Mapping[str, Any], count: int, sets: int, sampling: str = "sobol", seed: int = 0
+) -> list[dict[str, np.ndarray]]:
+    """Several sets of ``count`` joint samples of the leaves, independent of each other, in the units of their ranges.
 
     ``ranges``: leaf → (least, greatest), or (mean, standard deviation) for ``"normal"``. Sobol points are scrambled and
     balanced best for powers of two.
@@ -39,11 +46,13 @@ def draw(ranges: Mapping[str, Any], count: int, sampling: str = "sobol", seed: i
         if sampling != "normal" and values[0] >= values[1]:
             raise ValueError(f"over[{name!r}] must be (least, greatest), not {tuple(values.tolist())}")
         pairs[name] = values
-    unit = _unit(len(pairs), count, sampling, seed)
-    samples = {}
-    for column, (name, (first, second)) in zip(unit.T, pairs.items(), strict=True):
-        samples[name] = norm.ppf(column, first, second) if sampling == "normal" else first + (second - first) * column
-    return samples
+    columns = iter(_unit(sets * len(pairs), count, sampling, seed).T)
+
+    def samples(pair: np.ndarray, unit: np.ndarray) -> np.ndarray:
+        first, second = pair
+        return norm.ppf(unit, first, second) if sampling == "normal" else first + (second - first) * unit
+
+    return [{name: samples(pair, next(columns)) for name, pair in pairs.items()} for _ in range(sets)]
 
 
 def _unit(dimensions: int, count: int, sampling: str, seed: int) -> np.ndarray:

@@ -281,3 +281,43 @@ def test_wrong_arguments_are_named(case):
     call, message = WRONG[case]
     with pytest.raises(ValueError, match=message):
         call()
+
+
+def _stiff(stiffness, mass):
+    plant = plants.TwoMass(1.0, mass, plants.Duffing(stiffness, 100.0))
+    return plant, js.Shaper([0.25, 0.5, 0.25], [0.0, 0.8, 1.64])
+
+
+@pytest.mark.slow
+def test_steps_chosen_at_run_time():
+    # Traced, nothing is known of the frequencies before the run; what is chosen then agrees with many steps, for slow
+    # plants, for plants ten times as fast, and for both in one batch. Beyond what can be chosen the answer is NaN.
+    energy = lambda k, m2, **options: js.residual_energy(*_stiff(k, m2), 1.0, **options)
+    traced = jax.jit(jax.vmap(energy))
+    exact = jax.jit(jax.vmap(lambda k, m2: energy(k, m2, steps=2048)))
+    masses = jnp.linspace(0.6, 1.4, 5)
+    for stiffness in ([10.0] * 5, [1e3] * 5, [10.0, 1e2, 1e3, 3e3, 10.0]):
+        given = jnp.asarray(stiffness), masses
+        np.testing.assert_allclose(traced(*given), exact(*given), rtol=1e-6, atol=1e-9)
+    assert np.isnan(traced(jnp.full(5, 1e7), masses)).all()
+    # One fast plant in the batch costs the others time, not accuracy, and a gradient through the choice is exact.
+    slope, central = jax.grad(energy, argnums=1)(10.0, 1.1), None
+    central = (energy(10.0, 1.1 + 1e-5, steps=256) - energy(10.0, 1.1 - 1e-5, steps=256)) / 2e-5
+    assert float(slope) == pytest.approx(float(central), rel=1e-7)
+    nested = jax.vmap(jax.vmap(energy, (None, 0)), (0, None))(jnp.array([10.0, 1e3]), masses)
+    np.testing.assert_allclose(nested[0], exact(jnp.full(5, 10.0), masses), rtol=1e-9)
+
+
+def test_tolerance():
+    plant, shaper = _stiff(10.0, 1.0)
+    exact = float(js.residual_energy(plant, shaper, 1.0, steps=1024))
+    for tolerance in (1e-3, 1e-7, 1e-13):
+        value, error = js.residual_energy_and_error(plant, shaper, 1.0, tolerance=tolerance)
+        assert abs(float(value) - exact) <= float(error) + 1e-14
+        assert float(error) <= tolerance * 30
+    with pytest.raises(ValueError, match="tolerance 1e-17 cannot be met: it is below rounding"):
+        js.residual_energy(plant, shaper, 1.0, tolerance=1e-17)
+    with pytest.raises(ValueError, match="tolerance chooses the steps itself"):
+        js.residual_energy(plant, shaper, 1.0, tolerance=1e-3, steps=4)
+    with pytest.raises(ValueError, match="tolerance must be greater than 0, not 0"):
+        js.residual_energy(plant, shaper, 1.0, tolerance=0.0)

@@ -1,11 +1,14 @@
 """Sweeps: labelled, equal to one plant at a time, honest about their error."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import xarray as xr
 
 import jshape as js
-from jshape import robustness
+from jshape import _pieces
+from jshape.robustness import summary
 from jshape.sampling import draw
 from jshape.uncertain import with_leaves
 
@@ -49,6 +52,16 @@ def test_any_function_is_a_metric():
     np.testing.assert_allclose(
         ds.energy_twice.values[0], [2 * 0.04132570631074358, 2 * 0.003009232492153247], rtol=1e-7
     )
+
+
+def test_derivatives_of_a_function():
+    def product(plant, shaper, command):
+        return plant.m2**2 * plant.spring.k1
+
+    ds = js.sweep(PLANT, THREE, 1.0, {"spring.k1": [2.0], "m2": [1.0, 3.0]}, product, relative=False, derivatives=True)
+    np.testing.assert_allclose(ds["d_product_d_spring.k1"].values[0, 0], [1.0, 9.0])
+    np.testing.assert_allclose(ds["d_product_d_m2"].values[0, 0], [4.0, 12.0])
+    assert "error" not in ds.product.attrs
 
 
 def test_errors():
@@ -107,7 +120,7 @@ def test_derivatives_are_those_of_the_metric():
 
 
 def test_an_interrupted_sweep_goes_on_and_ends_with_the_same_bits(tmp_path, monkeypatch):
-    monkeypatch.setattr(robustness, "PIECE", 50)
+    monkeypatch.setattr(_pieces, "PIECE", 50)
     over = {"m2": jnp.linspace(0.6, 1.4, 230)}
     call = lambda **given: js.sweep(PLANT, THREE, 1.0, over, "residual_energy", estimate_error=False, **given)
     whole = call()
@@ -133,3 +146,114 @@ def test_an_interrupted_sweep_goes_on_and_ends_with_the_same_bits(tmp_path, monk
     (tmp_path / "else" / "mine.txt").write_text("mine", encoding="utf-8")
     with pytest.raises(ValueError, match="holds files that are not jshape's"):
         call(store=tmp_path / "else")
+
+
+@pytest.mark.slow
+def test_everything_is_named_and_survives_netcdf_and_zarr(tmp_path):
+    pytest.importorskip("zarr")
+    over = {"spring.k1": [0.9, 1.0, 1.1], "m2": [0.8, 1.2]}
+    ds = js.sweep(
+        PLANT, {"zwei Impulse": TWO, "α": THREE}, 1.0, over, ["residual_energy", "residual_vibration"], derivatives=True
+    )
+    units = {name: ds[name].attrs["units"] for name in ds.variables if name != "shaper"}
+    assert units == {
+        "residual_energy": "J", "d_residual_energy_d_spring.k1": "J/(N/m)", "d_residual_energy_d_m2": "J/(kg)",
+        "residual_vibration": "1", "d_residual_vibration_d_spring.k1": "1/(N/m)", "d_residual_vibration_d_m2": "1/(kg)",
+        "spring.k1": "1", "spring.k1_absolute": "N/m", "m2": "1", "m2_absolute": "kg",
+    }  # fmt: skip
+    assert all("long_name" in ds[name].attrs for name in ds.variables)
+    ds.to_netcdf(tmp_path / "sweep.nc")
+    ds.to_zarr(tmp_path / "sweep.zarr", consolidated=False)
+    for read in (
+        xr.open_dataset(tmp_path / "sweep.nc"),
+        xr.open_zarr(tmp_path / "sweep.zarr", chunks=None, consolidated=False),
+    ):
+        with read:
+            # Values, names, coordinates and attributes, the dataset's and each variable's.
+            xr.testing.assert_identical(read.load().drop_encoding(), ds)
+    # Several metrics are those one by one.
+    alone = js.sweep(PLANT, {"two": TWO, "three": THREE}, 1.0, over, "residual_vibration")
+    np.testing.assert_allclose(ds.residual_vibration, alone.residual_vibration, rtol=1e-11)
+    assert ds.residual_vibration.attrs["error"] == pytest.approx(alone.attrs["error"], rel=1e-2)
+    assert "error" not in ds.attrs
+    # The leaves are not in the order of the alphabet, and each derivative is its own.
+    energy = lambda k1: js.residual_energy(with_leaves(PLANT, {"spring.k1": k1, "m2": 0.8}), TWO, 1.0, steps=32)
+    slope = (energy(9.001) - energy(8.999)) / 0.002
+    np.testing.assert_allclose(ds["d_residual_energy_d_spring.k1"].values[0, 0, 0], slope, rtol=1e-6)
+
+
+def test_wrong_metrics():
+    for metric, words in ((["overshoot", "overshoot"], "'overshoot' twice"), ([], "metric must be at least one")):
+        with pytest.raises(ValueError, match=words):
+            js.sweep(PLANT, TWO, 1.0, {"m2": [0.8, 1.2]}, metric)
+
+
+def test_plants_of_like_frequency_run_together(monkeypatch, tmp_path):
+    """Frequencies from 1 to 12 of the slowest: each plant gets its own need, in its own place, piece by piece."""
+    monkeypatch.setattr(_pieces, "FEW", 100)
+    monkeypatch.setattr(_pieces, "PIECE", 64)
+    plant = js.plants.ModalPlant(omega=[4.0], zeta=[0.01])
+    omega = np.random.default_rng(0).permutation(np.geomspace(4.0, 48.0, 300))
+    call = lambda **given: js.sweep(plant, THREE, 1.0, {"omega.0": omega}, "residual_energy", relative=False, **given)
+    ds = call()
+    assert ds.attrs["steps"] >= 8 * ds.attrs["least_steps"]
+    # Of an energy of up to 48²/2 J before the last impulse.
+    assert ds.attrs["error"] < 1e-11 * 48**2 / 2
+    # One plant at a time, with more steps than any needs.
+    run = jax.jit(lambda w: js.residual_energy(js.plants.ModalPlant(w[None], [0.01]), THREE, 1.0, steps=256))
+    alone = [float(run(jnp.asarray(w))) for w in omega[:40]]
+    np.testing.assert_allclose(ds.residual_energy[0, :40], alone, rtol=1e-8, atol=1e-11)
+    # Cut into buckets, a sweep can still be stopped and gone on with.
+    stops = iter([False, False, False, True])
+
+    def stop(done, pieces):
+        if next(stops):
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        call(store=tmp_path / "pieces", progress=stop)
+    seen = []
+    again = call(store=tmp_path / "pieces", progress=lambda *at: seen.append(at))
+    np.testing.assert_array_equal(again.residual_energy, ds.residual_energy)
+    assert seen[0][0] == 3
+    assert seen[-1][0] == seen[-1][1] == len(list((tmp_path / "pieces").glob("*.npy")))
+
+
+def test_a_store_knows_a_function_by_what_it_computes(tmp_path):
+    def times(factor):
+        def mine(plant, shaper, command):
+            return factor * plant.m2
+
+        return mine
+
+    call = lambda factor: js.sweep(PLANT, TWO, 1.0, {"m2": [0.5, 2.0]}, times(factor), store=tmp_path / "pieces")
+    np.testing.assert_array_equal(call(2.0).mine[0], [1.0, 4.0])
+    np.testing.assert_array_equal(call(2.0).mine[0], [1.0, 4.0])
+    with pytest.raises(ValueError, match="holds the pieces of another computation"):
+        call(3.0)
+
+
+@pytest.mark.slow
+def test_the_error_of_a_metric_that_chooses_its_own_steps():
+    """A mode far too fast for the track's steps: the error says that the number is worth nothing."""
+    move = js.Trapezoid(1.0, speed=0.1, acceleration=1.0)
+    plant = js.plants.ModalPlant(omega=[10.0], zeta=[0.001])
+    ds = js.sweep(plant, js.Shaper([1.0], [0.0]), move, {"omega.0": [1.0, 8.0]}, "peak_deflection")
+    assert ds.attrs["error"] > 1e-3 * float(ds.peak_deflection.min())
+
+
+def test_summary():
+    data = xr.DataArray(
+        [np.arange(1.0, 101.0), np.append(np.ones(99), np.inf)], dims=("shaper", "sample"), attrs=dict(units="J")
+    )
+    found = summary(data)
+    np.testing.assert_array_equal(found["mean"], [50.5, np.inf])
+    np.testing.assert_array_equal(found["quantile_95"], [96.0, 1.0])
+    np.testing.assert_array_equal(found["worst"], [100.0, np.inf])
+    assert found["worst"].attrs["units"] == "J"
+
+
+def test_a_client_that_is_none():
+    pytest.importorskip("distributed")
+    with pytest.raises(ValueError, match=r"client must be a dask\.distributed\.Client, not 'here'"):
+        js.sweep(PLANT, TWO, 1.0, {"m2": [0.8, 1.2]}, client="here")

@@ -1,0 +1,113 @@
+"""Sweeps of a million plants: time, plants a second and peak memory; and what buckets of like frequency gain.
+
+    python experiments/benchmarks/sweep.py         # some minutes; writes sweep.json and sweep.md beside this file
+
+The papers' plant (m1 = 1, k1 = 10, k3 = 100) moves by 1 m with three impulses; m2 and k1 are drawn evenly from ±40 %
+and ±20 %. In the last two rows an undamped mode's frequency runs from 3 to 30 rad/s, evenly in its logarithm. Each row
+runs in a process of its own: once with compiling, then once more, the time that the rate is of. Peak memory is that of
+the whole process, JAX included.
+"""
+
+import json
+import os
+import platform
+import resource
+import subprocess
+import sys
+import time
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+PLANTS = 1_000_000
+DECADE = 100_000
+
+CASES = {
+    "residual energy": dict(),
+    "residual energy and its derivatives in m2 and k1": dict(derivatives=True),
+    "residual energy of three shapers": dict(shapers=3),
+    "frequencies over a decade, in buckets": dict(decade=True),
+    "frequencies over a decade, at the steps of the fastest": dict(decade=True, buckets=False),
+}
+
+
+def main() -> None:
+    rows = []
+    for name, case in CASES.items():
+        run = subprocess.run(
+            [sys.executable, __file__, json.dumps(case)], check=True, stdout=subprocess.PIPE, text=True
+        )
+        row = dict(case=name) | json.loads(run.stdout)
+        rows.append(row)
+        print(f"{name:55s} {row['seconds']:8.2f} s {row['plants_a_second']:12.0f} /s {row['peak_megabytes']:8.0f} MB")
+    write(rows)
+
+
+def measure(derivatives: bool = False, shapers: int = 1, decade: bool = False, buckets: bool = True) -> dict[str, Any]:
+    """One row, in this process."""
+    import jax
+
+    jax.config.update("jax_enable_x64", True)
+    import jshape as js
+    from jshape import _pieces
+
+    plant = js.plants.TwoMass(spring=js.plants.Duffing(10.0, 100.0))
+    times = np.array([0.0, 0.8214899715396663, 1.6429799430793326])
+    named = {f"{i}": js.Shaper([0.25, 0.5, 0.25], times * (1 + i / 10)) for i in range(shapers)}
+    given: dict[str, Any] = dict(over={"m2": (0.6, 1.4), "spring.k1": (0.8, 1.2)}, samples=PLANTS)
+    if decade:
+        plant = js.plants.ModalPlant([3.0], [0.0])
+        given = dict(over={"omega.0": np.random.default_rng(0).permutation(np.geomspace(1, 10, DECADE))})
+    if not buckets:
+        _pieces.FEW = 10**9
+    run = lambda: js.sweep(plant, named, 1.0, metric="residual_energy", derivatives=derivatives, **given)
+    begin = time.perf_counter()
+    run()
+    middle = time.perf_counter()
+    found = run()
+    seconds = (middle - begin, time.perf_counter() - middle)
+    plants = found.residual_energy.size
+    # Linux counts in kilobytes, macOS in bytes.
+    unit = 1024**2 if sys.platform == "darwin" else 1024
+    return dict(
+        plants=plants,
+        seconds=seconds[1],
+        first_seconds=seconds[0],
+        plants_a_second=plants / seconds[1],
+        peak_megabytes=resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit,
+        steps=found.attrs["steps"],
+        least_steps=found.attrs["least_steps"],
+        error=found.attrs["error"],
+    )
+
+
+def write(rows: list[dict[str, Any]]) -> None:
+    versions = {name: version(name) for name in ("jshape", "jax", "scipy", "numpy", "xarray")}
+    about = dict(
+        machine=f"{platform.machine()}, {os.cpu_count()} cores", python=platform.python_version(), versions=versions
+    )
+    here = Path(__file__).parent
+    (here / "sweep.json").write_text(json.dumps(dict(about=about, rows=rows), indent=2) + "\n", encoding="utf-8")
+    lines = [
+        "| sweep | plants × shapers | s | first, compiling (s) | a second | peak memory (MB) | steps | error (J) |",
+        "| --- | --- | --- | --- | --- | --- | --- | --- |",
+    ]
+    for r in rows:
+        steps = f"{r['least_steps']} … {r['steps']}" if r["least_steps"] < r["steps"] else f"{r['steps']}"
+        lines.append(
+            f"| {r['case']} | {r['plants']:,} | {r['seconds']:.3g} | {r['first_seconds']:.3g} "
+            f"| {r['plants_a_second']:.3g} | {r['peak_megabytes']:.0f} | {steps} | {r['error']:.1e} |"
+        )
+    bucketed, flat = rows[-2]["seconds"], rows[-1]["seconds"]
+    lines += ["", f"Over a decade of frequencies, buckets make the sweep {flat / bucketed:.2g} times as fast."]
+    lines += ["", f"{about['machine']}; " + ", ".join(f"{k} {v}" for k, v in versions.items()) + "."]
+    (here / "sweep.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    if len(sys.argv) > 1:
+        print(json.dumps(measure(**json.loads(sys.argv[1]))))
+    else:
+        main()

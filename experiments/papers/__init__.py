@@ -1,0 +1,1 @@
+"""The five papers, reproduced and surpassed: ``python -m experiments.papers``."""

@@ -1,0 +1,318 @@
+"""What a reproduction of a paper hands over, and how it is printed and written down.
+
+Each script has one function ``results(draw=True) -> Paper`` and ends with::
+
+    if __name__ == "__main__":
+        main(results)
+
+so that it runs alone: ``python experiments/papers/paper_001.py --out out/papers`` prints the tables and writes each
+figure there as PNG. ``python -m experiments.papers`` runs them all and writes README.md and one SVG a paper, too.
+
+A row whose printed value is a number is best made by ``compare``, which asks whether what was computed rounds to the
+digits in print; ``Row`` itself is for verdicts of another kind, and ``cannot`` for numbers that nobody can recompute.
+A design that surpasses the paper's is a ``Surpassed``; ``after`` integrates the script's own equations by SciPy, apart
+from jshape, for its verification.
+"""
+
+import argparse
+import re
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import jax
+import matplotlib as mpl
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.figure import Figure
+from scipy.integrate import solve_ivp
+
+from jshape import plot
+
+NUMBER = re.compile(r"[-+−]?\d+(?:,\d{3})*(?:\.(\d+))?")
+"""A number in print; the group is its decimals."""
+
+LARGEST_PNG, LARGEST_SVG = 120_000, 60_000
+"""Bytes."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One printed statement.
+
+    ``where``: table, figure or equation. ``agrees``: True, False, or None where no verdict is possible; unless it is
+    True, ``why`` must say why not.
+    """
+
+    what: str
+    where: str
+    printed: str
+    computed: str
+    agrees: bool | None
+    why: str = ""
+
+    def __post_init__(self) -> None:
+        if self.agrees is not True and not self.why:
+            raise ValueError(f"why is missing: {self.what!r} is printed as {self.printed!r}, not {self.computed!r}")
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure of the paper drawn anew. ``name``: file name without ending, such as ``paper_001_figure_06``.
+
+    ``shown``: goes into README.md, as SVG (one a paper).
+    """
+
+    name: str
+    figure: Figure
+    caption: str
+    shown: bool = False
+
+
+@dataclass(frozen=True)
+class Surpassed:
+    """A figure of merit in which jshape's design beats the paper's on the same plant under the same limits.
+
+    ``limits``: what both have to keep to. ``design``: jshape's amplitudes and times in words. ``verified_value``: what
+    the independent simulation described by ``verified_by`` gives; it must come within ``tolerance`` (absolute) of
+    ``expected``, which is ``ours`` unless the simulation judges something else (that a shorter move leaves nothing,
+    say). ``better``: "less" or "more".
+    """
+
+    what: str
+    theirs: float
+    ours: float
+    unit: str
+    verified_by: str
+    verified_value: float
+    tolerance: float
+    limits: str = ""
+    design: str = ""
+    expected: float | None = None
+    better: str = "less"
+
+    @property
+    def holds(self) -> bool:
+        """Ours is better, and the independent simulation says so."""
+        ahead = self.ours < self.theirs if self.better == "less" else self.ours > self.theirs
+        expected = self.ours if self.expected is None else self.expected
+        return bool(ahead and abs(self.verified_value - expected) <= self.tolerance)
+
+    @property
+    def factor(self) -> float:
+        """How many times better, greater than 1."""
+        less, more = (self.ours, self.theirs) if self.better == "less" else (self.theirs, self.ours)
+        return more / less if less else np.inf
+
+
+@dataclass(frozen=True)
+class Paper:
+    """Everything about one paper. ``number``: "000" … "004"; ``notes``: sentences that no row can say."""
+
+    number: str
+    title: str
+    citation: str
+    rows: Sequence[Row]
+    pictures: Sequence[Picture]
+    surpassed: Sequence[Surpassed]
+    notes: Sequence[str] = ()
+
+
+def compare(what: str, where: str, printed: str, computed: Any, why: str = "", digits: int = 10) -> Row:
+    """A row that agrees if every number in ``printed`` is the one in ``computed``, rounded to as many decimals.
+
+    ``printed``: as in the paper, "0, 0.847, 1.643" for three numbers. ``computed``: one number or several, in that
+    order. ``why``: needed if they differ, a remark if not. ``digits``: significant ones to show of ``computed``.
+    """
+    marks = list(NUMBER.finditer(printed))
+    values = np.atleast_1d(np.asarray(computed, float)).ravel()
+    if len(marks) != len(values):
+        raise ValueError(f"printed holds {len(marks)} numbers ({printed!r}), computed {len(values)}")
+    agrees = True
+    for mark, value in zip(marks, values, strict=True):
+        number = float(mark[0].replace(",", "").replace("−", "-"))
+        # The second term: 0.5 is half a unit of an integer, however it is stored.
+        agrees &= bool(abs(value - number) <= 0.5 * 10.0 ** -len(mark[1] or "") + 1e-12 * abs(number))
+    return Row(what, where, printed, ", ".join(f"{value:.{digits}g}" for value in values), agrees, why)
+
+
+def cannot(what: str, where: str, printed: str, why: str) -> Row:
+    """A printed number that cannot be recomputed: a measurement, or something that is not printed is missing."""
+    return Row(what, where, printed, "", None, why)
+
+
+def after(
+    field: Callable[[float, np.ndarray, float], Any],
+    start: Sequence[float],
+    times: Any,
+    amplitudes: Any,
+    until: float,
+    at: Any = None,
+    tolerance: float = 1e-11,
+) -> np.ndarray:
+    """States by DOP853 under a staircase, restarted at every step so that none is integrated across.
+
+    ``field(t, y, u)``: derivatives of the state with the command at level u; ``times``, ``amplitudes``: of the steps,
+    s and the command's unit. ``at``: times wanted, in ascending order (default: ``until`` alone). Returns (times, state).
+    """
+    wanted = np.atleast_1d(until if at is None else np.asarray(at, float))
+    edges = np.append(np.asarray(times, float), np.inf)
+    levels = np.cumsum(np.asarray(amplitudes, float))
+    state, found = np.asarray(start, float), np.empty((len(wanted), len(start)))
+    if edges[0] > 0:
+        edges, levels = np.insert(edges, 0, 0.0), np.insert(levels, 0, 0.0)
+    for i, level in enumerate(levels):
+        begin, end = edges[i], min(edges[i + 1], until)
+        inside = (wanted >= begin) & ((wanted < end) | (end >= until))
+        if end <= begin:
+            found[inside] = state
+            continue
+        run = solve_ivp(
+            field, (begin, end), state, method="DOP853", rtol=tolerance, atol=1e-13, args=(level,),
+            t_eval=np.append(wanted[inside & (wanted < end)], end),
+        )  # fmt: skip
+        if not run.success:
+            raise ValueError(f"the judge stopped at {run.t[-1]} s: {run.message}")
+        found[inside & (wanted < end)] = run.y.T[:-1]
+        found[inside & (wanted >= end)] = run.y[:, -1]
+        state = run.y[:, -1]
+    return found
+
+
+def figure(rows: int = 1, columns: int = 1, height: float = 2.4, **options: Any) -> tuple[Figure, Any]:
+    """A figure and its axes in the style of ``jshape.plot``; ``height``: inches a row. Axes: always an array."""
+    with mpl.rc_context(plot.STYLE):
+        return plt.subplots(
+            rows, columns, figsize=(plot.WIDTH * min(columns, 2), height * rows), squeeze=False, **options
+        )
+
+
+def prepare() -> None:
+    """What every script does first: double precision, and figures to files only."""
+    jax.config.update("jax_enable_x64", True)
+    mpl.use("agg")
+    # Text stays text, and the same picture gives the same file.
+    mpl.rcParams.update({"svg.hashsalt": "jshape", "svg.fonttype": "none", "path.simplify_threshold": 0.3})
+
+
+def main(results: Callable[[], Paper]) -> None:
+    """The command line of one script: tables to the terminal, figures to ``--out``."""
+    parser = argparse.ArgumentParser(description=(sys.modules["__main__"].__doc__ or "").splitlines()[0])
+    parser.add_argument("--out", type=Path, default=Path("out/papers"), help="folder of the figures (PNG)")
+    out = parser.parse_args().out
+    prepare()
+    paper = results()
+    print("\n".join(lines(paper)))
+    save(paper, out)
+
+
+def verdict(row: Row) -> str:
+    """The table's last-but-one column."""
+    return {True: "yes", False: "no", None: "—"}[row.agrees]
+
+
+def table(head: Sequence[str], body: Sequence[Sequence[str]]) -> list[str]:
+    """Markdown."""
+    cell = lambda text: str(text).replace("|", "\\|").replace("\n", " ")
+    return [
+        "| " + " | ".join(head) + " |",
+        "| " + " | ".join("---" for _ in head) + " |",
+        *("| " + " | ".join(cell(text) for text in line) + " |" for line in body),
+    ]
+
+
+def lines(paper: Paper) -> list[str]:
+    """The paper's section: heading, printed against computed, surpassed, notes."""
+    count = [sum(row.agrees is mark for row in paper.rows) for mark in (True, False, None)]
+    text = [
+        f"## {paper.number} · {paper.title}",
+        "",
+        paper.citation,
+        "",
+        f"Of {len(paper.rows)} printed statements {count[0]} hold as printed, {count[1]} do not, and {count[2]} cannot "
+        "be recomputed; the last column says why.",
+        "",
+        *table(
+            ["what", "where", "printed", "computed", "agrees", "why not, or a remark"],
+            [[row.what, row.where, row.printed, row.computed, verdict(row), row.why] for row in paper.rows],
+        ),
+        "",
+    ]
+    if paper.surpassed:
+        text += [
+            "### Surpassed",
+            "",
+            *table(
+                [
+                    "what",
+                    "the paper's",
+                    "jshape's",
+                    "times better",
+                    "design",
+                    "under the limits",
+                    "verified by",
+                    "gives",
+                ],
+                [
+                    [
+                        item.what,
+                        f"{item.theirs:.6g} {item.unit}".strip(),
+                        f"{item.ours:.6g} {item.unit}".strip(),
+                        f"{item.factor:.3g}" if np.isfinite(item.factor) else "—",
+                        item.design,
+                        item.limits,
+                        item.verified_by,
+                        f"{item.verified_value:.6g}" + ("" if item.holds else " (does not hold)"),
+                    ]
+                    for item in paper.surpassed
+                ],
+            ),
+            "",
+        ]
+    if paper.notes:
+        text += ["### Notes", "", *(f"- {note}" for note in paper.notes), ""]
+    return text
+
+
+def save(paper: Paper, out: Path) -> None:
+    """Every figure as PNG, 150 dpi, and closed afterwards."""
+    out.mkdir(parents=True, exist_ok=True)
+    for picture in paper.pictures:
+        path = out / f"{picture.name}.png"
+        picture.figure.savefig(path, dpi=150)
+        small(path, LARGEST_PNG)
+        print(f"{path}: {picture.caption}")
+        plt.close(picture.figure)
+
+
+def small(path: Path, largest: int) -> None:
+    """*Raises* ``ValueError`` for a file that is too large to keep."""
+    if path.stat().st_size > largest:
+        raise ValueError(f"{path} has {path.stat().st_size} bytes, more than {largest}")
+
+
+def write(papers: Sequence[Paper], folder: Path) -> None:
+    """README.md in ``folder`` with all tables, and the pictures that it shows, as SVG."""
+    text = [
+        "# The five papers, reproduced and surpassed",
+        "",
+        "Written by `python -m experiments.papers`, which also draws every figure that can be recomputed, with the same",
+        "axes, into `out/papers`. *Agrees*: the computed value rounds to the printed digits. Every design under",
+        "*Surpassed* has been judged by an integration apart from jshape (SciPy's DOP853, relative tolerance 1e-11) of",
+        "equations that stand in the script.",
+        "",
+    ]
+    for paper in papers:
+        section = lines(paper)
+        shown = []
+        for picture in paper.pictures:
+            if picture.shown:
+                path = folder / f"{picture.name}.svg"
+                picture.figure.savefig(path, metadata={"Date": None})
+                small(path, LARGEST_SVG)
+                shown += [f"![{picture.caption}]({path.name})", "", picture.caption, ""]
+        # After the heading and the citation.
+        text += section[:4] + shown + section[4:]
+    (folder / "README.md").write_text("\n".join(text).rstrip() + "\n")

@@ -1,0 +1,134 @@
+"""A bridge crane: a trolley on a bridge, two axes, and a payload that swings in both."""
+
+from typing import Any, ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool
+
+from jshape import _check
+from jshape._types import Scalar
+from jshape.command import AbstractCommand
+from jshape.plants.trolley import AbstractCrane, Trolley, check_trolley
+
+
+class BridgeCrane(AbstractCrane):
+    """A point mass on a cable below a trolley that moves in a plane: a spherical pendulum.
+
+    The command moves the trolley along a straight line, ``direction`` rad from the x axis: both axes then share one
+    command and one shaper. ``cross``: a command of its own for the y axis (m), added to that, which starts when the
+    motion does and is not shaped with it (shape it beforehand if it is to be); ``None`` for none.
+    ``cable_length``, ``payload_mass``, ``gravity``, ``damping`` (N s/m, on the payload's speed against the trolley),
+    ``trolley``: as for ``Crane``; ``drive``: ``"acceleration"`` or ``"velocity"``.
+
+    Two angles: θx tilts the plane in which the cable hangs, θy tilts the cable within it; the payload is at l (sin θx
+    cos θy, sin θy, −cos θx cos θy) from the trolley. State: θx, θy, then the rates (rad/s) that they would have if the
+    ``cross`` axis (for ``"velocity"``, both) stopped dead. ``payload`` and ``deflection`` are measured along
+    ``direction``; ``offsets`` gives both axes. Energy and rest, too, are those behind a trolley whose ``cross`` axis
+    has stopped dead, so design for a cross motion that ends before the move does.
+
+    *Raises* ``ValueError`` as ``Crane`` does, and for a cross motion that is no command or jumps.
+
+    *Source*: Moonmangmee and Chatlatanagulchai (2025) name it as future work; the equations are from the Lagrangian.
+    """
+
+    cable_length: Scalar
+    direction: Scalar
+    cross: AbstractCommand | None
+    payload_mass: Scalar
+    gravity: Scalar
+    damping: Scalar
+    trolley: Trolley
+    drive: str = eqx.field(static=True)
+    angles: ClassVar = 2
+
+    def __init__(
+        self,
+        cable_length: Any,
+        direction: Any = 0.0,
+        cross: AbstractCommand | None = None,
+        payload_mass: Any = 1.0,
+        gravity: Any = 9.81,
+        damping: Any = 0.0,
+        trolley: Trolley | None = None,
+        drive: str = "acceleration",
+    ):
+        self.cable_length = _check.scalar(cable_length, "cable_length")
+        self.direction = _check.scalar(direction, "direction")
+        self.cross = cross
+        self.payload_mass = _check.scalar(payload_mass, "payload_mass")
+        self.gravity = _check.scalar(gravity, "gravity")
+        self.damping = _check.scalar(damping, "damping")
+        self.trolley = check_trolley(trolley)
+        self.drive = drive
+
+    def __check_init__(self):
+        _check.positive(self.cable_length, "cable_length")
+        _check.finite(self.direction, "direction")
+        if self.cross is not None and not (isinstance(self.cross, AbstractCommand) and self.cross.smoothness >= 1):
+            raise ValueError(f"cross must be a command without jumps, such as Trapezoid, not {self.cross!r}")
+        _check.positive(self.payload_mass, "payload_mass")
+        _check.positive(self.gravity, "gravity")
+        _check.not_negative(self.damping, "damping")
+        _check.one_of(self.drive, "drive", ("acceleration", "velocity"))
+
+    def carried(self) -> Scalar:
+        return self.payload_mass
+
+    def _couplings(self, place: Array) -> Array:
+        """How much an acceleration of 1 m/s² along x (first column) and y (second) turns the angles back."""
+        (sx, sy), (cx, cy) = jnp.sin(place), jnp.cos(place)
+        return jnp.stack([jnp.stack([cx / cy, jnp.zeros_like(cx)]), jnp.stack([-sx * sy, cy])]) / self.cable_length
+
+    def _along(self) -> Array:
+        return jnp.stack([jnp.cos(self.direction), jnp.sin(self.direction)])
+
+    def free(self, place: Array, rates: Array) -> Array:
+        (sx, sy), (cx, cy) = jnp.sin(place), jnp.cos(place)
+        fall = self.gravity / self.cable_length
+        x = 2 * rates[0] * rates[1] * sy / cy - fall * sx / cy
+        y = -(rates[0] ** 2) * sy * cy - fall * cx * sy
+        return jnp.stack([x, y]) - self.damping / self.payload_mass * rates
+
+    def swept(self, t: Scalar, place: Array) -> Array:
+        if self.cross is None:
+            return jnp.zeros_like(place)
+        return self.cross(t, derivative=1) * self._couplings(place)[:, 1]
+
+    def coupling(self, place: Array) -> Array:
+        return self._couplings(place) @ self._along()
+
+    def moment(self, place: Array) -> Scalar:
+        return self.payload_mass * self.offset(place)
+
+    def offsets(self, place: Array) -> Array:
+        """How far the payload is ahead of the trolley along x and y, m; ``place``: the two angles."""
+        return self.cable_length * jnp.stack([jnp.sin(place[0]) * jnp.cos(place[1]), jnp.sin(place[1])])
+
+    def offset(self, place: Array) -> Scalar:
+        return self._along() @ self.offsets(place)
+
+    def _pull(self, acceleration: Scalar) -> Array:
+        """Gravity as felt behind the trolley, m/s², along x, y and upwards."""
+        return jnp.append(-acceleration * self._along(), -self.gravity)
+
+    def rest_angles(self, acceleration: Scalar) -> Array:
+        x, y, down = self._pull(acceleration)
+        return jnp.stack([jnp.arctan2(x, -down), jnp.arctan2(y, jnp.hypot(x, down))])
+
+    def swing_energy(self, place: Array, rates: Array, acceleration: Scalar) -> Scalar:
+        pull = self._pull(acceleration)
+        weight = jnp.sqrt(jnp.sum(pull**2))
+        cable = jnp.append(self.offsets(place) / self.cable_length, -jnp.cos(place[0]) * jnp.cos(place[1]))
+        # 1 − cos of the angle between cable and pull, without cancellation.
+        height = self.cable_length * jnp.sum((cable - pull / weight) ** 2) / 2
+        speed = self.cable_length**2 * ((rates[0] * jnp.cos(place[1])) ** 2 + rates[1] ** 2)
+        return self.payload_mass * (speed / 2 + weight * height)
+
+    def beyond(self, place: Array, rates: Array, acceleration: Scalar) -> Bool[Array, ""]:
+        del rates, acceleration
+        return jnp.any(jnp.abs(place) >= jnp.pi / 2)
+
+    def natural_frequency(self) -> Scalar:
+        """√(g / l), rad/s: the same for both directions of small swings."""
+        return jnp.sqrt(self.gravity / self.cable_length)

@@ -1,0 +1,126 @@
+"""A crane whose hook and payload swing as two pendulums, one below the other."""
+
+from typing import Any, ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from jshape import _check
+from jshape._types import Scalar
+from jshape.plants.pendulum import DRIVES
+from jshape.plants.trolley import AbstractCrane, Trolley, check_trolley
+
+
+class DoublePendulumCrane(AbstractCrane):
+    """A hook on a cable, a payload on slings below it; both angles against the vertical.
+
+    ``hook_length``: from trolley to hook, ``payload_length``: from hook to payload, m; ``hook_mass``, ``payload_mass``:
+    kg; ``damping``: of either joint, by the rate of the angle between its two sides, N m s/rad; the others as for
+    ``Crane``. Past the horizontal a cable is slack and the payload counts as lost.
+
+    *Raises* ``ValueError`` for a length, mass or gravity that is not positive, negative damping, an unknown drive or a
+    trolley that is none.
+
+    *Source*: Singhose, Kim and Kenison, ASME Journal of Dynamic Systems, Measurement, and Control 130 (2008) 034504;
+    the equations here are the full ones, from the Lagrangian.
+    """
+
+    hook_length: Scalar
+    payload_length: Scalar
+    hook_mass: Scalar
+    payload_mass: Scalar
+    gravity: Scalar
+    damping: Scalar
+    trolley: Trolley
+    drive: str = eqx.field(static=True)
+    angles: ClassVar = 2
+
+    def __init__(
+        self,
+        hook_length: Any,
+        payload_length: Any,
+        hook_mass: Any = 1.0,
+        payload_mass: Any = 1.0,
+        gravity: Any = 9.81,
+        damping: Any = 0.0,
+        trolley: Trolley | None = None,
+        drive: str = "acceleration",
+    ):
+        self.hook_length = _check.scalar(hook_length, "hook_length")
+        self.payload_length = _check.scalar(payload_length, "payload_length")
+        self.hook_mass = _check.scalar(hook_mass, "hook_mass")
+        self.payload_mass = _check.scalar(payload_mass, "payload_mass")
+        self.gravity = _check.scalar(gravity, "gravity")
+        self.damping = _check.scalar(damping, "damping")
+        self.trolley = check_trolley(trolley)
+        self.drive = drive
+
+    def __check_init__(self):
+        for name in ("hook_length", "payload_length", "hook_mass", "payload_mass", "gravity"):
+            _check.positive(getattr(self, name), name)
+        _check.not_negative(self.damping, "damping")
+        _check.one_of(self.drive, "drive", DRIVES)
+
+    def carried(self) -> Scalar:
+        return self.hook_mass + self.payload_mass
+
+    def _moments(self) -> Array:
+        """What stands before sin θ in Σ mass × distance, one entry an angle, kg m."""
+        return jnp.stack([self.carried() * self.hook_length, self.payload_mass * self.payload_length])
+
+    def _inertias(self, between: Any) -> tuple[Scalar, Scalar, Scalar]:
+        """Entries 11, 12 and 22 of the mass matrix, kg m²; ``between``: cosine of the angle between both cables."""
+        first = self.carried() * self.hook_length**2
+        mixed = self.payload_mass * self.hook_length * self.payload_length * between
+        return first, mixed, self.payload_mass * self.payload_length**2
+
+    def _accelerations(self, place: Array, torques: Array) -> Array:
+        a, b, d = self._inertias(jnp.cos(place[0] - place[1]))
+        p, q = torques[0], torques[1]
+        return jnp.stack([d * p - b * q, a * q - b * p]) / (a * d - b**2)
+
+    def free(self, place: Array, rates: Array) -> Array:
+        swirl = self._inertias(jnp.sin(place[0] - place[1]))[1]
+        bend = self.damping * (rates[0] - rates[1])
+        torques = -self._moments() * self.gravity * jnp.sin(place)
+        others = jnp.stack([swirl * rates[1] ** 2 + self.damping * rates[0] + bend, -swirl * rates[0] ** 2 - bend])
+        return self._accelerations(place, torques - others)
+
+    def coupling(self, place: Array) -> Array:
+        return self._accelerations(place, self._moments() * jnp.cos(place))
+
+    def moment(self, place: Array) -> Scalar:
+        return jnp.sum(self._moments() * jnp.sin(place))
+
+    def rest_angles(self, acceleration: Scalar) -> Array:
+        return jnp.full(2, -jnp.arctan2(acceleration, self.gravity))
+
+    def swing_energy(self, place: Array, rates: Array, acceleration: Scalar) -> Scalar:
+        a, b, d = self._inertias(jnp.cos(place[0] - place[1]))
+        kinetic = a * rates[0] ** 2 / 2 + b * rates[0] * rates[1] + d * rates[1] ** 2 / 2
+        tilt = (place - self.rest_angles(acceleration)) / 2
+        return kinetic + 2 * jnp.hypot(self.gravity, acceleration) * jnp.sum(self._moments() * jnp.sin(tilt) ** 2)
+
+    def offset(self, place: Array) -> Scalar:
+        return self.hook_length * jnp.sin(place[0]) + self.payload_length * jnp.sin(place[1])
+
+    def beyond(self, place: Array, rates: Array, acceleration: Scalar) -> Bool[Array, ""]:
+        del rates, acceleration
+        return jnp.any(jnp.abs(place) >= jnp.pi / 2)
+
+    def natural_frequency(self) -> Float[Array, "2"]:
+        """Both frequencies of small swings, rad/s, ascending: det(K − ω² M) = 0.
+
+        *Source*: Singhose, Kim and Kenison (2008), where the trolley's motion is given; with a force as input the
+        trolley gives way, and M loses what it takes along.
+        """
+        a, b, d = self._inertias(1.0)
+        p, q = self._moments()
+        k1, k2 = p * self.gravity, q * self.gravity
+        if self.drive == "force":
+            total = self.trolley.mass + self.carried()
+            a, b, d = a - p**2 / total, b - p * q / total, d - q**2 / total
+        half = (k1 * d + k2 * a) / 2
+        root = jnp.sqrt(((k1 * d - k2 * a) / 2) ** 2 + k1 * k2 * b**2)
+        return jnp.sqrt(jnp.stack([k1 * k2 / (half + root), (half + root) / (a * d - b**2)]))

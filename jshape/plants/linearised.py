@@ -1,0 +1,118 @@
+"""Any plant as small swings see it, and its exact response: the judge of every simulator."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import jax.scipy.linalg
+from jaxtyping import Array, Float
+
+from jshape import _check
+from jshape._types import Inputs, Scalar, State
+from jshape.command import as_command, polynomial
+from jshape.plants.base import DRIVES, AbstractPlant
+
+
+class Linearised(AbstractPlant):
+    """A plant's equation of motion, energy and payload to first (energy: second) order about rest at input 0.
+
+    ``plant``: the plant, whose parameters stay leaves (``"plant.cable_length"``); one that changes in time is taken as
+    it is at time 0. State as that of the plant. ``propagate`` gives its exact response.
+
+    *Raises* ``ValueError`` for a plant that is none.
+    """
+
+    plant: AbstractPlant
+
+    def __check_init__(self):
+        if not isinstance(self.plant, AbstractPlant):
+            raise ValueError(f"plant must be a jshape plant, not {self.plant!r}")
+
+    @property
+    def drive(self) -> str | tuple[str, ...]:
+        """The plant's own."""
+        return self.plant.drive
+
+    def _rest(self) -> tuple[State, Inputs]:
+        zero = self.plant.zero_inputs()
+        return self.plant.rest_state(zero), zero
+
+    def _slope(self, state: State, inputs: Inputs) -> State:
+        """The equation of motion's derivative at rest, along a departure of the state and the inputs."""
+        rest, zero = self._rest()
+        field = lambda y, u: self.plant.vector_field(jnp.zeros_like(rest[0]), y, u)
+        return jax.jvp(field, (rest, zero), (state, _like(inputs, zero)))[1]
+
+    def vector_field(self, t: Scalar, state: State, inputs: Inputs) -> State:
+        del t
+        return self._slope(state - self._rest()[0], inputs)
+
+    def residual_energy(self, state: State, inputs: Inputs) -> Scalar:
+        rest, zero = self._rest()
+        away = state - self.rest_state(inputs)
+        slope = jax.grad(lambda y: self.plant.residual_energy(y, zero))
+        return away @ jax.jvp(slope, (rest,), (away,))[1] / 2
+
+    def rest_state(self, inputs: Inputs) -> State:
+        rest, zero = self._rest()
+        return rest + jax.jvp(self.plant.rest_state, (zero,), (_like(inputs, zero),))[1]
+
+    def payload(self, state: State, position: Scalar) -> Scalar:
+        return self._read(self.plant.payload, state, position)
+
+    def deflection(self, state: State, position: Scalar) -> Scalar:
+        return self._read(self.plant.deflection, state, position)
+
+    def _read(self, quantity: Any, state: State, position: Scalar) -> Scalar:
+        rest, _ = self._rest()
+        position = jnp.asarray(position, rest.dtype)
+        value, change = jax.jvp(quantity, (rest, jnp.zeros_like(position)), (state - rest, position))
+        return value + change
+
+    def natural_frequency(self) -> Float[Array, "..."]:
+        """The plant's own, rad/s."""
+        return self.plant.natural_frequency()
+
+    def propagate(self, command: Any, initial_state: State | None = None, time: Any = None) -> State:
+        """The exact state at ``time`` (s; after the command's last break, unless given), by matrix exponentials.
+
+        ``command``: any command, shaped (``shaper.shape(command)``) or not; a number is a step. Each of its pieces, a
+        polynomial, is the output of a chain of integrators, with which the plant is one linear system without input: no
+        step size enters, and the answer is exact to rounding.
+
+        *Raises* ``ValueError`` for what is no command, and a plant that is driven by a derivative that it has not got.
+        """
+        command = as_command(command, "command")
+        orders = [DRIVES[name] for name in self.plant.drives()]
+        if command.smoothness < orders[0]:
+            raise ValueError(f"command has no {self.plant.drives()[0]} between its jumps: {type(command).__name__}")
+        breaks, coefficients = command.pieces()
+        if time is None:
+            durations = jnp.append(jnp.diff(breaks), 0.0)
+        else:
+            durations = jnp.diff(jnp.clip(jnp.append(breaks, time), max=_check.as_array(time, "time")))
+        rest, zero = self._rest()
+        n, powers = len(rest), coefficients.shape[1]
+        system = jax.jacfwd(lambda y: self._slope(y, zero))(jnp.zeros_like(rest))
+
+        def driven(rates: Array) -> State:
+            values = tuple(rates[k] if k < powers else jnp.zeros_like(rates[0]) for k in orders)
+            return self._slope(jnp.zeros_like(rest), values[0] if isinstance(self.drive, str) else values)
+
+        pushed = jax.jacfwd(driven)(jnp.zeros(powers, rest.dtype))
+        chain = jnp.eye(powers, k=1, dtype=rest.dtype)
+        whole = jnp.block([[system, pushed], [jnp.zeros((powers, n), rest.dtype), chain]])
+        # The command's own derivatives at each break, and what a stretch of each length does to all.
+        rates = jnp.stack([polynomial(coefficients, jnp.zeros_like(breaks), k) for k in range(powers)], axis=1)
+        flows = jax.vmap(lambda duration: jax.scipy.linalg.expm(whole * duration))(durations)
+        advance = lambda away, piece: ((piece[0] @ jnp.concatenate([away, piece[1]]))[:n], None)
+        away = jnp.zeros_like(rest) if initial_state is None else initial_state - rest
+        return rest + jax.lax.scan(advance, away, (flows, rates))[0]
+
+
+def _like(inputs: Inputs, zero: Inputs) -> Inputs:
+    """Inputs in the types of ``zero``, as derivatives along them want it."""
+    if isinstance(zero, tuple):
+        given = inputs if isinstance(inputs, tuple) else (inputs, *zero[1:])
+        return tuple(jnp.asarray(value, like.dtype) for value, like in zip(given, zero, strict=True))
+    return jnp.asarray(inputs, zero.dtype)

@@ -1,0 +1,202 @@
+"""Flexible links: the frequencies and shapes of a link's modes as functions of the load at its tip.
+
+A table of measured frequencies, or a beam by the theory of Euler and Bernoulli. ``FlexibleLink`` puts either on a
+motor.
+"""
+
+import abc
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from jshape import _check
+from jshape._root import bracketed_root, integral
+from jshape._types import Scalar
+
+_TIP_GAINS = (1.13765149, -0.18153357)
+_MIDDLE_GAINS = (0.77251795, 0.25910862)
+"""Those of a uniform cantilever: tip 4/(β L)², −4/(β L)² (``Beam`` gives all digits)."""
+
+
+class LinkModes(eqx.Module):
+    """The modes of a link clamped to its motor.
+
+    ``omega``: rad/s. ``tip``, ``middle``: what a mode's coordinate adds to the angle (displacement over distance from
+    the motor) under which the tip and the middle are seen. Mode j's coordinate η (rad) obeys η'' + 2 ζ ω η' + ω² η =
+    −θ'', with θ the motor's angle.
+    """
+
+    omega: Float[Array, " modes"]
+    tip: Float[Array, " modes"]
+    middle: Float[Array, " modes"]
+
+
+class AbstractLink(eqx.Module):
+    """A flexible link of ``length`` (m) with a load at its tip."""
+
+    length: eqx.AbstractVar[Scalar]
+    count: eqx.AbstractVar[int]
+    """How many modes it has."""
+
+    @abc.abstractmethod
+    def modes(self, load: Scalar) -> LinkModes:
+        """The modes with that load."""
+
+    @abc.abstractmethod
+    def check_load(self, load: Scalar) -> None:
+        """*Raises* ``ValueError`` for a load that the link cannot have."""
+
+
+class TabulatedLink(AbstractLink):
+    """Frequencies measured at a few loads, between them the polynomial through all of them.
+
+    ``loads``: increasing, in a unit of your own; ``frequencies``: rad/s, a row for each mode, a column for each load;
+    ``tip_gains``, ``middle_gains``: as in ``LinkModes``, the same at all loads; ``length``: m. Without arguments it is
+    the paper's link: 0, 10 and 20 coins, 8.5 / 7.3 / 5.7 and 74 / 70 / 66 rad/s, two feet long; the gains, which the
+    paper does not give, are those of a uniform ``Beam`` without a load. Do not go beyond the table by much.
+
+    *Raises* ``ValueError`` for loads that do not increase, a table that does not fit them, or frequencies or a length
+    that are not positive.
+
+    *Source*: Chatlatanagulchai, Chotana and Prutthapong, Fig. 8 and the text about it.
+    """
+
+    loads: Float[Array, " loads"]
+    frequencies: Float[Array, "modes loads"]
+    tip_gains: Float[Array, " modes"]
+    middle_gains: Float[Array, " modes"]
+    length: Scalar
+
+    def __init__(
+        self,
+        loads: Any = (0.0, 10.0, 20.0),
+        frequencies: Any = ((8.5, 7.3, 5.7), (74.0, 70.0, 66.0)),
+        tip_gains: Any = _TIP_GAINS,
+        middle_gains: Any = _MIDDLE_GAINS,
+        length: Any = 0.6096,
+    ):
+        self.loads = _check.as_array(loads, "loads")
+        self.frequencies = _check.as_array(frequencies, "frequencies")
+        self.tip_gains = _check.as_array(tip_gains, "tip_gains")
+        self.middle_gains = _check.as_array(middle_gains, "middle_gains")
+        self.length = _check.scalar(length, "length")
+
+    def __check_init__(self):
+        shape = self.frequencies.shape
+        if self.loads.ndim != 1 or len(shape) != 2 or shape[1] != len(self.loads):
+            raise ValueError(
+                f"frequencies must have a row for each mode and a column for each of the loads, not shape {shape} for "
+                f"{self.loads.shape} loads"
+            )
+        if not self.tip_gains.shape == self.middle_gains.shape == shape[:1]:
+            raise ValueError(
+                f"tip_gains and middle_gains must have one entry for each of {shape[0]} modes, not shapes "
+                f"{self.tip_gains.shape} and {self.middle_gains.shape}"
+            )
+        _check.finite(self.loads, "loads")
+        if _check.is_concrete(self.loads) and bool(jnp.any(jnp.diff(self.loads) <= 0)):
+            raise ValueError(f"loads must increase, not {_check.show(self.loads)}")
+        _check.positive(self.frequencies, "frequencies")
+        _check.finite(self.tip_gains, "tip_gains")
+        _check.finite(self.middle_gains, "middle_gains")
+        _check.positive(self.length, "length")
+
+    @property
+    def count(self) -> int:
+        return self.frequencies.shape[0]
+
+    def modes(self, load: Scalar) -> LinkModes:
+        n = len(self.loads)
+        others = ~jnp.eye(n, dtype=bool)
+        # Lagrange's polynomials: 1 at their own load, 0 at every other.
+        apart = jnp.where(others, self.loads[:, None] - self.loads[None, :], 1.0)
+        share = jnp.prod(jnp.where(others, load - self.loads[None, :], 1.0) / apart, axis=1)
+        return LinkModes(self.frequencies @ share, self.tip_gains, self.middle_gains)
+
+    def check_load(self, load: Scalar) -> None:
+        omega = self.modes(load).omega
+        if _check.is_concrete(omega) and not bool(jnp.all(omega > 0)):
+            raise ValueError(f"load must leave every frequency positive, not {_check.show(load)}")
+
+
+class Beam(AbstractLink):
+    """A uniform beam, clamped at the motor, with a point mass at its tip, bending by Euler and Bernoulli.
+
+    ``length``: m; ``bending_stiffness`` EI: N m²; ``mass_per_length``: kg/m; ``tip_mass``: what is always at the tip,
+    kg; a load, kg, is added to it; ``count``: how many modes are kept, fixed (not a leaf).
+
+    *Raises* ``ValueError`` for a length, stiffness or mass per length that is not positive, a negative tip mass, or no
+    modes.
+
+    *Source*: Blevins, Formulas for Natural Frequency and Mode Shape (1979), for the cantilever and its β_n L; with a
+    tip mass μ times the beam's own, 1 + cos β cosh β + μ β (cos β sinh β − sin β cosh β) = 0, from the boundary
+    conditions.
+    """
+
+    length: Scalar
+    bending_stiffness: Scalar
+    mass_per_length: Scalar
+    tip_mass: Scalar
+    count: int = eqx.field(static=True)
+
+    def __init__(self, length: Any, bending_stiffness: Any, mass_per_length: Any, tip_mass: Any = 0.0, count: int = 2):
+        self.length = _check.scalar(length, "length")
+        self.bending_stiffness = _check.scalar(bending_stiffness, "bending_stiffness")
+        self.mass_per_length = _check.scalar(mass_per_length, "mass_per_length")
+        self.tip_mass = _check.scalar(tip_mass, "tip_mass")
+        self.count = _check.count(int(count) if isinstance(count, float) and count == int(count) else count, "count")
+
+    def __check_init__(self):
+        _check.positive(self.length, "length")
+        _check.positive(self.bending_stiffness, "bending_stiffness")
+        _check.positive(self.mass_per_length, "mass_per_length")
+        _check.not_negative(self.tip_mass, "tip_mass")
+
+    def mass_ratio(self, load: Any = 0.0) -> Scalar:
+        """Mass at the tip over the beam's own."""
+        return (self.tip_mass + load) / (self.mass_per_length * self.length)
+
+    def wave_numbers(self, load: Any = 0.0) -> Float[Array, " modes"]:
+        """β_n L, the roots of the eigenvalue equation, ascending: 1.8751, 4.6941, 7.8548 … with nothing at the tip."""
+        ratio = self.mass_ratio(load)
+
+        # Divided by cosh β, so that nothing overflows. Root n lies between (n − 1)π and nπ, where the sign changes.
+        def root(n: Array) -> Scalar:
+            sign = jnp.where(n % 2 == 0, 1.0, -1.0)
+            bend = lambda b: jnp.cos(b) * jnp.tanh(b) - jnp.sin(b)
+            equation = lambda b: sign * (1 / jnp.cosh(b) + jnp.cos(b) + ratio * b * bend(b))
+            return bracketed_root(equation, (n - 1) * jnp.pi, n * jnp.pi)
+
+        return jax.vmap(root)(jnp.arange(1, self.count + 1))
+
+    def frequencies(self, load: Any = 0.0) -> Float[Array, " modes"]:
+        """The natural frequencies, rad/s: (β_n L)² √(EI / (mass per length × L⁴))."""
+        return self.wave_numbers(load) ** 2 * jnp.sqrt(self.bending_stiffness / self.mass_per_length / self.length**4)
+
+    def shape(self, wave_number: Scalar, x: Scalar) -> Scalar:
+        """The mode with that β L at x (a fraction of the length): cosh − cos − σ (sinh − sin) of β x."""
+        b, decay = wave_number, jnp.exp(-wave_number)
+        below = 1 - decay**2 + 2 * decay * jnp.sin(b)
+        sigma = (1 + decay**2 + 2 * decay * jnp.cos(b)) / below
+        # cosh − σ sinh in halves that neither overflow nor cancel.
+        rising = (jnp.sin(b) - jnp.cos(b) - decay) / below * jnp.exp(b * (x - 1))
+        falling = (1 + sigma) / 2 * jnp.exp(-b * x)
+        return rising + falling - jnp.cos(b * x) + sigma * jnp.sin(b * x)
+
+    def modes(self, load: Scalar) -> LinkModes:
+        ratio, wave_numbers = self.mass_ratio(load), self.wave_numbers(load)
+
+        def gains(b: Scalar) -> tuple[Scalar, Scalar]:
+            end = self.shape(b, jnp.ones_like(b))
+            mass = integral(lambda x: self.shape(b, x) ** 2, 0.0, 1.0) + ratio * end**2
+            lever = integral(lambda x: x * self.shape(b, x), 0.0, 1.0) + ratio * end
+            return lever / mass * end, lever / mass * self.shape(b, jnp.full_like(b, 0.5)) / 0.5
+
+        tip, middle = jax.vmap(gains)(wave_numbers)
+        return LinkModes(self.frequencies(load), tip, middle)
+
+    def check_load(self, load: Scalar) -> None:
+        _check.not_negative(load, "load")

@@ -1,0 +1,273 @@
+"""What hangs from a trolley: cranes driven by the trolley's acceleration, its velocity, or a force on it.
+
+Each crane (``pendulum.py``, ``hoisting.py``, ``double_pendulum.py``, ``bridge.py``) says how its angles would
+accelerate if the trolley stood still, and how strongly the trolley's acceleration turns them back; the rest is here.
+"""
+
+import abc
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from jshape import _check
+from jshape._types import Inputs, Scalar, State
+from jshape.command import as_command
+from jshape.plants.base import AbstractPlant
+
+
+class TrolleyCheck(eqx.Module):
+    """What a command asks of a trolley beside what the trolley can do.
+
+    ``speed`` (m/s) and ``acceleration`` (m/s²): the command's peaks, the latter infinite where the speed jumps, both
+    infinite where the position does. The limits are ``None`` where the trolley has none.
+    """
+
+    speed: float
+    acceleration: float
+    speed_limit: float | None
+    acceleration_limit: float | None
+
+    @property
+    def kept(self) -> bool:
+        """Whether the command keeps both limits, to one part in 10⁹."""
+        pairs = ((self.speed, self.speed_limit), (self.acceleration, self.acceleration_limit))
+        return all(limit is None or peak <= limit * (1 + 1e-9) for peak, limit in pairs)
+
+    @property
+    def result(self) -> str:
+        """The same in words."""
+        names = (
+            ("speed", self.speed, self.speed_limit, "m/s"),
+            ("acceleration", self.acceleration, self.acceleration_limit, "m/s²"),
+        )
+        words = [f"{name} {peak:.6g} of {limit:.6g} {unit}" for name, peak, limit, unit in names if limit is not None]
+        return f"{'kept' if self.kept else 'exceeded'}: {', '.join(words) or 'there are no limits'}"
+
+
+class Trolley(eqx.Module):
+    """The trolley of a crane.
+
+    ``mass``: kg; ``damping``: viscous, against the track, N s/m: both matter where a force drives the crane.
+    ``speed_limit`` (m/s), ``acceleration_limit`` (m/s²): what the motor can do, ``None`` for no limit. A simulation
+    does what its command says whatever the limits are, nothing saturates; ``check`` tells whether a command keeps them.
+
+    *Raises* ``ValueError`` for a mass or a limit that is not positive, or negative damping.
+    """
+
+    mass: Scalar
+    damping: Scalar
+    speed_limit: Scalar | None
+    acceleration_limit: Scalar | None
+
+    def __init__(self, mass: Any = 1.0, damping: Any = 0.0, speed_limit: Any = None, acceleration_limit: Any = None):
+        self.mass = _check.scalar(mass, "mass")
+        self.damping = _check.scalar(damping, "damping")
+        self.speed_limit = None if speed_limit is None else _check.scalar(speed_limit, "speed_limit")
+        limit = acceleration_limit
+        self.acceleration_limit = None if limit is None else _check.scalar(limit, "acceleration_limit")
+
+    def __check_init__(self):
+        _check.positive(self.mass, "mass")
+        _check.not_negative(self.damping, "damping")
+        for name in ("speed_limit", "acceleration_limit"):
+            if getattr(self, name) is not None:
+                _check.positive(getattr(self, name), name)
+
+    def check(self, command: Any) -> TrolleyCheck:
+        """The peaks of a command (the trolley's position, shaped or not) beside the limits; concrete values only."""
+        speed, acceleration = peaks(command)
+        limits = (None if x is None else float(x) for x in (self.speed_limit, self.acceleration_limit))
+        return TrolleyCheck(speed, acceleration, *limits)
+
+
+def peaks(command: Any) -> tuple[float, float]:
+    """The greatest speed (m/s) and acceleration (m/s²), either way, of a position command; exact for its polynomials.
+
+    Infinite where the position or the speed jumps by more than rounding. Concrete values only.
+    """
+    command = as_command(command)
+    breaks, coefficients = (np.asarray(x, float) for x in command.pieces())
+    durations = np.diff(breaks)
+    size = max(float(np.max(np.abs(coefficients[:, 0]))), 1e-300)
+    speed = acceleration = 0.0
+    before = np.zeros(2)
+    for row, duration in zip(coefficients, [*durations, 0.0], strict=True):
+        path = np.polynomial.Polynomial(row)
+        after = np.array([path(0.0), path.deriv()(0.0)])
+        jump = np.abs(after - before)
+        speed = np.inf if jump[0] > 1e-9 * size else speed
+        # Rounding in a position's coefficients grows by the fastest rate there is, 1 over the shortest piece.
+        slack = 1e-9 * max(np.max(np.abs(coefficients[:, 1:2]), initial=0.0), size / max(breaks[-1], 1e-300))
+        acceleration = np.inf if jump[1] > slack or jump[0] > 1e-9 * size else acceleration
+        speed = max(speed, _peak(path.deriv(1), duration))
+        acceleration = max(acceleration, _peak(path.deriv(2), duration))
+        before = np.array([path(duration), path.deriv()(duration)])
+    return float(speed), float(acceleration)
+
+
+def _peak(curve: np.polynomial.Polynomial, duration: float) -> float:
+    """The greatest magnitude of a polynomial between 0 and ``duration``."""
+    turns = [r.real for r in curve.deriv().roots() if abs(r.imag) < 1e-12 and 0 < r.real < duration]
+    return float(np.max(np.abs(curve(np.array([0.0, duration, *turns])))))
+
+
+class AbstractCrane(AbstractPlant):
+    """A load that hangs from a trolley on a straight track, its shape told by angles.
+
+    ``drive`` is chosen at construction:
+
+    - ``"acceleration"`` of the trolley, the command being its position. State: the angles (rad), their rates (rad/s).
+    - ``"velocity"``. State: the angles, then the rates that they would have if the trolley stopped dead, which are
+      momenta over inertias: they do not jump where the speed does, so an on-off motor needs no impulses.
+    - ``"force"`` on the trolley, N. State: the trolley's position (m), the angles, the trolley's speed (m/s), the
+      rates. Nothing holds the trolley, so rest is to stand still anywhere on the track, and the energy above it is
+      all kinetic energy, the trolley's included, and the load's height. Under a constant force there is no rest, as
+      the whole crane accelerates; the energy is then counted as if there were no force.
+
+    A trolley's displacement to the right (+) makes the load lag: the angles turn negative. Lengths that change in
+    time stand at the end of the state.
+    """
+
+    gravity: eqx.AbstractVar[Scalar]
+    trolley: eqx.AbstractVar[Trolley]
+    angles: eqx.AbstractClassVar[int]
+
+    @abc.abstractmethod
+    def free(self, place: Array, rates: Array) -> Array:
+        """How the angles accelerate, rad/s², while the trolley stands still. ``place``: angles, then lengths."""
+
+    @abc.abstractmethod
+    def coupling(self, place: Array) -> Array:
+        """How much a trolley's acceleration of 1 m/s² turns the angles back, rad/s²."""
+
+    @abc.abstractmethod
+    def moment(self, place: Array) -> Scalar:
+        """Σ mass × horizontal distance ahead of the trolley, kg m."""
+
+    @abc.abstractmethod
+    def carried(self) -> Scalar:
+        """Everything that hangs from the trolley, kg."""
+
+    @abc.abstractmethod
+    def swing_energy(self, place: Array, rates: Array, acceleration: Scalar) -> Scalar:
+        """Kinetic and potential energy in the trolley's frame, above rest at that acceleration of it, J."""
+
+    @abc.abstractmethod
+    def rest_angles(self, acceleration: Scalar) -> Array:
+        """The angles at which the load hangs still behind a trolley with that acceleration, rad."""
+
+    @abc.abstractmethod
+    def offset(self, place: Array) -> Scalar:
+        """How far the payload is ahead of the trolley, m."""
+
+    @abc.abstractmethod
+    def beyond(self, place: Array, rates: Array, acceleration: Scalar) -> Bool[Array, ""]:
+        """Whether the load has left the region from which it swings back."""
+
+    def lengths(self) -> Float[Array, " lengths"]:
+        """The lengths that change in time, at the beginning, m: none unless a crane has some."""
+        return jnp.zeros(0, self.gravity.dtype)
+
+    def length_rates(self, t: Scalar) -> tuple[Array, Array]:
+        """First and second derivative of those lengths, m/s and m/s²."""
+        del t
+        return jnp.zeros(0, self.gravity.dtype), jnp.zeros(0, self.gravity.dtype)
+
+    def swept(self, t: Scalar, place: Array) -> Array:
+        """What a motion of the trolley across its track, not given by the inputs, adds to the rates, rad/s: nothing."""
+        del t
+        return jnp.zeros_like(place[: self.angles])
+
+    def vector_field(self, t: Scalar, state: State, inputs: Inputs) -> State:
+        n = self.angles
+        rate, bend = self.length_rates(t)
+        if self.drive == "force":
+            return self._pushed(state, inputs, rate, bend)
+        place = jnp.concatenate([state[:n], state[2 * n :]])
+
+        def carried(place: Array) -> Array:
+            swept = self.swept(t, place)
+            return swept + inputs * self.coupling(place) if self.drive == "velocity" else swept
+
+        velocity = state[n : 2 * n] - carried(place)
+        along = jnp.concatenate([velocity, rate])
+        # A given speed does not enter the momenta's own balance but through where it carries the angles.
+        change = self.free(place, along) + jax.jvp(carried, (place,), (along,))[1]
+        if self.drive == "acceleration":
+            change = change - inputs * self.coupling(place)
+        return jnp.concatenate([velocity, change, rate])
+
+    def _pushed(self, state: State, force: Scalar, rate: Array, bend: Array) -> State:
+        n = self.angles
+        place = jnp.concatenate([state[1 : 1 + n], state[2 + 2 * n :]])
+        speed, velocity = state[1 + n], state[2 + n : 2 + 2 * n]
+        along = jnp.concatenate([velocity, rate])
+        free, coupling = self.free(place, along), self.coupling(place)
+        slope = lambda place, along: jax.jvp(self.moment, (place,), (along,))[1]
+        # Newton's law for all together: (M + m) s'' + moment'' = force − friction, with angles'' = free − s'' coupling.
+        pull = jax.jvp(slope, (place, along), (along, jnp.concatenate([free, bend])))[1]
+        inertia = self.trolley.mass + self.carried() - slope(place, jnp.concatenate([coupling, jnp.zeros_like(bend)]))
+        acceleration = (force - self.trolley.damping * speed - pull) / inertia
+        return jnp.concatenate([speed[None], velocity, acceleration[None], free - acceleration * coupling, rate])
+
+    def relative(self, state: State, inputs: Inputs) -> tuple[Array, Array, Scalar]:
+        """Angles and lengths, the angles' true rates (rad/s) and the trolley's acceleration (m/s², 0 where it is not
+        given)."""
+        n = self.angles
+        if self.drive == "force":
+            place = jnp.concatenate([state[1 : 1 + n], state[2 + 2 * n :]])
+            return place, state[2 + n : 2 + 2 * n], jnp.zeros_like(state[0])
+        place, velocity = jnp.concatenate([state[:n], state[2 * n :]]), state[n : 2 * n]
+        if self.drive == "velocity":
+            return place, velocity - inputs * self.coupling(place), jnp.zeros_like(state[0])
+        return place, velocity, jnp.asarray(inputs)
+
+    def residual_energy(self, state: State, inputs: Inputs) -> Scalar:
+        """Energy above that of hanging still behind the trolley as it moves, J.
+
+        Seen from the trolley; where a force drives it, from the ground.
+        """
+        place, rates, acceleration = self.relative(state, inputs)
+        energy = self.swing_energy(place, rates, acceleration)
+        if self.drive != "force":
+            return energy
+        n = self.angles
+        speed, along = state[1 + n], jnp.concatenate([rates, jnp.zeros_like(place[n:])])
+        drift = jax.jvp(self.moment, (place,), (along,))[1]
+        return energy + (self.trolley.mass + self.carried()) * speed**2 / 2 + speed * drift
+
+    def rest_state(self, inputs: Inputs) -> State:
+        inputs = jnp.asarray(inputs)
+        zero = jnp.zeros(self.angles, self.gravity.dtype)
+        lengths = self.lengths()
+        if self.drive == "force":
+            still = jnp.zeros_like(self.gravity)[None]
+            return jnp.concatenate([still, zero, still, zero, lengths])
+        if self.drive == "velocity":
+            return jnp.concatenate([zero, inputs * self.coupling(jnp.concatenate([zero, lengths])), lengths])
+        return jnp.concatenate([self.rest_angles(inputs), zero, lengths])
+
+    def payload(self, state: State, position: Scalar) -> Scalar:
+        """Where the payload is along the track, m."""
+        return (state[0] if self.drive == "force" else position) + self.deflection(state, position)
+
+    def deflection(self, state: State, position: Scalar) -> Scalar:
+        """How far the payload is ahead of the trolley, m."""
+        del position
+        return self.offset(self.relative(state, self.zero_inputs())[0])
+
+    def escaped(self, state: State, inputs: Inputs) -> Bool[Array, ""]:
+        return ~jnp.all(jnp.isfinite(state)) | self.beyond(*self.relative(state, inputs))
+
+
+def check_trolley(trolley: Trolley | None) -> Trolley:
+    """A trolley as it is, the default one for ``None``. *Raises* ``ValueError`` for anything else."""
+    if trolley is None:
+        return Trolley()
+    if not isinstance(trolley, Trolley):
+        raise ValueError(f"trolley must be a Trolley, not {trolley!r}")
+    return trolley

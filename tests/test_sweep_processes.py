@@ -1,0 +1,141 @@
+"""Sweeps on several devices, on a cluster, and over the death of a process: always the same bits."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+SETUP = """
+import sys, time
+import jax
+jax.config.update("jax_enable_x64", True)
+import numpy as np
+import jshape as js
+from jshape import _pieces
+
+_pieces.PIECE = 64
+three = js.Shaper([0.25, 0.5, 0.25], [0.0, 0.8214899715396663, 1.6429799430793326])
+
+
+def sweep(**given):
+    # The cubic damper's powers and the second shaper's closed form are among what must not differ by a bit.
+    plant = js.plants.TwoMass(spring=js.plants.Duffing(10.0, 100.0), damper=js.plants.PowerDamper(0.1))
+    shapers = {"bare": None, "three": three}
+    over = {"spring.k1": (0.9, 1.1), "m2": (0.6, 1.4)}
+    return js.sweep(
+        plant, shapers, 1.0, over, "residual_energy", samples=500, derivatives=True, estimate_error=False, **given
+    )
+"""
+
+
+def command(code: str, *arguments: str) -> list[str]:
+    return [sys.executable, "-W", "error", "-c", SETUP + code, *arguments]
+
+
+def run(code: str, *arguments: str, **environment: str) -> None:
+    subprocess.run(command(code, *arguments), env=os.environ | environment, check=True, timeout=300)
+
+
+def values(path: Path) -> dict[str, np.ndarray]:
+    with np.load(path) as found:
+        return dict(found)
+
+
+SAVE = """
+ds = sweep(**({"store": sys.argv[2]} if len(sys.argv) > 2 else {}))
+np.savez(sys.argv[1], **{name: ds[name].values for name in ds.data_vars})
+"""
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """The uninterrupted sweep, on one device of a process of its own."""
+    path = tmp_path_factory.mktemp("whole") / "values.npz"
+    run(SAVE, str(path))
+    return values(path)
+
+
+@pytest.mark.slow
+def test_killed_half_way_and_gone_on_with(whole, tmp_path):
+    slow = """
+tell = lambda done, pieces: (print(done, flush=True), time.sleep(60 * (done == 3)))
+sweep(store=sys.argv[1], progress=tell)
+"""
+    with subprocess.Popen(command(slow, str(tmp_path / "pieces")), stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert "3\n" in process.stdout
+        process.send_signal(signal.SIGKILL)
+    assert process.returncode == -signal.SIGKILL
+    kept = sorted((tmp_path / "pieces").glob("*.npy"))
+    assert [path.name for path in kept] == [f"piece_{i:06d}.npy" for i in range(3)]
+    before = [path.stat().st_mtime_ns for path in kept]
+    run(SAVE, str(tmp_path / "values.npz"), str(tmp_path / "pieces"))
+    assert [path.stat().st_mtime_ns for path in kept] == before
+    for name, found in values(tmp_path / "values.npz").items():
+        np.testing.assert_array_equal(found, whole[name])
+
+
+@pytest.mark.slow
+def test_four_devices_share_the_plants(whole, tmp_path):
+    code = """
+from jshape import _batch
+seen = []
+plain = _batch._many
+_batch._many = lambda *given: seen.append(plain(*given)) or seen[-1]
+""" + SAVE + """
+assert len(jax.devices()) == 4
+for array in seen:
+    assert len(array.sharding.device_set) == 4
+    places = sorted(shard.index[2].start for shard in array.addressable_shards)
+    assert places == [i * array.shape[2] // 4 for i in range(4)], places
+"""  # fmt: skip
+    flags = os.environ.get("XLA_FLAGS", "") + " --xla_force_host_platform_device_count=4"
+    run(code, str(tmp_path / "values.npz"), XLA_FLAGS=flags)
+    for name, found in values(tmp_path / "values.npz").items():
+        # Vectors of other lengths: the last bits may differ.
+        np.testing.assert_allclose(found, whole[name], rtol=1e-13, atol=1e-14)
+
+
+CLUSTER = """
+import os, signal, warnings
+warnings.simplefilter("default")  # the cluster's own do not matter here
+from distributed import Client, LocalCluster
+
+if __name__ == "__main__":
+    with LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, local_directory=sys.argv[2]
+    ) as cluster, Client(cluster) as client:
+        workers = client.run(os.getpid)
+        killed = []
+
+        def kill(done, pieces):
+            if done >= 3 and not killed:
+                # One that has pieces to compute, so that some are lost with it.
+                busy = {worker: tasks for worker, tasks in client.processing().items() if tasks}
+                worker = next(iter(busy))
+                killed.append(workers[worker])
+                os.kill(workers[worker], signal.SIGKILL)
+
+        ds = sweep(client=client, store=sys.argv[3], progress=kill)
+        assert killed and workers and os.getpid() not in workers.values()
+        assert killed[0] not in client.run(os.getpid).values()
+        np.savez(sys.argv[1], **{name: ds[name].values for name in ds.data_vars})
+"""
+
+
+@pytest.mark.slow
+def test_a_cluster_loses_a_worker_half_way(whole, tmp_path):
+    pytest.importorskip("distributed")
+    program = tmp_path / "cluster.py"
+    program.write_text(SETUP + CLUSTER, encoding="utf-8")
+    pieces = tmp_path / "pieces"
+    arguments = [str(tmp_path / "values.npz"), str(tmp_path), str(pieces)]
+    subprocess.run([sys.executable, str(program), *arguments], check=True, timeout=300)
+    assert len(list(pieces.glob("piece_*.npy"))) == 8
+    for name, found in values(tmp_path / "values.npz").items():
+        assert found.dtype == np.float64
+        np.testing.assert_array_equal(found, whole[name])
