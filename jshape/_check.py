@@ -19,6 +19,11 @@ def is_concrete(*trees: Any) -> bool:
     return not any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(trees))
 
 
+def numerics(*trees: Any) -> Any:
+    """NumPy for concrete leaves, ``jax.numpy`` for traced ones: a few numbers are no reason to compile programs."""
+    return np if is_concrete(*trees) else jnp
+
+
 def as_array(value: Any, name: str) -> Array:
     """``value`` as an array of floats: its own float type if it has one, JAX's default otherwise.
 

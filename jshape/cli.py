@@ -4,9 +4,9 @@ Nothing here imports JAX before a command runs, so that help comes at once. Ever
 and keeps compiled programs in the user's cache folder for the next time.
 """
 
-import math
 import os
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -41,11 +41,14 @@ def tune(
         from jshape import report
         from jshape.design.tune import tune as tune_shaper
         from jshape.export import read_shaper
+        from jshape.tables import show_report
 
         read, folder = _begin(problem, out)
         design = read.design
         first = None if start is None else read_shaper(start)
-        with _progress() as (step, progress):
+        # The closed forms are compiled beside the search: with two cores that saves some seconds of a first run.
+        with _progress() as (step, progress), ThreadPoolExecutor(1) as beside:
+            closed = beside.submit(report.closed_forms, read)
             step("tuning")
             given = design.model_dump(exclude={"objective", "starts", "seed"})
             solution = tune_shaper(
@@ -59,9 +62,9 @@ def tune(
                 progress=progress,
                 **given,
             )
-            result = report.build(read, solution, step)
+            result = report.build(read, solution, step, closed.result())
             figures = report.write(result, folder, step)
-        _show(result, folder, figures)
+        show_report(result, folder, figures)
 
 
 @app.command()
@@ -70,12 +73,13 @@ def compare(problem: ProblemFile, out: Out = None) -> None:
     with _explained():
         _prepare_jax()
         from jshape import report
+        from jshape.tables import show_report
 
         read, folder = _begin(problem, out)
         with _progress() as (step, _):
             result = report.build(read, None, step)
             figures = report.write(result, folder, step)
-        _show(result, folder, figures)
+        show_report(result, folder, figures)
 
 
 @app.command()
@@ -102,6 +106,8 @@ def sweep(
         from jshape import robustness
         from jshape.export import read_shaper
         from jshape.report import closed_forms
+        from jshape.results import write_sweep
+        from jshape.tables import show_sweep
 
         read, folder = _begin(problem, out)
         if not read.over:
@@ -139,8 +145,8 @@ def sweep(
                 typer.echo(again if store else "nothing is kept; with --store DIR it goes on after Ctrl-C", err=True)
                 raise
             step("files")
-            files = _write_sweep(read, found, folder)
-        _show_sweep(read, found, left_out)
+            files = write_sweep(read, found, folder)
+        show_sweep(read, found, left_out)
         typer.echo(f"results in {folder}: {', '.join(files)}")
 
 
@@ -155,10 +161,9 @@ def pareto(
     """How much residual a shaper's duration buys: the front for each number of impulses, the closed forms beside it."""
     with _explained():
         _prepare_jax()
-        import matplotlib.pyplot as plt
-
-        from jshape import plot
         from jshape.pareto import pareto as front_of
+        from jshape.results import write_front
+        from jshape.tables import show_front
 
         read, folder = _begin(problem, out)
         with _progress() as (step, progress):
@@ -172,16 +177,10 @@ def pareto(
                 progress=progress,
                 **read.front.model_dump(),
             )
-            folder.mkdir(parents=True, exist_ok=True)
-            record = {"format": "jshape-results", "version": 1, "problem": read.name, "pareto": front.to_dict()}
-            (folder / "results.json").write_text(_json(record), encoding="utf-8")
-            front.to_netcdf(folder / "pareto.nc", engine="scipy")
-            figure = plot.pareto(front)
-            figure.savefig(folder / "pareto.png", dpi=300)
-            figure.savefig(folder / "pareto.pdf")
-            plt.close(figure)
-        _show_front(read, front)
-        typer.echo(f"results in {folder}: results.json, pareto.nc, pareto.png, pareto.pdf")
+            step("files")
+            files = write_front(read, front, folder)
+        show_front(read, front)
+        typer.echo(f"results in {folder}: {', '.join(files)}")
 
 
 @app.command()
@@ -277,153 +276,3 @@ def _progress() -> Any:
             bar.update(task, description=words, total=total, completed=done)
 
         yield step, progress
-
-
-def _show(report: Any, folder: Path, figures: list[Path]) -> None:
-    from rich import box
-    from rich.console import Console
-    from rich.table import Table
-
-    console = Console()
-    if not console.is_terminal:
-        console = Console(width=120)
-    table = Table(title=report.problem.title, box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False)
-    table.add_column("shaper", min_width=12)
-    table.add_column("amplitudes\nat times (s)", min_width=28)
-    uncertain = bool(report.problem.over)
-    words = ["move\ntime (s)", "nominal\nenergy (J)"]
-    for heading in words + (["worst\nenergy (J)", "worst vi-\nbration (%)"] if uncertain else []):
-        table.add_column(heading, justify="right", no_wrap=True)
-    for row in report.rows:
-        impulses = [" ".join(f"{v:6.4f}" for v in part.tolist()) for part in (row.shaper.amplitudes, row.shaper.times)]
-        cells = [row.name, "\n".join(impulses), f"{report.move_time(row):.4f}", _number(row.nominal_energy)]
-        if uncertain:
-            cells += [_number(row.worst_energy), _number(100 * row.worst_vibration)]
-        table.add_row(*cells, style="bold" if row.name == "tuned" else None)
-    console.print(table)
-    for name, reason in report.left_out.items():
-        console.print(f"left out: {name}: {reason}", style="dim", highlight=False)
-    if report.solution is not None:
-        console.print(f"tuned: {report.solution.result}", highlight=False)
-        for line in report.gains():
-            console.print(line, highlight=False)
-    if uncertain:
-        names = ", ".join(f"{name} × {min(v):g} … {max(v):g}" for name, v in report.problem.over.items())
-        console.print(f"uncertain: {names}", highlight=False)
-    console.print(f"results in {folder}, figures {', '.join(path.name for path in figures)}", highlight=False)
-
-
-def _write_sweep(problem: "Problem", found: Any, folder: Path) -> list[str]:
-    """The dataset, for one leaf as a table, too, the summary as plain numbers, and a figure for each metric."""
-    import json
-
-    import matplotlib.pyplot as plt
-
-    from jshape import plot
-    from jshape.report import MARKER
-    from jshape.robustness import summary
-
-    folder.mkdir(parents=True, exist_ok=True)
-    rows = {
-        str(metric): {
-            str(name): {word: _plain(float(part[word].sel(shaper=name))) for word in part.data_vars}
-            for name in part["shaper"].values
-        }
-        for metric in found.data_vars
-        for part in [summary(found[metric])]
-    }
-    about = {name: _plain(value) if isinstance(value, float) else value for name, value in found.attrs.items()}
-    record = {"format": MARKER, "version": 1, "problem": problem.name, "sweep": about, "metrics": rows}
-    (folder / "results.json").write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
-    found.to_netcdf(folder / "sweep.nc", engine="scipy")
-    files = ["results.json", "sweep.nc"]
-    leaves = [name for name in found.dims if name not in ("shaper", "sample")]
-    if len(leaves) == 1:
-        found.to_dataframe().to_csv(folder / "sweep.csv")
-        files.append("sweep.csv")
-    for metric in found.data_vars:
-        # The six shapers that are best at their worst; of three leaves and more, the last at their middle.
-        best = sorted(summary(found[metric])["worst"].values.argsort()[:6].tolist())
-        shown = found.isel({name: found.sizes[name] // 2 for name in leaves[2:]}).isel(shaper=best)
-        figure = plot.sweep(shown, str(metric))
-        figure.savefig(folder / f"sweep_{metric}.png", dpi=300)
-        plt.close(figure)
-        files.append(f"sweep_{metric}.png")
-    return files
-
-
-def _show_sweep(problem: "Problem", found: Any, left_out: dict[str, str]) -> None:
-    from rich import box
-    from rich.console import Console
-    from rich.table import Table
-
-    from jshape.robustness import summary
-
-    console = Console()
-    if not console.is_terminal:
-        console = Console(width=120)
-    for metric in found.data_vars:
-        data = found[metric]
-        unit = "" if data.attrs["units"] == "1" else f" ({data.attrs['units']})"
-        title = f"{problem.title}: {data.attrs['long_name']}{unit}, {data.size // data.sizes['shaper']} plants"
-        table = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False)
-        table.add_column("shaper", min_width=12)
-        for heading in ("mean", "95 % quantile", "worst"):
-            table.add_column(heading, justify="right", no_wrap=True)
-        part = summary(data)
-        for name in part["shaper"].values:
-            cells = [_number(float(part[word].sel(shaper=name))) for word in ("mean", "quantile_95", "worst")]
-            table.add_row(str(name), *cells)
-        console.print(table)
-        if "error" in data.attrs:
-            console.print(f"finer steps change this by at most {data.attrs['error']:.1e}", highlight=False)
-    for name, reason in left_out.items():
-        console.print(f"left out: {name}: {reason}", style="dim", highlight=False)
-
-
-def _plain(value: float) -> float | str:
-    return value if abs(value) < float("inf") else "lost"
-
-
-def _json(record: Any) -> str:
-    """Plain JSON: what is not finite becomes null."""
-    import json
-
-    def plain(value: Any) -> Any:
-        if isinstance(value, dict):
-            return {key: plain(inner) for key, inner in value.items()}
-        if isinstance(value, list | tuple):
-            return [plain(inner) for inner in value]
-        return None if isinstance(value, float) and not math.isfinite(value) else value
-
-    return json.dumps(plain(record), indent=2) + "\n"
-
-
-def _show_front(problem: "Problem", front: Any) -> None:
-    from rich import box
-    from rich.console import Console
-    from rich.table import Table
-
-    console = Console()
-    if not console.is_terminal:
-        console = Console(width=120)
-    title = f"{problem.title}: {front['objective'].attrs['long_name']} (J) for each duration"
-    table = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False)
-    table.add_column("duration (s)", justify="right")
-    for name in front["design"].values:
-        table.add_column(str(name), justify="right")
-    for time in front["duration"].values:
-        table.add_row(f"{time:.4f}", *[_number(float(v)) for v in front["objective"].sel(duration=time).values])
-    console.print(table)
-    for name in front["closed_form"].values:
-        value, time = (float(front[key].sel(closed_form=name)) for key in ("closed_objective", "closed_duration"))
-        console.print(f"{name}: {_number(value)} J in {time:.4f} s", highlight=False)
-
-
-def _number(value: float) -> str:
-    if value != value or value == float("inf"):
-        return "lost"
-    # The optimisers' stand-in for a plant that is lost.
-    if abs(value) >= 1e29:
-        return "lost"
-    return "0" if abs(value) < 1e-18 else f"{value:.4g}"

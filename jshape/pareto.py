@@ -79,11 +79,9 @@ def pareto(
     designs = [(n, rule) for rule in amplitudes for n in counts if rule != "unity" or n % 2]
     if not designs:
         raise ValueError(f"impulses must hold an odd number for unity amplitudes, not only {tuple(counts)}")
+    given: Any = dict(relative=relative, initial_state=initial_state)
     tasks = [
-        prepare(
-            plant, distance, n, whole, rule, None if rule == "unity" else limit, over, objective,
-            relative=relative, initial_state=initial_state,
-        )  # fmt: skip
+        prepare(plant, distance, n, whole, rule, None if rule == "unity" else limit, over, objective, **given)
         for n, rule in designs
     ]
     names = [f"{n} {rule}" for n, rule in designs]

@@ -8,13 +8,12 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import jax.numpy as jnp
 import matplotlib.pyplot as plt
 import numpy as np
 
 from jshape import plot
 from jshape.command import as_command
-from jshape.design import closed_forms as closed
+from jshape.design import closed_forms as forms
 from jshape.design.solution import Solution
 from jshape.export import write_csv, write_json
 from jshape.metrics import energy_profile, residual_energy
@@ -78,13 +77,21 @@ Step = Callable[[str], None]
 
 def closed_forms(problem: Problem) -> tuple[dict[str, Shaper], dict[str, str]]:
     """Every closed-form shaper that applies to a problem, and why the others do not."""
-    return closed.closed_forms(problem.plant, problem.distance)
+    return forms.closed_forms(problem.plant, problem.distance)
 
 
-def build(problem: Problem, solution: Solution | None, step: Step = lambda _: None) -> Report:
-    """Judge every shaper of a problem, the tuned one last. ``step`` is told what is being done."""
+def build(
+    problem: Problem,
+    solution: Solution | None,
+    step: Step = lambda _: None,
+    closed: tuple[dict[str, Shaper], dict[str, str]] | None = None,
+) -> Report:
+    """Judge every shaper of a problem, the tuned one last. ``step`` is told what is being done.
+
+    ``closed``: what ``closed_forms`` returned, where that has been called already.
+    """
     step("closed-form shapers")
-    shapers, left_out = closed_forms(problem)
+    shapers, left_out = closed_forms(problem) if closed is None else closed
     if solution is not None:
         shapers["tuned"] = solution.shaper
     curves: dict[str, Any] = {}
@@ -95,30 +102,30 @@ def build(problem: Problem, solution: Solution | None, step: Step = lambda _: No
         longest = max(len(s.times) for s in shapers.values())
         nominal = [float(residual_energy(problem.plant, s.pad(longest), problem.distance)) for s in shapers.values()]
     else:
-        # The nominal plant rides along, as the last value of every leaf.
-        over = {name: np.append(values, 1.0) for name, values in problem.over.items()}
-        run = lambda metric, over, error: sweep(
-            problem.plant, shapers, problem.distance, over, metric, estimate_error=error
-        )[metric]
-        step("residual energies over the uncertainty")
-        data = run("residual_energy", over, True)
-        nominal = data.isel(dict.fromkeys(over, -1)).values.tolist()
-        energies = _greatest(data)
-        step("residual vibrations over the uncertainty")
-        vibrations = _greatest(run("residual_vibration", over, False))
+        # The nominal plant rides along as the last value of every leaf; with a single leaf, its curve before it, so
+        # that one program computes all.
+        metrics = ("residual_energy", "residual_vibration")
+        run = lambda over, names: sweep(problem.plant, shapers, problem.distance, over, names, estimate_error=False)
+        widths = {name: _wide(values) for name, values in problem.over.items()}
+        alone = len(widths) == 1
+        step("residual energies and vibrations over the uncertainty")
+        over = {name: [*values, *(widths[name] if alone else ()), 1.0] for name, values in problem.over.items()}
+        data = run(over, metrics)
+        nominal = data["residual_energy"].isel(dict.fromkeys(over, -1)).values.tolist()
+        stated = data.isel({name: slice(0, len(values)) for name, values in problem.over.items()})
+        energies, vibrations = (stated[metric].max(dim=list(over)).values.tolist() for metric in metrics)
         for name, values in problem.over.items():
             step(f"sensitivity to {name}")
-            wide = 1 + 2 * (np.array([min(values), max(values)]) - 1)
-            ratios = jnp.linspace(max(wide[0], 0.2), wide[1], 121)
-            curves[name] = run("residual_vibration", {name: ratios}, False).to_dataset()
+            wide = data.isel({name: slice(len(values), -1)}) if alone else run({name: widths[name]}, metrics[1])
+            curves[name] = wide[["residual_vibration"]]
     rows = [Row(*values) for values in zip(shapers, shapers.values(), nominal, energies, vibrations, strict=True)]
     return Report(problem, rows, left_out, curves, solution)
 
 
-def _greatest(data: Any) -> list[float]:
-    """The greatest value for each shaper over the stated uncertainty, without the nominal plant that rides along."""
-    leaves = [d for d in data.dims if d != "shaper"]
-    return data.isel({name: slice(None, -1) for name in leaves}).max(dim=leaves).values.tolist()
+def _wide(values: Any) -> np.ndarray:
+    """The ratios of a sensitivity curve: twice as far as the stated uncertainty, the ratio 1 in the middle."""
+    ends = 1 + 2 * (np.array([min(values), max(values)]) - 1)
+    return np.linspace(max(ends[0], 0.2), ends[1], 121)
 
 
 def writable(folder: Path) -> str | None:
@@ -211,7 +218,10 @@ def figures(report: Report, step: Step = lambda _: None):
     period = 2 * np.pi / natural if natural > 0 else max(float(row.shaper.duration) for row in shown)
     move = as_command(problem.distance)
     horizon = max(float(row.shaper.duration) for row in shown) + float(move.duration) + 1.2 * period
-    run = lambda plant, row: simulate(plant, move, row.shaper.pad(longest), horizon=horizon, samples=600)
+    # The kernel that tuned and judged the shapers; its error is far below a line's width, and it compiles soonest.
+    run = lambda plant, row: simulate(
+        plant, move, row.shaper.pad(longest), horizon=horizon, samples=600, method="fixed"
+    )
     nominal = {row.name: run(problem.plant, row) for row in shown}
     ends = [
         with_leaves(problem.plant, {name: values[at] * leaf(problem.plant, name)})

@@ -63,7 +63,7 @@ class Shaper(eqx.Module):
     @property
     def duration(self) -> Scalar:
         """Time of the last impulse, s: what the shaper adds to a move."""
-        return jnp.max(self.times)
+        return jnp.asarray(_check.numerics(self.times).max(self.times))
 
     def convolve(self, other: "Shaper") -> "Shaper":
         """Both shapers one after the other: impulses at every ``t_i + t_j`` with amplitudes ``A_i A_j``, sorted."""
@@ -89,8 +89,10 @@ class Shaper(eqx.Module):
         missing = impulses - len(self.times)
         if missing < 0:
             raise ValueError(f"impulses must be at least the shaper's own {len(self.times)}, not {impulses}")
-        times = jnp.concatenate([self.times, jnp.full(missing, self.times[-1])])
-        return Shaper(jnp.concatenate([self.amplitudes, jnp.zeros(missing)]), times)
+        xp = _check.numerics(self)
+        amplitudes, times = xp.asarray(self.amplitudes), xp.asarray(self.times)
+        times = xp.concatenate([times, xp.repeat(times[-1:], missing)])
+        return Shaper(xp.concatenate([amplitudes, xp.zeros(missing, amplitudes.dtype)]), times)
 
     def shape(self, command: AbstractCommand) -> PiecewisePolynomial:
         """The shaped command: the sum of the command's copies, delayed and weighted, itself a command."""

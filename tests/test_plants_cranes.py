@@ -37,9 +37,6 @@ def cranes(drive, trolley=HEAVY, damping=0.0):
     return kinds
 
 
-NAMES = list(cranes("velocity"))
-
-
 def each(*drives):
     """Every kind of crane with each of the drives; those that share most of their code with others are slow tests."""
     brief = ("Crane", "DoublePendulumCrane")
@@ -435,9 +432,9 @@ def test_simulation_of_a_large_swing(staircase):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", ["Crane", "HoistingCrane"])
 def test_drives_agree_in_simulation(name):
-    # The same smooth move given as acceleration and as velocity; with a force, that which the prescribed move takes.
+    # The same smooth move given as acceleration and as velocity.
     command = js.SCurve(1.5, speed=1.0, acceleration=1.5, jerk=8.0)
     one, two = (cranes(drive)[name] for drive in ("acceleration", "velocity"))
     a, b = (js.simulate(plant, command, horizon=4.0, samples=41) for plant in (one, two))

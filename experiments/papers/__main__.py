@@ -20,7 +20,6 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="reproduces the papers and writes experiments/papers/README.md")
     parser.add_argument("--out", type=Path, default=Path("out/papers"), help="folder of the figures (PNG)")
     out = parser.parse_args().out
-    frame.prepare()
     papers = []
     for path in sorted(HERE.glob("paper_[0-9][0-9][0-9].py")):
         begin = time.perf_counter()

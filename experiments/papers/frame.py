@@ -31,6 +31,12 @@ from scipy.integrate import solve_ivp
 
 from jshape import plot
 
+# Before any script makes a plant: double precision; figures to files only, their text as text, the same picture always
+# the same file.
+jax.config.update("jax_enable_x64", True)
+mpl.use("agg")
+mpl.rcParams.update({"svg.hashsalt": "jshape", "svg.fonttype": "none", "path.simplify_threshold": 0.3})
+
 NUMBER = re.compile(r"[-+−]?\d+(?:,\d{3})*(?:\.(\d+))?")
 """A number in print; the group is its decimals."""
 
@@ -155,7 +161,8 @@ def after(
     """States by DOP853 under a staircase, restarted at every step so that none is integrated across.
 
     ``field(t, y, u)``: derivatives of the state with the command at level u; ``times``, ``amplitudes``: of the steps,
-    s and the command's unit. ``at``: times wanted, in ascending order (default: ``until`` alone). Returns (times, state).
+    s and the command's unit. ``at``: times wanted, ascending, none after ``until`` (default: it alone). Returns one row
+    a time.
     """
     wanted = np.atleast_1d(until if at is None else np.asarray(at, float))
     edges = np.append(np.asarray(times, float), np.inf)
@@ -189,20 +196,11 @@ def figure(rows: int = 1, columns: int = 1, height: float = 2.4, **options: Any)
         )
 
 
-def prepare() -> None:
-    """What every script does first: double precision, and figures to files only."""
-    jax.config.update("jax_enable_x64", True)
-    mpl.use("agg")
-    # Text stays text, and the same picture gives the same file.
-    mpl.rcParams.update({"svg.hashsalt": "jshape", "svg.fonttype": "none", "path.simplify_threshold": 0.3})
-
-
 def main(results: Callable[[], Paper]) -> None:
     """The command line of one script: tables to the terminal, figures to ``--out``."""
     parser = argparse.ArgumentParser(description=(sys.modules["__main__"].__doc__ or "").splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("out/papers"), help="folder of the figures (PNG)")
     out = parser.parse_args().out
-    prepare()
     paper = results()
     print("\n".join(lines(paper)))
     save(paper, out)
@@ -298,10 +296,10 @@ def write(papers: Sequence[Paper], folder: Path) -> None:
     text = [
         "# The five papers, reproduced and surpassed",
         "",
-        "Written by `python -m experiments.papers`, which also draws every figure that can be recomputed, with the same",
-        "axes, into `out/papers`. *Agrees*: the computed value rounds to the printed digits. Every design under",
-        "*Surpassed* has been judged by an integration apart from jshape (SciPy's DOP853, relative tolerance 1e-11) of",
-        "equations that stand in the script.",
+        "Written by `python -m experiments.papers`, which also draws every figure that can be recomputed, with the",
+        "same axes, into `out/papers`. *Agrees*: the computed value rounds to the printed digits. Every design under",
+        "*Surpassed* has been judged by an integration apart from jshape (SciPy's DOP853, relative tolerance 1e-11)",
+        "of equations that stand in the script.",
         "",
     ]
     for paper in papers:

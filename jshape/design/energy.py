@@ -167,9 +167,11 @@ def _approximate_swings(
 
 def _assemble(bases: Array, ways: Array, times: Array, size: Scalar) -> tuple[Array, Array]:
     """Amplitudes and times from each swing's base position ahead of it (m), way (m) and duration (s)."""
-    places = jnp.concatenate([jnp.zeros(1), jnp.cumsum(ways)])
-    levels = jnp.concatenate([jnp.zeros(1), places[:-1] + bases, size[None]])
-    return jnp.diff(levels) / size, jnp.concatenate([jnp.zeros(1), jnp.cumsum(times)])
+    xp = _check.numerics(bases, ways, times, size)
+    bases, ways, times, size = (xp.asarray(x) for x in (bases, ways, times, size))
+    places = xp.concatenate([xp.zeros_like(ways[:1]), xp.cumsum(ways)])
+    levels = xp.concatenate([xp.zeros_like(ways[:1]), places[:-1] + bases, size[None]])
+    return xp.diff(levels) / size, xp.concatenate([xp.zeros_like(times[:1]), xp.cumsum(times)])
 
 
 @eqx.filter_jit

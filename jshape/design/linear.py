@@ -58,10 +58,14 @@ def zvd_n(omega: Any, zeta: Any = 0.0, *, order: int) -> Shaper:
     """
     omega, zeta = _mode(omega, zeta)
     n = _check.count(order, "order", least=0) + 1
-    k = jnp.exp(-jnp.pi * _decay(zeta))
-    i = jnp.arange(n + 1, dtype=omega.dtype)
-    choices = jnp.asarray([math.comb(n, j) for j in range(n + 1)], dtype=omega.dtype)
-    return Shaper(choices * k**i / (1 + k) ** n, jnp.pi * i / _damped(omega, zeta))
+    xp = _check.numerics(omega, zeta)
+    dtype = jnp.result_type(omega, zeta)
+    omega, zeta = xp.asarray(omega, dtype), xp.asarray(zeta, dtype)
+    root = xp.sqrt(1 - zeta**2)
+    k = xp.exp(-np.pi * zeta / root)
+    i = xp.arange(n + 1, dtype=dtype)
+    choices = xp.asarray([math.comb(n, j) for j in range(n + 1)], dtype=dtype)
+    return Shaper(choices * k**i / (1 + k) ** n, np.pi * i / (omega * root))
 
 
 def zv(omega: Any, zeta: Any = 0.0) -> Shaper:
@@ -374,7 +378,9 @@ def _extra_insensitive(name: str, humps: int, omega: Any, zeta: Any, vibration: 
     _check.finite(limit, "vibration")
     if _check.is_concrete(limit) and not 0 < float(limit) < 1:
         raise ValueError(f"vibration must lie between 0 and 1 (5 % is 0.05), not {_check.show(limit)}")
-    amplitudes, phases, solved = _humps(humps, zeta, limit.astype(omega.dtype))
+    undamped = _check.is_concrete(zeta) and float(zeta) == 0
+    find = _undamped_humps if undamped else _humps
+    amplitudes, phases, solved = find(humps, zeta, limit.astype(omega.dtype))
     hint = f"no {name} shaper was found (its uppermost zero runs away as damping grows); take fewer humps or a zvd"
     times = _solved(phases / _damped(omega, zeta), solved, hint, zeta=zeta, vibration=limit)
     return Shaper(amplitudes, times)
@@ -415,6 +421,14 @@ def _humps(humps: int, zeta: Scalar, limit: Scalar) -> tuple[Impulses, Impulses,
     amplitudes, tau, zeros, tops = unpack(unknowns)
     ordered = jnp.all(jnp.diff(tau) > 0) & jnp.all(zeros[:-1] < tops) & jnp.all(tops < zeros[1:])
     return amplitudes, tau, solved & jnp.all(amplitudes > 0) & ordered & jnp.all(zeros > 0)
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def _undamped_humps(humps: int, zeta: Scalar, limit: Scalar) -> tuple[Impulses, Impulses, Bool[Array, ""]]:
+    """``_humps`` without damping: its closed form, without a search."""
+    free, phases = jnp.split(_undamped(humps, limit), [humps + 1, 2 * humps + 2])[:2]
+    amplitudes = jnp.append(free, 1 - jnp.sum(free))
+    return amplitudes, jnp.concatenate([jnp.zeros_like(phases[:1]), phases]), jnp.all(amplitudes > 0) & (zeta == 0)
 
 
 def _undamped(humps: int, limit: Scalar) -> Float[Array, " unknowns"]:

@@ -24,7 +24,7 @@ from jshape.design._nominal import levenberg_marquardt
 from jshape.design._objective import Objective, value_of
 from jshape.design._rules import Rules, designed, rules
 from jshape.design._task import Limits, Metric, Point, Task, join
-from jshape.design._worst import Optimality, Polish
+from jshape.design._worst import ROUND, Optimality, Polish
 from jshape.design.solution import Solution
 from jshape.plants import AbstractPlant
 from jshape.schedule import schedule
@@ -34,6 +34,9 @@ from jshape.uncertain import check_over, grid
 
 POLISHED = 6
 """How many of the starts, the best ones, are polished."""
+
+SURVIVORS = 2
+"""How many of those are polished to the end."""
 
 CROWD = 64
 """With more starts than that, all descend side by side before the best are polished."""
@@ -127,7 +130,7 @@ def tune(
     else:
         found = search.robust(begin, iterations or 360)
     if sample_time is not None:
-        found = search.digital(found, sample_time, iterations or 360)
+        found = search.digital(found, sample_time, min(iterations or ROUND, ROUND))
     return search.solution(found, absolute)
 
 
@@ -252,18 +255,26 @@ class Search:
         search = Polish(task, self.rules, self.objective, self.time_cost, report=note)
         scores = [self._score(judge, _pick(starts, i)) for i in range(count)]
         chosen = np.argsort(scores, kind="stable")[:POLISHED]
-        best, found, ending = np.inf, _pick(starts, int(chosen[0])), "interrupted"
+        first = _pick(starts, int(chosen[0]))
+        ends = [(self._score(judge, first), first, False)]
+        ending = "converged"
         try:
             for candidate in chosen:
-                point, success = search(_pick(starts, int(candidate)), iterations)
-                value = self._score(judge, point)
+                point, success = search(_pick(starts, int(candidate)), min(iterations, ROUND))
+                ends.append((self._score(judge, point), point, success))
                 polished += 1
-                if value < best:
-                    best, found = value, point
-                    ending = "converged" if success else f"stopped after {iterations} iterations without converging"
+            # Only the best few that are not there yet are worth the whole way.
+            ends.sort(key=lambda end: end[0])
+            for index in range(min(SURVIVORS, len(ends))):
+                if not ends[index][2] and iterations > ROUND:
+                    point, success = search(ends[index][1], iterations - ROUND)
+                    ends[index] = min(ends[index], (self._score(judge, point), point, success), key=lambda end: end[0])
         except KeyboardInterrupt:
             # What has been found is kept; a second interrupt ends the program.
             ending = "interrupted"
+        _, found, success = min(ends, key=lambda end: end[0])
+        if not success and ending == "converged":
+            ending = f"stopped after {iterations} iterations without converging"
         values, _, kept, _ = judge.look(judge.vector(found))
         value = value_of(self.objective, values)
         self.report("polishing", polished, len(chosen), value)
