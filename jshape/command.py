@@ -257,12 +257,12 @@ def superpose(command: AbstractCommand, amplitudes: Impulses, times: Impulses) -
     active = jnp.clip(started - 1, 0)
     weight = jnp.where(started > 0, amplitudes[None, :], 0.0)
     age = merged[:, None] - (times[None, :] + breaks[active])
-    shifted = _taylor_shift(coefficients[active], age)
+    shifted = taylor_shift(coefficients[active], age)
     smoothness = command.smoothness
     return PiecewisePolynomial(merged, jnp.sum(weight[..., None] * shifted, axis=1), smoothness)
 
 
-def _taylor_shift(coefficients: Float[Array, "... powers"], shift: Float[Array, "..."]) -> Float[Array, "... powers"]:
+def taylor_shift(coefficients: Float[Array, "... powers"], shift: Float[Array, "..."]) -> Float[Array, "... powers"]:
     """Coefficients of ``p(t + shift)``."""
     powers = range(coefficients.shape[-1])
     return jnp.stack([polynomial(coefficients, shift, k) / math.factorial(k) for k in powers], axis=-1)
@@ -274,7 +274,7 @@ def _from_derivatives(distance: Scalar, durations: list[Scalar], highest: Array,
     for duration, value in zip(durations, highest, strict=True):
         begin = rows[-1].at[order].set(jnp.sign(distance) * value / math.factorial(order))
         rows[-1] = begin
-        rows.append(_taylor_shift(begin, duration))
+        rows.append(taylor_shift(begin, duration))
     # The move ends where it should, to the last bit.
     rows[-1] = jnp.zeros_like(rows[-1]).at[0].set(distance)
     breaks = jnp.concatenate([jnp.zeros(1, highest.dtype), jnp.cumsum(jnp.stack(durations))])

@@ -200,7 +200,7 @@ def load(name: str | Path) -> Problem:
         file = _File.model_validate(raw)
     except ValidationError as error:
         first = error.errors()[0]
-        raise where.error([str(key) for key in first["loc"]], _words(first)) from None
+        raise where.error(_keys(raw, first["loc"]), _words(first)) from None
     plant, foreign = _plant(file.plant, path, where)
     distance = _distance(file, where)
     over = {name: spec.multiples() for name, spec in file.uncertainty.items()}
@@ -316,6 +316,20 @@ def _value(name: str, value: Any, place: list[str], where: "_Lines") -> Any:
     if not np.isfinite(value):
         raise where.error(place, f"must be finite, not {value}")
     return value
+
+
+def _keys(raw: Any, place: tuple[int | str, ...]) -> list[str]:
+    """The keys of the file among those of pydantic's place, which also names the branches of a union."""
+    keys: list[str] = []
+    node = raw
+    for key in place:
+        if isinstance(node, dict):
+            keys.append(str(key))
+            node = node.get(key)
+        elif isinstance(node, list) and isinstance(key, int) and key < len(node):
+            keys.append(str(key))
+            node = node[key]
+    return keys
 
 
 def _words(error: Any) -> str:

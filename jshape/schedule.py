@@ -13,7 +13,7 @@ from jaxtyping import Array, Float, Int
 
 from jshape import _check
 from jshape._types import Breaks, Coefficients, Inputs, Scalar, Times
-from jshape.command import AbstractCommand, as_command, polynomial
+from jshape.command import AbstractCommand, as_command, polynomial, taylor_shift
 from jshape.plants import AbstractPlant
 from jshape.plants.base import DRIVES
 from jshape.shaper import Shaper
@@ -86,12 +86,19 @@ def schedule(plant: AbstractPlant, command: AbstractCommand | Any, shaper: Shape
             f"distance: {type(plant).__name__} is driven by {plant.drives()[0]}, which {type(command).__name__} "
             "gives only as impulses; use a smoother command, such as Trapezoid"
         )
-    breaks, coefficients = _pieces(command, shaper)
+    breaks, coefficients = _pieces(command, shaper, plant.breaks())
     if _check.is_concrete(coefficients) and bool(jnp.any(coefficients[-1, 1:] != 0)):
         raise ValueError("distance: the command does not come to rest: its last piece is not constant")
     return Schedule(breaks, coefficients)
 
 
 @eqx.filter_jit
-def _pieces(command: AbstractCommand, shaper: Shaper | None) -> tuple[Breaks, Coefficients]:
-    return command.pieces() if shaper is None else shaper.shape(command).pieces()
+def _pieces(command: AbstractCommand, shaper: Shaper | None, own: Breaks | None) -> tuple[Breaks, Coefficients]:
+    breaks, coefficients = command.pieces() if shaper is None else shaper.shape(command).pieces()
+    if own is None:
+        return breaks, coefficients
+    # Where the plant's own motions begin new pieces a segment ends, too: inside of each everything is smooth.
+    events = jnp.concatenate([breaks, own])
+    order = jnp.argsort(events, stable=True)
+    active = jnp.cumsum(order < len(breaks)) - 1
+    return events[order], taylor_shift(coefficients[active], events[order] - breaks[active])

@@ -86,13 +86,14 @@ def test_rate_and_overshoot_of_the_command(plant):
     limit = 0.9 * rate(free.shaper)
     slow = robustly(plant, command, rate=limit, **options)
     assert rate(slow.shaper) <= limit * (1 + 1e-6)
-    assert slow.objective > free.objective
+    # Without the limit it gets better from there.
+    assert slow.objective > robustly(plant, command, **options, start=slow.shaper).objective * 1.001
     assert slow.limits == pytest.approx(0, abs=1e-6)
     past = 0.5 * over(free.shaper)
     assert past > 0.01
     low = robustly(plant, command, command_overshoot=past, **options)
     assert over(low.shaper) <= past + 1e-6
-    assert low.objective > free.objective
+    assert low.objective > robustly(plant, command, **options, start=low.shaper).objective * 1.001
     assert low.limits == pytest.approx(0, abs=1e-6)
 
 
@@ -162,8 +163,8 @@ def test_leaves_designed_with_the_shaper(plant):
 
 @pytest.mark.slow
 def test_objectives_and_metrics_of_ones_own(free, plant):
-    mean = robustly(plant, objective="mean")
-    own = robustly(plant, objective=jnp.mean)
+    mean = robustly(plant, objective="mean", starts=16)
+    own = robustly(plant, objective=jnp.mean, starts=16)
     assert own.objective == pytest.approx(mean.objective, rel=1e-9)
     np.testing.assert_allclose(own.shaper.times, mean.shaper.times, atol=1e-6)
     # The metric that is the default, by another way.

@@ -31,11 +31,11 @@ from scipy.integrate import solve_ivp
 
 from jshape import plot
 
-# Before any script makes a plant: double precision; figures to files only, their text as text, the same picture always
-# the same file.
+# Before any script makes a plant: double precision; figures in jshape's style, to files only, their text as text, the
+# same picture always the same file.
 jax.config.update("jax_enable_x64", True)
 mpl.use("agg")
-mpl.rcParams.update({"svg.hashsalt": "jshape", "svg.fonttype": "none", "path.simplify_threshold": 0.3})
+mpl.rcParams.update({**plot.STYLE, "svg.hashsalt": "jshape", "svg.fonttype": "none", "path.simplify_threshold": 0.3})
 
 NUMBER = re.compile(r"[-+−]?\d+(?:,\d{3})*(?:\.(\d+))?")
 """A number in print; the group is its decimals."""
@@ -60,6 +60,9 @@ class Row:
     why: str = ""
 
     def __post_init__(self) -> None:
+        if self.agrees is not None:
+            # NumPy's truth values are not Python's.
+            object.__setattr__(self, "agrees", bool(self.agrees))
         if self.agrees is not True and not self.why:
             raise ValueError(f"why is missing: {self.what!r} is printed as {self.printed!r}, not {self.computed!r}")
 
@@ -190,10 +193,7 @@ def after(
 
 def figure(rows: int = 1, columns: int = 1, height: float = 2.4, **options: Any) -> tuple[Figure, Any]:
     """A figure and its axes in the style of ``jshape.plot``; ``height``: inches a row. Axes: always an array."""
-    with mpl.rc_context(plot.STYLE):
-        return plt.subplots(
-            rows, columns, figsize=(plot.WIDTH * min(columns, 2), height * rows), squeeze=False, **options
-        )
+    return plt.subplots(rows, columns, figsize=(plot.WIDTH * min(columns, 2), height * rows), squeeze=False, **options)
 
 
 def main(results: Callable[[], Paper]) -> None:
@@ -209,6 +209,11 @@ def main(results: Callable[[], Paper]) -> None:
 def verdict(row: Row) -> str:
     """The table's last-but-one column."""
     return {True: "yes", False: "no", None: "—"}[row.agrees]
+
+
+def times(factor: float) -> str:
+    """How many times better, in words that fit a table."""
+    return f"{factor:.3g}" if factor < 1000 else f"{factor:,.0f}" if factor < 1e6 else "more than a million"
 
 
 def table(head: Sequence[str], body: Sequence[Sequence[str]]) -> list[str]:
@@ -258,7 +263,7 @@ def lines(paper: Paper) -> list[str]:
                         item.what,
                         f"{item.theirs:.6g} {item.unit}".strip(),
                         f"{item.ours:.6g} {item.unit}".strip(),
-                        f"{item.factor:.3g}" if np.isfinite(item.factor) else "—",
+                        times(item.factor),
                         item.design,
                         item.limits,
                         item.verified_by,

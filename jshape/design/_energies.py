@@ -100,7 +100,7 @@ def residual(task: Task, point: Point) -> Array:
     """The nominal plant's departure from rest, scaled so that close to rest its square is the residual energy over the
     energy that the bare command leaves.
 
-    The scale is the Cholesky factor of the energy's curvature at rest. Unlike the energy itself, this has a simple zero
+    The scale is a root of the energy's curvature at rest. Unlike the energy itself, this has a simple zero
     at a perfect shaper, which is what lets Levenberg–Marquardt reach rounding.
     """
     plant = task.changed(task.plant, point)
@@ -109,8 +109,12 @@ def residual(task: Task, point: Point) -> Array:
     rest = plant.rest_state(inputs)
     end, _ = final_state(plant, plan, begin, task.steps)
     curvature = jax.hessian(lambda y: plant.residual_energy(y, inputs))(rest) / 2
-    # A spring without stiffness at rest has no curvature; a small one keeps its deflection in sight.
-    floor = 1e-6 * jnp.trace(curvature) * jnp.eye(len(rest))
-    scale = jnp.linalg.cholesky(curvature + jnp.where(jnp.linalg.det(curvature) > 0, 0.0, floor))
+    values, vectors = jnp.linalg.eigh(curvature)
+    trace, eps = jnp.trace(curvature), jnp.finfo(rest.dtype).eps
+    # A spring without stiffness at rest has no curvature; a small one keeps its deflection in sight. What costs no
+    # energy at all, such as where a free trolley stands, does not count.
+    cost = jax.vmap(lambda v: plant.residual_energy(rest + v, inputs))(vectors.T)
+    flat = jnp.where(cost > 1e3 * eps * trace, 1e-6 * trace, 0.0)
+    scale = vectors * jnp.sqrt(jnp.where(values > 1e2 * eps * trace, values, flat))
     bare = plant.residual_energy(begin, inputs)
     return scale.T @ (end - rest) / jnp.sqrt(jnp.where(bare > 0, bare, 1.0))

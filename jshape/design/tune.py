@@ -19,7 +19,7 @@ from jshape import _check
 from jshape.command import AbstractCommand, as_command
 from jshape.design import _digital, _limits, _objective, _starts
 from jshape.design._descent import descend
-from jshape.design._energies import energies, look
+from jshape.design._energies import LOST, energies, look
 from jshape.design._nominal import levenberg_marquardt
 from jshape.design._objective import Objective, value_of
 from jshape.design._rules import Rules, designed, rules
@@ -351,11 +351,15 @@ class Search:
 
     def _zero(self) -> float:
         """Zero, to rounding, beside the energy that the bare command leaves, J."""
-        task = self.task
-        plan = schedule(task.plant, task.command)
-        bare = float(task.plant.residual_energy(initial(task.plant, task.state), plan.final_inputs(task.plant)))
+        task, n = self.task, self.rules.impulses
+        bare = Point(jnp.eye(n)[0], jnp.zeros(n - 1), jnp.asarray(self.rules.leaves))
+        energy = float(energies(finer_set(task, {}), bare)[0])
+        if energy >= LOST:
+            # The bare command loses the payload; what it stores in the plant at first is the measure then.
+            plan, begin = schedule(task.plant, task.command), initial(task.plant, task.state)
+            energy = float(task.plant.residual_energy(begin, plan.final_inputs(task.plant)))
         eps = float(jnp.finfo(jax.tree.leaves(task.plant)[0].dtype).eps)
-        return max(1e-20, (10 * eps) ** 2) * max(bare, 1e-300)
+        return max(1e-20, (10 * eps) ** 2) * max(energy, 1e-300)
 
 
 def _pick(points: Point, index: int) -> Point:

@@ -28,7 +28,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from jshape._types import Inputs, Scalar, State
+from jshape._types import Breaks, Inputs, Scalar, State
 
 DRIVES = {"displacement": 0, "force": 0, "velocity": 1, "acceleration": 2}
 """What can drive a plant, and which derivative of the command it is."""
@@ -87,6 +87,13 @@ class AbstractPlant(eqx.Module):
         magnitude = jnp.sort(jnp.abs(jnp.linalg.eigvals(matrix)))
         frequencies = magnitude[::2]
         return frequencies[0] if len(frequencies) == 1 else frequencies
+
+    def breaks(self) -> Breaks | None:
+        """Instants (s, not negative) at which motions of the plant's own, told by time, have breaks, or ``None``.
+
+        A simulation begins a new segment there, and residual energies are those after the last of them.
+        """
+        return None
 
     def drives(self) -> tuple[str, ...]:
         """``drive`` as a tuple. *Raises* ``ValueError`` for a word that is not among ``DRIVES``."""

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
 from jshape import _check
-from jshape._types import Scalar
+from jshape._types import Breaks, Scalar
 from jshape.command import AbstractCommand
 from jshape.plants.trolley import AbstractCrane, Trolley, check_trolley
 
@@ -71,6 +71,9 @@ class BridgeCrane(AbstractCrane):
         _check.positive(self.gravity, "gravity")
         _check.not_negative(self.damping, "damping")
         _check.one_of(self.drive, "drive", ("acceleration", "velocity"))
+
+    def breaks(self) -> Breaks | None:
+        return None if self.cross is None else self.cross.pieces()[0]
 
     def carried(self) -> Scalar:
         return self.payload_mass

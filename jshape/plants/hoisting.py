@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from jshape import _check
-from jshape._types import Scalar
+from jshape._types import Breaks, Scalar
 from jshape.command import AbstractCommand
 from jshape.plants.pendulum import DRIVES
 from jshape.plants.trolley import AbstractCrane, Trolley, check_trolley
@@ -76,6 +76,9 @@ class HoistingCrane(AbstractCrane):
 
     def length_rates(self, t: Scalar) -> tuple[Array, Array]:
         return self.hoist(t, derivative=1)[None], self.hoist(t, derivative=2)[None]
+
+    def breaks(self) -> Breaks:
+        return self.hoist.pieces()[0]
 
     def free(self, place: Array, rates: Array) -> Array:
         length, velocity = place[1:], rates[:1]
