@@ -4,6 +4,7 @@ Each function draws one figure and returns it; nothing is shown or saved here.
 """
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
@@ -42,6 +43,15 @@ STYLE: Any = {
 
 WIDTH = 3.5
 """A journal's column, inches."""
+
+
+def save(figure: Figure, path: Path) -> None:
+    """The figure as PNG (300 dpi) and, beside it, as PDF; then it is closed."""
+    figure.savefig(path, dpi=300)
+    # Laid out once: what holds for the one holds for the other.
+    figure.set_layout_engine("none")
+    figure.savefig(path.with_suffix(".pdf"))
+    plt.close(figure)
 
 
 def response(

@@ -8,7 +8,6 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import matplotlib.pyplot as plt
 import numpy as np
 
 from jshape import plot
@@ -160,9 +159,7 @@ def write(report: Report, folder: Path, step: Step = lambda _: None) -> list[Pat
     paths = []
     for name, figure in figures(report, step):
         path = folder / "figures" / f"{name}.png"
-        figure.savefig(path, dpi=300)
-        figure.savefig(path.with_suffix(".pdf"))
-        plt.close(figure)
+        plot.save(figure, path)
         paths.append(path)
     return paths
 

@@ -5,7 +5,6 @@ import math
 from pathlib import Path
 from typing import Any
 
-import matplotlib.pyplot as plt
 import xarray as xr
 
 from jshape import plot
@@ -39,9 +38,8 @@ def write_sweep(problem: Problem, found: xr.Dataset, folder: Path) -> list[str]:
         best = sorted(summary(found[metric])["worst"].values.argsort()[:6].tolist())
         shown = found.isel({name: found.sizes[name] // 2 for name in leaves[2:]}).isel(shaper=best)
         figure = plot.sweep(shown, str(metric))
-        figure.savefig(folder / f"sweep_{metric}.png", dpi=300)
-        plt.close(figure)
-        files.append(f"sweep_{metric}.png")
+        plot.save(figure, folder / f"sweep_{metric}.png")
+        files += [f"sweep_{metric}.png", f"sweep_{metric}.pdf"]
     return files
 
 
@@ -52,9 +50,7 @@ def write_front(problem: Problem, front: xr.Dataset, folder: Path) -> list[str]:
     (folder / "results.json").write_text(json.dumps(_finite(record), indent=2) + "\n", encoding="utf-8")
     front.to_netcdf(folder / "pareto.nc", engine="scipy")
     figure = plot.pareto(front)
-    figure.savefig(folder / "pareto.png", dpi=300)
-    figure.savefig(folder / "pareto.pdf")
-    plt.close(figure)
+    plot.save(figure, folder / "pareto.png")
     return ["results.json", "pareto.nc", "pareto.png", "pareto.pdf"]
 
 

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from scipy.stats import norm, qmc
+from scipy.special import ndtri
 
 from jshape import _check
 
@@ -50,12 +50,15 @@ def draw_sets(
 
     def samples(pair: np.ndarray, unit: np.ndarray) -> np.ndarray:
         first, second = pair
-        return norm.ppf(unit, first, second) if sampling == "normal" else first + (second - first) * unit
+        return first + second * ndtri(unit) if sampling == "normal" else first + (second - first) * unit
 
     return [{name: samples(pair, next(columns)) for name, pair in pairs.items()} for _ in range(sets)]
 
 
 def _unit(dimensions: int, count: int, sampling: str, seed: int) -> np.ndarray:
+    # Here, for it takes half a second, and most sweeps are grids.
+    from scipy.stats import qmc
+
     random = np.random.default_rng(seed)
     if sampling == "sobol":
         # Drawn up to the next power of two, where the points are balanced, and cut.

@@ -67,7 +67,9 @@ def show_front(problem: Problem, front: xr.Dataset) -> None:
     """The least objective for every duration, a column a design, then the closed forms."""
     console = _console()
     title = f"{problem.title}: {front['objective'].attrs['long_name']} (J) for each duration"
-    table = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False)
+    # Beside the table, which would wrap it to its own width.
+    console.print(title, style="italic", highlight=False)
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     table.add_column("duration (s)", justify="right")
     for name in front["design"].values:
         table.add_column(str(name), justify="right")
