@@ -224,7 +224,7 @@ class Sampled(AbstractCommand):
     @property
     def smoothness(self) -> int:
         """0 where the first value is a jump or not known yet; 1, a line's, otherwise."""
-        return 1 if _check.is_concrete(self.values) and float(self.values[0]) == 0 else 0
+        return 1 if _check.is_concrete(self.values) and float(np.asarray(self.values)[0]) == 0 else 0
 
     def pieces(self) -> tuple[Breaks, Coefficients]:
         slopes = jnp.append(jnp.diff(self.values) / jnp.diff(self.times), 0.0)

@@ -175,12 +175,13 @@ def test_section_of_a_paper(frame, tmp_path):
         ["A note."],
     )
     frame.write([paper], tmp_path)
+    frame.illustrate(paper, tmp_path)
     text = (tmp_path / "README.md").read_text()
     assert "1 hold as printed, 0 do not, and 1 cannot be recomputed" in text
     assert "| a\\|b | Table 1 | 1.0 | 1.04 | yes |  |" in text
     assert "![A caption](paper_009_figure_01.svg)" in text
     first = (tmp_path / "paper_009_figure_01.svg").read_bytes()
-    frame.write([paper], tmp_path)
+    frame.illustrate(paper, tmp_path)
     assert (tmp_path / "paper_009_figure_01.svg").read_bytes() == first
     frame.save(paper, tmp_path)
     assert (tmp_path / "paper_009_figure_01.png").exists()

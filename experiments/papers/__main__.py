@@ -25,10 +25,10 @@ def main() -> None:
         begin = time.perf_counter()
         papers.append(importlib.import_module(path.stem).results())
         print("\n".join(frame.lines(papers[-1])))
+        frame.illustrate(papers[-1], HERE)
+        frame.save(papers[-1], out)
         print(f"({path.stem}: {time.perf_counter() - begin:.0f} s)\n")
     frame.write(papers, HERE)
-    for paper in papers:
-        frame.save(paper, out)
 
 
 if __name__ == "__main__":

@@ -15,6 +15,7 @@ from jshape, for its verification.
 """
 
 import argparse
+import io
 import re
 import sys
 from collections.abc import Callable, Sequence
@@ -27,6 +28,7 @@ import matplotlib as mpl
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
+from PIL import Image
 from scipy.integrate import solve_ivp
 
 from jshape import plot
@@ -279,12 +281,24 @@ def lines(paper: Paper) -> list[str]:
     return text
 
 
+def illustrate(paper: Paper, folder: Path) -> None:
+    """The pictures that README.md shows, as SVG beside it."""
+    for picture in paper.pictures:
+        if picture.shown:
+            path = folder / f"{picture.name}.svg"
+            picture.figure.savefig(path, metadata={"Date": None})
+            small(path, LARGEST_SVG)
+
+
 def save(paper: Paper, out: Path) -> None:
     """Every figure as PNG, 150 dpi, and closed afterwards."""
     out.mkdir(parents=True, exist_ok=True)
     for picture in paper.pictures:
         path = out / f"{picture.name}.png"
-        picture.figure.savefig(path, dpi=150)
+        drawn = io.BytesIO()
+        picture.figure.savefig(drawn, dpi=150)
+        # A drawing needs few colours, and takes a third of the room with them.
+        Image.open(drawn).convert("RGB").quantize(64).save(path, optimize=True)
         small(path, LARGEST_PNG)
         print(f"{path}: {picture.caption}")
         plt.close(picture.figure)
@@ -297,7 +311,7 @@ def small(path: Path, largest: int) -> None:
 
 
 def write(papers: Sequence[Paper], folder: Path) -> None:
-    """README.md in ``folder`` with all tables, and the pictures that it shows, as SVG."""
+    """README.md in ``folder`` with all tables; the pictures that it shows are ``illustrate``'s."""
     text = [
         "# The five papers, reproduced and surpassed",
         "",
@@ -312,10 +326,7 @@ def write(papers: Sequence[Paper], folder: Path) -> None:
         shown = []
         for picture in paper.pictures:
             if picture.shown:
-                path = folder / f"{picture.name}.svg"
-                picture.figure.savefig(path, metadata={"Date": None})
-                small(path, LARGEST_SVG)
-                shown += [f"![{picture.caption}]({path.name})", "", picture.caption, ""]
+                shown += [f"![{picture.caption}]({picture.name}.svg)", "", picture.caption, ""]
         # After the heading and the citation.
         text += section[:4] + shown + section[4:]
     (folder / "README.md").write_text("\n".join(text).rstrip() + "\n")

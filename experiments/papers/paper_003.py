@@ -101,6 +101,11 @@ def largest(shaper: js.Shaper, band: tuple[float, float]) -> float:
     return float(jnp.max(js.percentage_vibration(shaper, jnp.linspace(*band, 4001))))
 
 
+def _percent(fraction: float | None) -> float:
+    assert fraction is not None
+    return 100 * fraction
+
+
 def printed(paper: insensitive.Specified, place: float, top: float, bottom: float) -> list[Row]:
     """Every number in print."""
     omega, zeta = 1.626 / np.sqrt(1 - 0.3**2), 0.3
@@ -143,17 +148,19 @@ def printed(paper: insensitive.Specified, place: float, top: float, bottom: floa
         compare("frequency gap, Hz", "Table 1", "0.25", (BAND[1] - BAND[0]) / HERTZ),
         compare("2nd, 3rd and 4th sampled frequency, Hz", "Table 1", "0.5125, 0.5750, 0.6375", frequencies[1:4]),
         Row(
-            "fewest on-off impulses for 8 %", "section 4", "5", f"5; three come no nearer than {100 * few.sampled:.5g} %",
+            "fewest on-off impulses for 8 %", "section 4", "5",
+            f"5; three come no nearer than {_percent(few.sampled):.5g} %",
             bool(paper.feasible and len(paper.shaper.times) == 5 and not few.feasible),
         ),
         compare(
-            "least vibration with five impulses, %", "section 4", "8", 100 * least.sampled,
+            "least vibration with five impulses, %", "section 4", "8", _percent(least.sampled),
             "8 % is not the least: the limit of five impulses at the five samples is lower",
         ),
         compare("length of the filter, s", "section 4", "1.25", paper.duration),
         Row(
             "t2 − t1 = t5 − t4 and t3 − t2 = t4 − t3", "section 4", "equal",
-            f"{gaps[0]:.9f}, {gaps[3]:.9f}; {gaps[1]:.9f}, {gaps[2]:.9f}", bool(np.ptp(gaps + gaps[::-1] - 2 * gaps) < 1e-9),
+            f"{gaps[0]:.9f}, {gaps[3]:.9f}; {gaps[1]:.9f}, {gaps[2]:.9f}",
+            bool(np.max(np.abs(gaps - gaps[::-1])) < 1e-9),
         ),
         Row(
             "nothing is shorter", "section 4", "the unique time-optimal solution",
@@ -213,14 +220,15 @@ def _sensitivity(paper: insensitive.Specified) -> Picture:
     drawn, axes = figure(1, 2)
     ratio = np.linspace(0.6, 1.4, 401)
     delay = insensitive.solve((0.8, 1.2), duration=2 * np.pi, impulses=3).shaper
+    left, right = axes[0]
     for i, (name, shaper) in enumerate({"ZV": js.design.linear.zv(1.0), "TDF (±20 %)": delay}.items()):
-        left, curve = axes[0, 0], 100 * np.asarray(js.percentage_vibration(shaper, ratio))
+        curve = 100 * np.asarray(js.percentage_vibration(shaper, ratio))
         left.plot(ratio, curve, color=COLOURS[i], linestyle=LINES[i], label=name)
     left.set_xlabel("actual over modelled frequency")
     left.set_ylabel("residual vibration (%)")
     left.legend()
     left.set_title("(a)", loc="left")
-    right, hertz = axes[0, 1], np.linspace(0.35, 0.8, 451)
+    hertz = np.linspace(0.35, 0.8, 451)
     right.plot(hertz, 100 * np.asarray(js.percentage_vibration(paper.shaper, HERTZ * hertz)), color=COLOURS[0])
     samples = np.linspace(*BAND, 5)
     right.plot(samples / HERTZ, 100 * np.asarray(js.percentage_vibration(paper.shaper, samples)), "o", markersize=3,
@@ -376,17 +384,18 @@ def surpassed(
     ]  # fmt: skip
     clock = insensitive.rounded(paper.shaper, 0.005, BAND)
     notes = [
-        f"The numbers of Fig. 8 are not in the text; jshape's, found without a hint: impulses {switches(paper.shaper)}.",
-        f"Large swing: without a filter the pulse at 2 m/s leaves up to {angles['none']:.3g}° (the worst bob position), "
-        f"with the paper's filter {angles['paper']:.3f}°, with a linear one of {len(calm.shaper.times)} impulses for the "
-        f"true range {angles['linear']:.3f}°, tuned on the nonlinear pendulum {angles['tuned']:.3f}°.",
+        "The numbers of Fig. 8 are not in the text; jshape's, found without a hint: impulses "
+        f"{switches(paper.shaper)}.",
+        f"Large swing: without a filter the pulse at 2 m/s leaves up to {angles['none']:.3g}° (the worst bob "
+        f"position), with the paper's filter {angles['paper']:.3f}°, with a linear one of {len(calm.shaper.times)} "
+        f"impulses for the true range {angles['linear']:.3f}°, tuned on the nonlinear pendulum {angles['tuned']:.3f}°.",
         f"Seven per cent over the whole range with five on-off impulses: {five.result}.",
-        f"On the 5 ms clock of section 5 the filter becomes {switches(clock.shaper)} and V over the range "
+        f"On the 5 ms clock of section 5 the impulses stand {switches(clock.shaper)}, and V over the range becomes "
         f"{100 * clock.after:.3f} % (before: {100 * clock.before:.3f} %; every time to its nearest tick: "
         f"{100 * clock.nearest:.3f} %).",
         "Not drawn: Figs. 1, 3, 5(a), 10(a)–(c), 12 and 13 (sketches, photographs, programs), 6, 10(d) and 11(b) "
-        "(measurements). The axes' ranges in Figs. 4, 7 and 9(a), the uncertainty in Fig. 4(a) and the trolley's speed in "
-        "Fig. 11(a) are not printed.",
+        "(measurements). The axes' ranges in Figs. 4, 7 and 9(a), the uncertainty in Fig. 4(a) and the trolley's speed "
+        "in Fig. 11(a) are not printed.",
     ]
     return items, notes
 

@@ -31,15 +31,13 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
-import optimistix as optx
-from jaxtyping import Array, Bool, Complex, Float
 
 from jshape import _check
-from jshape._types import Impulses, Scalar
+from jshape.design._humps import extra_insensitive
+from jshape.design._mode import damped, decay, mode
+from jshape.design._negative import UM_ZV, UM_ZVD, specified_negative
 from jshape.design.insensitive import cancel
 from jshape.shaper import Shaper
 
@@ -56,7 +54,7 @@ def zvd_n(omega: Any, zeta: Any = 0.0, *, order: int) -> Shaper:
     K = exp(−ζπ/√(1 − ζ²)). Moonmangmee and Chatlatanagulchai (2025), Eq. 5, print them in reverse for a ZVD, which
     is [1, 2K, K²]/(1 + K)².
     """
-    omega, zeta = _mode(omega, zeta)
+    omega, zeta = mode(omega, zeta)
     n = _check.count(order, "order", least=0) + 1
     xp = _check.numerics(omega, zeta)
     dtype = jnp.result_type(omega, zeta)
@@ -111,12 +109,12 @@ def mzv(omega: Any, zeta: Any = 0.0) -> Shaper:
     *Source*: the printer firmware Klipper: amplitudes 1 − 1/√2, (√2 − 1)K, (1 − 1/√2)K², normalised, with
     K = exp(−0.75ζπ/√(1 − ζ²)).
     """
-    omega, zeta = _mode(omega, zeta)
-    k = jnp.exp(-0.75 * jnp.pi * _decay(zeta))
+    omega, zeta = mode(omega, zeta)
+    k = jnp.exp(-0.75 * jnp.pi * decay(zeta))
     outer, middle = 1 - 1 / math.sqrt(2), math.sqrt(2) - 1
     amplitudes = jnp.stack([outer * jnp.ones_like(k), middle * k, outer * k**2])
     return Shaper(
-        amplitudes / jnp.sum(amplitudes), 0.75 * jnp.pi * jnp.arange(3, dtype=omega.dtype) / _damped(omega, zeta)
+        amplitudes / jnp.sum(amplitudes), 0.75 * jnp.pi * jnp.arange(3, dtype=omega.dtype) / damped(omega, zeta)
     )
 
 
@@ -135,7 +133,7 @@ def ei(omega: Any, zeta: Any = 0.0, vibration: Any = 0.05) -> Shaper:
     *Source*: Singhose, Seering and Singer (1994): (1 + V)/4, (1 − V)/2, (1 + V)/4 at 0, T/2, T without damping. With
     damping their equations are solved, not their fitted polynomials taken.
     """
-    return _extra_insensitive("extra-insensitive", 1, omega, zeta, vibration)
+    return extra_insensitive("extra-insensitive", 1, omega, zeta, vibration)
 
 
 def two_hump_ei(omega: Any, zeta: Any = 0.0, vibration: Any = 0.05) -> Shaper:
@@ -148,7 +146,7 @@ def two_hump_ei(omega: Any, zeta: Any = 0.0, vibration: Any = 0.05) -> Shaper:
     *Source*: Singhose, Porter, Tuttle and Singer (1997). Without damping A₁ = (3X² + 2X + 3V²)/(16X) with
     X = ∛(V²(√(1 − V²) + 1)), A₂ = 1/2 − A₁, symmetric, at 0, T/2, T, 3T/2.
     """
-    return _extra_insensitive("two-hump extra-insensitive", 2, omega, zeta, vibration)
+    return extra_insensitive("two-hump extra-insensitive", 2, omega, zeta, vibration)
 
 
 def three_hump_ei(omega: Any, zeta: Any = 0.0, vibration: Any = 0.05) -> Shaper:
@@ -161,7 +159,7 @@ def three_hump_ei(omega: Any, zeta: Any = 0.0, vibration: Any = 0.05) -> Shaper:
     *Source*: Singhose, Porter, Tuttle and Singer (1997). Without damping A₁ = (1 + 3V + 2√(2(V² + V)))/16,
     A₂ = (1 − V)/4, A₃ = 1 − 2(A₁ + A₂), symmetric, at 0, T/2, T, 3T/2, 2T.
     """
-    return _extra_insensitive("three-hump extra-insensitive", 3, omega, zeta, vibration)
+    return extra_insensitive("three-hump extra-insensitive", 3, omega, zeta, vibration)
 
 
 def um_zv(omega: Any, zeta: Any = 0.0) -> Shaper:
@@ -175,7 +173,7 @@ def um_zv(omega: Any, zeta: Any = 0.0) -> Shaper:
 
     *Source*: Singhose, Singer and Seering (1994), time-optimal negative input shapers. With damping, V = 0 is solved.
     """
-    return _specified_negative("um_zv", *_UM_ZV, omega, zeta, 1.0)
+    return specified_negative("um_zv", *UM_ZV, omega, zeta, 1.0)
 
 
 def um_zvd(omega: Any, zeta: Any = 0.0) -> Shaper:
@@ -188,7 +186,7 @@ def um_zvd(omega: Any, zeta: Any = 0.0) -> Shaper:
     *Source*: Singhose, Singer and Seering (1994). V = 0 and Σ Aᵢtᵢ exp(stᵢ) = 0 at the mode's pole are solved, with
     damping and without.
     """
-    return _specified_negative("um_zvd", *_UM_ZVD, omega, zeta, 1.0)
+    return specified_negative("um_zvd", *UM_ZVD, omega, zeta, 1.0)
 
 
 def sna_zv(omega: Any, zeta: Any = 0.0, negative: Any = 0.5) -> Shaper:
@@ -203,7 +201,7 @@ def sna_zv(omega: Any, zeta: Any = 0.0, negative: Any = 0.5) -> Shaper:
     *Source*: after Vaughan, Yano and Singhose (2009), robust negative input shapers, who specify the negative amplitude
     and, between both ends, leave the others to an optimiser.
     """
-    return _specified_negative("sna_zv", *_UM_ZV, omega, zeta, negative)
+    return specified_negative("sna_zv", *UM_ZV, omega, zeta, negative)
 
 
 def sna_zvd(omega: Any, zeta: Any = 0.0, negative: Any = 0.5) -> Shaper:
@@ -211,7 +209,7 @@ def sna_zvd(omega: Any, zeta: Any = 0.0, negative: Any = 0.5) -> Shaper:
 
     As ``sna_zv``, between a ZVD and a UM-ZVD. *Raises* ``ValueError`` as ``sna_zv``.
     """
-    return _specified_negative("sna_zvd", *_UM_ZVD, omega, zeta, negative)
+    return specified_negative("sna_zvd", *UM_ZVD, omega, zeta, negative)
 
 
 def digital_zvd_n(omega: Any, zeta: Any = 0.0, *, sample_time: Any, order: int = 0) -> Shaper:
@@ -227,17 +225,17 @@ def digital_zvd_n(omega: Any, zeta: Any = 0.0, *, sample_time: Any, order: int =
     *Source*: after Tuttle and Seering (1994), zeros placed in the discrete domain. With z = exp(−pΔ), p the pole and n
     the whole samples in half a period: a₀ + a₁zⁿ + a₂zⁿ⁺¹ = 0, solved in closed form.
     """
-    omega, zeta = _mode(omega, zeta)
+    omega, zeta = mode(omega, zeta)
     m = _check.count(order, "order", least=0) + 1
     interval = _check.scalar(sample_time, "sample_time").astype(omega.dtype)
     _check.positive(interval, "sample_time")
-    angle = _damped(omega, zeta) * interval
+    angle = damped(omega, zeta) * interval
     n = jnp.floor(jnp.pi / angle)
     if _check.is_concrete(n) and float(n) < max(m, 2):
         least = f"at least {max(m, 2)} samples in half a damped period"
         raise ValueError(f"sample_time must leave {least}, which {_check.show(sample_time)} does not")
     # Imaginary parts above cancel below; the growth e^(ζωt) of what an impulse cancels rides along.
-    grow = jnp.exp(_decay(zeta) * angle)
+    grow = jnp.exp(decay(zeta) * angle)
     near, far = -jnp.sin((n + 1) * angle) * grow, jnp.sin(n * angle)
     first = -(near * jnp.cos(n * angle) + far * jnp.cos((n + 1) * angle) * grow) * grow**n
     shares = jnp.stack([first, near, far]) / (first + near + far)
@@ -298,210 +296,3 @@ def simultaneous(modes: Any, order: int = 0) -> Shaper:
         raise ValueError(f"modes: no shaper was found that cancels {modes!r} at once; take multi_mode")
     amplitudes, times = found
     return Shaper(amplitudes, times / middle)
-
-
-def _mode(omega: Any, zeta: Any) -> tuple[Scalar, Scalar]:
-    frequency, damping = _check.scalar(omega, "omega"), _check.scalar(zeta, "zeta")
-    _check.positive(frequency, "omega")
-    _check.damping_ratio(damping)
-    # A plain number beside an array does not make double precision of a single one.
-    dtypes = [array.dtype for given, array in ((omega, frequency), (zeta, damping)) if hasattr(given, "dtype")]
-    dtype = jnp.result_type(*(dtypes or [frequency.dtype]))
-    return frequency.astype(dtype), damping.astype(dtype)
-
-
-def _damped(omega: Scalar, zeta: Scalar) -> Scalar:
-    """Damped frequency, rad/s."""
-    return omega * jnp.sqrt(1 - zeta**2)
-
-
-def _decay(zeta: Scalar) -> Scalar:
-    """Nepers lost per radian of damped phase."""
-    return zeta / jnp.sqrt(1 - zeta**2)
-
-
-# The solved shapers. Times are phases τ = ω_d t, frequencies are over the design frequency, so that the unknowns depend
-# on the damping (and the vibration) alone.
-
-
-_UM_ZV: tuple[tuple[float, ...], int] = (1 / 6, 1 / 6), 1
-_UM_ZVD: tuple[tuple[float, ...], int] = (0.08951255, 0.27672127, 0.27672127, 0.08951255), 2
-"""Gaps over the period without damping, and the order of the zero."""
-
-
-def _specified_negative(name: str, gaps: tuple[float, ...], order: int, omega: Any, zeta: Any, negative: Any) -> Shaper:
-    omega, zeta = _mode(omega, zeta)
-    negative = _check.scalar(negative, "negative")
-    _check.finite(negative, "negative")
-    if _check.is_concrete(negative) and not 0 < float(negative) <= 1:
-        raise ValueError(f"negative must be greater than 0 and at most 1, not {_check.show(negative)}")
-    amplitudes, phases, solved = _negative_phases(gaps, order, zeta, negative.astype(omega.dtype))
-    hint = f"no {name} shaper was found (so near to 1 its last impulses merge)"
-    return Shaper(amplitudes, _solved(phases / _damped(omega, zeta), solved, hint, zeta=zeta))
-
-
-@functools.partial(jax.jit, static_argnums=(0, 1))
-def _negative_phases(
-    gaps: tuple[float, ...], order: int, zeta: Scalar, negative: Scalar
-) -> tuple[Impulses, Impulses, Bool[Array, ""]]:
-    """Amplitudes A₁, −b, A₃, … and phases with a zero of that order at the design frequency; were they found?
-
-    The unknowns are the logarithms of the gaps: with strong damping the last ones differ by orders of magnitude.
-    """
-    choices = np.array([math.comb(order, i) for i in range(order + 1)])
-
-    def impulses(zeta, negative):
-        k = jnp.exp(-jnp.pi * _decay(zeta))
-        robust = choices * k ** np.arange(order + 1) / (1 + k) ** order
-        one = jnp.ones_like(robust)
-        positive = (1 - negative) * robust + negative
-        return jnp.stack([positive, -negative * one], axis=1).reshape(-1)[:-1]
-
-    def phases(unknowns):
-        return jnp.concatenate([jnp.zeros_like(unknowns[:1]), jnp.cumsum(jnp.exp(unknowns))])
-
-    def residual(unknowns, args):
-        zeta, negative = args
-        tau = phases(unknowns)
-        terms = impulses(zeta, negative) * _left(tau, jnp.ones_like(tau[:1]), _decay(zeta))[0]
-        return _parts(jnp.stack([jnp.sum(terms * tau**power) for power in range(order)]))
-
-    start = jnp.log(2 * jnp.pi * jnp.asarray(gaps, dtype=zeta.dtype))
-    begin = jnp.zeros_like(zeta), jnp.ones_like(negative)
-    unknowns, solved = _follow(residual, start, begin, (zeta, negative))
-    return impulses(zeta, negative), phases(unknowns), solved
-
-
-def _extra_insensitive(name: str, humps: int, omega: Any, zeta: Any, vibration: Any) -> Shaper:
-    omega, zeta = _mode(omega, zeta)
-    limit = _check.scalar(vibration, "vibration")
-    _check.finite(limit, "vibration")
-    if _check.is_concrete(limit) and not 0 < float(limit) < 1:
-        raise ValueError(f"vibration must lie between 0 and 1 (5 % is 0.05), not {_check.show(limit)}")
-    undamped = _check.is_concrete(zeta) and float(zeta) == 0
-    find = _undamped_humps if undamped else _humps
-    amplitudes, phases, solved = find(humps, zeta, limit.astype(omega.dtype))
-    hint = f"no {name} shaper was found (its uppermost zero runs away as damping grows); take fewer humps or a zvd"
-    times = _solved(phases / _damped(omega, zeta), solved, hint, zeta=zeta, vibration=limit)
-    return Shaper(amplitudes, times)
-
-
-@functools.partial(jax.jit, static_argnums=0)
-def _humps(humps: int, zeta: Scalar, limit: Scalar) -> tuple[Impulses, Impulses, Bool[Array, ""]]:
-    """Amplitudes and phases of the extra-insensitive shaper with so many humps, and whether there is one.
-
-    Unknown: n + 2 amplitudes and as many phases for n humps (the sum is 1, the first phase 0), the frequencies of n + 1
-    zeros and those of the tops of the humps; the middle zero or top is at the design frequency. Equations: the
-    transform is 0 at each zero (two real equations), and at each top V is the limit and its slope 0. Both are 4n + 2.
-    """
-    n, half, odd = humps, (humps + 1) // 2, humps % 2
-
-    def unpack(unknowns):
-        free, phases, zeros, tops = jnp.split(unknowns, np.cumsum([n + 1, n + 1, 2 * half]))
-        one = jnp.ones_like(unknowns[:1])
-        # Zeros above the design frequency are sought by their reciprocals: with damping they run away to infinity.
-        lower, upper = zeros[:half], 1 / zeros[half:]
-        zeros = jnp.concatenate([lower, upper] if odd else [lower, one, upper])
-        tops = jnp.concatenate([tops[: n // 2], one, tops[n // 2 :]]) if odd else tops
-        return jnp.append(free, 1 - jnp.sum(free)), jnp.concatenate([0 * one, phases]), zeros, tops
-
-    def residual(unknowns, args):
-        zeta, limit = args
-        amplitudes, tau, zeros, tops = unpack(unknowns)
-        decay = _decay(zeta)
-        at_zeros = _left(tau, zeros, decay) @ amplitudes
-        terms = _left(tau, tops, decay)
-        at_tops = terms @ amplitudes
-        slope = terms @ (amplitudes * (1j * tau + decay * (tau - tau[-1])))
-        height = jnp.log(jnp.abs(at_tops) / limit)
-        return jnp.concatenate([_parts(at_zeros / limit), height, jnp.real(slope / at_tops)])
-
-    start = _undamped(humps, limit)
-    unknowns, solved = _follow(residual, start, (jnp.zeros_like(zeta), limit), (zeta, limit))
-    amplitudes, tau, zeros, tops = unpack(unknowns)
-    ordered = jnp.all(jnp.diff(tau) > 0) & jnp.all(zeros[:-1] < tops) & jnp.all(tops < zeros[1:])
-    return amplitudes, tau, solved & jnp.all(amplitudes > 0) & ordered & jnp.all(zeros > 0)
-
-
-@functools.partial(jax.jit, static_argnums=0)
-def _undamped_humps(humps: int, zeta: Scalar, limit: Scalar) -> tuple[Impulses, Impulses, Bool[Array, ""]]:
-    """``_humps`` without damping: its closed form, without a search."""
-    free, phases = jnp.split(_undamped(humps, limit), [humps + 1, 2 * humps + 2])[:2]
-    amplitudes = jnp.append(free, 1 - jnp.sum(free))
-    return amplitudes, jnp.concatenate([jnp.zeros_like(phases[:1]), phases]), jnp.all(amplitudes > 0) & (zeta == 0)
-
-
-def _undamped(humps: int, limit: Scalar) -> Float[Array, " unknowns"]:
-    """The unknowns of ``_humps`` without damping, in closed form.
-
-    Impulses lie half a period apart, so that V is a polynomial in c = cos(πr/2) of the frequency ratio r.
-    """
-    if humps == 1:
-        first = jnp.stack([(1 + limit) / 4, (1 - limit) / 2])
-        lower = [jnp.arccos(-(1 - limit) / (1 + limit)) / jnp.pi]
-        tops = []
-    elif humps == 2:
-        x = jnp.cbrt(limit**2 * (jnp.sqrt(1 - limit**2) + 1))
-        a = (3 * x**2 + 2 * x + 3 * limit**2) / (16 * x)
-        first = jnp.stack([a, 0.5 - a, 0.5 - a])
-        square = (4 * a - 0.5) / (4 * a)  # of c at the zeros; a third of it at the tops
-        lower = [2 / jnp.pi * jnp.arccos(jnp.sqrt(square))]
-        tops = [2 / jnp.pi * jnp.arccos(jnp.sqrt(square / 3))]
-    else:
-        a = (1 + 3 * limit + 2 * jnp.sqrt(2 * (limit**2 + limit))) / 16
-        b = (1 - limit) / 4
-        c = 1 - 2 * (a + b)
-        first = jnp.stack([a, b, c, b])
-        root = jnp.sqrt(b**2 - 4 * a * (c - 2 * a))  # of 4a y² + 2b y + c − 2a in y = cos(πr)
-        lower = [jnp.arccos((-b + sign * root) / (4 * a)) / jnp.pi for sign in (1, -1)]
-        tops = [jnp.arccos(-b / (4 * a)) / jnp.pi]
-    phases = jnp.pi * jnp.arange(1, humps + 2, dtype=limit.dtype)
-    upper = [1 / (2 - r) for r in reversed(lower)]
-    both = jnp.stack([*lower, *upper, *tops, *(2 - r for r in reversed(tops))])
-    return jnp.concatenate([first, phases, both])
-
-
-def _left(tau: Impulses, ratios: Float[Array, " ratios"], decay: Scalar) -> Complex[Array, "ratios impulses"]:
-    """What a unit impulse at each phase leaves, after the last one, of a mode at that ratio to the design frequency."""
-    return jnp.exp(ratios[:, None] * (decay * (tau - tau[-1]) + 1j * tau)[None, :])
-
-
-def _parts(values: Complex[Array, " n"]) -> Float[Array, " parts"]:
-    return jnp.concatenate([values.real, values.imag])
-
-
-_STEPS = 128
-"""Steps from where the solution is known to the damping (and negative amplitude) asked for."""
-
-
-def _follow(residual, start: Float[Array, " unknowns"], begin: tuple, args: tuple) -> tuple[Array, Bool[Array, ""]]:
-    """The root of ``residual(unknowns, args)`` that grows out of ``start``, the one for ``begin``; was it found?
-
-    Derivatives come from the implicit function theorem at the end; the way there has none.
-    """
-    begin, end = jax.lax.stop_gradient((begin, args))
-    eps = float(jnp.finfo(start.dtype).eps)
-    solver = optx.Newton(rtol=64 * eps, atol=64 * eps)
-
-    def step(carry, share):
-        before, here = carry
-        at = tuple(a + share * (b - a) for a, b in zip(begin, end, strict=True))
-        ahead = optx.root_find(residual, solver, 2 * here - before, at, max_steps=6, throw=False).value
-        return (here, ahead), None
-
-    start = jax.lax.stop_gradient(start)
-    shares = jnp.arange(1, _STEPS + 1, dtype=start.dtype) / _STEPS
-    (_, guess), _ = jax.lax.scan(step, (start, start), shares)
-    root = optx.root_find(residual, solver, jax.lax.stop_gradient(guess), args, max_steps=6, throw=False).value
-    found = jnp.max(jnp.abs(residual(root, args))) < eps**0.5
-    return root, found
-
-
-def _solved(times: Array, solved: Bool[Array, ""], hint: str, **given: Scalar) -> Array:
-    """The times, if they solve the equations. *Raises* otherwise: at once where known, at run time where traced."""
-    if not _check.is_concrete(solved, times):
-        return eqx.error_if(times, ~solved, f"zeta must be lower: {hint}")
-    if not bool(solved):
-        values = ", ".join(f"{name} = {_check.show(value)}" for name, value in given.items())
-        raise ValueError(f"zeta must be lower: for {values} {hint}")
-    return times

@@ -1,0 +1,84 @@
+"""One linear mode: its checks, its decay, what impulses leave of it, and equations that are followed as damping grows.
+
+Times of the solved shapers are phases τ = ω_d t, frequencies are over the design frequency, so that the unknowns depend
+on the damping (and the vibration) alone.
+"""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import optimistix as optx
+from jaxtyping import Array, Bool, Complex, Float
+
+from jshape import _check
+from jshape._types import Impulses, Scalar
+
+
+def mode(omega: Any, zeta: Any) -> tuple[Scalar, Scalar]:
+    """The mode's frequency (rad/s) and damping ratio as arrays of one type, checked."""
+    frequency, damping = _check.scalar(omega, "omega"), _check.scalar(zeta, "zeta")
+    _check.positive(frequency, "omega")
+    _check.damping_ratio(damping)
+    # A plain number beside an array does not make double precision of a single one.
+    dtypes = [array.dtype for given, array in ((omega, frequency), (zeta, damping)) if hasattr(given, "dtype")]
+    dtype = jnp.result_type(*(dtypes or [frequency.dtype]))
+    return frequency.astype(dtype), damping.astype(dtype)
+
+
+def damped(omega: Scalar, zeta: Scalar) -> Scalar:
+    """Damped frequency, rad/s."""
+    return omega * jnp.sqrt(1 - zeta**2)
+
+
+def decay(zeta: Scalar) -> Scalar:
+    """Nepers lost per radian of damped phase."""
+    return zeta / jnp.sqrt(1 - zeta**2)
+
+
+def left(tau: Impulses, ratios: Float[Array, " ratios"], rate: Scalar) -> Complex[Array, "ratios impulses"]:
+    """What a unit impulse at each phase leaves, after the last one, of a mode at that ratio to the design frequency."""
+    return jnp.exp(ratios[:, None] * (rate * (tau - tau[-1]) + 1j * tau)[None, :])
+
+
+def parts(values: Complex[Array, " n"]) -> Float[Array, " parts"]:
+    """Real parts, then imaginary parts."""
+    return jnp.concatenate([values.real, values.imag])
+
+
+_STEPS = 128
+"""Steps from where the solution is known to the damping (and negative amplitude) asked for."""
+
+
+def follow(residual, start: Float[Array, " unknowns"], begin: tuple, args: tuple) -> tuple[Array, Bool[Array, ""]]:
+    """The root of ``residual(unknowns, args)`` that grows out of ``start``, the one for ``begin``; was it found?
+
+    Derivatives come from the implicit function theorem at the end; the way there has none.
+    """
+    begin, end = jax.lax.stop_gradient((begin, args))
+    eps = float(jnp.finfo(start.dtype).eps)
+    solver = optx.Newton(rtol=64 * eps, atol=64 * eps)
+
+    def step(carry, share):
+        before, here = carry
+        at = tuple(a + share * (b - a) for a, b in zip(begin, end, strict=True))
+        ahead = optx.root_find(residual, solver, 2 * here - before, at, max_steps=6, throw=False).value
+        return (here, ahead), None
+
+    start = jax.lax.stop_gradient(start)
+    shares = jnp.arange(1, _STEPS + 1, dtype=start.dtype) / _STEPS
+    (_, guess), _ = jax.lax.scan(step, (start, start), shares)
+    root = optx.root_find(residual, solver, jax.lax.stop_gradient(guess), args, max_steps=6, throw=False).value
+    found = jnp.max(jnp.abs(residual(root, args))) < eps**0.5
+    return root, found
+
+
+def when_solved(times: Array, solved: Bool[Array, ""], hint: str, **given: Scalar) -> Array:
+    """The times, if they solve the equations. *Raises* otherwise: at once where known, at run time where traced."""
+    if not _check.is_concrete(solved, times):
+        return eqx.error_if(times, ~solved, f"zeta must be lower: {hint}")
+    if not bool(solved):
+        values = ", ".join(f"{name} = {_check.show(value)}" for name, value in given.items())
+        raise ValueError(f"zeta must be lower: for {values} {hint}")
+    return times
