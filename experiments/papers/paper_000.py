@@ -207,7 +207,7 @@ def rows_with_damper(exact: js.Shaper) -> list[Row]:
             "c = 0.1: energy lost in a harmonic quarter cycle of amplitude x_d (J)", "after Eq. 5",
             "(3π/16ω + sin(π/ω)/4 + sin(2π/ω)/32) c x_d⁴ ω³", f"{loss(harmonic):.4f}", False,
             f"as printed {printed:.4f}: its terms have different dimensions; c x_d⁴ ω³ 3π/16 is right. The swing "
-            f"itself loses {loss(exact):.6f}, of amplitude x_d/2; the loss along the undamped orbit gives "
+            f"itself, of amplitude x_d/2, loses {loss(exact):.6f}; the loss along the undamped orbit gives "
             f"A1 = {float(orbit.amplitudes[0]):.6f}",
         ),
     ]  # fmt: skip

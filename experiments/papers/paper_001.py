@@ -411,7 +411,7 @@ def pictures(
         ),
         "11": (
             lines(
-                of("m2", PRESENTED) | {"jshape, at most 1.643 s": (RATIOS, prv["m2"]["tuned, at most"])},
+                of("m2", PRESENTED) | {"jshape, 1.575 s": (RATIOS, prv["m2"]["tuned, at most"])},
                 "$m_{2a}/m_{2m}$", percent,
             ),
             "Fig. 11 of 2025, sensitivity to the payload, with jshape's three positive impulses in 1.575 s",
