@@ -6,8 +6,20 @@ jax.config.update("jax_enable_x64", True)
 
 import numpy as np  # noqa: E402
 import pytest  # noqa: E402
+from hypothesis import settings  # noqa: E402
 from problems import two_mass  # noqa: E402
 from scipy.integrate import solve_ivp  # noqa: E402
+
+# The first example compiles; how long that takes is no property of the code.
+settings.register_profile("jshape", deadline=None)
+settings.load_profile("jshape")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def forget_programs():
+    """Each file's compiled programs go when it is done: a thousand tests' worth of them takes gigabytes."""
+    yield
+    jax.clear_caches()
 
 
 @pytest.fixture(scope="session")
