@@ -88,7 +88,8 @@ def test_rate_and_overshoot_of_the_command(plant):
     assert slow.objective > 1.05 * free.objective
     assert slow.limits == pytest.approx(0, abs=1e-6)
     # A staircase passes its end where the first impulse is greater than 1.
-    past = lambda s: max(np.cumsum(s.amplitudes).max() - 1, -np.cumsum(s.amplitudes).min())
+    levels = lambda s: np.cumsum(np.asarray(s.amplitudes))
+    past = lambda s: max(levels(s).max() - 1, -levels(s).min())
     free = robustly(plant, starts=24, **options)
     assert past(free.shaper) > 0.4
     low = robustly(plant, command_overshoot=0.5 * past(free.shaper), starts=12, **options)
