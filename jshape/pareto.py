@@ -20,11 +20,11 @@ from jshape._store import in_pieces
 from jshape.design import _starts
 from jshape.design._energies import energies
 from jshape.design._objective import Objective, value_of, words
+from jshape.design._prepare import finer_set, prepare
 from jshape.design._rules import Rules
 from jshape.design._task import Point, Task
 from jshape.design._worst import Polish
 from jshape.design.closed_forms import closed_forms
-from jshape.design.tune import finer_set, prepare
 from jshape.plants import AbstractPlant
 from jshape.simulate import with_arrays
 
