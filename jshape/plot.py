@@ -163,8 +163,9 @@ def convergence(history: np.ndarray, objective: str) -> Figure:
     with mpl.rc_context(STYLE):
         figure, axis = plt.subplots(figsize=(WIDTH, 2.0))
         values = np.maximum(np.asarray(history, float), 1e-32)
-        axis.semilogy(1 + np.arange(len(values)), values, color=COLOURS[0], marker="." if len(values) < 60 else "")
-        if len(values) >= 60:
+        many = len(values) >= 60
+        axis.semilogy(many + np.arange(len(values)), values, color=COLOURS[0], marker="" if many else ".")
+        if many:
             # Most is won by the first few of hundreds.
             axis.set_xscale("log")
         axis.set_xlabel("iteration" if objective == "nominal" else "shapers looked at")
