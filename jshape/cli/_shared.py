@@ -1,0 +1,83 @@
+"""What every command shares: the problem and its folder, JAX's settings, errors in a line, progress.
+
+Nothing here imports JAX before a command runs, so that help comes at once.
+"""
+
+import os
+import sys
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from jshape.problem import Problem
+
+ProblemFile = Annotated[str, typer.Argument(help="A problem file (TOML), or the name of one that comes with jshape.")]
+Out = Annotated[Path | None, typer.Option(help="Folder for the results; NAME-results unless given.")]
+
+
+def begin(name: str, out: Path | None) -> tuple["Problem", Path]:
+    from jshape import report
+    from jshape.problem import find, load
+
+    path = find(name)
+    folder = out or Path(f"{path.stem}-results")
+    reason = report.writable(folder)
+    if reason:
+        raise ValueError(reason)
+    problem = load(name)
+    if problem.foreign:
+        typer.echo(f"{path}: runs code of its own, the plant {problem.foreign}", err=True)
+    return problem, folder
+
+
+def prepare_jax() -> None:
+    import jax
+
+    jax.config.update("jax_enable_x64", True)
+    if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
+        base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+        if sys.platform == "win32":
+            base = os.environ.get("LOCALAPPDATA") or base
+        jax.config.update("jax_compilation_cache_dir", str(Path(base) / "jshape"))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+    jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+
+
+@contextmanager
+def explained() -> Any:
+    """What the user did wrong is told in a line, without a traceback; an interrupt ends quietly."""
+    try:
+        yield
+    except ValueError as error:
+        typer.echo(f"jshape: {error}", err=True)
+        raise typer.Exit(2) from None
+    except KeyboardInterrupt:
+        typer.echo("jshape: interrupted", err=True)
+        raise typer.Exit(130) from None
+
+
+@contextmanager
+def progress() -> Any:
+    """A line on the error stream that says what is being done, how far it is and the best value so far."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    console = Console(stderr=True)
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(20), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task("", total=None)
+
+        def step(words: str) -> None:
+            bar.update(task, description=words, total=None)
+
+        def progress(stage: str, done: int, total: int, best: float) -> None:
+            words = f"{stage} {done}/{total}" + (f", best {best:.6g} J" if best < float("inf") else "")
+            bar.update(task, description=words, total=total, completed=done)
+
+        yield step, progress

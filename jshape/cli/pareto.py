@@ -1,0 +1,40 @@
+"""``jshape pareto``: what a shaper's duration buys."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from jshape.cli._shared import Out, ProblemFile, begin, explained, prepare_jax, progress
+
+
+def pareto(
+    problem: ProblemFile,
+    out: Out = None,
+    store: Annotated[
+        Path | None, typer.Option(help="Folder that keeps finished fronts, to go on after Ctrl-C.")
+    ] = None,
+) -> None:
+    """How much residual a shaper's duration buys: the front for each number of impulses, the closed forms beside it."""
+    with explained():
+        prepare_jax()
+        from jshape.pareto import pareto as front_of
+        from jshape.results import write_front
+        from jshape.tables import show_front
+
+        read, folder = begin(problem, out)
+        with progress() as (step, tell):
+            step("closed-form shapers")
+            front = front_of(
+                read.plant,
+                read.distance,
+                over=read.over or None,
+                objective=read.objective,
+                store=store,
+                progress=tell,
+                **read.front.model_dump(),
+            )
+            step("files")
+            files = write_front(read, front, folder)
+        show_front(read, front)
+        typer.echo(f"results in {folder}: {', '.join(files)}")

@@ -1,0 +1,75 @@
+"""``jshape sweep``: a problem's uncertainty, plant by plant."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from jshape.cli._shared import Out, ProblemFile, begin, explained, prepare_jax, progress
+
+
+def sweep(
+    problem: ProblemFile,
+    out: Out = None,
+    metric: Annotated[list[str], typer.Option(help="What to compute; may be given several times.")] = [  # noqa: B006
+        "residual_vibration"
+    ],
+    shaper: Annotated[
+        list[Path], typer.Option(help="A shaper of yours (JSON or CSV) beside the closed forms; several times.")
+    ] = [],  # noqa: B006
+    samples: Annotated[int | None, typer.Option(help="Draw so many plants; all combinations unless given.")] = None,
+    sampling: Annotated[
+        str,
+        typer.Option(help="sobol, latin hypercube, uniform or normal (the range is then four standard deviations)."),
+    ] = "sobol",
+    seed: Annotated[int, typer.Option(help="Of the samples.")] = 0,
+    store: Annotated[Path | None, typer.Option(help="Folder that keeps what is done, to go on after Ctrl-C.")] = None,
+) -> None:
+    """Sweep a problem's uncertainty: every closed form that applies and shapers of yours, on every plant."""
+    with explained():
+        prepare_jax()
+        from jshape import robustness
+        from jshape.export import read_shaper
+        from jshape.report import closed_forms
+        from jshape.results import write_sweep
+        from jshape.tables import show_sweep
+
+        read, folder = begin(problem, out)
+        if not read.over:
+            raise ValueError(f"{problem}: nothing is uncertain; it needs an [uncertainty] table")
+        if store is not None and folder.resolve() in (store.resolve(), *store.resolve().parents):
+            raise ValueError(f"--store {store}: must not lie in the folder of the results, {folder}")
+        over: dict[str, Any] = dict(read.over)
+        if samples is not None:
+            ends = {name: (float(min(values)), float(max(values))) for name, values in read.over.items()}
+            spread = lambda low, high: ((low + high) / 2, (high - low) / 4) if sampling == "normal" else (low, high)
+            over = {name: spread(*pair) for name, pair in ends.items()}
+        with progress() as (step, tell):
+            step("closed-form shapers")
+            shapers, left_out = closed_forms(read)
+            for path in shaper:
+                if path.stem in shapers:
+                    raise ValueError(f"--shaper {path}: there is a shaper of that name already, {path.stem!r}")
+                shapers[path.stem] = read_shaper(path)
+            step("sweep")
+            try:
+                found = robustness.sweep(
+                    read.plant,
+                    shapers,
+                    read.distance,
+                    over,
+                    metric,
+                    samples=samples,
+                    sampling=sampling,
+                    seed=seed,
+                    store=store,
+                    progress=lambda done, pieces: tell("sweep, piece", done, pieces, float("inf")),
+                )
+            except KeyboardInterrupt:
+                again = f"what is done lies in {store}; the same command goes on from there"
+                typer.echo(again if store else "nothing is kept; with --store DIR it goes on after Ctrl-C", err=True)
+                raise
+            step("files")
+            files = write_sweep(read, found, folder)
+        show_sweep(read, found, left_out)
+        typer.echo(f"results in {folder}: {', '.join(files)}")

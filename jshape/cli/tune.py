@@ -1,0 +1,62 @@
+"""``jshape tune`` and ``jshape compare``: a problem's shapers, tuned and in closed form, side by side."""
+
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from jshape.cli._shared import Out, ProblemFile, begin, explained, prepare_jax, progress
+
+
+def tune(
+    problem: ProblemFile,
+    out: Out = None,
+    starts: Annotated[int | None, typer.Option(help="Starting points; the file's unless given.")] = None,
+    seed: Annotated[int | None, typer.Option(help="Of the random starting points; the file's unless given.")] = None,
+    start: Annotated[Path | None, typer.Option(help="Go on from this shaper (JSON or CSV) alone.")] = None,
+) -> None:
+    """Tune a shaper for a problem and set it beside every closed form that applies."""
+    with explained():
+        prepare_jax()
+        from jshape import report
+        from jshape.design.tune import tune as tune_shaper
+        from jshape.export import read_shaper
+        from jshape.tables import show_report
+
+        read, folder = begin(problem, out)
+        design = read.design
+        first = None if start is None else read_shaper(start)
+        # The closed forms are compiled beside the search: with two cores that saves some seconds of a first run.
+        with progress() as (step, tell), ThreadPoolExecutor(1) as beside:
+            closed = beside.submit(report.closed_forms, read)
+            step("tuning")
+            given = design.model_dump(exclude={"objective", "starts", "seed"})
+            solution = tune_shaper(
+                read.plant,
+                read.distance,
+                over=read.over or None,
+                objective=read.objective,
+                starts=starts or design.starts,
+                seed=design.seed if seed is None else seed,
+                start=first,
+                progress=tell,
+                **given,
+            )
+            result = report.build(read, solution, step, closed.result())
+            figures = report.write(result, folder, step)
+        show_report(result, folder, figures)
+
+
+def compare(problem: ProblemFile, out: Out = None) -> None:
+    """Set the closed-form shapers that apply to a problem side by side, without tuning."""
+    with explained():
+        prepare_jax()
+        from jshape import report
+        from jshape.tables import show_report
+
+        read, folder = begin(problem, out)
+        with progress() as (step, _):
+            result = report.build(read, None, step)
+            figures = report.write(result, folder, step)
+        show_report(result, folder, figures)
