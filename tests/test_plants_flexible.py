@@ -229,28 +229,32 @@ def test_table_of_the_paper():
     np.testing.assert_array_equal(plants.FlexibleLink(20.0).natural_frequency(), [5.7, 66.0])
 
 
-def transfer(link, gains, zeta=(0.017, 0.019), servo=(40.0, 0.9)):
+def transfer(link, gains, zeta=(0.017, 0.019), servo=(40.0, 0.9), integral=0.0):
     """Numerator and denominator from the reference to θ + Σ gain_i η_i, multiplied out."""
     frequency, damping = servo
     bottom = np.array([1, 2 * damping * frequency, frequency**2])
+    controller = np.array([1.0])
+    if integral:
+        bottom, controller = np.append(bottom, frequency**2 * integral), np.array([1.0, integral])
     modes = [np.array([1, 2 * z * w, w**2]) for z, w in zip(zeta, np.asarray(link.omega), strict=True)]
     product = np.polymul(*modes)
     top = product
     for gain, other in zip(gains, modes[::-1], strict=True):
         top = np.polysub(top, np.polymul([float(gain), 0, 0], other))
-    return frequency**2 * top, np.polymul(bottom, product)
+    return frequency**2 * np.polymul(controller, top), np.polymul(bottom, product)
 
 
-def test_step_response_of_the_flexible_link():
+@pytest.mark.parametrize("integral", [None, 5.0], ids=["P", "PI"])
+def test_step_response_of_the_flexible_link(integral):
     # SciPy's poles and residues; the payload's angle and both accelerations, which are derivatives of such angles.
-    plant = plants.FlexibleLink(10.0)
+    plant = plants.FlexibleLink(10.0, servo_integral=integral)
     modes, linear = plant.modes(), plants.Linearised(plant)
     at = np.array([0.02, 0.1, 0.5, 2.0])
     for gains, angle, acceleration, arm in (
         (modes.tip, plant.payload, plant.tip_acceleration, 0.6096),
         (modes.middle, None, plant.middle_acceleration, 0.3048),
     ):
-        top, bottom = transfer(modes, gains)
+        top, bottom = transfer(modes, gains, integral=integral or 0.0)
         residues, poles, _ = signal.residue(top, np.polymul(bottom, [1, 0]))
         for time in at:
             state = propagate(linear, js.Step(0.5), time=jnp.asarray(time))
@@ -261,9 +265,11 @@ def test_step_response_of_the_flexible_link():
             assert found == pytest.approx(arm * np.sum(waves * poles**2).real, rel=1e-8, abs=1e-8)
 
 
-def test_vibration_is_known_before_the_servo_has_settled():
+@pytest.mark.parametrize("integral", [None, 5.0], ids=["P", "PI"])
+def test_vibration_is_known_before_the_servo_has_settled(integral):
     # Each mode's energy falls as exp(−2 ζ ω t), from the step on, while the servo still moves the motor.
-    plant = plants.FlexibleLink(0.0, zeta=[0.017, 0.0], link=plants.TabulatedLink(tip_gains=[1.1, 0.0]))
+    link = plants.TabulatedLink(tip_gains=[1.1, 0.0])
+    plant = plants.FlexibleLink(0.0, link, [0.017, 0.0], servo_integral=integral)
     linear = plants.Linearised(plant)
     at = jnp.array([0.0, 0.01, 0.1, 1.0, 3.0])
     energy = [float(plant.residual_energy(propagate(linear, js.Step(0.5), time=t), 0.5)) for t in at]
@@ -402,6 +408,7 @@ WRONG = {
     "zeta size": (lambda: plants.FlexibleLink(zeta=1.0), "zeta must be at least 0 and below 1"),
     "load": (lambda: plants.FlexibleLink(80.0), "load must leave every frequency positive, not 80"),
     "servo": (lambda: plants.FlexibleLink(servo_frequency=0.0), "servo_frequency must be greater than 0"),
+    "integral": (lambda: plants.FlexibleLink(servo_integral=72.0), "servo_integral must be below 72, not 72"),
     "negative load": (lambda: plants.FlexibleLink(-0.1, plants.Beam(1.0, 1.0, 1.0)), "load must not be negative"),
     "loads": (lambda: plants.TabulatedLink([0.0, 20.0, 10.0]), "loads must increase"),
     "table": (lambda: plants.TabulatedLink([0.0, 20.0]), "frequencies must have a row for each mode"),

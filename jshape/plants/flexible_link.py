@@ -13,22 +13,25 @@ from jshape.plants.two_mass import check_part
 
 
 class FlexibleLink(AbstractPlant):
-    """θ'' + 2 ζ_s ω_s θ' + ω_s² θ = ω_s² r and, for each mode of the link, η'' + 2 ζ ω η' + ω² η = −θ''.
+    """θ'' + 2 ζ_s ω_s θ' = ω_s² (e + k_s ∫e), e = r − θ, and, for each mode of the link, η'' + 2 ζ ω η' + ω² η = −θ''.
 
     ``load``: at the tip, in the link's own unit (coins for the paper's table, kg for a ``Beam``); ``link``: a
     ``TabulatedLink`` (the paper's, unless given) or a ``Beam``; ``zeta``: of the modes, one for all or one each;
-    ``servo_frequency`` ω_s (rad/s), ``servo_damping`` ζ_s (any positive number). The command is the motor's reference
-    angle r, rad. State: θ, θ', η_1 … η_n, η_1' … η_n' (rad, rad/s). The payload is the angle under which the tip is
-    seen.
+    ``servo_frequency`` ω_s (rad/s), ``servo_damping`` ζ_s (any positive number): those of a motor under a proportional
+    controller; ``servo_integral`` k_s (1/s) makes it a PI controller, integral over proportional gain. The command is
+    the motor's reference angle r, rad. State: θ, θ', η_1 … η_n, η_1' … η_n' (rad, rad/s), with an integral also ∫e
+    (rad s). The payload is the angle under which the tip is seen.
 
     The residual energy is that of the vibration alone, as it will be when the servo has settled: each mode is read
     along its eigenvector of the whole linear system, so that what the servo still owes is counted in, and the servo's
     own lag, which dies out, is not. J per kg m², the modes being weighted by the square of their gain at the tip.
 
     *Raises* ``ValueError`` for a link that is none, a load that it cannot have (a negative mass, a frequency that is
-    not positive), a damping outside [0, 1), or a servo frequency or damping that is not positive.
+    not positive), a damping outside [0, 1), a servo frequency, damping or integral that is not positive, or an
+    integral of 2 ζ_s ω_s or more, with which the servo would be unstable.
 
-    *Source*: Chatlatanagulchai, Chotana and Prutthapong, Eq. 7 and Fig. 5, with the modes side by side.
+    *Source*: Chatlatanagulchai, Chotana and Prutthapong, Eq. 7 and Fig. 5, with the modes side by side; their
+    controller's gains 0.1 and 0.05 make k_s = 0.5 1/s.
     """
 
     load: Scalar
@@ -36,6 +39,7 @@ class FlexibleLink(AbstractPlant):
     zeta: Float[Array, " modes"]
     servo_frequency: Scalar
     servo_damping: Scalar
+    servo_integral: Scalar | None
     drive: ClassVar = "displacement"
 
     def __init__(
@@ -45,6 +49,7 @@ class FlexibleLink(AbstractPlant):
         zeta: Any = (0.017, 0.019),
         servo_frequency: Any = 40.0,
         servo_damping: Any = 0.9,
+        servo_integral: Any = None,
     ):
         self.load = _check.scalar(load, "load")
         self.link = check_part(TabulatedLink() if link is None else link, "link", AbstractLink)
@@ -52,6 +57,7 @@ class FlexibleLink(AbstractPlant):
         self.zeta = jnp.full(self.link.count, zeta) if zeta.ndim == 0 else zeta
         self.servo_frequency = _check.scalar(servo_frequency, "servo_frequency")
         self.servo_damping = _check.scalar(servo_damping, "servo_damping")
+        self.servo_integral = None if servo_integral is None else _check.scalar(servo_integral, "servo_integral")
 
     def __check_init__(self):
         _check.finite(self.load, "load")
@@ -60,6 +66,11 @@ class FlexibleLink(AbstractPlant):
         _check.damping_ratio(self.zeta)
         _check.positive(self.servo_frequency, "servo_frequency")
         _check.positive(self.servo_damping, "servo_damping")
+        if self.servo_integral is not None:
+            _check.positive(self.servo_integral, "servo_integral")
+            limit = 2 * self.servo_damping * self.servo_frequency
+            if _check.is_concrete(self) and self.servo_integral >= limit:
+                raise ValueError(f"servo_integral must be below {limit:g}, not {self.servo_integral}: it is unstable")
         self.link.check_load(self.load)
 
     def modes(self) -> LinkModes:
@@ -68,30 +79,40 @@ class FlexibleLink(AbstractPlant):
 
     def _split(self, state: State) -> tuple[Array, Array]:
         n = self.link.count
-        return state[2 : 2 + n], state[2 + n :]
+        return state[2 : 2 + n], state[2 + n : 2 + 2 * n]
+
+    def _gathered(self, state: State) -> Scalar:
+        """What the controller's integral adds to the servo's angle, k_s ∫e, rad."""
+        return jnp.zeros_like(state[0]) if self.servo_integral is None else self.servo_integral * state[-1]
 
     def vector_field(self, t: Scalar, state: State, inputs: Inputs) -> State:
         del t
         omega = self.modes().omega
         bend, rate = self._split(state)
         lag = inputs - state[0]
-        motor = self.servo_frequency**2 * lag - 2 * self.servo_damping * self.servo_frequency * state[1]
+        pull = lag + self._gathered(state)
+        motor = self.servo_frequency**2 * pull - 2 * self.servo_damping * self.servo_frequency * state[1]
         accelerations = -motor - omega**2 * bend - 2 * self.zeta * omega * rate
-        return jnp.concatenate([jnp.stack([state[1], motor]), rate, accelerations])
+        parts = [jnp.stack([state[1], motor]), rate, accelerations]
+        return jnp.concatenate(parts if self.servo_integral is None else [*parts, lag[None]])
 
     def residual_energy(self, state: State, inputs: Inputs) -> Scalar:
         modes = self.modes()
         bend, rate = self._split(state)
-        # The left eigenvector of the pole p of a mode: η' − p̄ η, and what the servo's lag and speed will add to it.
+        # The left eigenvector of the pole p of a mode: η' − p̄ η, and what the servo's lag, its speed and its integral
+        # will add to it, which is −L{θ''}(p) of the servo's own way to rest.
         pole = modes.omega * (-self.zeta + 1j * jnp.sqrt(1 - self.zeta**2))
-        stiff = self.servo_frequency**2
-        servo = pole**2 + 2 * self.servo_damping * self.servo_frequency * pole + stiff
-        vibration = rate - jnp.conj(pole) * bend + stiff * pole / servo * (state[0] - inputs)
-        vibration = vibration + (1 - pole**2 / servo) * state[1]
+        stiff, drag = self.servo_frequency**2, 2 * self.servo_damping * self.servo_frequency
+        integral = 0.0 if self.servo_integral is None else self.servo_integral
+        away = state[0] - inputs
+        way = (pole + drag) * away + state[1] + stiff * self._gathered(state) / pole
+        way = way / (pole**2 + drag * pole + stiff * (1 + integral / pole))
+        owed = pole**2 * way - pole * away - state[1]
+        vibration = rate - jnp.conj(pole) * bend - owed
         return jnp.sum(modes.tip**2 * (jnp.real(vibration) ** 2 + jnp.imag(vibration) ** 2)) / 2
 
     def rest_state(self, inputs: Inputs) -> State:
-        zero = jnp.zeros(1 + 2 * self.link.count, self.zeta.dtype)
+        zero = jnp.zeros((1 if self.servo_integral is None else 2) + 2 * self.link.count, self.zeta.dtype)
         return jnp.concatenate([jnp.asarray(inputs)[None], zero])
 
     def payload(self, state: State, position: Scalar) -> Scalar:
