@@ -1,14 +1,34 @@
-"""Shaper files: read back identically; wrong ones are told."""
+"""Shaper files are read back identically, arrays and scripts hold the same filter; what is wrong is told."""
 
 import json
+import re
+import shutil
+import subprocess
+from importlib.resources import files
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.signal import lfilter
 
 import jshape as js
-from jshape.export import read_shaper, write_csv, write_json
+from jshape.export import FORMATS, export, read_shaper, write_csv, write_json
+
+SHAPER = js.design.linear.zvd(9.0, 0.017)
+ON_OFF = js.Shaper([1.0, -1.0, 1.0], [0.0, 0.116, 0.233])
+NEEDED = {"sample_time": 0.01, "modes": [(9.0, 0.017)]}
+"""A value for every option that some format needs."""
+
+
+def made(name, path=None):
+    """A format with what it needs, of a shaper that it can carry."""
+    shaper = {"on_off": ON_OFF, "marlin": js.design.linear.zv(9.0)}.get(name, SHAPER)
+    return shaper.export(
+        name, path, **{option: NEEDED[option] for option, needed in FORMATS[name].options.items() if needed}
+    )
 
 
 @given(st.lists(st.floats(1e-3, 1.0), min_size=1, max_size=6), st.floats(1e-6, 100.0))
@@ -18,7 +38,8 @@ def test_round_trip_is_exact(tmp_path_factory, weights, spread):
     shaper = js.Shaper(amplitudes, spread * np.arange(len(weights)))
     write_json(shaper, folder / "s.json", "name")
     write_csv(shaper, folder / "s.csv")
-    for name in ("s.json", "s.csv"):
+    shaper.export("numpy", folder / "s.npz")
+    for name in ("s.json", "s.csv", "s.npz"):
         back = read_shaper(folder / name)
         assert back.amplitudes.tolist() == shaper.amplitudes.tolist()
         assert back.times.tolist() == shaper.times.tolist()
@@ -45,3 +66,101 @@ def test_wrong_files(tmp_path):
     (tmp_path / "bad.csv").write_text("a,b\n1,2\n", encoding="utf-8")
     with pytest.raises(ValueError, match="'time_s' is missing"):
         read_shaper(tmp_path / "bad.csv")
+    (tmp_path / "bad.npz").write_bytes(b"PK no archive")
+    with pytest.raises(ValueError, match=r"bad.npz: not a shaper file"):
+        read_shaper(tmp_path / "bad.npz")
+    np.savez(tmp_path / "other.npz", b=np.ones(3))
+    with pytest.raises(ValueError, match=r"other.npz: not a shaper file: .*amplitudes"):
+        read_shaper(tmp_path / "other.npz")
+
+
+def test_json_against_its_schema():
+    validator = pytest.importorskip("jsonschema")
+    schema = json.loads((files("jshape.export") / "shaper.schema.json").read_text(encoding="utf-8"))
+    validator.Draft202012Validator.check_schema(schema)
+    good = json.loads(SHAPER.export("json", name="mine"))
+    assert good["name"] == "mine"
+    validator.validate(good, schema)
+    for change in ({"version": 2}, {"format": "x"}, {"times": [0.1, 0.2]}, {"amplitudes": []}, {"times": ["0"]}):
+        with pytest.raises(validator.ValidationError):
+            validator.validate(good | change, schema)
+    with pytest.raises(validator.ValidationError):
+        validator.validate({key: good[key] for key in ("format", "version", "times")}, schema)
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_every_format_is_written_as_it_is_returned(name, tmp_path):
+    path = tmp_path / f"file{FORMATS[name].ending}"
+    found = made(name, path)
+    if isinstance(found, str):
+        assert path.read_bytes() == found.encode()
+        # Compilers and controllers of any age read it.
+        assert found.isascii()
+        assert found.endswith("\n")
+        assert all(line == line.rstrip() for line in found.splitlines())
+        return
+    with np.load(path, allow_pickle=False) as kept:
+        wanted = found if isinstance(found, dict) else dict(zip("ba", found, strict=True))
+        assert set(kept) == set(wanted)
+        for key in kept:
+            np.testing.assert_array_equal(kept[key], wanted[key])
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_options_are_named(name):
+    with pytest.raises(ValueError, match=f"colour is no option of format '{name}'"):
+        export(SHAPER, name, colour="red")
+    needs = [option for option, needed in FORMATS[name].options.items() if needed]
+    if needs:
+        with pytest.raises(ValueError, match=f"format '{name}' needs {' and '.join(needs)}"):
+            export(SHAPER, name)
+
+
+def test_unknown_formats_and_traced_shapers():
+    with pytest.raises(ValueError, match=r"format must be one of 'json', .*not 'cobol'"):
+        export(SHAPER, "cobol")
+    with pytest.raises(ValueError, match="being traced cannot be exported"):
+        jax.eval_shape(lambda a: js.Shaper(a, jnp.array([0.0, 1.0])).export("json"), jnp.array([0.5, 0.5]))
+
+
+def test_scipy_filter_shapes_a_command():
+    commands = np.random.default_rng(0).normal(size=300)
+    for method, modes in (("nearest", ()), ("split", ()), ("zeros", [(9.0, 0.017)])):
+        b, a = SHAPER.export("scipy", sample_time=0.01, method=method, modes=modes)
+        expected = np.convolve(commands, SHAPER.digitise(0.01, method, modes))[:300]
+        np.testing.assert_allclose(lfilter(b, a, commands), expected, rtol=0, atol=1e-14)
+    # On samples, the filter is the shaper itself: the shaped command read at its samples.
+    whole = js.Shaper([0.2, 0.5, 0.3], [0.0, 0.03, 0.07])
+    b, a = whole.export("scipy", sample_time=0.01)
+    shaped = whole.shape(js.Step(1.0))(0.01 * np.arange(12) + 1e-6)
+    np.testing.assert_allclose(lfilter(b, a, np.ones(12)), shaped, rtol=0, atol=1e-12)
+
+
+def matlab_numbers(text, name):
+    (inner,) = re.findall(rf"^{name} = \[(.*)\];$", text, re.M)
+    return np.array([float(word) for word in inner.split()])
+
+
+def test_matlab_script_holds_the_filter():
+    text = SHAPER.export("matlab", sample_time=0.01, method="split", name="crane")
+    taps = SHAPER.digitise(0.01, "split")
+    (length,) = re.findall(r"^crane_b = zeros\(1, (\d+)\);$", text, re.M)
+    ((places, values),) = re.findall(r"^crane_b\(\[(.*)\]\) = \[(.*)\];$", text, re.M)
+    found = np.zeros(int(length))
+    found[np.array(places.split(), int) - 1] = np.array(values.split(), float)
+    np.testing.assert_array_equal(found, taps)
+    np.testing.assert_array_equal(matlab_numbers(text, "crane_amplitudes"), SHAPER.amplitudes)
+    np.testing.assert_array_equal(matlab_numbers(text, "crane_times"), SHAPER.times)
+    with pytest.raises(ValueError, match="a word of the language"):
+        SHAPER.export("matlab", sample_time=0.01, name="end")
+
+
+@pytest.mark.skipif(shutil.which("octave-cli") is None, reason="no Octave")
+def test_octave_shapes_a_command(tmp_path):
+    SHAPER.export("matlab", tmp_path / "crane.m", sample_time=0.01, method="split", name="crane")
+    commands = np.random.default_rng(0).normal(size=200)
+    text = f"run('crane.m'); printf('%.17g\\n', filter(crane_b, crane_a, [{' '.join(map(repr, commands.tolist()))}]));"
+    done = subprocess.run(["octave-cli", "--eval", text], cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    found = np.array(done.stdout.split(), float)
+    np.testing.assert_allclose(found, np.convolve(commands, SHAPER.digitise(0.01, "split"))[:200], rtol=0, atol=1e-14)

@@ -1,7 +1,12 @@
-"""Shapers as JSON and CSV, in full precision, read back identically."""
+"""Shapers as files that jshape reads back identically: JSON, CSV and NumPy's npz, in full precision.
+
+``shaper.schema.json`` beside this file is the JSON's schema.
+"""
 
 import csv
+import io
 import json
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -25,27 +30,41 @@ def as_record(shaper: Shaper, name: str = "") -> dict[str, Any]:
     }
 
 
+def json_text(shaper: Shaper, *, name: str = "") -> str:
+    """A shaper as JSON. ``name``: what it is called there."""
+    return json.dumps(as_record(shaper, name), indent=2) + "\n"
+
+
+def csv_text(shaper: Shaper) -> str:
+    """A shaper as CSV: a header, ``time_s,amplitude``, and one line an impulse."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["time_s", "amplitude"])
+    record = as_record(shaper)
+    writer.writerows((repr(t), repr(a)) for t, a in zip(record["times"], record["amplitudes"], strict=True))
+    return text.getvalue()
+
+
 def write_json(shaper: Shaper, path: str | Path, name: str = "") -> None:
     """Write a shaper as JSON."""
-    Path(path).write_text(json.dumps(as_record(shaper, name), indent=2) + "\n", encoding="utf-8")
+    Path(path).write_text(json_text(shaper, name=name), encoding="utf-8")
 
 
 def write_csv(shaper: Shaper, path: str | Path) -> None:
     """Write a shaper as CSV: a header and one line an impulse."""
-    with Path(path).open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(["time_s", "amplitude"])
-        record = as_record(shaper)
-        writer.writerows((repr(t), repr(a)) for t, a in zip(record["times"], record["amplitudes"], strict=True))
+    Path(path).write_text(csv_text(shaper), encoding="utf-8")
 
 
 def read_shaper(path: str | Path) -> Shaper:
-    """Read a shaper from JSON or CSV, by the file's ending.
+    """Read a shaper from JSON, CSV or npz, by the file's ending.
 
     *Raises* ``ValueError`` that names the file if it is missing, not such a file, or holds no valid shaper.
     """
     path = Path(path)
     try:
+        if path.suffix.lower() == ".npz":
+            with np.load(path, allow_pickle=False) as arrays:
+                return Shaper(arrays["amplitudes"], arrays["times"])
         text = path.read_text(encoding="utf-8")
         if path.suffix.lower() == ".csv":
             rows = list(csv.DictReader(text.splitlines()))
@@ -58,5 +77,5 @@ def read_shaper(path: str | Path) -> Shaper:
         return Shaper(amplitudes, times)
     except KeyError as error:
         raise ValueError(f"{path}: not a shaper file: {error} is missing") from None
-    except (OSError, ValueError, TypeError) as error:
+    except (OSError, ValueError, TypeError, zipfile.BadZipFile) as error:
         raise ValueError(f"{path}: not a shaper file: {error}") from None

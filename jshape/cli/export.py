@@ -1,0 +1,89 @@
+"""``jshape export``: a shaper file as a program, a filter or a line of firmware configuration."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from jshape.cli._shared import explained, prepare_jax
+
+
+def export(
+    shaper: Annotated[Path | None, typer.Argument(help="A shaper file (JSON, CSV or npz).")] = None,
+    format: Annotated[str | None, typer.Option(help="One of those that --list shows.")] = None,
+    out: Annotated[Path | None, typer.Option(help="The file to write; the terminal unless given.")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Write over a file that exists.")] = False,
+    list_: Annotated[
+        bool, typer.Option("--list", help="The formats, what they need and what they cannot carry.")
+    ] = False,
+    sample_time: Annotated[float | None, typer.Option(help="Of the controller, s.")] = None,
+    method: Annotated[str | None, typer.Option(help="How impulses meet samples: nearest, split or zeros.")] = None,
+    mode: Annotated[
+        list[str], typer.Option(help="A mode OMEGA,ZETA (rad/s, -) to cancel or to judge; several times.")
+    ] = [],  # noqa: B006
+    name: Annotated[str | None, typer.Option(help="Of the shaper, the function block, the C types.")] = None,
+    arithmetic: Annotated[str | None, typer.Option(help="Of C: float, double, q15 or q31.")] = None,
+    capacity: Annotated[int | None, typer.Option(help="Of the function block's ring buffer, cycles.")] = None,
+    axis: Annotated[str | None, typer.Option(help="Of the printer: x or y.")] = None,
+    firmware: Annotated[str | None, typer.Option(help="Klipper: current or 2024; RepRapFirmware: 3.6 or 3.4.")] = None,
+    tolerance: Annotated[
+        float | None, typer.Option(help="How near to one of Klipper's own the shaper must be.")
+    ] = None,
+) -> None:
+    """Write a shaper for a machine: C, Structured Text, a printer's firmware, MATLAB, SciPy, NumPy, JSON, CSV."""
+    with explained():
+        prepare_jax()
+        from jshape.export import FORMATS, as_bytes, read_shaper
+        from jshape.export import export as export_as
+
+        if list_:
+            show_formats(FORMATS)
+            return
+        if shaper is None or format is None:
+            raise ValueError("give a shaper file and --format; --list shows the formats")
+        given: dict[str, Any] = {
+            "sample_time": sample_time,
+            "method": method,
+            "modes": [pair(each) for each in mode] or None,
+            "name": name,
+            "arithmetic": arithmetic,
+            "capacity": capacity,
+            "axis": axis,
+            "firmware": firmware,
+            "tolerance": tolerance,
+        }
+        options = {option: value for option, value in given.items() if value is not None}
+        made = export_as(read_shaper(shaper), format, **options)
+        if out is None:
+            if not isinstance(made, str):
+                raise ValueError(f"format {format!r} is no text; name a file with --out")
+            typer.echo(made, nl=False)
+            return
+        if out.exists() and not force:
+            raise ValueError(f"{out}: exists already, and is left as it is; --force writes over it")
+        try:
+            out.write_bytes(as_bytes(made))
+        except OSError as error:
+            raise ValueError(f"{out}: cannot be written: {error.strerror}") from None
+        typer.echo(f"{out}: written ({FORMATS[format].what})")
+
+
+def pair(text: str) -> tuple[float, float]:
+    """``"9.0,0.017"`` as numbers. *Raises* ``ValueError`` if it is no such pair."""
+    try:
+        omega, zeta = (float(part) for part in text.split(","))
+    except ValueError:
+        raise ValueError(f"--mode must be OMEGA,ZETA such as 9.0,0.017, not {text!r}") from None
+    return omega, zeta
+
+
+def show_formats(formats: dict[str, Any]) -> None:
+    """A line a format, and under it what it needs, takes and lacks."""
+    for name, form in formats.items():
+        flags = {option: "--" + option.replace("_", "-").replace("modes", "mode") for option in form.options}
+        needs = ", ".join(flag for option, flag in flags.items() if form.options[option])
+        takes = ", ".join(flag for option, flag in flags.items() if not form.options[option])
+        typer.echo(f"{name} ({form.ending}): {form.what}")
+        for words, value in (("needs", needs), ("takes", takes), ("cannot carry", form.lacks)):
+            if value:
+                typer.echo(f"    {words}: {value}")

@@ -1,0 +1,94 @@
+"""The formats in which a shaper leaves jshape, in one table, and the one function that writes them.
+
+``s.export("c99", "shaper.h", sample_time=0.001)`` is this function as a method. What a format needs is told by the
+signature of its function; what it cannot carry stands in the table, and is refused rather than written nearly::
+
+    for name, form in FORMATS.items():
+        print(name, form.ending, form.options, form.lacks)
+"""
+
+import inspect
+import io
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jshape import _check
+from jshape.export.arrays import as_arrays, as_filter
+from jshape.export.c99 import c99
+from jshape.export.firmware import klipper, marlin, reprapfirmware
+from jshape.export.matlab import matlab
+from jshape.export.on_off import on_off
+from jshape.export.shaper_file import csv_text, json_text
+from jshape.export.structured_text import structured_text
+from jshape.shaper import Shaper
+
+
+class Format(NamedTuple):
+    """How a shaper is written: the function, the file's usual ending, what comes out, what it cannot carry."""
+
+    make: Callable[..., Any]
+    ending: str
+    what: str
+    lacks: str
+
+    @property
+    def options(self) -> dict[str, bool]:
+        """Its options, and whether each is needed."""
+        parameters = list(inspect.signature(self.make).parameters.values())[1:]
+        return {parameter.name: parameter.default is parameter.empty for parameter in parameters}
+
+
+FORMATS = {
+    "json": Format(json_text, ".json", "impulses, read back by jshape", ""),
+    "csv": Format(csv_text, ".csv", "impulses, read back by jshape", "a name"),
+    "numpy": Format(as_arrays, ".npz", "arrays amplitudes and times", "a name"),
+    "scipy": Format(
+        as_filter, ".npz", "filter (b, a) for scipy.signal", "times between samples, other than by taps beside them"
+    ),
+    "c99": Format(c99, ".h", "C99 header: taps and a filter", "times between samples, other than by taps beside them"),
+    "structured_text": Format(structured_text, ".st", "IEC 61131-3 function block", ""),
+    "on_off": Format(on_off, ".st", "IEC 61131-3 switching table", "any amplitudes but 1, -1, ..., 1"),
+    "klipper": Format(klipper, ".cfg", "[input_shaper] of one axis", "any shaper that Klipper has no name for"),
+    "marlin": Format(marlin, ".gcode", "M593 of one axis", "any shaper but the ZV"),
+    "reprapfirmware": Format(reprapfirmware, ".g", 'M593 P"custom"', "more than 5 impulses, negative amplitudes"),
+    "matlab": Format(matlab, ".m", "script for MATLAB, Octave, Simulink", ""),
+}
+"""Every format by its name."""
+
+
+def export(shaper: Shaper, format: str, path: str | Path | None = None, **options: Any) -> Any:
+    """A shaper in a format of ``FORMATS``; written to ``path`` if there is one (over what stands there).
+
+    Returns the text; for ``"numpy"`` a dictionary of arrays, for ``"scipy"`` the arrays ``(b, a)``, which a file holds
+    as npz. ``options``: those of the format's function, such as ``sample_time`` (s).
+
+    *Raises* ``ValueError`` for an unknown format, an option that it does not know or needs, and whatever it cannot
+    carry.
+    """
+    _check.one_of(format, "format", tuple(FORMATS))
+    if not _check.is_concrete(shaper):
+        raise ValueError("a shaper that is being traced cannot be exported")
+    known = FORMATS[format].options
+    for option in options:
+        if option not in known:
+            words = f"it takes {', '.join(known)}" if known else "it takes none"
+            raise ValueError(f"{option} is no option of format {format!r}; {words}")
+    missing = [option for option, needed in known.items() if needed and option not in options]
+    if missing:
+        raise ValueError(f"format {format!r} needs {' and '.join(missing)}")
+    made = FORMATS[format].make(shaper, **options)
+    if path is not None:
+        Path(path).write_bytes(as_bytes(made))
+    return made
+
+
+def as_bytes(made: Any) -> bytes:
+    """What ``export`` returns as a file holds it: text in UTF-8, arrays as npz."""
+    if isinstance(made, str):
+        return made.encode()
+    buffer = io.BytesIO()
+    np.savez(buffer, **(made if isinstance(made, dict) else dict(zip("ba", made, strict=True))))
+    return buffer.getvalue()

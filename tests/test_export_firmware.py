@@ -1,0 +1,141 @@
+"""Lines for printers, read as their firmware reads them: the shaper comes back, or the format refuses."""
+
+import configparser
+import math
+import re
+
+import numpy as np
+import pytest
+
+import jshape as js
+from jshape.design.klipper import KINDS, klipper_shaper
+from jshape.export import export
+
+# Klipper's own numbers at 50 Hz, zeta 0.1: amplitudes and times in ms, to the six digits that it prints.
+GOLDEN = {
+    "zv": ([0.578286, 0.421714], [0, 10.0504]),
+    "mzv": ([0.365128, 0.407489, 0.227383], [0, 7.5378, 15.0756]),
+    "zvd": ([0.334415, 0.487743, 0.177843], [0, 10.0504, 20.1008]),
+    "ei": ([0.354881, 0.452998, 0.192121], [0, 10.1448, 20.1008]),
+    "2hump_ei": ([0.258535, 0.359936, 0.272764, 0.108765], [0, 10.3181, 20.1641, 29.7785]),
+    "3hump_ei": ([0.220854, 0.277211, 0.2597, 0.167055, 0.075179], [0, 10.81, 20.561, 30.118, 39.6585]),
+}
+
+
+def klipper_settings(text):
+    parser = configparser.ConfigParser()
+    parser.read_string(text)
+    return dict(parser["input_shaper"])
+
+
+@pytest.mark.parametrize("kind", GOLDEN)
+def test_klipper_knows_its_own(kind):
+    amplitudes, times = (np.array(each, float) for each in GOLDEN[kind])
+    settings = klipper_settings(export(js.Shaper(amplitudes / amplitudes.sum(), times / 1000), "klipper", axis="y"))
+    assert settings["shaper_type_y"] == kind
+    assert float(settings["shaper_freq_y"]) == pytest.approx(50.0, rel=2e-5)
+    assert float(settings["damping_ratio_y"]) == pytest.approx(0.1, abs=2e-5)
+
+
+@pytest.mark.parametrize("firmware", ["current", "2024"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_klipper_reads_the_shaper_back(kind, firmware):
+    for frequency, zeta in ((23.7, 0.0), (71.2, 0.063), (138.0, 0.2)):
+        shaper = klipper_shaper(kind, frequency, zeta, firmware)
+        settings = klipper_settings(export(shaper, "klipper", firmware=firmware))
+        assert settings["shaper_type_x"] == kind
+        back = klipper_shaper(kind, float(settings["shaper_freq_x"]), float(settings["damping_ratio_x"]), firmware)
+        np.testing.assert_allclose(back.amplitudes, shaper.amplitudes, rtol=0, atol=3e-7)
+        np.testing.assert_allclose(back.times, shaper.times, rtol=0, atol=3e-7 * float(shaper.duration))
+
+
+def test_klipper_takes_what_is_near_and_says_how_near():
+    # The exact one, by Newton's method on its equations; Klipper has a fit of it.
+    shaper = js.design.linear.ei(2 * np.pi * 50, 0.1)
+    text = export(shaper, "klipper")
+    settings = klipper_settings(text)
+    theirs = klipper_shaper("ei", float(settings["shaper_freq_x"]), float(settings["damping_ratio_x"]))
+    off = max(
+        np.abs(np.asarray(theirs.amplitudes - shaper.amplitudes)).max(),
+        np.abs(np.asarray(theirs.times - shaper.times)).max() / float(shaper.duration),
+    )
+    assert 1e-5 < off < 1e-3
+    assert f"within {off:.1g}." in text
+    with pytest.raises(ValueError, match="the nearest, ei at 50"):
+        export(shaper, "klipper", tolerance=1e-5)
+
+
+@pytest.mark.parametrize(
+    "shaper",
+    [
+        js.design.linear.zvdd(300.0, 0.1),
+        js.Shaper([1.0, -1.0, 1.0], [0.0, 0.0035, 0.007]),
+        js.Shaper([1.0], [0.0]),
+        js.Shaper([0.5, 0.5], [0.0, 0.0]),
+        js.Shaper([0.6, 0.3, 0.1], [0.0, 0.01, 0.03]),
+        js.design.linear.multi_mode([(300.0, 0.1), (420.0, 0.1)], "zv"),
+        js.Shaper([0.4, 0.6], [0.0, 0.01]),
+    ],
+    ids=["zvdd", "um_zv", "one impulse", "no duration", "uneven", "two modes", "growing"],
+)
+def test_klipper_and_marlin_refuse_what_they_have_no_name_for(shaper):
+    with pytest.raises(ValueError, match="none of them"):
+        export(shaper, "klipper")
+    with pytest.raises(ValueError, match="knows the ZV alone"):
+        export(shaper, "marlin")
+
+
+@pytest.mark.parametrize("zeta", [0.0, 0.1, 0.4])
+def test_marlin_reads_the_shaper_back(zeta):
+    shaper = js.design.linear.zv(2 * np.pi * 43.0, zeta)
+    text = export(shaper, "marlin", axis="y")
+    ((axis, frequency, damping),) = re.findall(r"^M593 (\w) F(\S+) D(\S+)$", text, re.M)
+    assert axis == "Y"
+    # What the firmware makes of it: half a period of F apart, K = exp(-zeta pi / sqrt(1 - zeta^2)).
+    k = math.exp(-math.pi * float(damping) / math.sqrt(1 - float(damping) ** 2))
+    np.testing.assert_allclose([1 / (1 + k), k / (1 + k)], shaper.amplitudes, rtol=0, atol=2e-6)
+    np.testing.assert_allclose(0.5 / float(frequency), shaper.duration, rtol=1e-7)
+
+
+@pytest.mark.parametrize("firmware", ["3.6", "3.4"])
+def test_reprapfirmware_reads_the_shaper_back(firmware):
+    for shaper in (
+        klipper_shaper("3hump_ei", 50.0),
+        js.Shaper([0.2, 0.5, 0.3], [0.0, 0.004, 0.0123]),
+        js.design.linear.zv(120.0, 0.3),
+    ):
+        text = export(shaper, "reprapfirmware", firmware=firmware)
+        (found,) = re.findall(r'^M593 P"custom" H(\S+) T(\S+)$', text, re.M)
+        heights, delays = (np.array(words.split(":"), float) for words in found)
+        if firmware == "3.6":
+            assert heights.sum() < 1
+            amplitudes, times = np.append(heights, 1 - heights.sum()), np.append(0, delays)
+        else:
+            amplitudes, times = np.diff(np.concatenate([[0], heights, [1]])), np.append(0, np.cumsum(delays))
+        np.testing.assert_allclose(amplitudes, shaper.amplitudes, rtol=0, atol=3e-7)
+        np.testing.assert_allclose(times, shaper.times, rtol=0, atol=3e-7)
+
+
+def test_reprapfirmware_refuses_what_it_has_no_room_for():
+    for shaper, words in [
+        (js.design.linear.zvd_n(300.0, 0.0, order=4), "2 to 5 impulses, not 6"),
+        (js.Shaper([1.0], [0.0]), "2 to 5 impulses, not 1"),
+        (js.Shaper([1.0, -1.0, 1.0], [0.0, 0.0035, 0.007]), "positive amplitudes alone"),
+        (js.Shaper([0.5, 0.2, 0.3], [0.0, 0.01, 0.01]), "times that increase"),
+    ]:
+        with pytest.raises(ValueError, match=words):
+            export(shaper, "reprapfirmware")
+    with pytest.raises(ValueError, match="firmware must be one of"):
+        export(js.design.linear.zv(300.0), "reprapfirmware", firmware="2.0")
+    with pytest.raises(ValueError, match="axis must be one of"):
+        export(js.design.linear.zv(300.0), "klipper", axis="e")
+
+
+@pytest.mark.parametrize("format", ["klipper", "marlin", "reprapfirmware"])
+def test_comments_hold_the_exact_numbers(format):
+    shaper = js.design.linear.zv(313.7, 0.07)
+    mark = "#" if format == "klipper" else ";"
+    rows = re.findall(rf"^{mark}\s+([\d.e-]+)\s+([\d.e-]+)$", export(shaper, format), re.M)
+    assert [[float(word) for word in row] for row in rows] == np.column_stack(
+        [shaper.times, shaper.amplitudes]
+    ).tolist()
