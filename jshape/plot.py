@@ -121,7 +121,7 @@ def sensitivity(
     data = 100 * data.isel(middle)
     with mpl.rc_context(STYLE):
         figure, axis = plt.subplots(figsize=(WIDTH, 3.0))
-        _lines(figure, axis, [(str(name), data[leaf], data.sel(shaper=name)) for name in data["shaper"].values])
+        labelled_lines(figure, axis, [(str(name), data[leaf], data.sel(shaper=name)) for name in data["shaper"].values])
         if limit is not None:
             axis.axhline(limit, color="0.5", linewidth=0.6)
             place = ("axes fraction", "data")
@@ -205,7 +205,7 @@ def _label(data: xr.DataArray) -> str:
 
 def _curves(data: xr.DataArray, leaf: str) -> Figure:
     figure, axis = plt.subplots(figsize=(WIDTH, 2.6))
-    _lines(figure, axis, [(str(name), data[leaf], data.sel(shaper=name)) for name in data["shaper"].values])
+    labelled_lines(figure, axis, [(str(name), data[leaf], data.sel(shaper=name)) for name in data["shaper"].values])
     axis.set_xlabel(_label(data[leaf]))
     axis.set_ylabel(_label(data))
     if np.nanmin(data.values) >= 0:
@@ -221,7 +221,7 @@ def _exceedance(data: xr.DataArray) -> Figure:
         np.concatenate([np.linspace(0, count - 1, 1000), np.arange(max(count - 100, 0), count)]).astype(int)
     )
     curves = [(str(name), np.sort(data.sel(shaper=name).values)[rank], 1 - rank / count) for name in data.shaper.values]
-    _lines(figure, axis, curves)
+    labelled_lines(figure, axis, curves)
     axis.set_yscale("log")
     axis.set_ylim(1 / count, 1)
     axis.set_xlabel(_label(data))
@@ -229,7 +229,7 @@ def _exceedance(data: xr.DataArray) -> Figure:
     return figure
 
 
-def _lines(figure: Figure, axis: Any, curves: list[tuple[str, Any, Any]]) -> None:
+def labelled_lines(figure: Figure, axis: Any, curves: list[tuple[str, Any, Any]]) -> None:
     """One line a shaper, the tuned one heavy, and a legend above."""
     for i, (name, x, y) in enumerate(curves):
         heavy = name == "tuned"

@@ -13,13 +13,14 @@ import re
 import sys
 import tomllib
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import ValidationError
 
 from jshape import command as commands
 from jshape import plants
+from jshape._problem_tables import Adapt, Design, File, Front
 from jshape.plants import AbstractPlant
 from jshape.uncertain import check_over
 
@@ -45,103 +46,6 @@ class ProblemError(ValueError):
     """A problem file that cannot be used; the message names the file, the line and the key."""
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
-
-
-_Positive = Annotated[float, Field(gt=0, strict=False)]
-
-
-class _Range(_Strict):
-    """An uncertain leaf: from ``low`` to ``high`` times nominal, or a list of ``values``."""
-
-    low: float | None = Field(default=None, strict=False)
-    high: float | None = Field(default=None, strict=False)
-    count: int = Field(default=41, ge=2, le=100_000)
-    values: list[float] | None = None
-
-    @model_validator(mode="after")
-    def _either(self) -> "_Range":
-        if (self.values is None) == (self.low is None and self.high is None):
-            raise ValueError("give either low and high, or values")
-        if self.values is None:
-            if self.low is None or self.high is None:
-                raise ValueError("give both low and high")
-            if self.low >= self.high:
-                raise ValueError(f"low must be below high, not {self.low} and {self.high}")
-        elif not self.values:
-            raise ValueError("values is empty")
-        return self
-
-    def multiples(self) -> np.ndarray:
-        """The multiples of nominal that the range stands for."""
-        if self.values is not None:
-            return np.array(self.values)
-        assert self.low is not None
-        assert self.high is not None
-        return np.linspace(self.low, self.high, self.count)
-
-
-class Design(_Strict):
-    """What to tune; the fields are ``js.tune``'s arguments."""
-
-    impulses: int = Field(default=3, ge=2, le=64)
-    duration: _Positive | list[float] | None = None
-    time_cost: Annotated[float, Field(ge=0, strict=False)] = 0.0
-    sample_time: _Positive | None = None
-    amplitudes: Literal["positive", "bounded", "unity", "free"] = "positive"
-    limit: _Positive | None = None
-    objective: Literal["nominal", "worst", "mean", "cvar"] | None = None
-    also: list[str] | dict[str, Any] = []
-    peak_deflection: _Positive | None = None
-    rate: _Positive | None = None
-    command_overshoot: Annotated[float, Field(ge=0, strict=False)] | None = None
-    starts: int = Field(default=32, ge=1, le=100_000)
-    seed: int = Field(default=0, ge=0)
-
-
-class Front(_Strict):
-    """What ``jshape pareto`` tries; the fields are ``js.pareto``'s arguments."""
-
-    impulses: list[int] = [2, 3, 4]
-    amplitudes: list[Literal["positive", "bounded", "unity", "free"]] = ["positive"]
-    limit: _Positive | None = None
-    durations: int | list[float] = 12
-    starts: int = Field(default=16, ge=1, le=100_000)
-
-
-class _File(_Strict):
-    title: str = ""
-    distance: float | None = Field(default=None, strict=False)
-    command: dict[str, Any] | None = None
-    plant: dict[str, Any]
-    uncertainty: dict[str, _Range] = {}
-    design: Design = Field(default_factory=Design)
-    pareto: Front = Field(default_factory=Front)
-
-    @field_validator("uncertainty", mode="before")
-    @classmethod
-    def _dotted(cls, table: Any) -> Any:
-        """``spring.k1 = {…}`` without quotes is a table in a table to TOML; here it is the leaf ``"spring.k1"``."""
-
-        def flat(table: dict[str, Any], prefix: str = "") -> dict[str, Any]:
-            found = {}
-            for name, value in table.items():
-                if isinstance(value, dict) and value and all(isinstance(inner, dict) for inner in value.values()):
-                    found |= flat(value, f"{prefix}{name}.")
-                else:
-                    found[prefix + name] = value
-            return found
-
-        return flat(table) if isinstance(table, dict) else table
-
-    @model_validator(mode="after")
-    def _one_move(self) -> "_File":
-        if (self.distance is None) == (self.command is None):
-            raise ValueError("give either distance (m) or a [command] table")
-        return self
-
-
 @dataclasses.dataclass(frozen=True)
 class Problem:
     """A problem as read: everything that ``js.tune`` and ``js.sweep`` take.
@@ -157,6 +61,7 @@ class Problem:
     over: dict[str, np.ndarray]
     design: Design
     front: Front
+    adapt: Adapt | None
     text: str
     foreign: str | None
 
@@ -164,6 +69,10 @@ class Problem:
     def objective(self) -> str:
         """The objective asked for; unless stated, worst where something is uncertain, nominal elsewhere."""
         return self.design.objective or ("worst" if self.over else "nominal")
+
+    def adapting(self, **changes: Any) -> "Problem":
+        """The same problem with other numbers in its ``[adapt]`` table, if it has one."""
+        return self if self.adapt is None else dataclasses.replace(self, adapt=self.adapt.model_copy(update=changes))
 
 
 def shipped() -> dict[str, Path]:
@@ -197,7 +106,7 @@ def load(name: str | Path) -> Problem:
         raise ProblemError(f"{path}: malformed TOML: {error}") from None
     where = _Lines(path, text)
     try:
-        file = _File.model_validate(raw)
+        file = File.model_validate(raw)
     except ValidationError as error:
         first = error.errors()[0]
         raise where.error(_keys(raw, first["loc"]), _words(first)) from None
@@ -212,10 +121,11 @@ def load(name: str | Path) -> Problem:
     if file.design.objective not in (None, "nominal") and not over:
         objective = file.design.objective
         raise where.error(["design", "objective"], f"{objective!r} needs an [uncertainty] table")
-    return Problem(path.stem, file.title or path.stem, plant, distance, over, file.design, file.pareto, text, foreign)
+    title = file.title or path.stem
+    return Problem(path.stem, title, plant, distance, over, file.design, file.pareto, file.adapt, text, foreign)
 
 
-def _distance(file: _File, where: "_Lines") -> Any:
+def _distance(file: File, where: "_Lines") -> Any:
     if file.command is None:
         if file.distance == 0:
             raise where.error(["distance"], "must not be 0: there is nothing to shape")

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from jshape import plot
+from jshape._folder import MARKER
 from jshape.command import as_command
 from jshape.design import closed_forms as forms
 from jshape.design.solution import Solution
@@ -22,9 +23,6 @@ from jshape.robustness import sweep
 from jshape.shaper import Shaper
 from jshape.simulate import Response, simulate
 from jshape.uncertain import leaf, with_leaves
-
-MARKER = "jshape-results"
-"""What results.json says it is; a folder that holds another one's files is not written to."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -125,22 +123,6 @@ def _wide(values: Any) -> np.ndarray:
     """The ratios of a sensitivity curve: twice as far as the stated uncertainty, the ratio 1 in the middle."""
     ends = 1 + 2 * (np.array([min(values), max(values)]) - 1)
     return np.linspace(max(ends[0], 0.2), ends[1], 121)
-
-
-def writable(folder: Path) -> str | None:
-    """Why a folder must not be written to; ``None`` if it is empty, new, or holds an earlier result of jshape's."""
-    if not folder.exists():
-        return None
-    if not folder.is_dir():
-        return f"{folder}: is a file, not a folder"
-    if not any(folder.iterdir()):
-        return None
-    try:
-        if json.loads((folder / "results.json").read_text(encoding="utf-8"))["format"] == MARKER:
-            return None
-    except (OSError, ValueError, KeyError, TypeError):
-        pass
-    return f"{folder}: holds files that are not jshape's results; name another folder"
 
 
 def write(report: Report, folder: Path, step: Step = lambda _: None) -> list[Path]:

@@ -8,8 +8,8 @@ from typing import Any
 import xarray as xr
 
 from jshape import plot
+from jshape._folder import MARKER
 from jshape.problem import Problem
-from jshape.report import MARKER
 from jshape.robustness import summary
 
 

@@ -7,6 +7,8 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from jshape.adaptive.report import Experiment
+from jshape.adaptive.study import recovered
 from jshape.problem import Problem
 from jshape.report import Report
 from jshape.robustness import summary
@@ -14,7 +16,7 @@ from jshape.robustness import summary
 
 def show_report(report: Report, folder: Path, figures: list[Path]) -> None:
     """Every shaper in a row, then what tuning gained and where the results lie."""
-    console = _console()
+    console = new_console()
     table = Table(title=report.problem.title, box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False)
     table.add_column("shaper", min_width=12)
     table.add_column("amplitudes\nat times (s)", min_width=28)
@@ -41,9 +43,38 @@ def show_report(report: Report, folder: Path, figures: list[Path]) -> None:
     console.print(f"results in {folder}, figures {', '.join(path.name for path in figures)}", highlight=False)
 
 
+def show_adaptation(found: Experiment) -> None:
+    """Every strategy in a row, a block of columns for each load; then how soon it recovers in random schedules."""
+    console = new_console()
+    title = f"{found.problem.title}: residual (% of move) and settling time (s) of the last move, ∫|a| dt a move (m/s)"
+    table = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False)
+    table.add_column("strategy", min_width=12)
+    for load, first, after in found.loads():
+        table.add_column(f"load {load:g}\nmoves {first + 1}–{after}", justify="right", no_wrap=True)
+    for name in found.traces:
+        cells = []
+        for _, first, after in found.loads():
+            left, settled = (float(part[name][after - 1]) for part in (found.residual, found.settling))
+            gathered = float(found.accumulated[name][first:after].mean())
+            cells.append(f"{100 * left:.2f} / {settled:.2f} / {gathered:.1f}")
+        table.add_row(name, *cells)
+    console.print(table)
+    if found.study is not None:
+        below = recovered(found.study)
+        title = f"residual below 5 % in so many of {found.study.sizes['schedule']} random schedules (%)"
+        table = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False)
+        table.add_column("strategy", min_width=12)
+        for move in below.move.values:
+            table.add_column(f"move {move}", justify="right")
+        for name in below.strategy.values:
+            table.add_row(str(name), *(f"{100 * value:.1f}" for value in below.sel(strategy=name).values))
+        console.print(table)
+        console.print("move 1 is the first that begins after the change, 0 the one under way", style="dim")
+
+
 def show_sweep(problem: Problem, found: xr.Dataset, left_out: dict[str, str]) -> None:
     """Mean, 95 % quantile and worst of every shaper, a table a metric."""
-    console = _console()
+    console = new_console()
     for metric in found.data_vars:
         data = found[metric]
         unit = "" if data.attrs["units"] == "1" else f" ({data.attrs['units']})"
@@ -65,7 +96,7 @@ def show_sweep(problem: Problem, found: xr.Dataset, left_out: dict[str, str]) ->
 
 def show_front(problem: Problem, front: xr.Dataset) -> None:
     """The least objective for every duration, a column a design, then the closed forms."""
-    console = _console()
+    console = new_console()
     title = f"{problem.title}: {front['objective'].attrs['long_name']} (J) for each duration"
     # Beside the table, which would wrap it to its own width.
     console.print(title, style="italic", highlight=False)
@@ -91,7 +122,7 @@ def number(value: float) -> str:
     return "0" if abs(value) < 1e-18 else f"{value:.4g}"
 
 
-def _console() -> Console:
+def new_console() -> Console:
     """As wide as the terminal; 120 columns where there is none."""
     console = Console()
     return console if console.is_terminal else Console(width=120)

@@ -19,14 +19,12 @@ Out = Annotated[Path | None, typer.Option(help="Folder for the results; NAME-res
 
 
 def begin(name: str, out: Path | None) -> tuple["Problem", Path]:
-    from jshape import report
+    from jshape._folder import check_writable
     from jshape.problem import find, load
 
     path = find(name)
     folder = out or Path(f"{path.stem}-results")
-    reason = report.writable(folder)
-    if reason:
-        raise ValueError(reason)
+    check_writable(folder)
     problem = load(name)
     if problem.foreign:
         typer.echo(f"{path}: runs code of its own, the plant {problem.foreign}", err=True)

@@ -1,0 +1,23 @@
+"""Folders for results: which may be written to."""
+
+import json
+from pathlib import Path
+
+MARKER = "jshape-results"
+"""What results.json says it is; a folder that holds another one's files is not written to."""
+
+
+def check_writable(folder: Path) -> None:
+    """*Raises* ``ValueError`` unless a folder is empty, new, or holds an earlier result of jshape's."""
+    if not folder.exists():
+        return
+    if not folder.is_dir():
+        raise ValueError(f"{folder}: is a file, not a folder")
+    if not any(folder.iterdir()):
+        return
+    try:
+        ours = json.loads((folder / "results.json").read_text(encoding="utf-8"))["format"] == MARKER
+    except (OSError, ValueError, KeyError, TypeError):
+        ours = False
+    if not ours:
+        raise ValueError(f"{folder}: holds files that are not jshape's results; name another folder")

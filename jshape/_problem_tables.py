@@ -1,0 +1,128 @@
+"""The tables of a problem file, as they must be written."""
+
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+
+
+class Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
+
+
+Positive = Annotated[float, Field(gt=0, strict=False)]
+_Number = Annotated[float, Field(strict=False)]
+_Pair = Annotated[tuple[_Number, _Number], Field(strict=False)]
+
+
+class Range(Strict):
+    """An uncertain leaf: from ``low`` to ``high`` times nominal, or a list of ``values``."""
+
+    low: float | None = Field(default=None, strict=False)
+    high: float | None = Field(default=None, strict=False)
+    count: int = Field(default=41, ge=2, le=100_000)
+    values: list[float] | None = None
+
+    @model_validator(mode="after")
+    def _either(self) -> "Range":
+        if (self.values is None) == (self.low is None and self.high is None):
+            raise ValueError("give either low and high, or values")
+        if self.values is None:
+            if self.low is None or self.high is None:
+                raise ValueError("give both low and high")
+            if self.low >= self.high:
+                raise ValueError(f"low must be below high, not {self.low} and {self.high}")
+        elif not self.values:
+            raise ValueError("values is empty")
+        return self
+
+    def multiples(self) -> np.ndarray:
+        """The multiples of nominal that the range stands for."""
+        if self.values is not None:
+            return np.array(self.values)
+        assert self.low is not None
+        assert self.high is not None
+        return np.linspace(self.low, self.high, self.count)
+
+
+class Design(Strict):
+    """What to tune; the fields are ``js.tune``'s arguments."""
+
+    impulses: int = Field(default=3, ge=2, le=64)
+    duration: Positive | list[float] | None = None
+    time_cost: Annotated[float, Field(ge=0, strict=False)] = 0.0
+    sample_time: Positive | None = None
+    amplitudes: Literal["positive", "bounded", "unity", "free"] = "positive"
+    limit: Positive | None = None
+    objective: Literal["nominal", "worst", "mean", "cvar"] | None = None
+    also: list[str] | dict[str, Any] = []
+    peak_deflection: Positive | None = None
+    rate: Positive | None = None
+    command_overshoot: Annotated[float, Field(ge=0, strict=False)] | None = None
+    starts: int = Field(default=32, ge=1, le=100_000)
+    seed: int = Field(default=0, ge=0)
+
+
+class Front(Strict):
+    """What ``jshape pareto`` tries; the fields are ``js.pareto``'s arguments."""
+
+    impulses: list[int] = [2, 3, 4]
+    amplitudes: list[Literal["positive", "bounded", "unity", "free"]] = ["positive"]
+    limit: Positive | None = None
+    durations: int | list[float] = 12
+    starts: int = Field(default=16, ge=1, le=100_000)
+
+
+class Adapt(Strict):
+    """How ``jshape adapt`` tries strategies on a ``FlexibleLink`` whose load changes.
+
+    A square wave of the problem's ``distance``, from minus to plus half of it and back, ``changes`` of the load as
+    pairs [time, load] (s and the link's unit), and ``schedules`` random ones beside it, if any. The others are the
+    parameters of the strategies: what they start with, the bands of the modes (rad/s) and the DFT's points.
+    """
+
+    cases: list[Literal["unshaped", "I", "I-D", "I-D-E", "state-aware"]] = ["unshaped", "I", "I-D", "state-aware"]
+    sample_time: Positive = 0.005
+    period: Positive = 20.0
+    duration: Positive = 400.0
+    changes: list[_Pair] = Field(min_length=1)
+    omega: _Pair
+    zeta: _Pair
+    bands: Annotated[tuple[_Pair, _Pair], Field(strict=False)]
+    points: int = Field(default=3000, ge=16, le=1_000_000)
+    thresholds: _Pair = (7.0, 10.0)
+    schedules: int = Field(default=0, ge=0, le=100_000)
+    seed: int = Field(default=0, ge=0)
+
+
+class File(Strict):
+    title: str = ""
+    distance: float | None = Field(default=None, strict=False)
+    command: dict[str, Any] | None = None
+    plant: dict[str, Any]
+    uncertainty: dict[str, Range] = {}
+    design: Design = Field(default_factory=Design)
+    pareto: Front = Field(default_factory=Front)
+    adapt: Adapt | None = None
+
+    @field_validator("uncertainty", mode="before")
+    @classmethod
+    def _dotted(cls, table: Any) -> Any:
+        """``spring.k1 = {…}`` without quotes is a table in a table to TOML; here it is the leaf ``"spring.k1"``."""
+
+        def flat(table: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+            found = {}
+            for name, value in table.items():
+                if isinstance(value, dict) and value and all(isinstance(inner, dict) for inner in value.values()):
+                    found |= flat(value, f"{prefix}{name}.")
+                else:
+                    found[prefix + name] = value
+            return found
+
+        return flat(table) if isinstance(table, dict) else table
+
+    @model_validator(mode="after")
+    def _one_move(self) -> "File":
+        if (self.distance is None) == (self.command is None):
+            raise ValueError("give either distance (m) or a [command] table")
+        return self

@@ -1,0 +1,69 @@
+"""Formulas that are written once and computed in JAX or in NumPy: what the two do differently."""
+
+import math
+from collections.abc import Callable
+from functools import partial
+from types import ModuleType
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+
+class Numbers(NamedTuple):
+    """In which numbers a formula is computed: JAX arrays, or NumPy arrays and Python scalars."""
+
+    xp: ModuleType
+    math: ModuleType
+    """Functions of one number."""
+    get: Callable[[Any, Any], Any]
+    """``get(array, index)``: one number of a list."""
+    three: Callable[[Any, Any], Any]
+    """``three(array, index)``: the numbers before, at and after a place in a list."""
+    select: Callable[[Any, Any, Any], Any]
+    """``select(condition, this, otherwise)`` for one condition and two pytrees."""
+    put: Callable[[Any, Any, Any], Any]
+    """``put(array, index, value)``: the array with one row replaced; in place in NumPy, where a loop owns its state."""
+    when: Callable[..., Any]
+    """``when(condition, this, otherwise, *operands)``: only one of the two functions runs."""
+    repeat: Callable[[int, Callable[[Any], Any], Any], Any]
+    """``repeat(times, function, value)``: the function of the function of … the value."""
+    constant: Callable[[Any], Any]
+    """The value as one that nothing is differentiated through."""
+
+
+def _put_in_place(array: np.ndarray, index: int, value: Any) -> np.ndarray:
+    array[index] = value
+    return array
+
+
+def _repeat(times: int, function: Callable[[Any], Any], value: Any) -> Any:
+    for _ in range(times):
+        value = function(value)
+    return value
+
+
+JAX = Numbers(
+    xp=jnp,
+    math=jnp,
+    get=lambda array, index: array[index],
+    three=lambda array, index: tuple(jax.lax.dynamic_slice_in_dim(array, index - 1, 3)),
+    select=lambda condition, this, otherwise: jax.tree.map(partial(jnp.where, condition), this, otherwise),
+    put=lambda array, index, value: array.at[index].set(value),
+    when=jax.lax.cond,
+    repeat=lambda times, function, value: jax.lax.fori_loop(0, times, lambda _, now: function(now), value),
+    constant=jax.lax.stop_gradient,
+)
+NUMPY = Numbers(
+    xp=np,
+    # Python's own numbers are several times as fast as NumPy's scalars.
+    math=math,
+    get=lambda array, index: array.item(index),
+    three=lambda array, index: array[index - 1 : index + 2].tolist(),
+    select=lambda condition, this, otherwise: this if condition else otherwise,
+    put=_put_in_place,
+    when=lambda condition, this, otherwise, *operands: this(*operands) if condition else otherwise(*operands),
+    repeat=_repeat,
+    constant=lambda value: value,
+)

@@ -1,0 +1,161 @@
+"""The paper's way: a cascade of ZVD filters, retuned by a point-by-point DFT and by extremum seeking.
+
+Three cases of one loop: input shaping alone (I), with the DFT for the frequencies (I-D), and with extremum seeking for
+the damping ratios beside it (I-D-E).
+
+*Source*: Chatlatanagulchai, Chotana and Prutthapong, Figs. 3 and 6.
+"""
+
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+from jshape import _check
+from jshape._types import Scalar
+from jshape.adaptive.estimate import Estimate
+from jshape.adaptive.extremum_seeking import ExtremumSeeking
+from jshape.adaptive.sampled_link import Readings
+from jshape.adaptive.shaper import AdaptiveShaper
+from jshape.adaptive.sliding_dft import SlidingDFT
+from jshape.adaptive.strategy import AbstractStrategy, Decision, OnlineStrategy
+
+
+class Cost(NamedTuple):
+    """∫ |a| dt over the movement under way, and over the one before."""
+
+    growing: Any = 0.0
+    last: Any = 0.0
+
+
+class DirectState(NamedTuple):
+    """All that a ``DirectAdaptive`` strategy remembers."""
+
+    shaper: Any
+    dfts: tuple[Any, ...]
+    seeking: Any
+    cost: Cost
+    reference: Any
+    steady: Any
+    doubted: Any
+
+
+class DirectAdaptive(AbstractStrategy):
+    """An ``AdaptiveShaper`` of two modes; the tip's accelerometer tells the first, the one in the middle the second.
+
+    ``shaper``: with bands, blanking and start. ``dfts``: one ``SlidingDFT`` for each mode, or none: then the
+    frequencies stay. ``seeking``: of the damping ratios, by the vibration accumulated over the preceding movement; or
+    ``None``. Its cost is ∫ |a| dt in units of ``cost_unit`` (m/s): with 75, this link leaves under the shaper alone,
+    with 20 coins, the 0.3 of the paper's Fig. 10, for which the paper's gains were chosen. The DFTs listen while the
+    shaper says that the reference is steady.
+
+    *Raises* ``ValueError`` if the numbers of modes differ, or sample times do.
+    """
+
+    shaper: AdaptiveShaper
+    dfts: tuple[SlidingDFT, ...]
+    seeking: ExtremumSeeking | None
+    cost_unit: Scalar
+
+    def __init__(
+        self,
+        shaper: AdaptiveShaper,
+        dfts: tuple[SlidingDFT, ...] = (),
+        seeking: ExtremumSeeking | None = None,
+        cost_unit: Any = 75.0,
+    ):
+        self.shaper, self.dfts, self.seeking = shaper, tuple(dfts), seeking
+        self.cost_unit = _check.scalar(cost_unit, "cost_unit")
+        _check.positive(self.cost_unit, "cost_unit")
+        modes = len(shaper.omega)
+        if modes != 2 or len(self.dfts) not in (0, modes) or (seeking and len(seeking.centre) != modes):
+            raise ValueError(
+                f"shaper must be of two modes, with as many dfts (or none) and damping ratios to seek, not of {modes}, "
+                f"{len(self.dfts)} and {len(seeking.centre) if seeking else 0}"
+            )
+        for part in self.dfts:
+            if part.sample_time != shaper.sample_time:
+                raise ValueError(
+                    f"dfts must have the shaper's sample time {shaper.sample_time}, not {part.sample_time}"
+                )
+        if seeking and seeking.step_time != shaper.sample_time:
+            raise ValueError(
+                f"seeking must have the shaper's sample time {shaper.sample_time}, not {seeking.step_time}"
+            )
+
+    @property
+    def sample_time(self) -> float:
+        """s."""
+        return self.shaper.sample_time
+
+    def start(self, reference: Any) -> DirectState:
+        seeking = () if self.seeking is None else self.seeking.start()
+        zero = jnp.zeros_like(jnp.asarray(reference))
+        return DirectState(
+            self.shaper.start(reference),
+            tuple(dft.start() for dft in self.dfts),
+            seeking,
+            Cost(zero, zero),
+            jnp.asarray(reference),
+            jnp.asarray(False),
+            jnp.asarray(0, jnp.int32),
+        )
+
+    def step(self, state: DirectState, reference: Any, readings: Readings) -> tuple[DirectState, Decision]:
+        moved = jnp.isfinite(reference) & (reference != state.reference)
+        tip = jnp.where(jnp.isfinite(readings.tip), jnp.abs(readings.tip), 0.0) * self.sample_time
+        cost = Cost(
+            jnp.where(moved, tip, state.cost.growing + tip), jnp.where(moved, state.cost.growing, state.cost.last)
+        )
+        heard = [
+            dft.step(memory, sample, state.steady)
+            for dft, memory, sample in zip(self.dfts, state.dfts, (readings.tip, readings.middle), strict=False)
+        ]
+        seeking, zeta = state.seeking, None
+        if self.seeking is not None:
+            seeking, zeta = self.seeking.step(state.seeking, cost.last / self.cost_unit)
+        estimate = _together(jnp, [estimate for _, estimate in heard], zeta)
+        shaper, shaped = self.shaper.step(state.shaper, reference, estimate)
+        missed = ~jnp.isfinite(readings.tip) | ~jnp.isfinite(readings.middle)
+        doubted = state.doubted + missed.astype(jnp.int32)
+        new = DirectState(
+            shaper, tuple(memory for memory, _ in heard), seeking, cost,
+            jnp.where(jnp.isfinite(reference), reference, state.reference), shaped.steady, doubted,
+        )  # fmt: skip
+        return new, Decision(shaped.command, shaped.omega, shaped.zeta, doubted + jnp.sum(shaped.rejected))
+
+    def online(self, reference: float = 0.0) -> OnlineStrategy:
+        return _OnlineDirect(self, reference)
+
+
+def _together(xp: Any, estimates: list[Estimate], zeta: Any) -> Estimate | None:
+    """One estimate of both modes: frequencies from the DFTs, damping ratios from the extremum seeking."""
+    if not estimates:
+        return None
+    both = Estimate(*(xp.stack([xp.asarray(part) for part in parts]) for parts in zip(*estimates, strict=True)))
+    return both if zeta is None else both._replace(zeta=zeta, zeta_std=xp.zeros_like(zeta))
+
+
+class _OnlineDirect:
+    """``DirectAdaptive`` as a plain object, of the parts' own plain objects."""
+
+    def __init__(self, strategy: DirectAdaptive, reference: float):
+        self._time, self._unit = strategy.sample_time, float(strategy.cost_unit)
+        self._shaper = strategy.shaper.online(reference)
+        self._dfts = [dft.online() for dft in strategy.dfts]
+        self._seeking = strategy.seeking and strategy.seeking.online()
+        self._reference, self._steady, self._cost, self._missed = float(reference), False, Cost(), 0
+
+    def push(self, reference: float, readings: Readings) -> Decision:
+        samples = (readings.tip, readings.middle)
+        tip = abs(readings.tip) * self._time if np.isfinite(readings.tip) else 0.0
+        growing, last = self._cost
+        moved = np.isfinite(reference) and reference != self._reference
+        self._cost = Cost(tip, growing) if moved else Cost(growing + tip, last)
+        self._reference = reference if moved else self._reference
+        heard = [dft.push(float(sample), self._steady) for dft, sample in zip(self._dfts, samples, strict=False)]
+        zeta = None if self._seeking is None else self._seeking.push(self._cost.last / self._unit)
+        shaped = self._shaper.push(reference, _together(np, heard, zeta))
+        self._steady = shaped.steady
+        self._missed += not np.all(np.isfinite(samples))
+        return Decision(shaped.command, shaped.omega, shaped.zeta, self._missed + int(np.sum(shaped.rejected)))
