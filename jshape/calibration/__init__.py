@@ -1,0 +1,19 @@
+"""Shapers for a 3D printer from its accelerometer: Klipper's choice, why, and a better one.
+
+Read a measured spectrum or a raw record, let Klipper's own method choose, then tune a shaper on the same spectrum::
+
+    spectra = calibration.read("resonances_x.csv")             # one file or several that must share a shaper
+    fits = calibration.fit_all(spectra)                        # Klipper's five, each at its best frequency
+    choice = calibration.recommend(fits)                       # and what each alternative costs
+    offer = calibration.tune(spectra, vibration=choice.best.vibration, duration=0.0144)
+    offer.shaper, offer.rated.smoothing, offer.rated.vibration, offer.finer, offer.simulated
+    calibration.calibrate(spectra)                             # all of this at once
+
+Klipper's numbers are those of its August 2026 state (``version="current"``) and of December 2024 (``"2024"``).
+Smoothing is in mm, accelerations in mm/s², frequencies in Hz, as printer owners know them; impulse times in s.
+Modules are loaded when they are first used: other files need Klipper's shapers alone.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

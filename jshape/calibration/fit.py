@@ -1,0 +1,66 @@
+"""Each of Klipper's shapers at the frequency that Klipper gives it."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from jshape import _check
+from jshape.calibration.score import CEILING, DAMPINGS, Bins, Rated, rate
+from jshape.calibration.smoothing import CORNER_SPEED
+from jshape.calibration.spectrum import Spectrum
+from jshape.design.klipper import DAMPING, VERSIONS, impulses
+
+LOWEST = {"zv": 21.0, "mzv": 23.0, "zvd": 29.0, "ei": 29.0, "2hump_ei": 39.0, "3hump_ei": 48.0}
+"""Hz, where the search for each shaper's frequency begins."""
+
+HIGHEST = 150.0
+"""Hz, below which it ends."""
+
+OFFERED = ("zv", "mzv", "ei", "2hump_ei", "3hump_ei")
+"""The shapers among which Klipper chooses, in its order."""
+
+
+def fit(
+    kind: str,
+    spectra: Sequence[Spectrum],
+    *,
+    version: str = "current",
+    zeta: float = DAMPING,
+    dampings: Sequence[float] = DAMPINGS,
+    corner_speed: float = CORNER_SPEED,
+    highest: float = HIGHEST,
+) -> Rated:
+    """A shaper of Klipper's at its best frequency for the spectra, to 0.2 Hz.
+
+    ``kind``: one of ``LOWEST``; ``zeta``: that of the shaper, ``dampings``: those it is judged at; ``corner_speed``:
+    mm/s; ``highest``: Hz, another than Klipper's 150 if the printer is stiffer.
+
+    First the frequency with the least vibration, from above; then, from below, any with hardly more vibration
+    (1.1 times, and since 2025 0.05 % on top) and a lower score.
+
+    *Raises* ``ValueError`` for an unknown kind or version and a highest frequency that leaves nothing to search.
+    """
+    _check.one_of(kind, "kind", tuple(LOWEST))
+    _check.one_of(version, "version", VERSIONS)
+    if not LOWEST[kind] < highest <= 2000:
+        raise ValueError(f"highest must lie between {LOWEST[kind]:g} and 2000 Hz for {kind}, not {highest!r}")
+    bins = Bins(spectra, dampings, ceiling=max(CEILING, highest))
+    found = [
+        rate(kind, *impulses(kind, frequency, zeta, version), bins, corner_speed, float(frequency))
+        for frequency in np.round(np.arange(LOWEST[kind], highest, 0.2), 9)
+    ]
+    # Of equals the highest frequency, which was looked at first.
+    least = min(reversed(found), key=lambda rated: rated.vibration)
+    enough = 1.1 * least.vibration + (0.0005 if version == "current" else 0.0)
+    best = least
+    for rated in found:
+        if rated.vibration < enough and rated.score < best.score:
+            best = rated
+    return best
+
+
+def fit_all(
+    spectra: Sequence[Spectrum], kinds: Sequence[str] = OFFERED, *, version: str = "current", **options
+) -> list[Rated]:
+    """``fit`` of several kinds, in their order; ``options``: its other arguments."""
+    return [fit(kind, spectra, version=version, **options) for kind in kinds]

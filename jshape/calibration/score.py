@@ -1,0 +1,175 @@
+"""How good a shaper is for measured spectra: what it leaves of their vibration, what it blurs, and both in a score."""
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from jshape import _check
+from jshape.calibration.smoothing import CORNER_SPEED, max_accel, smoothing
+from jshape.calibration.spectrum import Spectrum
+from jshape.shaper import Shaper
+
+DAMPINGS = (0.075, 0.1, 0.15)
+"""The damping ratios over which the worst case is taken."""
+
+CEILING = 200.0
+"""Hz: what lies above does not count, unless a shaper's frequency does."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Rated:
+    """A shaper and its numbers. ``frequency``: Hz, of Klipper's; ``None`` for a tuned one.
+
+    ``vibration``: the share that remains, in the worst case; ``smoothing``: mm; ``max_accel``: mm/s².
+    """
+
+    name: str
+    frequency: float | None
+    amplitudes: Float[np.ndarray, " impulses"]
+    times: Float[np.ndarray, " impulses"]
+    vibration: float
+    smoothing: float
+    max_accel: float
+
+    @property
+    def score(self) -> float:
+        """Klipper's, the less the better: smoothing · (v^1.5 + 0.2 v + 0.01)."""
+        return self.smoothing * (self.vibration**1.5 + 0.2 * self.vibration + 0.01)
+
+    @property
+    def shaper(self) -> Shaper:
+        return Shaper(self.amplitudes, self.times)
+
+    @property
+    def duration(self) -> float:
+        """s."""
+        return float(self.times[-1])
+
+    @property
+    def label(self) -> str:
+        """The name, with its frequency where it has one."""
+        return self.name if self.frequency is None else f"{self.name}, {self.frequency:.1f} Hz"
+
+
+class Bins:
+    """The spectra's frequencies that count, for each damping ratio and each frequency shift: the cases of a worst case.
+
+    A frequency counts where its density is above a twentieth of its spectrum's greatest; what a shaper leaves above
+    that level, over what there is above it, is the vibration that remains. ``shift``: the spectra are moved up and
+    down by that fraction of the frequency, too.
+
+    *Raises* ``ValueError`` for no spectra, dampings outside (0, 1), a shift outside [0, 0.5], a ceiling below which
+    nothing vibrates.
+
+    *Source*: Klipper's published numbers: Σ max(V·P − P_max/20, 0)/Σ max(P − P_max/20, 0).
+    """
+
+    def __init__(
+        self,
+        spectra: Sequence[Spectrum],
+        dampings: Sequence[float] | np.ndarray = DAMPINGS,
+        shift: float = 0.0,
+        ceiling: float = CEILING,
+        steps: int = 1,
+    ):
+        zeta = np.asarray(dampings, float)
+        if not len(spectra):
+            raise ValueError("spectra is empty: at least one is needed")
+        if zeta.ndim != 1 or not zeta.size or not np.all((zeta > 0) & (zeta < 1)):
+            raise ValueError(f"dampings must be a list of ratios between 0 and 1, not {dampings!r}")
+        if not 0 <= shift <= 0.5:
+            raise ValueError(f"shift must be a fraction between 0 and 0.5, not {shift!r}")
+        _check.positive(ceiling, "ceiling")
+        self.cases: list[tuple[Any, np.ndarray, np.ndarray]] = []
+        factors = 1 + shift * np.linspace(-1, 1, 2 * steps + 1) if shift else np.ones(1)
+        root = zeta + 1j * np.sqrt(1 - zeta**2)
+        for spectrum in spectra:
+            inside = spectrum.frequencies <= ceiling
+            frequencies, density = spectrum.frequencies[inside], spectrum.density[inside]
+            if not np.any(density > 0):
+                raise ValueError(f"spectra: {spectrum.name} has nothing up to {ceiling:g} Hz")
+            # In shares of the greatest, so that no power of it can overflow. A shaper's positive impulses never
+            # amplify, so that frequencies at or below the level count for nothing.
+            density = density / density.max()
+            above = density > 1 / 20
+            self.cases += [
+                (2 * np.pi * factor * root[:, None] * frequencies[above], density[above], (density[above] - 1 / 20))
+                for factor in factors
+            ]
+
+    def vibrations(self, amplitudes: Any, times: Any) -> Float[np.ndarray, " cases"]:
+        """The share of the vibration that remains, for each spectrum, shift and damping; amplitudes not negative."""
+        return np.concatenate(
+            [
+                np.maximum(np.abs(_phasors(poles, times) @ amplitudes) * density - 1 / 20, 0).sum(axis=1) / excess.sum()
+                for poles, density, excess in self.cases
+            ]
+        )
+
+    def worst(self, amplitudes: Any, times: Any) -> float:
+        """The greatest of ``vibrations``."""
+        return float(self.vibrations(amplitudes, times).max())
+
+    def slopes(self, amplitudes: Any, times: Any, each: bool = False) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """``vibrations`` and their derivatives by amplitudes and by times, a row a case.
+
+        ``each``: instead of the sums, 20·V·P − 1 of every frequency that counts: how far above the level it stays.
+        """
+        parts = []
+        for poles, density, excess in self.cases:
+            phasors = _phasors(poles, times)
+            total = phasors @ amplitudes
+            size = np.abs(total)
+            unit = (total.conj() / np.maximum(size, 1e-300))[..., None]
+            over = size * density - 1 / 20
+            weight = np.broadcast_to(20 * density, size.shape) if each else (over > 0) * density / excess.sum()
+            by_amplitude = weight[..., None] * (unit * phasors).real
+            by_time = weight[..., None] * (unit * poles[..., None] * phasors).real * amplitudes
+            # The weights decay towards the last impulse: its time moves them all.
+            by_time[..., -1] -= weight * poles.real * size
+            if each:
+                rows = (20 * over, by_amplitude, by_time)
+                parts.append([part.reshape(size.size, *part.shape[2:]) for part in rows])
+            else:
+                rows = (np.maximum(over, 0) / excess.sum(), by_amplitude, by_time)
+                parts.append([part.sum(axis=1) for part in rows])
+        value, by_amplitude, by_time = (np.concatenate(part) for part in zip(*parts, strict=True))
+        return value, by_amplitude, by_time
+
+
+def _phasors(poles: Any, times: Any) -> np.ndarray:
+    """What an impulse of 1 at each time leaves at the last one: e^{−ζω(T_last − T)}, turned by ω_d T."""
+    last = np.asarray(times)[-1]
+    return np.exp(poles[..., None] * times - (poles.real * last)[..., None])
+
+
+def vibration(amplitudes: Any, times: Any, frequencies: Any, zeta: float) -> Float[np.ndarray, " bins"]:
+    """V at each frequency (Hz): the linear residual vibration, a fraction."""
+    poles = 2 * np.pi * np.asarray(frequencies, float) * complex(zeta, np.sqrt(1 - zeta**2))
+    return np.abs(_phasors(poles, times) @ np.asarray(amplitudes, float))
+
+
+def rate(
+    name: str,
+    amplitudes: Any,
+    times: Any,
+    bins: Bins,
+    corner_speed: float = CORNER_SPEED,
+    frequency: float | None = None,
+) -> Rated:
+    """A shaper with all its numbers.
+
+    ``amplitudes``: not negative, they sum to 1; ``times``: s; ``bins``: of the spectra; ``corner_speed``: mm/s.
+    """
+    return Rated(
+        name,
+        frequency,
+        np.asarray(amplitudes, float),
+        np.asarray(times, float),
+        bins.worst(amplitudes, times),
+        smoothing(amplitudes, times, corner_speed=corner_speed),
+        max_accel(amplitudes, times, corner_speed),
+    )

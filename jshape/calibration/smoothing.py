@@ -1,0 +1,73 @@
+"""What a shaper blurs: by how much (mm) it rounds a printed corner, and the acceleration that keeps it small."""
+
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+ACCELERATION = 5000.0
+"""mm/s², at which shapers' smoothing is compared."""
+
+CORNER_SPEED = 5.0
+"""Klipper's square corner velocity, mm/s."""
+
+TARGET = 0.12
+"""mm: a smoothing that is hardly seen."""
+
+
+def _terms(amplitudes: Any, times: Any) -> tuple[float, float, float]:
+    """Smoothing = max(a · reversal, corner · scv + a · turn): the three coefficients (s², s, s²)."""
+    a, t = np.asarray(amplitudes, float), np.asarray(times, float)
+    a = a / a.sum()
+    lag = t - a @ t
+    after = np.where(lag >= 0, a, 0.0)
+    root = float(np.sqrt(2))
+    return float(a @ lag**2) / 2, root * float(after @ lag), root * float(after @ lag**2) / 2
+
+
+def smoothing(
+    amplitudes: Any, times: Any, acceleration: float = ACCELERATION, corner_speed: float = CORNER_SPEED
+) -> float:
+    """How far (mm) the shaped path leaves the commanded one, at a reversal or at a right angle, whichever is more.
+
+    ``amplitudes``, ``times``: of the impulses, s; ``acceleration``: mm/s²; ``corner_speed``: mm/s.
+
+    *Source*: Klipper's published numbers: about the impulses' mean time t_s, the reversal's (a/2) ΣA(T − t_s)²/ΣA and
+    the corner's √2 Σ_{T ≥ t_s} A(v + (a/2)(T − t_s))(T − t_s)/ΣA.
+    """
+    reversal, corner, turn = _terms(amplitudes, times)
+    return max(acceleration * reversal, corner * corner_speed + acceleration * turn)
+
+
+def max_accel(amplitudes: Any, times: Any, corner_speed: float = CORNER_SPEED, target: float = TARGET) -> float:
+    """The largest acceleration (mm/s²) with a smoothing of at most ``target`` (mm); infinite for a single impulse.
+
+    0 where the corner speed alone rounds corners by more.
+    """
+    reversal, corner, turn = _terms(amplitudes, times)
+    room = target - corner * corner_speed
+    limits = [least / slope for least, slope in ((target, reversal), (room, turn)) if slope > 0]
+    return max(min(limits, default=float("inf")), 0.0)
+
+
+def rounded(acceleration: float) -> int:
+    """An acceleration as Klipper suggests it: to 100 mm/s²."""
+    return round(acceleration / 100) * 100
+
+
+def smoothing_slopes(
+    amplitudes: Float[np.ndarray, " impulses"], times: Float[np.ndarray, " impulses"], corner_speed: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The reversal's and the corner's smoothing (mm), and their derivatives by amplitudes and times, a row each.
+
+    For amplitudes that sum to 1, whose sum is not differentiated.
+    """
+    half = ACCELERATION / 2
+    lag = times - amplitudes @ times
+    after, root = lag >= 0, np.sqrt(2)
+    turned = root * (corner_speed + half * lag) * lag * after
+    slope = root * amplitudes * (corner_speed + 2 * half * lag) * after
+    values = np.array([half * amplitudes @ lag**2, amplitudes @ turned])
+    first = half * (lag**2 - 2 * (amplitudes @ lag) * times), half * 2 * amplitudes * (lag - amplitudes @ lag)
+    second = turned - slope.sum() * times, slope - slope.sum() * amplitudes
+    return values, np.stack([first[0], second[0]]), np.stack([first[1], second[1]])

@@ -1,0 +1,78 @@
+"""The spectrum by which a printer's shaper is chosen: power density over frequency, as Klipper computes it."""
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from scipy.signal import welch
+
+WINDOW = 0.5
+"""The least length of a window, s."""
+
+LOWEST_RATE = 200.0
+"""Hz: a record sampled more slowly shows nothing above 100 Hz, where printers vibrate."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Spectrum:
+    """One measurement. ``frequencies``: Hz, increasing; ``density``: normalised power density, of any unit.
+
+    *Raises* ``ValueError`` for lists of different lengths, frequencies that do not increase from 0 or above, densities
+    that are negative or not finite, a spectrum of fewer than 10 frequencies, one that ends below 100 Hz, and one that
+    is zero everywhere.
+    """
+
+    name: str
+    frequencies: Float[np.ndarray, " bins"]
+    density: Float[np.ndarray, " bins"]
+
+    def __post_init__(self):
+        f, p = (np.asarray(values, float) for values in (self.frequencies, self.density))
+        if f.ndim != 1 or f.shape != p.shape:
+            raise ValueError(f"frequencies and density must be lists of the same length, not {f.shape} and {p.shape}")
+        if not np.all(np.isfinite(f)) or np.any(f < 0) or np.any(np.diff(f) <= 0):
+            raise ValueError("frequencies must be finite and increase, from 0 or above")
+        if not np.all(np.isfinite(p)) or np.any(p < 0):
+            raise ValueError("density must be finite and not negative")
+        if len(f) < 10 or f[-1] < 100:
+            end = f"{len(f)} frequencies up to {f[-1]:g} Hz" if len(f) else "none"
+            raise ValueError(f"frequencies must be at least 10 and reach 100 Hz, not {end}")
+        if not np.any(p > 0):
+            raise ValueError("density is zero everywhere: nothing vibrates")
+        object.__setattr__(self, "frequencies", f)
+        object.__setattr__(self, "density", p)
+
+
+def normalised(frequencies: Float[np.ndarray, " bins"], density: Float[np.ndarray, " bins"]) -> np.ndarray:
+    """The density over (f + 0.1 Hz), since the printer shakes the more the higher the frequency; quiet below 10 Hz."""
+    shifted = frequencies + 0.1
+    return density / shifted * np.where(frequencies < 10, np.exp(1 - (10 / shifted) ** 2), 1.0)
+
+
+def power_spectrum(
+    times: Float[np.ndarray, " samples"], acceleration: Float[np.ndarray, " samples axes"]
+) -> tuple[Float[np.ndarray, " bins"], Float[np.ndarray, " bins axes"]]:
+    """Frequencies (Hz) and one-sided power density (mm²/s⁴/Hz) of each axis, not normalised.
+
+    ``times``: s, increasing; ``acceleration``: mm/s². Welch's method: windows of the least power of two that lasts
+    0.5 s at the sampling rate N/T, Kaiser's with β = 6, half overlapping, the mean of each removed.
+
+    *Raises* ``ValueError`` for fewer samples than one window, or fewer than 200 a second.
+
+    *Source*: Klipper's published numbers; Welch (1967).
+    """
+    times, acceleration = np.asarray(times, float), np.asarray(acceleration, float)
+    count = len(times)
+    span = float(times[-1] - times[0]) if count else 0.0
+    # Compared before anything is computed from the rate, which may be enormous.
+    if not span > 0 or span < WINDOW * (1 - 1e-9):
+        raise ValueError(f"times must span at least {WINDOW:g} s, not {span:.4g} s")
+    rate = count / span
+    if rate < LOWEST_RATE:
+        raise ValueError(f"times must have at least {LOWEST_RATE:g} samples a second, not {rate:.4g}")
+    length = 2 ** int(np.ceil(np.log2(WINDOW * rate)))
+    if count < length:
+        raise ValueError(f"times must be at least one window of {length} samples, not {count}")
+    window: Any = np.kaiser(length, 6.0)
+    return welch(acceleration, rate, window, length, length // 2, detrend="constant", scaling="density", axis=0)

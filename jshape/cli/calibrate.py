@@ -1,0 +1,139 @@
+"""``jshape calibrate``: a printer's shaper from its accelerometer."""
+
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from jshape.cli._shared import Out, explained, prepare_jax, progress
+
+if TYPE_CHECKING:
+    from jshape.calibration.report import Calibration
+
+
+def calibrate(
+    data: Annotated[
+        list[Path], typer.Argument(help="Klipper's files, raw or spectra; several must share a shaper: empty, loaded.")
+    ],
+    out: Out = None,
+    klipper: Annotated[
+        str, typer.Option(help="Whose choice to follow: current, or 2024 for December 2024.")
+    ] = "current",
+    axis: Annotated[
+        str | None, typer.Option(help="x or y, for the lines to paste; from the file's name if not given.")
+    ] = None,
+    component: Annotated[str, typer.Option(help="What counts of the acceleration: xyz, or x, y, z alone.")] = "xyz",
+    damping: Annotated[float, typer.Option(help="The printer's damping ratio, if it was measured.")] = 0.1,
+    corner_speed: Annotated[float, typer.Option(help="Klipper's square corner velocity, mm/s.")] = 5.0,
+    highest: Annotated[float, typer.Option(help="Hz: fit shapers up to this frequency.")] = 150.0,
+    impulses: Annotated[int, typer.Option(help="Of the tuned shaper.")] = 4,
+    duration: Annotated[
+        float | None, typer.Option(help="s: the most it may last; the longest fitted one's else.")
+    ] = None,
+    vibration: Annotated[
+        float | None, typer.Option(help="A fraction: the most it may leave; the recommended one's else.")
+    ] = None,
+    smoothing: Annotated[
+        float | None, typer.Option(help="mm: limit this instead, and leave the least vibration.")
+    ] = None,
+    shift: Annotated[float, typer.Option(help="A fraction: how far the frequencies may be off.")] = 0.0,
+    starts: Annotated[int, typer.Option(help="Starting points of the search, at most.")] = 16,
+    seed: Annotated[int, typer.Option(help="Of the starting points.")] = 0,
+) -> None:
+    """Choose a shaper for a printer as Klipper does, say why, and tune a better one on the same spectrum."""
+    with explained():
+        from jshape.calibration.files import read
+
+        spectra = read(data, component)
+        which = axis or _axis(data[0])
+        prepare_jax()
+        from jshape._folder import check_writable
+        from jshape.calibration.report import calibrate as calibrate_printer
+        from jshape.calibration.report import lines, write
+
+        if which not in ("x", "y"):
+            raise ValueError(f"--axis must be x or y, not {which!r}")
+        folder = out or Path(f"{data[0].stem}-results")
+        check_writable(folder)
+        with progress() as (step, tell):
+            found = calibrate_printer(
+                spectra,
+                version=klipper,
+                damping=damping,
+                corner_speed=corner_speed,
+                highest=highest,
+                duration=duration,
+                vibration=vibration,
+                smoothing=smoothing,
+                impulses=impulses,
+                shift=shift,
+                starts=starts,
+                seed=seed,
+                progress=lambda stage, done, total: tell(stage, done, total, float("inf")) if total else step(stage),
+            )
+            step("files")
+            files = write(found, folder, which)
+        _show(found)
+        typer.echo(lines(found, which))
+        if axis is None:
+            typer.echo(f"(axis {which}, from the file's name; --axis says otherwise)")
+        typer.echo(f"results in {folder}: {', '.join(files)}")
+
+
+def _axis(path: Path) -> str:
+    """The axis that a file's name tells, as Klipper names its files; x if it tells none."""
+    found = re.search(r"(?:^|[_-])([xy])(?=[_.-]|$)", path.stem.lower())
+    return found[1] if found else "x"
+
+
+def _show(found: "Calibration") -> None:
+    """The table, why the recommended shaper won, what each other would cost, and what the tuned one brings."""
+    from rich import box
+    from rich.table import Table
+
+    from jshape.calibration.recommend import percent
+    from jshape.calibration.smoothing import rounded
+    from jshape.tables import new_console
+
+    console = new_console()
+    say: Any = lambda words: console.print(words, highlight=False, markup=False)
+    for spectrum, modes in zip(found.spectra, found.modes, strict=True):
+        words = ", ".join(f"{m.frequency:.1f} Hz (ζ {m.zeta:.3f}, {100 * m.share:.0f} %)" for m in modes)
+        say(f"{spectrum.name}: modes at {words}")
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    table.add_column("shaper")
+    for heading in (
+        "Hz",
+        "vibration\nleft",
+        "smoothing\n(mm)",
+        "max_accel\n(mm/s²)",
+        "duration\n(ms)",
+        "score",
+        "modes\nleft",
+    ):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for rated in found.shapers:
+        cells = [
+            "" if rated.frequency is None else f"{rated.frequency:.1f}",
+            percent(rated.vibration),
+            f"{rated.smoothing:.5f}",
+            f"{rounded(rated.max_accel)}",
+            f"{1e3 * rated.duration:.2f}",
+            f"{rated.score:.6f}",
+            percent(found.simulated[rated.name]),
+        ]
+        best = rated is found.choice.best
+        table.add_row(
+            rated.name + (" *" if best else ""), *cells, style="bold" if best or rated.name == "tuned" else None
+        )
+    console.print(table)
+    say(f"* recommended by Klipper ({found.version}): {found.choice.best.label}: {found.choice.reason}")
+    for name, words in found.choice.costs.items():
+        say(f"  {name} instead: {words}")
+    say(found.verdict)
+    offer = found.offer
+    say(
+        f"  checked: {percent(offer.finer)} on a grid ten times finer, {percent(offer.simulated)} by simulation in time"
+        f"{'' if offer.worst == offer.rated.vibration else f', {percent(offer.worst)} with the frequency shift'}\n"
+    )

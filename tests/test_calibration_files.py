@@ -1,0 +1,261 @@
+"""Klipper's files: every kind is read; what is wrong is told with file and line, and never taken for right."""
+
+import numpy as np
+import pytest
+from calibration_data import RECORD, record_text, sets_text, spectrum_text
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from jshape import calibration
+from jshape.calibration.score import Bins
+from jshape.calibration.spectrum import normalised
+from jshape.design.klipper import impulses
+
+
+@pytest.fixture
+def write(tmp_path):
+    def write(content, name="data.csv"):
+        path = tmp_path / name
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+        return path
+
+    return write
+
+
+def columns(text):
+    return np.array([[float(cell or "nan") for cell in line.split(",")] for line in text.splitlines()[1:]])
+
+
+def test_spectrum_of_three_axes(write):
+    values = columns(spectrum_text())
+    path = write(spectrum_text())
+    for component, column in (("x", 1), ("y", 2), ("z", 3), ("xyz", 4)):
+        (found,) = calibration.read(path, component)
+        np.testing.assert_array_equal(found.frequencies, values[:, 0])
+        np.testing.assert_array_equal(found.density, normalised(values[:, 0], values[:, column]))
+    assert found.name == "data.csv"
+
+
+def test_normalised_spectra_are_left_as_they_are(write):
+    for text in (
+        spectrum_text(normalised=True),
+        spectrum_text(normalised=True).replace("shapers:,", "").replace(",,", ","),
+    ):
+        (found,) = calibration.read(write(text))
+        np.testing.assert_array_equal(found.density, columns(text)[:, 4])
+
+
+def test_several_sets(write):
+    for done in (False, True):
+        text = sets_text(done)
+        values = columns(text.replace("empty, cold", "empty"))
+        found = calibration.read(write(text))
+        assert [s.name for s in found] == ["data.csv, empty, cold", "data.csv, loaded"]
+        for i, spectrum in enumerate(found, start=1):
+            wanted = values[:, i] if done else normalised(values[:, 0], values[:, i])
+            np.testing.assert_array_equal(spectrum.density, wanted)
+    with pytest.raises(ValueError, match=r"data\.csv:1: has no column psd_x"):
+        calibration.read(write(sets_text()), "x")
+
+
+def test_raw_record(write):
+    path = write("\ufeff" + record_text().replace("\n", "\r\n"))
+    values = columns(record_text())
+    f, density = calibration.power_spectrum(values[:, 0], values[:, 1:])
+    for component, power in (("xyz", density.sum(axis=1)), ("y", density[:, 1])):
+        (found,) = calibration.read([path], component)
+        np.testing.assert_array_equal(found.frequencies, f)
+        np.testing.assert_array_equal(found.density, normalised(f, power))
+    assert abs(f[density[:, 0].argmax()] - 47) < 2
+
+
+def test_the_simulated_printer_shows_its_modes():
+    (found,) = calibration.read(RECORD)
+    modes = calibration.identify(found)
+    np.testing.assert_allclose([m.frequency for m in modes], [61, 93], rtol=0.03)
+    assert modes[0].share > modes[1].share
+
+
+def replaced(text, line, old, new):
+    lines = text.split("\n")
+    assert old in lines[line - 1]
+    lines[line - 1] = lines[line - 1].replace(old, new, 1)
+    return "\n".join(lines)
+
+
+SPECTRUM, RECORD_TEXT = spectrum_text(), record_text()
+
+
+@pytest.mark.parametrize(
+    ("content", "line", "words"),
+    [
+        ("", 1, "neither kind"),
+        ("\n\nhello\n", 3, "neither kind"),
+        ("# a comment\n1,2,3,4\n", 2, "neither kind"),
+        (b"\x00\x01\xff\xfe", 1, "not a text file"),
+        (SPECTRUM.encode() + b"\xff", 127, "not a text file"),
+        ("freq\n0\n", 1, "after 'freq' must come"),
+        ("freq,a,a\n", 1, "names of sets, each of its own"),
+        ("freq,psd_x,psd_y\n", 1, "after 'freq' must come"),
+        (replaced(SPECTRUM, 1, "psd_xyz", "psd_xyz,why"), 1, "unknown columns after psd_xyz: 'why'"),
+        (SPECTRUM.split("\n")[0], 1, "at least 10 frequencies, not 0"),
+        ("\n".join(SPECTRUM.split("\n")[:6]), 6, "at least 10 frequencies, not 5"),
+        ("\n".join(SPECTRUM.split("\n")[:40]), 40, "reach 100 Hz"),
+        (replaced(SPECTRUM, 5, "4.8", "4.8,1"), 5, "6 cells where the header has 5"),
+        (replaced(SPECTRUM, 5, "4.8", "4.8x"), 5, "'4.8x' is not a number"),
+        (replaced(SPECTRUM, 5, "4.8", "1_0"), 5, "'1_0' is not a number"),
+        (replaced(SPECTRUM, 5, "4.8", "4.8\x1f"), 5, "'4.8\\x1f' is not a number"),
+        (replaced(SPECTRUM, 5, "4.8", "nan"), 5, "'nan' is not a number"),
+        (replaced(SPECTRUM, 5, "4.8", ""), 5, "'' is not a number"),
+        (replaced(SPECTRUM, 5, "4.8", "1e99"), 5, "too large"),
+        (replaced(SPECTRUM, 5, "4.8", "4.8e400"), 5, "too large"),
+        (replaced(SPECTRUM, 5, "4.8", "3.2"), 5, "greater than the one before"),
+        (replaced(SPECTRUM, 2, "0.0,", "-1.6,"), 2, "must not be negative"),
+        (replaced(SPECTRUM, 5, "4.8,", "4.8,-"), 5, "must not be negative"),
+        (replaced(SPECTRUM, 36, "e+0", "e-0"), 36, "psd_xyz must be the sum"),
+        ("\n".join(line for i, line in enumerate(SPECTRUM.split("\n")) if i != 30), 31, "frequencies are missing"),
+        (replaced(spectrum_text(normalised=True), 7, ",,", ",3,"), 7, "must be blank"),
+        (sets_text().replace('cold"', 'cold"x', 1), 1, "cannot be split"),
+        (replaced(RECORD_TEXT, 1, "accel_z", "temp"), 1, "columns of a raw record"),
+        (RECORD_TEXT.split("\n")[0], 1, "the record is empty"),
+        (replaced(RECORD_TEXT, 9, ",", ";"), 9, "has 3 cells"),
+        (replaced(RECORD_TEXT, 9, "0.0175", "0.0150"), 9, "later than the one before"),
+        ("\n".join(RECORD_TEXT.split("\n")[:100] + RECORD_TEXT.split("\n")[130:]), 101, "a part of the record is lost"),
+        ("\n".join(RECORD_TEXT.split("\n")[:150]), 150, "span at least 0.5 s"),
+        ("\n".join(RECORD_TEXT.split("\n")[:203]), 203, "at least one window of 256 samples, not 202"),
+        ("\n".join([RECORD_TEXT.split("\n")[0], *(f"{i / 400},0,0,9810" for i in range(400))]), 401, "zero everywhere"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_told_with_its_line(write, content, line, words):
+    path = write(content)
+    with pytest.raises(ValueError) as caught:
+        calibration.read(path)
+    assert str(caught.value).startswith(f"{path}:{line}: "), str(caught.value)
+    assert words in str(caught.value)
+
+
+def test_files_that_cannot_be_read(tmp_path):
+    for path, words in [(tmp_path / "none.csv", "No such file"), (tmp_path, "directory")]:
+        with pytest.raises(ValueError, match=words) as caught:
+            calibration.read(path)
+        assert str(path) in str(caught.value)
+    with pytest.raises(ValueError, match="paths is empty"):
+        calibration.read([])
+    with pytest.raises(ValueError, match="component must be one of"):
+        calibration.read(tmp_path, "w")
+
+
+TEXTS = [SPECTRUM, spectrum_text(normalised=True), sets_text(), sets_text(True), RECORD_TEXT]
+ODD = [
+    "",
+    "nan",
+    "-inf",
+    "1e999",
+    "-1",
+    "1_000",
+    "0x10",
+    "٣",
+    '"',
+    "#",
+    "freq",
+    "1e-320",
+    "9" * 400,
+    "\x00",
+    "\u2028",
+    "−1",
+    "5",
+]
+HOPELESS = ["", "nan", "-inf", "1e999", "1_000", "0x10", "٣", "9" * 400, "−1"]
+
+
+@st.composite
+def corrupt(draw):
+    """A file of one of the kinds, damaged up to four times; and whether the last damage cannot have been missed."""
+    text = draw(st.sampled_from(TEXTS))
+    hopeless = False
+    for _ in range(draw(st.integers(1, 4))):
+        lines = text.split("\n")
+        at = draw(st.integers(1, max(len(lines) - 2, 1)))
+        hopeless = False
+        kind = draw(st.sampled_from(["cell", "cut", "drop", "swap", "repeat", "insert", "byte", "header"]))
+        if kind == "cell" and at < len(lines):
+            cells = lines[at].split(",")
+            data = len(cells) > 2 and not lines[at].startswith("#")
+            where = draw(st.integers(0, len(cells) - 1))
+            cells[where] = draw(st.sampled_from(ODD))
+            # The first two cells of a line of data are always read.
+            hopeless = data and where < 2 and cells[where] in HOPELESS
+            lines[at] = ",".join(cells)
+            text = "\n".join(lines)
+        elif kind == "cut":
+            text = text[: draw(st.integers(0, len(text)))]
+        elif kind == "drop":
+            del lines[at : at + draw(st.integers(1, 40))]
+            text = "\n".join(lines)
+        elif kind == "swap" and at + 1 < len(lines):
+            lines[at], lines[at + 1] = lines[at + 1], lines[at]
+            text = "\n".join(lines)
+        elif kind == "repeat" and at < len(lines):
+            lines.insert(at, lines[at])
+            text = "\n".join(lines)
+        elif kind == "insert":
+            lines.insert(at, draw(st.text(max_size=20)))
+            text = "\n".join(lines)
+        elif kind == "byte" and text:
+            spot = draw(st.integers(0, len(text) - 1))
+            text = text[:spot] + draw(st.characters(codec="utf-8")) + text[spot + 1 :]
+        elif kind == "header":
+            lines[0] = draw(
+                st.sampled_from(
+                    ["", "freq", "freq,a", "#time", "time,x", "freq,psd_x,psd_y,psd_z,psd_xyz,", lines[0] + ","]
+                )
+            )
+            text = "\n".join(lines)
+    return text, hopeless
+
+
+def survives(folder, content, hopeless=False):
+    """Either a ValueError that begins with the file and a line, or spectra that can be worked with."""
+    path = folder / "damaged.csv"
+    data = content if isinstance(content, bytes) else content.encode("utf-8", "replace")
+    path.write_bytes(data)
+    try:
+        found = calibration.read(path)
+    except ValueError as error:
+        words = str(error)
+        assert words.startswith(f"{path}:"), words
+        number = words.removeprefix(f"{path}:").split(":")[0]
+        assert 1 <= int(number) <= data.count(b"\n") + 1, words
+        assert "\n" not in words
+    else:
+        assert not hopeless, content
+        assert found
+        v = Bins(found).worst(*impulses("mzv", 60.0))
+        assert 0 <= v <= 1
+        for spectrum in found:
+            assert np.all(np.diff(spectrum.frequencies) > 0)
+            assert np.all(np.isfinite(spectrum.density))
+
+
+quick = settings(max_examples=300, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
+
+
+@quick
+@given(corrupt())
+def test_damaged_files(tmp_path_factory, damaged):
+    survives(tmp_path_factory.getbasetemp(), *damaged)
+
+
+@settings(max_examples=100)
+@given(
+    st.one_of(st.binary(max_size=300), st.text(max_size=200), st.builds(lambda t: "freq," + t, st.text(max_size=100)))
+)
+def test_files_of_noise(tmp_path_factory, content):
+    survives(tmp_path_factory.getbasetemp(), content)
+
+
+@pytest.mark.slow
+@settings(quick, max_examples=10_000)
+@given(corrupt())
+def test_ten_thousand_damaged_files(tmp_path_factory, damaged):
+    survives(tmp_path_factory.getbasetemp(), *damaged)

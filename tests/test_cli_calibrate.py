@@ -1,0 +1,109 @@
+"""``jshape calibrate`` as its user meets it: the table, the reasons, the files, the lines to paste, mistakes."""
+
+import json
+
+import numpy as np
+import pytest
+import typer
+from calibration_data import RECORD, sets_text, spectrum_text
+from typer.testing import CliRunner
+
+from jshape.cli.calibrate import _axis, calibrate
+from jshape.export import read_shaper
+
+app = typer.Typer()
+app.command()(calibrate)
+
+
+def run(*arguments):
+    return CliRunner().invoke(app, [str(a) for a in arguments])
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("calibrate")
+
+
+@pytest.fixture(scope="module")
+def result(folder):
+    data = folder / "resonances_y_made_up.csv"
+    data.write_text(spectrum_text(), encoding="utf-8")
+    return run(data, "--out", folder / "out", "--starts", 4)
+
+
+def test_table_reasons_and_lines(result):
+    assert result.exit_code == 0, result.output
+    for words in ("modes at 55.", "* recommended by Klipper (current): ", " instead: ", "tuned: ", "less smoothing"):
+        assert words in result.output
+    assert "shaper_freq_y: " in result.output
+    assert 'M593 P"custom" H' in result.output
+    assert "(axis y, from the file's name" in result.output
+
+
+def test_files(result, folder):
+    out = folder / "out"
+    record = json.loads((out / "results.json").read_text(encoding="utf-8"))
+    assert record["format"] == "jshape-results"
+    shapers = {row["name"]: row for row in record["shapers"]}
+    assert list(shapers) == ["zv", "mzv", "ei", "2hump_ei", "3hump_ei", "tuned"]
+    best = shapers[record["recommended"]]
+    assert shapers["tuned"]["vibration"] <= best["vibration"]
+    assert set(record["costs"]) == {"zv", "mzv", "ei", "2hump_ei", "3hump_ei"} - {record["recommended"]}
+    for name, row in shapers.items():
+        for ending in ("json", "csv"):
+            shaper = read_shaper(out / "shapers" / f"{name}.{ending}")
+            np.testing.assert_array_equal(shaper.times, row["times"])
+            np.testing.assert_array_equal(shaper.amplitudes, row["amplitudes"])
+    for name in ("spectrum", "after", "vibration", "step"):
+        assert (out / f"{name}.png").stat().st_size > 10_000
+        assert (out / f"{name}.pdf").read_bytes().startswith(b"%PDF")
+    pasted = (out / "paste.txt").read_text(encoding="utf-8")
+    assert f"shaper_type_y: {record['recommended']}" in pasted
+
+
+def test_mistakes_end_with_a_line(folder):
+    data = folder / "bad.csv"
+    data.write_text(spectrum_text().replace("\n4.8,", "\n4.8;"), encoding="utf-8")
+    good = folder / "good.csv"
+    good.write_text(sets_text(), encoding="utf-8")
+    (folder / "full").mkdir()
+    (folder / "full" / "mine.txt").write_text("mine", encoding="utf-8")
+    for arguments, words in [
+        ((data,), f"{data}:5: has 4 cells where the header has 5"),
+        ((folder / "none.csv",), "cannot be read"),
+        ((good, "--axis", "q"), "--axis must be x or y, not 'q'"),
+        ((good, "--klipper", "2019"), "version must be one of"),
+        ((good, "--component", "x"), "has no column psd_x"),
+        ((good, "--damping", "0.9"), "damping must be over 0"),
+        ((good, "--out", folder / "full"), "holds files that are not jshape's results"),
+        ((good, "--vibration", "0.1", "--smoothing", "0.1", "--out", folder / "n"), "only one may be limited"),
+    ]:
+        outcome = run(*arguments)
+        assert outcome.exit_code == 2, outcome.output
+        assert words in outcome.output
+        assert "Traceback" not in outcome.output
+    assert not (folder / "n").exists()
+
+
+def test_axis_from_the_name(tmp_path):
+    for name, axis in [
+        ("raw_data_y_20250101.csv", "y"),
+        ("resonances_x.csv", "x"),
+        ("proxy.csv", "x"),
+        ("y-2.csv", "y"),
+    ]:
+        assert _axis(tmp_path / name) == axis
+
+
+@pytest.mark.slow
+def test_two_files_that_share_a_shaper(folder):
+    """A raw record of the empty bed and, ten per cent lower, a loaded one."""
+    lines = RECORD.read_text(encoding="utf-8").splitlines()
+    rows = [line.split(",") for line in lines[1:]]
+    loaded = folder / "loaded_x.csv"
+    loaded.write_text("\n".join([lines[0], *(",".join([f"{float(r[0]) / 0.9:.6f}", *r[1:]]) for r in rows)]), "utf-8")
+    outcome = run(RECORD, loaded, "--out", folder / "both", "--shift", 0.02)
+    assert outcome.exit_code == 0, outcome.output
+    record = json.loads((folder / "both" / "results.json").read_text(encoding="utf-8"))
+    assert record["spectra"] == [RECORD.name, "loaded_x.csv"]
+    assert record["tuned"]["met"]
