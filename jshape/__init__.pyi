@@ -1,3 +1,5 @@
+from . import adaptive as adaptive
+from . import calibration as calibration
 from . import design as design
 from . import plants as plants
 from .command import Pulse as Pulse
@@ -7,6 +9,11 @@ from .command import Step as Step
 from .command import Trapezoid as Trapezoid
 from .design.solution import Solution as Solution
 from .design.tune import tune as tune
+from .identification import Identified as Identified
+from .identification import IdentifiedDuffing as IdentifiedDuffing
+from .identification import identify as identify
+from .identification import identify_csv as identify_csv
+from .identification import identify_duffing as identify_duffing
 from .metrics import energy_profile as energy_profile
 from .metrics import insensitivity as insensitivity
 from .metrics import overshoot as overshoot

@@ -1,4 +1,4 @@
-"""The command line: ``jshape tune``, ``jshape compare``, ``jshape sweep``, ``jshape pareto``, ``jshape new``.
+"""The command line.
 
 One file a command. Nothing imports JAX before a command runs, so that help comes at once. Every command turns on
 64-bit arithmetic and keeps compiled programs in the user's cache folder for the next time.
@@ -6,6 +6,10 @@ One file a command. Nothing imports JAX before a command runs, so that help come
 
 import typer
 
+from jshape.cli.adapt import adapt
+from jshape.cli.calibrate import calibrate
+from jshape.cli.export import export
+from jshape.cli.identify import identify
 from jshape.cli.new import new
 from jshape.cli.pareto import pareto
 from jshape.cli.sweep import sweep
@@ -17,7 +21,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     help="Design input shapers: tune them by gradients of the residual energy, compare them with the closed forms.",
 )
-for command in (tune, compare, sweep, pareto, new):
+for command in (tune, compare, sweep, pareto, adapt, identify, calibrate, export, new):
     app.command()(command)
 
 

@@ -1,0 +1,65 @@
+"""``jshape identify``: the modes of a machine from a CSV file of it."""
+
+import math
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from jshape.cli._shared import Out, explained, prepare_jax, progress
+
+
+def identify(
+    data: Annotated[Path, typer.Argument(help="A CSV file; separators and decimal commas are recognised.")],
+    columns: Annotated[
+        str | None,
+        typer.Option(help="Time and channels, by name or number, as in t,x,y or 1,3; all columns unless given."),
+    ] = None,
+    kind: Annotated[
+        str,
+        typer.Option(
+            help="ring-down, step, sweep, spectrum (a power spectral density) or frequency-response (channels as "
+            "pairs of columns, real and imaginary); frequencies in Hz."
+        ),
+    ] = "ring-down",
+    input_: Annotated[
+        str | None, typer.Option("--input", help="Column of the command: for a sweep, or a step with gains.")
+    ] = None,
+    modes: Annotated[int | None, typer.Option(help="How many modes; by Bayes's criterion unless given.")] = None,
+    rate: Annotated[
+        float | None, typer.Option(help="Samples a second, Hz: times are counted, and no column holds them.")
+    ] = None,
+    out: Out = None,
+) -> None:
+    """Find a machine's frequencies and dampings, with their uncertainty, and write a problem file to tune for it."""
+    with explained():
+        prepare_jax()
+        from jshape._folder import check_writable
+        from jshape.identification.files import write
+        from jshape.identification.from_csv import identify_csv
+
+        folder = out or Path(f"{data.stem}-results")
+        check_writable(folder)
+        with progress() as (step, tell):
+            step("reading")
+            found = identify_csv(
+                data,
+                columns=None if columns is None else columns.split(","),
+                kind=kind,
+                inputs=input_,
+                modes=modes,
+                rate=rate,
+                progress=tell,
+            )
+            step("files")
+            files = write(found, folder, data.name)
+        for note in found.notes:
+            typer.echo(f"note: {note}", err=True)
+        typer.echo(f"{data} ({', '.join(found.names)}): {found.result.split(':')[0]}")
+        lower, upper = found.interval()
+        typer.echo(f"{'frequency (Hz)':>14}  {'from':>10} {'to':>10}   {'damping':>8}  {'from':>8} {'to':>8}")
+        for omega, zeta, ends, bounds in zip(found.omega, found.zeta, lower.T, upper.T, strict=True):
+            hertz = [value / (2 * math.pi) for value in (omega, *ends)]
+            row = "{:14.6g}  {:10.6g} {:10.6g}   {:8.5f}  {:8.5f} {:8.5f}"
+            typer.echo(row.format(*hertz, zeta, *bounds))
+        typer.echo(f"results in {folder}: {', '.join(files)}. Next: jshape tune {folder / 'problem.toml'}")

@@ -1,0 +1,8 @@
+"""Modes from measured data: a record in, a plant out, with how sure it is."""
+
+from jshape.identification.duffing import IdentifiedDuffing, identify_duffing
+from jshape.identification.from_csv import identify_csv
+from jshape.identification.modes import identify
+from jshape.identification.result import Identified
+
+__all__ = ["Identified", "IdentifiedDuffing", "identify", "identify_csv", "identify_duffing"]

@@ -1,0 +1,86 @@
+"""How many modes there are, and where: one more at the residual's highest peak, all refined, as long as it pays.
+
+What pays is told by Bayes's information criterion in Djurić's form for tones: a frequency counts three times, because
+its precision grows as the record's length to the power 3/2 and not 1/2.
+
+*Source*: Schwarz, Annals of Statistics 6 (1978); Djurić, IEEE Trans. Signal Processing 44 (1996).
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy.signal import find_peaks
+
+from jshape.identification._projection import AbstractFamily, Fit, fit
+from jshape.identification.records import RecordError
+
+MOST = 12
+"""Modes that are looked for, unless a number is asked for."""
+
+DAMPINGS = (0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.25)
+"""Where the search for a mode's damping begins."""
+
+PATIENCE = 2
+"""After so many modes that did not pay, one after the other, the search ends."""
+
+EXACT = 1e-9
+"""What is left of a record whose greatest value is 1 below which it is rounding, and says nothing."""
+
+Progress = Callable[[str, int, int, float], None]
+
+
+def search(
+    family: AbstractFamily, modes: int | None = None, progress: Progress | None = None
+) -> tuple[Fit, np.ndarray]:
+    """The best fit, with ``modes`` modes or as many as the criterion wants, and the criterion for 0, 1, … modes.
+
+    *Raises* ``RecordError`` if the record is too short for so many modes.
+    """
+    rows, channels = family.data.shape
+    found = fit(family, [], [], np.maximum(np.std(family.data, axis=0), 1e-300))
+    fits, values = [found], [criterion(found)]
+    most = MOST if modes is None else modes
+    shapes = family.columns(family.highest / 2, 0.01)[0].shape[1]
+    while len(fits) <= most:
+        if rows - found.basis.shape[1] - shapes - 2 * len(fits) / channels < 8:
+            if modes is not None:
+                raise RecordError(f"values: too short a record, {rows} rows, for {modes} modes")
+            break
+        if progress is not None:
+            progress("modes", len(fits), most, float("inf"))
+        found = _one_more(family, found)
+        fits.append(found)
+        values.append(criterion(found))
+        if modes is None and len(fits) - 1 - int(np.argmin(values)) >= PATIENCE:
+            break
+    best = int(np.argmin(values)) if modes is None else modes
+    return fits[best], np.asarray(values)
+
+
+def criterion(found: Fit) -> float:
+    """Rows × log of the residual variance, and for each parameter log(rows), thrice for a frequency."""
+    rows, channels = found.residual.shape
+    likelihood = rows * float(np.sum(np.log(np.maximum(found.squares / rows, EXACT**2))))
+    return likelihood + np.log(rows) * (4 * len(found.omega) + channels * found.basis.shape[1])
+
+
+def _one_more(family: AbstractFamily, found: Fit) -> Fit:
+    """The fit with another mode: the one of some starts that takes most from the residual, then all refined."""
+    omegas, power = family.power(found.residual)
+    best, start = -1.0, (float(omegas[np.argmax(power)]), DAMPINGS[2])
+    for omega in _highest(omegas, power):
+        for zeta in DAMPINGS:
+            shapes = family.weights[:, None] * family.columns(omega, zeta)[0]
+            shapes = shapes - found.basis @ (found.basis.T @ shapes)
+            own, triangle = np.linalg.qr(shapes)
+            size = np.abs(np.diag(triangle))
+            gain = float(np.sum((own[:, size > 1e-8 * size.max(initial=1e-300)].T @ found.residual) ** 2))
+            if gain > best:
+                best, start = gain, (omega, zeta)
+    return fit(family, np.append(found.omega, start[0]), np.append(found.zeta, start[1]), found.noise)
+
+
+def _highest(omegas: np.ndarray, power: np.ndarray, count: int = 3) -> list[float]:
+    peaks = find_peaks(np.concatenate([[0.0], power, [0.0]]))[0] - 1
+    peaks = peaks if len(peaks) else np.array([np.argmax(power)])
+    return [float(omegas[i]) for i in peaks[np.argsort(power[peaks])[::-1][:count]]]

@@ -1,0 +1,207 @@
+"""CSV files of any origin: separators, decimal commas, headers in any language, units, and lines that are broken.
+
+Whatever cannot be understood raises ``RecordError`` that begins with file and line.
+"""
+
+import csv
+import dataclasses
+import math
+import re
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+
+from jshape.identification.records import RecordError, Where
+
+MISSING_WORDS = ("", "nan", "na", "n/a", "null", "none", "-", "--", "#n/a", "missing")
+"""What stands in a cell that has no number, in small letters."""
+
+UNITS = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "ns": 1e-9, "min": 60.0}
+"""Units of time that a header may name, in s."""
+
+FREQUENCIES = {"hz": 2 * math.pi, "khz": 2000 * math.pi, "rad/s": 1.0, "rad_s": 1.0}
+"""Units of frequency that a header may name, in rad/s."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Table:
+    """A file's columns: ``axis`` (s or rad/s), ``values`` (rows × channels), ``inputs`` or ``None``, the channels'
+    ``names``, ``notes``, and ``where``, which says where a row stands. Cells without a number are NaN.
+    """
+
+    axis: np.ndarray
+    values: np.ndarray
+    inputs: np.ndarray | None
+    names: tuple[str, ...]
+    notes: tuple[str, ...]
+    where: Where
+
+
+def read_csv(
+    path: str | Path,
+    columns: list[str] | None = None,
+    inputs: str | None = None,
+    rate: float | None = None,
+    spectrum: bool = False,
+) -> Table:
+    """Read a record from a CSV file.
+
+    ``columns``: the time (spectra: frequency) and the channels, by name or number (the first is 1); the first column
+    and all other numeric ones unless given. ``inputs``: the column of what drove the machine. ``rate``: samples a
+    second (Hz); times are then counted, and ``columns`` are channels only. A unit in the header of the first column is
+    heeded (``t [ms]``); without one it is in s, frequencies in Hz.
+
+    *Raises* ``RecordError``, with file and line, for a file that is missing, binary or empty, a column that is not
+    there, a line that is too short or long (the last may be cut off), and a cell that is no number.
+    """
+    path = Path(path)
+    if rate is not None and not 0 < rate < math.inf:
+        raise ValueError(f"rate must be greater than 0, not {rate}")
+    rows, numbers = _rows(path, _text(path))
+    header, begin, width = _header(path, rows, numbers)
+    comma = any(re.fullmatch(r"\s*[-+]?\d+,\d+(e[-+]?\d+)?\s*", cell, re.I) for row in rows[begin:] for cell in row)
+    chosen = _choose(path, header, rows[begin], columns, inputs, rate, numbers[max(begin - 1, 0)], comma)
+    notes = []
+    last = len(rows) - 1
+    if len(rows[last]) < width and last > begin:
+        notes.append(f"{path}:{numbers[last]}: the last line is cut off; left out")
+        rows, numbers = rows[:last], numbers[:last]
+    data = np.empty((len(rows) - begin, len(chosen)))
+    for i, (row, line) in enumerate(zip(rows[begin:], numbers[begin:], strict=True)):
+        if len(row) != width:
+            raise RecordError(f"{path}:{line}: has {len(row)} fields, where the others have {width}")
+        for j, column in enumerate(chosen):
+            value = _number(row[column], comma)
+            if value is None:
+                name = header[column] if header else f"column {column + 1}"
+                raise RecordError(f"{path}:{line}: {name}: {row[column][:40]!r} is no number")
+            data[i, j] = value
+    names = [header[j].strip() if header and header[j].strip() else f"column {j + 1}" for j in chosen]
+    driven = None
+    if inputs is not None:
+        driven, data, names = data[:, -1], data[:, :-1], names[:-1]
+    if rate is None:
+        axis, data = data[:, 0] * _unit(names[0], spectrum), data[:, 1:]
+        names = names[1:]
+    else:
+        axis = np.arange(len(data)) / rate
+    lines = numbers[begin:]
+    return Table(axis, data, driven, tuple(names), tuple(notes), lambda row: f"{path}:{lines[row]}: ")
+
+
+def _text(path: Path) -> str:
+    try:
+        raw = path.read_bytes()
+    except OSError as error:
+        raise RecordError(f"{path}: cannot be read: {error.strerror or error}") from None
+    for encoding in ("utf-16",) if raw[:2] in (b"\xff\xfe", b"\xfe\xff") else ("utf-8-sig", "cp1252", "latin-1"):
+        try:
+            text = raw.decode(encoding)
+            break
+        except UnicodeDecodeError:
+            continue
+    else:
+        raise RecordError(f"{path}: cannot be read as text")
+    if "\0" in text:
+        raise RecordError(f"{path}:{text[: text.index(chr(0))].count(chr(10)) + 1}: binary data, not a CSV file")
+    return text
+
+
+def _rows(path: Path, text: str) -> tuple[list[list[str]], list[int]]:
+    """The cells of every line that is neither empty nor a comment, and the lines' numbers."""
+    kept = [(i, line) for i, line in enumerate(re.split(r"\r\n|\r|\n", text), start=1)
+            if line.strip() and line.lstrip()[0] not in "#%"]  # fmt: skip
+    if not kept:
+        raise RecordError(f"{path}: is empty")
+    # From the end of a sample: lines at the beginning are often about the file and not of it.
+    sample = [line for _, line in kept[-60:]] if len(kept) < 120 else [line for _, line in kept[60:120]]
+    separator = None
+    for candidate in "\t;|,":
+        counts = Counter(line.count(candidate) for line in sample)
+        count, times = counts.most_common(1)[0]
+        if count > 0 and times >= 0.7 * len(sample):
+            separator = candidate
+            break
+    rows = []
+    for i, line in kept:
+        try:
+            rows.append(next(csv.reader([line], delimiter=separator)) if separator else line.split())
+        except csv.Error as error:
+            raise RecordError(f"{path}:{i}: {error}") from None
+    return rows, [i for i, _ in kept]
+
+
+def _header(path: Path, rows: list[list[str]], numbers: list[int]) -> tuple[list[str] | None, int, int]:
+    """The names of the columns, if there are any, the row at which data begin, and how many columns there are."""
+    width = Counter(len(row) for row in rows).most_common(1)[0][0]
+    numeric = lambda row: any(
+        _number(cell, True) is not None and cell.strip().lower() not in MISSING_WORDS for cell in row
+    )
+    begin = next((i for i, row in enumerate(rows) if len(row) == width and numeric(row)), None)
+    if begin is None:
+        raise RecordError(f"{path}:{numbers[0]}: no line with numbers")
+    first = begin
+    while first > 0 and len(rows[first - 1]) == width:
+        first -= 1
+    return (rows[first] if first < begin else None), begin, width
+
+
+def _choose(
+    path: Path, header: list[str] | None, row: list[str], columns: list[str] | None, inputs: str | None,
+    rate: float | None, line: int, comma: bool,
+) -> list[int]:  # fmt: skip
+    """Which columns to take: the axis, unless it is counted, the channels, and the input last."""
+    names = [name.strip() for name in header] if header else []
+    listed = ", ".join(f"{i} {name!r}" for i, name in enumerate(names, start=1)) or f"1 to {len(row)}, without names"
+
+    def find(name: str) -> int:
+        name = name.strip()
+        if names.count(name) == 1:
+            return names.index(name)
+        if names.count(name) > 1:
+            raise RecordError(f"{path}:{line}: column {name!r} is there {names.count(name)} times; give its number")
+        if re.fullmatch(r"\d{1,6}", name) and 1 <= int(name) <= len(row):
+            return int(name) - 1
+        raise RecordError(f"{path}:{line}: there is no column {name!r}; there are {listed}")
+
+    driven = [] if inputs is None else [find(inputs)]
+    if columns is None:
+        found = [j for j, cell in enumerate(row) if j not in driven and _number(cell, comma) is not None]
+    else:
+        found = [find(name) for name in columns]
+    if len(found) < (2 if rate is None else 1):
+        wanted = "a channel" if rate is not None else "a first column and a channel"
+        raise RecordError(f"{path}:{line}: {wanted} with numbers is needed; the columns are {listed}")
+    if len(set(found + driven)) < len(found + driven):
+        raise RecordError(f"{path}:{line}: the same column is asked for twice; the columns are {listed}")
+    return found + driven
+
+
+def _number(cell: str, comma: bool) -> float | None:
+    """A cell's number, NaN if there is none in it, ``None`` if it is something else."""
+    if _missing(cell):
+        return math.nan
+    cell = cell.strip()
+    if comma and re.fullmatch(r"[-+]?\d*,\d+(e[-+]?\d+)?", cell, re.I):
+        cell = cell.replace(",", ".")
+    if not re.fullmatch(r"[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?|[-+]?inf(inity)?", cell, re.I | re.A):
+        return None
+    return float(cell)
+
+
+def _missing(cell: str) -> bool:
+    return cell.strip().lower() in MISSING_WORDS
+
+
+def _unit(name: str, spectrum: bool) -> float:
+    """The factor to SI units of the column's name: what stands in brackets or after the last separator."""
+    known = FREQUENCIES if spectrum else UNITS
+    found = re.search(r"[\[(/_,\s]\s*([\wµμ/]+)\s*[\])]?\s*$", name)
+    inside = re.search(r"[\[(]\s*([\wµμ/]+)\s*[\])]", name)
+    for match in (inside, found):
+        if match and match[1].lower() in known:
+            return known[match[1].lower()]
+    if spectrum:
+        return next((factor for unit, factor in FREQUENCIES.items() if name.lower().endswith(unit)), 2 * math.pi)
+    return 1.0

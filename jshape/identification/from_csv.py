@@ -1,0 +1,59 @@
+"""``js.identify_csv``: from a file to modes; every complaint begins with the file."""
+
+import dataclasses
+from pathlib import Path
+
+from jshape import _check
+from jshape.identification._search import Progress
+from jshape.identification.csv_file import read_csv
+from jshape.identification.modes import KINDS, identify
+from jshape.identification.records import RecordError
+from jshape.identification.result import Identified
+
+FILE_KINDS = (*KINDS, "frequency-response")
+
+
+def identify_csv(
+    path: str | Path,
+    *,
+    columns: list[str] | None = None,
+    kind: str = "ring-down",
+    inputs: str | None = None,
+    modes: int | None = None,
+    rate: float | None = None,
+    progress: Progress | None = None,
+) -> Identified:
+    """``identify`` for a CSV file; ``columns``, ``inputs`` (a column) and ``rate`` as ``read_csv`` has them.
+
+    ``kind``: as in ``identify``, a ``"spectrum"`` being a power spectral density; ``"frequency-response"`` takes
+    channels as pairs of columns, real and imaginary. A unit in the header of the first column is heeded; without one
+    it is in s, frequencies in Hz.
+
+    *Raises* ``RecordError``, a ``ValueError``, that begins with the file, and the line where there is one, for whatever
+    cannot be read or identified; ``ValueError`` for wrong arguments.
+    """
+    _check.one_of(kind, "kind", FILE_KINDS)
+    spectrum = kind in ("spectrum", "frequency-response")
+    if spectrum and rate is not None:
+        raise ValueError(f"rate: a {kind} needs its column of frequencies instead")
+    try:
+        read = read_csv(path, columns, inputs, rate, spectrum)
+        values, names = read.values, read.names
+        if kind == "frequency-response":
+            if len(names) % 2:
+                raise RecordError(f"real and imaginary columns in pairs are needed, not {', '.join(names)}")
+            values, names = values[:, ::2] + 1j * values[:, 1::2], names[::2]
+        found = identify(
+            read.axis,
+            values,
+            kind="spectrum" if spectrum else kind,
+            inputs=read.inputs,
+            modes=modes,
+            names=names,
+            progress=progress,
+            where=read.where,
+        )
+    except RecordError as error:
+        words = str(error)
+        raise RecordError(words if words.startswith(str(path)) else f"{path}: {words}") from None
+    return dataclasses.replace(found, notes=(*read.notes, *found.notes))

@@ -1,0 +1,216 @@
+"""Records as they come from machines, and whether they can be trusted: the clock, gaps, channels that say nothing.
+
+What spoils an identification raises an error that says where; what only has to be known is a note.
+"""
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from jshape import _check
+
+FEWEST = 16
+"""Samples below which nothing is identified."""
+
+DRIFT = 1e-3
+"""The change of the sampling interval over a record from which on a clock drifts."""
+
+UNEVEN = 0.2
+"""The jitter, in sampling intervals, from which on times are not believed."""
+
+MISSING = 0.2
+"""The share of a record that may be missing."""
+
+
+class RecordError(ValueError):
+    """A record that cannot be used; the message says why, and where there is a place, at which row or line."""
+
+
+Where = Callable[[int], str]
+"""Says where a row stands, to begin a message with."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Record:
+    """A record that passed: ``axis`` (s or rad/s), ``values`` (rows × channels), ``inputs`` (rows) or ``None``,
+    ``rows``: their place among what was given, ``names`` of the channels, and ``notes``: what ought to be known.
+    """
+
+    axis: np.ndarray
+    values: np.ndarray
+    inputs: np.ndarray | None
+    rows: np.ndarray
+    names: tuple[str, ...]
+    notes: tuple[str, ...]
+    where: Where
+
+
+def row(number: int) -> str:
+    """Where a row of an array stands."""
+    return f"row {number}: "
+
+
+def check_record(
+    axis: Any, values: Any, inputs: Any = None, names: Any = None, where: Where = row, spectrum: bool = False
+) -> Record:
+    """A record checked for everything that would make its modes wrong.
+
+    ``axis``: s (spectrum: rad/s), increasing; ``values``: as long, a column a channel; rows with a NaN are left out.
+
+    *Raises* ``ValueError`` for what is no such arrays; ``RecordError`` for a clock that stands still, runs back, drifts
+    or is uneven, an infinite value, a channel that is constant, too few samples, or too many that are missing.
+    """
+    axis, values, inputs = _arrays(axis, values, inputs, spectrum)
+    names = _names(names, values.shape[1])
+    word = "frequencies" if spectrum else "times"
+    notes: list[str] = []
+    for label, part in ((word, axis[:, None]), ("values", values), ("inputs", inputs)):
+        if part is not None:
+            bad = np.nonzero(np.isinf(part.reshape(len(axis), -1)).any(axis=1))[0]
+            if len(bad):
+                raise RecordError(f"{where(int(bad[0]))}{label} is infinite")
+    holes = np.isnan(axis) | np.isnan(values).any(axis=1)
+    holes |= False if inputs is None else np.isnan(inputs)
+    rows = np.nonzero(~holes)[0]
+    if holes.any():
+        first = where(int(np.argmax(holes)))
+        if np.mean(holes) > MISSING:
+            raise RecordError(f"{first}no number here, nor in {holes.sum() - 1} other rows")
+        notes.append(f"{first}no number here{_more(holes)}; left out")
+    # The clock is told by all its stamps, also where a channel has no number.
+    stamped = np.nonzero(~np.isnan(axis))[0]
+    back = np.diff(axis[stamped]) <= 0
+    if back.any():
+        before, after = axis[stamped][np.argmax(back) :][:2]
+        at = where(int(stamped[np.argmax(back) + 1]))
+        raise RecordError(f"{at}{word} must increase strictly: {after:.9g} comes after {before:.9g}")
+    if len(rows) < FEWEST:
+        raise RecordError(f"values: too short a record, {len(rows)} samples with numbers; at least {FEWEST} are needed")
+    if not spectrum:
+        axis[stamped], more = _clock(axis[stamped], stamped, where)
+        notes += more
+    axis, values, inputs = axis[rows], values[rows], None if inputs is None else inputs[rows]
+    for name, channel in [*zip(names, values.T, strict=True), *([] if inputs is None else [("inputs", inputs)])]:
+        size = np.max(np.abs(channel))
+        if size == 0 or np.ptp(channel / size) <= 1e-12:
+            raise RecordError(f"{name} is constant, {channel[0]:.6g}: nothing vibrates in it")
+    if spectrum:
+        if axis[0] < 0:
+            raise RecordError(f"{where(int(rows[0]))}frequencies must not be negative, not {axis[0]:.6g}")
+        if not np.iscomplexobj(values) and np.any(values < 0):
+            at = int(np.argmax((values < 0).any(axis=1)))
+            raise RecordError(f"{where(int(rows[at]))}a power spectral density must not be negative, not {values[at]}")
+    return Record(axis, values, inputs, rows, names, tuple(notes), where)
+
+
+def longest_stretch(record: Record) -> Record:
+    """The longest part of a record in which no sample is missing, with a note if that is not all."""
+    steps = np.diff(record.axis)
+    edges = np.nonzero(steps > 1.5 * np.median(steps))[0] + 1
+    if not len(edges):
+        return record
+    begins, ends = np.concatenate([[0], edges]), np.concatenate([edges, [len(record.axis)]])
+    i = int(np.argmax(ends - begins))
+    part = slice(begins[i], ends[i])
+    if ends[i] - begins[i] < FEWEST:
+        raise RecordError("values: too short a record: no stretch without a gap is long enough")
+    note = f"{record.where(int(record.rows[begins[i]]))}from here on {ends[i] - begins[i]} samples are used, "
+    return dataclasses.replace(
+        record,
+        axis=record.axis[part],
+        values=record.values[part],
+        inputs=None if record.inputs is None else record.inputs[part],
+        rows=record.rows[part],
+        notes=(*record.notes, note + "the longest stretch without a gap"),
+    )
+
+
+def _clock(times: np.ndarray, rows: np.ndarray, where: Where) -> tuple[np.ndarray, list[str]]:
+    """Times of an even clock, as exact as they can be told, and notes on gaps."""
+    steps = np.diff(times)
+    step = float(np.median(steps))
+    if not 1e-9 < step < 1e6 or not np.isfinite(times[-1] - times[0]):
+        raise RecordError(f"{where(int(rows[0]))}times cannot be seconds: {step:.3g} from one to the next")
+    index = np.concatenate([[0.0], np.cumsum(np.maximum(np.rint(steps / step), 1.0))])
+    line, off = _line(index, times)
+    digits, rounding = 10, 0.0
+    if np.max(np.abs(off)) > 1e-6 * step or np.mean(np.diff(index) > 1) > 0.05:
+        # Stamps with few digits are rounded; they may be off by half of the last one, and their steps by all of it.
+        digits = next((d for d in range(10) if np.allclose(times, np.round(times, d), rtol=1e-15, atol=0)), 10)
+        likely = 0.5 * 10.0**-digits
+        mean = float(np.mean(steps[steps < 1.5 * step + 2 * likely]))
+        counted = np.where(steps < 1.5 * mean + 2 * likely, 1.0, np.rint(steps / mean))
+        other = np.concatenate([[0.0], np.cumsum(counted)])
+        other_line, other_off = _line(other, times)
+        if np.max(np.abs(other_off)) <= 1.1 * likely:
+            index, step, rounding, line, off = other, mean, likely, other_line, other_off
+    curve = np.polynomial.Polynomial.fit(index, times, 2)
+    even = np.max(np.abs(off)) <= max(1.1 * rounding, 1e-6 * step)
+    spread = 0.0 if even else float(np.std(times - curve(index))) / step
+    remedy = "if they were even, give the sampling rate instead of the times"
+    if spread > UNEVEN:
+        worst = int(np.argmax(np.abs(off)))
+        raise RecordError(
+            f"{where(int(rows[worst]))}times are uneven: off by {1e3 * off[worst]:.3g} ms where samples are about "
+            f"{1e3 * step:.3g} ms apart; {remedy}"
+        )
+    begin, end = (float(curve.deriv()(index[i])) for i in (0, -1))
+    # A drift bends the times by its eighth; jitter bends them, too.
+    bend = abs(end - begin) * index[-1] / 8
+    if not even and abs(end / begin - 1) > DRIFT and bend > 5 * spread * step / np.sqrt(len(times)) + 2 * rounding:
+        raise RecordError(
+            f"{where(int(rows[0]))}the clock drifts: samples are {1e3 * begin:.5g} ms apart here and "
+            f"{1e3 * end:.5g} ms at the end; {remedy}"
+        )
+    notes = []
+    if even and np.max(np.abs(off)) > 0.01 * step:
+        notes.append(f"times have {digits} decimals only, too few for their {1e3 * step:.3g} ms; taken as even")
+    if spread > 0.01:
+        notes.append(f"the clock jitters by {100 * spread:.1f} % of a sample; times are taken as they are")
+    gaps = np.rint(np.diff(index)) > 1
+    missing = int(index[-1]) + 1 - len(times)
+    if gaps.any():
+        place, at = where(int(rows[np.argmax(gaps) + 1])), times[np.argmax(gaps)]
+        if missing > MISSING * index[-1]:
+            raise RecordError(f"{place}{missing} of {int(index[-1]) + 1} samples are missing, first after {at:.6g} s")
+        notes.append(f"{place}{missing} samples are missing{_more(gaps, 'gaps')}, first after {at:.6g} s")
+    return (line(index) if even else times), notes
+
+
+def _line(index: np.ndarray, times: np.ndarray) -> tuple[np.polynomial.Polynomial, np.ndarray]:
+    """The even clock that fits best, and how far each stamp is off."""
+    line = np.polynomial.Polynomial.fit(index, times, 1)
+    return line, times - line(index)
+
+
+def _arrays(axis: Any, values: Any, inputs: Any, spectrum: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+    try:
+        axis = np.array(axis, float)
+        values = np.asarray(values)
+        values = values.astype(complex if spectrum and np.iscomplexobj(values) else float, casting="safe")
+        inputs = None if inputs is None else np.asarray(inputs, float)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"times, values and inputs must be numeric: {error}") from None
+    values = values[:, None] if values.ndim == 1 else values
+    if axis.ndim != 1 or values.ndim != 2 or len(values) != len(axis) or not values.shape[1]:
+        raise ValueError(
+            "values must have as many rows as times has entries, and a column a channel, not shapes "
+            f"{values.shape} and {axis.shape}"
+        )
+    if inputs is not None and inputs.shape != axis.shape:
+        raise ValueError(f"inputs must be as long as times, {len(axis)}, not of shape {inputs.shape}")
+    return axis, values, inputs
+
+
+def _names(names: Any, channels: int) -> tuple[str, ...]:
+    if names is None:
+        return ("values",) if channels == 1 else tuple(f"channel {i}" for i in range(1, channels + 1))
+    if len(names) != channels:
+        raise ValueError(f"names must be one for each of the {channels} channels, not {_check.show(names)}")
+    return tuple(str(name) for name in names)
+
+
+def _more(where: np.ndarray, word: str = "rows") -> str:
+    return f" (and in {where.sum() - 1} other {word})" if where.sum() > 1 else ""

@@ -1,0 +1,79 @@
+"""What an identification hands back: modes and how sure they are, the plant that they make, what it predicts."""
+
+import dataclasses
+
+import numpy as np
+from scipy.stats import t as students
+
+from jshape import _check
+from jshape.identification._projection import AbstractFamily, Fit
+from jshape.plants import ModalPlant
+
+
+@dataclasses.dataclass(frozen=True)
+class Identified:
+    """Modes of a measured machine, ascending.
+
+    ``omega``: rad/s; ``zeta``: –; ``covariance``: of ω_1 …, ζ_1 …. ``residues``: modes × channels, complex, in the
+    channels' units: a mode is Re(c e^{λ t}) from the record's first sample on (spectra, sweeps: ½ c/(s − λ) and its
+    conjugate). ``gains``: modes × channels, what ``ModalPlant`` takes; absolute where the input is known, elsewhere
+    shares of the swing.
+
+    ``result`` says in words what was found, ``notes`` what is to be known about the record. ``criteria``: the
+    criterion for 0, 1, 2 … modes; the least decides. ``noise``: standard deviation of what the modes do not explain,
+    a channel, in its units (of a power spectral density: a fraction). ``axis``: s (spectra: rad/s), ``values``,
+    ``inputs``: the record as it was used; ``names``: of its channels.
+    """
+
+    kind: str
+    omega: np.ndarray
+    zeta: np.ndarray
+    covariance: np.ndarray
+    residues: np.ndarray
+    gains: np.ndarray
+    noise: np.ndarray
+    criteria: np.ndarray
+    result: str
+    notes: tuple[str, ...]
+    axis: np.ndarray
+    values: np.ndarray
+    inputs: np.ndarray | None
+    names: tuple[str, ...]
+    _family: AbstractFamily = dataclasses.field(repr=False)
+    _fit: Fit = dataclasses.field(repr=False)
+    _scale: tuple[np.ndarray, np.ndarray] = dataclasses.field(repr=False)
+
+    @property
+    def omega_std(self) -> np.ndarray:
+        """Standard deviation of each frequency, rad/s."""
+        return np.sqrt(np.diag(self.covariance)[: len(self.omega)])
+
+    @property
+    def zeta_std(self) -> np.ndarray:
+        """Standard deviation of each damping ratio."""
+        return np.sqrt(np.diag(self.covariance)[len(self.omega) :])
+
+    def interval(self, level: float = 0.95) -> tuple[np.ndarray, np.ndarray]:
+        """Lower and upper ends (2 × modes) for ω, rad/s, and for ζ, that hold the truth with that probability.
+
+        *Raises* ``ValueError`` unless 0 < level < 1.
+        """
+        if not 0 < level < 1:
+            raise ValueError(f"level must lie between 0 and 1, not {_check.show(level)}")
+        reach = float(students.ppf((1 + level) / 2, self._fit.free)) * np.array([[-1.0], [1.0]])
+        return self.omega + reach * self.omega_std, np.maximum(self.zeta + reach * self.zeta_std, 0.0)
+
+    @property
+    def plant(self) -> ModalPlant:
+        """The modes as a plant, with the gains of the first channel."""
+        return ModalPlant(self.omega, self.zeta, self.gains[:, 0])
+
+    def predict(self, at: np.ndarray | None = None, inputs: np.ndarray | None = None) -> np.ndarray:
+        """What the fit says the channels do: rows × channels, at the record's own times unless others are given.
+
+        ``at``: s (spectra: rad/s). ``inputs``: at those times, evenly spaced, where the record was driven.
+        """
+        axis = self.axis if at is None else np.atleast_1d(np.asarray(at, float))
+        family = self._family.at(axis, self.inputs if at is None else inputs)
+        centre, scale = self._scale
+        return family.join(self._fit.fitted(family) * scale + centre)

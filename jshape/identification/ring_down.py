@@ -1,0 +1,46 @@
+"""Ring-downs: the record is a constant and, for every mode, Re(c e^{λ t}) in each channel.
+
+λ = −ζω + iω√(1−ζ²): the frequency that is seen, ω√(1−ζ²), is never taken for ω.
+"""
+
+import numpy as np
+
+from jshape.identification._projection import AbstractFamily, pole, real_columns
+
+
+class RingDown(AbstractFamily):
+    """Free vibration. ``times``: s, increasing, may have gaps; ``data``: times × channels."""
+
+    def __init__(self, times: np.ndarray, data: np.ndarray, origin: float | None = None):
+        self.origin = float(times[0]) if origin is None else origin
+        self.since = np.asarray(times) - self.origin
+        self.data = data
+        self.weights = np.ones(len(times))
+        self.background = np.ones((len(times), 1))
+        self.step = float(np.median(np.diff(times))) if len(times) > 1 else 1.0
+        self.lowest = 1.5 * np.pi / max(float(np.ptp(times)), self.step)
+        self.highest = 0.99 * np.pi / self.step
+
+    def columns(self, omega: float, zeta: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        at, along_omega, along_zeta = pole(omega, zeta)
+        z = np.exp(at * self.since)
+        slope = self.since * z
+        return real_columns(z), real_columns(slope * along_omega), real_columns(slope * along_zeta)
+
+    def power(self, residual: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        # On an even grid; where a sample is missing there is nothing.
+        index = np.rint((self.since - self.since[0]) / self.step).astype(int)
+        grid = np.zeros((index[-1] + 1, residual.shape[1]))
+        grid[index] = residual
+        size = 2 * len(grid)
+        omegas = 2 * np.pi * np.fft.rfftfreq(size, self.step)
+        power = np.sum(np.abs(np.fft.rfft(grid, size, axis=0)) ** 2, axis=1)
+        inside = (omegas >= self.lowest) & (omegas <= self.highest)
+        return omegas[inside], power[inside]
+
+    def residue(self, factors: np.ndarray) -> np.ndarray:
+        return factors[0] + 1j * factors[1]
+
+    def at(self, axis: np.ndarray, inputs: np.ndarray | None) -> "RingDown":
+        del inputs
+        return RingDown(axis, np.empty((len(axis), 0)), self.origin)

@@ -1,0 +1,101 @@
+"""Spectra: complex frequency responses, and power spectral densities of what was shaken by noise.
+
+A frequency response is the sum of ½ c/(iw − λ) + ½ c̄/(iw − λ̄) over the modes; a power spectral density that of
+(a + b w²)/|ω² − w² + 2iζωw|², with an error in proportion to its own size. Frequencies w in rad/s.
+"""
+
+import numpy as np
+from scipy.ndimage import uniform_filter1d
+
+from jshape.identification._projection import AbstractFamily, pole
+
+
+class FrequencyResponse(AbstractFamily):
+    """Complex frequency responses. ``at_omega``: rad/s; ``data``: frequencies × channels, complex.
+
+    The background is a real constant (modes above the band) and a mass line −1/w² (the rigid body, modes below it).
+    """
+
+    def __init__(self, at_omega: np.ndarray, data: np.ndarray):
+        self.axis = np.asarray(at_omega, float)
+        self.data = _stack(data)
+        self.weights = np.ones(2 * len(self.axis))
+        w = np.where(self.axis > 0, self.axis, np.inf)
+        middle = np.median(self.axis)
+        self.background = np.stack([_stack(np.ones_like(w)), _stack((middle / w) ** 2)], axis=1)
+        gap = float(np.median(np.diff(self.axis))) if len(self.axis) > 1 else 1.0
+        self.lowest, self.highest = max(float(self.axis[0]), gap / 2), float(self.axis[-1])
+
+    def columns(self, omega: float, zeta: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        at, *along = pole(omega, zeta)
+        here, there = 1 / (1j * self.axis - at) / 2, 1 / (1j * self.axis - at.conjugate()) / 2
+        both = lambda u, v: np.stack([_stack(u + v), _stack(1j * (u - v))], axis=1)
+        slopes = [both(2 * here**2 * a, 2 * there**2 * a.conjugate()) for a in along]
+        return both(here, there), slopes[0], slopes[1]
+
+    def power(self, residual: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        power = np.sum(residual**2, axis=1)
+        power = power[: len(self.axis)] + power[len(self.axis) :]
+        inside = (self.axis >= self.lowest) & (self.axis <= self.highest)
+        return self.axis[inside], power[inside]
+
+    def residue(self, factors: np.ndarray) -> np.ndarray:
+        return factors[0] + 1j * factors[1]
+
+    def at(self, axis: np.ndarray, inputs: np.ndarray | None) -> "FrequencyResponse":
+        del inputs
+        return FrequencyResponse(axis, np.empty((len(axis), 0), complex))
+
+    def join(self, values: np.ndarray) -> np.ndarray:
+        half = len(values) // 2
+        return values[:half] + 1j * values[half:]
+
+
+class PowerSpectrum(AbstractFamily):
+    """Power spectral densities. ``at_omega``: rad/s; ``data``: frequencies × 1, positive; ``level``: the expected
+    size at each frequency, which the error is in proportion to; a running mean unless given.
+    """
+
+    def __init__(self, at_omega: np.ndarray, data: np.ndarray, level: np.ndarray | None = None):
+        self.axis = np.asarray(at_omega, float)
+        self.data = data
+        if level is None:
+            level = uniform_filter1d(data[:, 0], 7, mode="nearest") if data.size else np.ones(len(self.axis))
+        self.weights = 1 / np.maximum(level, 1e-9 * np.max(level))
+        self.background = np.ones((len(self.axis), 1))
+        gap = float(np.median(np.diff(self.axis))) if len(self.axis) > 1 else 1.0
+        self.lowest, self.highest = max(float(self.axis[0]), gap / 2), float(self.axis[-1])
+
+    def columns(self, omega: float, zeta: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        w = self.axis
+        below = (omega**2 - w**2) ** 2 + (2 * zeta * omega * w) ** 2
+        below = np.maximum(below, 1e-24 * omega**4)
+        along_omega = 4 * omega * (omega**2 - w**2) + 8 * zeta**2 * omega * w**2
+        along_zeta = 8 * zeta * omega**2 * w**2
+        # Both numerators in the size of ω⁴, so that their factors are comparable.
+        above = np.stack([np.full_like(w, omega**4), (omega * w) ** 2], axis=1)
+        above_slope = np.stack([np.full_like(w, 4 * omega**3), 2 * omega * w**2], axis=1)
+        value = above / below[:, None]
+        return (
+            value,
+            above_slope / below[:, None] - value * (along_omega / below)[:, None],
+            -value * (along_zeta / below)[:, None],
+        )
+
+    def power(self, residual: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        # A single frequency proves nothing where each is as uncertain as it is high.
+        power = np.maximum(uniform_filter1d(residual[:, 0], 5, mode="nearest"), 0.0)
+        inside = (self.axis >= self.lowest) & (self.axis <= self.highest)
+        return self.axis[inside], power[inside]
+
+    def residue(self, factors: np.ndarray) -> np.ndarray:
+        # The swing's size; its phase is lost in a power.
+        return np.sqrt(np.maximum(factors[0] + factors[1], 0.0)).astype(complex)
+
+    def at(self, axis: np.ndarray, inputs: np.ndarray | None) -> "PowerSpectrum":
+        del inputs
+        return PowerSpectrum(axis, np.empty((len(axis), 0)))
+
+
+def _stack(values: np.ndarray) -> np.ndarray:
+    return np.concatenate([np.real(values), np.imag(values)])

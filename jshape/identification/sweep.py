@@ -1,0 +1,66 @@
+"""Sweeps: the record is driven, by any input that was recorded with it.
+
+Every mode adds Re(c z) in each channel, where z' = λ z + r is the mode's answer to the input r, straight lines from
+sample to sample, and Re(d e^{λ t}), since it need not begin at rest; a constant and a part that follows the input at
+once come on top. Whether a position, a speed or an acceleration was measured only changes the factors.
+"""
+
+import numpy as np
+from scipy.signal import lfilter
+
+from jshape.identification._projection import pole, real_columns
+from jshape.identification.ring_down import RingDown
+
+
+class Sweep(RingDown):
+    """A driven record on an even grid. ``inputs``: what drove it, as long as ``times``."""
+
+    def __init__(self, times: np.ndarray, data: np.ndarray, inputs: np.ndarray, origin: float | None = None):
+        super().__init__(times, data, origin)
+        self.inputs = np.asarray(inputs, float)
+        self.background = np.stack([np.ones(len(times)), self.inputs], axis=1)
+
+    def columns(self, omega: float, zeta: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        at, along_omega, along_zeta = pole(omega, zeta)
+        free = np.exp(at * self.since)
+        driven, driven_slope = self._answer(at)
+        slope = (self.since * free, driven_slope)
+        parts = lambda along: real_columns(slope[1] * along, slope[0] * along)
+        return real_columns(driven, free), parts(along_omega), parts(along_zeta)
+
+    def _answer(self, at: complex) -> tuple[np.ndarray, np.ndarray]:
+        """z at the samples, and its derivative with respect to λ, exactly, from rest."""
+        x = at * self.step
+        grow = np.exp(x)
+        now, before, now_slope, before_slope = _weights(x)
+        h, r = self.step, self.inputs.astype(complex)
+        r = r - r[0]
+        source = h * (now * r + before * np.concatenate([[0.0], r[:-1]]))
+        remember = lambda source: np.asarray(lfilter([1.0], [1.0, -grow], source))
+        z = remember(source)
+        previous = np.concatenate([[0.0], z[:-1]])
+        source = h * grow * previous + h * h * (now_slope * r + before_slope * np.concatenate([[0.0], r[:-1]]))
+        return z, remember(source)
+
+    def at(self, axis: np.ndarray, inputs: np.ndarray | None) -> "Sweep":
+        if inputs is None:
+            raise ValueError("inputs must be given: what was driven is predicted from what drives it")
+        return Sweep(axis, np.empty((len(axis), 0)), inputs, self.origin)
+
+
+def _weights(x: complex) -> tuple[complex, complex, complex, complex]:
+    """∫ e^{x(1−s)} s ds and ∫ e^{x(1−s)} (1−s) ds over 0 … 1, with their derivatives.
+
+    By their power series for small x, where the closed forms cancel.
+    """
+    if abs(x) < 0.5:
+        powers = np.arange(20)
+        factorials = np.cumprod(np.concatenate([[1.0], np.arange(1, 23)]))
+        rise = 1 / factorials[powers + 2]
+        fall = (powers + 1) / factorials[powers + 2]
+        value = lambda series: complex(np.sum(series * x**powers))
+        slope = lambda series: complex(np.sum(series[1:] * powers[1:] * x ** powers[:-1]))
+        return value(rise), value(fall), slope(rise), slope(fall)
+    grow = np.exp(x)
+    rise, fall = (grow - 1 - x) / x**2, (grow * (x - 1) + 1) / x**2
+    return rise, fall, (grow - 1) / x**2 - 2 * rise / x, grow / x - 2 * fall / x

@@ -1,0 +1,359 @@
+"""Modes from records: synthetic machines with known modes, judged by how often the truth is where it should be."""
+
+import dataclasses
+import itertools
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+from scipy.optimize import approx_fprime
+from scipy.signal import StateSpace, chirp, lsim, welch
+
+import jshape.plants
+from jshape.identification import identify
+from jshape.identification._projection import project
+from jshape.identification.records import RecordError
+from jshape.identification.ring_down import RingDown
+from jshape.identification.spectrum import FrequencyResponse, PowerSpectrum
+from jshape.identification.sweep import Sweep
+
+OMEGA = 2 * np.pi * np.array([3.0, 8.0])
+ZETA = np.array([0.02, 0.01])
+GAINS = np.array([0.7, 0.3])
+
+
+def state_space(omega=OMEGA, zeta=ZETA, gains=GAINS):
+    """Σ gain ω²/(s² + 2ζωs + ω²), put together without jshape."""
+    return StateSpace(*matrices(omega, zeta, gains))
+
+
+def matrices(omega=OMEGA, zeta=ZETA, gains=GAINS):
+    n = len(omega)
+    a = np.block([[np.zeros((n, n)), np.eye(n)], [-np.diag(omega**2), -np.diag(2 * zeta * omega)]])
+    b = np.concatenate([np.zeros(n), omega**2])[:, None]
+    return a, b, np.concatenate([gains, np.zeros(n)])[None], np.zeros((1, 1))
+
+
+@dataclasses.dataclass(frozen=True)
+class Machine:
+    """Free vibration of a made-up machine: 1 to 4 modes from 2 to 60 Hz, a given least ratio apart; damping 0.5 to 5 %,
+    amplitudes within a factor of 5, any phases; recorded for four time constants of the slowest decay, at five samples
+    a period of the fastest mode; noise of 1 % of the modes' root mean square at the beginning (40 dB)."""
+
+    omega: np.ndarray
+    zeta: np.ndarray
+    times: np.ndarray
+    values: np.ndarray
+
+    @staticmethod
+    def draw(random, ratio=1.3, exactly=False):
+        count = int(random.integers(2 if exactly else 1, 5))
+        while True:
+            hertz = np.sort(np.exp(random.uniform(np.log(2), np.log(60), count)))
+            if exactly:
+                hertz[1] = ratio * hertz[0]
+            if np.all(hertz[1:] >= ratio * hertz[:-1] * (1 - 1e-9)):
+                break
+        omega, zeta = 2 * np.pi * hertz, random.uniform(0.005, 0.05, count)
+        amplitudes = np.exp(random.uniform(0, np.log(5), count))
+        residues = amplitudes * np.exp(1j * random.uniform(-np.pi, np.pi, count))
+        times = np.arange(0, 4 / np.min(zeta * omega), 1 / (5 * hertz[-1]))
+        noise = 0.01 * np.sqrt(np.sum(amplitudes**2) / 2)
+        values = swing(times, omega, zeta, residues) + noise * random.standard_normal(len(times)) + 3.0
+        return Machine(omega, zeta, times, values)
+
+
+def swing(times, omega, zeta, residues):
+    poles = omega * (-zeta + 1j * np.sqrt(1 - zeta**2))
+    return np.real(np.exp(np.outer(times, poles)) @ residues)
+
+
+def holds(found, omega, zeta):
+    """Whether the 95 % intervals hold the truth: ω in the first row, ζ in the second."""
+    ends = zip(found.interval(), (omega, zeta), strict=True)
+    return np.stack([(low <= truth) & (truth <= high) for (low, high), truth in ends])
+
+
+def trial(draws, seed, **kinds):
+    """Shares of modes within 0.2 % and 10 %, coverage of the 95 % intervals of ω and ζ, and of draws with the count."""
+    random = np.random.default_rng(seed)
+    close, covered, counted = [], [], []
+    for _ in range(draws):
+        machine = Machine.draw(random, **kinds)
+        found = identify(machine.times, machine.values)
+        counted.append(len(found.omega) == len(machine.omega))
+        if not counted[-1]:
+            close += [False] * len(machine.omega)
+            continue
+        off = [np.abs(found.omega / machine.omega - 1) < 0.002, np.abs(found.zeta / machine.zeta - 1) < 0.1]
+        close += list(np.all(off, axis=0))
+        covered += list(holds(found, machine.omega, machine.zeta).T)
+    return np.mean(close), np.mean(covered, axis=0), np.mean(counted)
+
+
+def judge(close, covered, counted):
+    assert close >= 0.95
+    assert np.all((covered >= 0.90) & (covered <= 0.99)), covered
+    assert counted >= 0.95
+
+
+def test_ring_downs():
+    close, covered, counted = trial(25, seed=0)
+    assert close >= 0.95
+    assert counted == 1
+    # 66 intervals of each kind: fewer than 56 that hold the truth would be a chance of 3e-4 at 95 %.
+    assert np.all(covered >= 0.84), covered
+
+
+@pytest.mark.slow
+def test_five_hundred_ring_downs():
+    judge(*trial(500, seed=1))
+
+
+@pytest.mark.slow
+def test_close_modes():
+    judge(*trial(150, seed=2, ratio=1.1, exactly=True))
+
+
+def families():
+    random = np.random.default_rng(0)
+    times = np.arange(0, 4, 0.02)
+    data = random.standard_normal((len(times), 2))
+    yield RingDown(times, data)
+    yield Sweep(times, data, np.cumsum(random.standard_normal(len(times))))
+    axis = np.linspace(1.0, 80.0, 150)
+    yield FrequencyResponse(axis, random.standard_normal((150, 2)) + 1j * random.standard_normal((150, 2)))
+    yield PowerSpectrum(axis, random.chisquare(8, (150, 1)))
+
+
+@pytest.mark.parametrize("family", list(families()), ids=lambda family: type(family).__name__)
+def test_jacobians_against_differences(family):
+    noise = np.linspace(1.0, 2.0, family.data.shape[1])
+    x = np.array([15.0, 40.0, 0.03, 0.2])
+    residual = lambda x: project(family, x[:2], x[2:], noise)[0].ravel()
+    exact = project(family, x[:2], x[2:], noise)[3]
+    differences = approx_fprime(x, residual, 1e-7 * np.array([20, 20, 1, 1]))
+    np.testing.assert_allclose(exact, np.asarray(differences), atol=2e-5 * np.max(np.abs(exact)))
+
+
+def test_the_sweep_s_answer_against_the_matrix_exponential():
+    # z' = λ z + r with r straight from sample to sample: the chain z, r, r' as one linear system.
+    random = np.random.default_rng(0)
+    for step in (0.001, 0.05):
+        inputs = np.concatenate([[0.0], random.standard_normal(30)])
+        times = step * np.arange(31)
+        family = Sweep(times, np.zeros((31, 1)), inputs)
+        omega, zeta = 40.0, 0.1
+        pole = omega * (-zeta + 1j * np.sqrt(1 - zeta**2))
+        z, expected = 0.0, [0.0]
+        for now, then in itertools.pairwise(inputs):
+            chain = np.array([[pole, 1, 0], [0, 0, 1], [0, 0, 0]], complex)
+            z = (expm(step * chain) @ [z, now, (then - now) / step])[0]
+            expected.append(z)
+        columns = family.columns(omega, zeta)[0]
+        np.testing.assert_allclose(columns[:, 0] - 1j * columns[:, 1], expected, atol=1e-13 * step * 100)
+
+
+def test_exact_records_give_exact_modes():
+    random = np.random.default_rng(3)
+    omega, zeta = 2 * np.pi * np.array([2.0, 2.2, 9.0]), np.array([0.3, 0.01, 0.002])
+    times = np.arange(0, 20, 0.02)
+    channels = [swing(times, omega, zeta, random.standard_normal(3) + 1j) for _ in range(2)]
+    found = identify(times, np.stack(channels, axis=1) + np.array([5.0, -1e3]), modes=3)
+    np.testing.assert_allclose(found.omega, omega, rtol=1e-7)
+    np.testing.assert_allclose(found.zeta, zeta, rtol=1e-6)
+    np.testing.assert_allclose(found.predict(), found.values, atol=1e-6)
+
+
+def test_damped_frequency_is_not_taken_for_the_natural_one():
+    times = np.arange(0, 10, 0.02)
+    found = identify(times, swing(times, np.array([10.0]), np.array([0.3]), np.array([1.0])), modes=1)
+    np.testing.assert_allclose(found.omega, [10.0], rtol=1e-8)
+    assert abs(found.omega[0] * np.sqrt(1 - 0.3**2) - 10.0) > 0.4
+
+
+def test_several_channels_share_the_modes_and_count_by_their_noise():
+    random = np.random.default_rng(0)
+    times = np.arange(0, 8, 0.01)
+    clean = np.stack([swing(times, OMEGA, ZETA, np.array(c)) for c in ([1, 0.5], [0.2, 1.0], [1e-3, 2e-3])], axis=1)
+    levels = np.array([0.01, 0.5, 1e-4])
+    values = clean + levels * random.standard_normal(clean.shape)
+    together = identify(times, values, names=["base", "arm", "tip"])
+    alone = identify(times, values[:, 0])
+    np.testing.assert_allclose(together.noise, levels, rtol=0.1)
+    assert len(together.omega) == 2
+    assert np.all(np.abs(together.omega - OMEGA) < 4 * together.omega_std)
+    # Another channel can only help, and a noisy one, counted by its noise, does no harm.
+    assert np.all(together.omega_std < alone.omega_std)
+    assert together.names == ("base", "arm", "tip")
+    np.testing.assert_allclose(together.gains[:, 0], [2 / 3, 1 / 3], rtol=0.02)
+
+
+def test_gaps_and_missing_samples():
+    random = np.random.default_rng(0)
+    times = np.arange(0, 8, 0.01)
+    values = swing(times, OMEGA, ZETA, np.array([1.0, 0.5])) + 0.01 * random.standard_normal(len(times))
+    values[::9] = np.nan
+    kept = np.delete(np.arange(800), slice(100, 140))
+    found = identify(times[kept], values[kept])
+    assert np.all(np.abs(found.omega - OMEGA) < 4 * found.omega_std)
+    assert [note.split(": ")[1][:16] for note in found.notes] == ["no number here (", "40 samples are m"]
+
+
+def test_step_response():
+    random = np.random.default_rng(0)
+    times = 5.0 + 0.01 * np.arange(-100, 800)
+    command = np.where(np.arange(900) >= 100, 2.0, 0.0)
+    _, after, _ = lsim(state_space(), np.full(800, 2.0), times[100:] - times[100], interp=False)
+    values = np.concatenate([np.zeros(100), after]) + 0.01 * random.standard_normal(900)
+    found = identify(times, values, kind="step", inputs=command)
+    assert np.all(np.abs(found.omega - OMEGA) < 4 * found.omega_std)
+    assert np.all(np.abs(found.zeta - ZETA) < 4 * found.zeta_std)
+    np.testing.assert_allclose(found.gains[:, 0], GAINS, atol=3e-3)
+    late = identify(times, np.concatenate([values[:1], values[:-1]]), kind="step", inputs=command)
+    np.testing.assert_allclose(late.omega, found.omega, rtol=1e-3)
+    # Without the command's size, shares; the step is then at the first sample.
+    shares = identify(times[100:], values[100:], kind="step")
+    np.testing.assert_allclose(shares.gains[:, 0], GAINS, atol=5e-3)
+
+
+@pytest.mark.parametrize("sensor", ["position", "acceleration"])
+def test_sweep(sensor):
+    random = np.random.default_rng(0)
+    times = np.arange(0, 30, 0.005)
+    command = chirp(times, 0.5, 30, 15) + 0.3
+    machine, (a, b, *_) = state_space(), matrices()
+    # Not at rest to begin with.
+    _, position, states = lsim(machine, command, times, X0=[0.3, -0.2, 1.0, 0.0])
+    clean = position if sensor == "position" else (states @ a.T + command[:, None] * b.T)[:, 2:] @ GAINS
+    values = clean + 0.01 * np.std(clean) * random.standard_normal(len(times))
+    found = identify(times, values, kind="sweep", inputs=command)
+    assert len(found.omega) == 2
+    assert np.all(np.abs(found.omega - OMEGA) < 4 * found.omega_std)
+    assert np.all(np.abs(found.zeta - ZETA) < 4 * found.zeta_std)
+    if sensor == "position":
+        np.testing.assert_allclose(found.gains[:, 0], GAINS, rtol=0.01)
+        # Another command, predicted by the fit and by SciPy.
+        other = np.sign(np.sin(3 * times)) * np.minimum(times, 1)
+        fresh = found.predict(times, other)[:, 0]
+        free = found.predict(times, np.zeros_like(times))[:, 0]
+        _, expected, _ = lsim(machine, other, times)
+        assert np.max(np.abs(fresh - free - expected)) < 0.02 * np.max(np.abs(expected))
+
+
+def test_frequency_response():
+    random = np.random.default_rng(0)
+    axis = 2 * np.pi * np.linspace(0.5, 15, 600)
+    a, b, c, _ = matrices()
+    clean = np.array([(c @ np.linalg.solve(1j * w * np.eye(4) - a, b))[0, 0] for w in axis])
+    values = clean + 0.02 * (random.standard_normal(600) + 1j * random.standard_normal(600))
+    found = identify(axis, values, kind="spectrum")
+    assert len(found.omega) == 2
+    assert np.all(np.abs(found.omega - OMEGA) < 4 * found.omega_std)
+    assert np.all(np.abs(found.zeta - ZETA) < 4 * found.zeta_std)
+    np.testing.assert_allclose(found.gains[:, 0], GAINS, rtol=0.01)
+    assert np.max(np.abs(found.predict()[:, 0] - clean)) < 0.03
+
+
+def shaken(random):
+    """What noise does to the machine: frequencies and density by Welch's method, fine enough not to widen the peaks."""
+    times = np.arange(0, 1000, 0.02)
+    _, values, _ = lsim(state_space(), random.standard_normal(len(times)), times)
+    hertz, density = welch(values, 50.0, nperseg=4096)
+    return 2 * np.pi * hertz[1:], density[1:]
+
+
+def test_power_spectrum():
+    axis, density = shaken(np.random.default_rng(0))
+    found = identify(axis, density, kind="spectrum")
+    np.testing.assert_allclose(found.omega, OMEGA, rtol=0.005)
+    np.testing.assert_allclose(found.zeta, ZETA, rtol=0.35)
+    # Two channels that see the same, one of them in other units, say no more and no less.
+    both = identify(axis, np.stack([density, 1e6 * density], axis=1), kind="spectrum")
+    np.testing.assert_allclose(both.omega, found.omega, rtol=1e-6)
+
+
+@pytest.mark.slow
+def test_intervals_from_power_spectra():
+    random, covered, counts = np.random.default_rng(1), [], []
+    for _ in range(40):
+        axis, density = shaken(random)
+        found = identify(axis, density, kind="spectrum")
+        counts.append(len(found.omega))
+        if counts[-1] == 2:
+            covered.append(holds(found, OMEGA, ZETA))
+    assert np.mean(np.array(counts) == 2) >= 0.9
+    # 80 intervals of each kind: fewer than 68 that hold the truth would be a chance of 5e-4 at 95 %.
+    shares = np.mean(covered, axis=(0, 2))
+    assert np.all(shares >= 0.85), shares
+
+
+@pytest.mark.slow
+def test_coloured_noise_widens_the_intervals():
+    # A first-order low pass on the noise: intervals for white noise would hold the truth about half as often.
+    random = np.random.default_rng(0)
+    times = np.arange(0, 6, 0.005)
+    inside, told = [], []
+    for _ in range(60):
+        noise = np.zeros(len(times))
+        for i, kick in enumerate(0.02 * random.standard_normal(len(times))):
+            noise[i] = 0.9 * noise[i - 1] + kick if i else kick
+        found = identify(times, swing(times, OMEGA[:1], ZETA[:1], np.array([1.0])) + noise, modes=1)
+        inside.append(holds(found, OMEGA[:1], ZETA[:1])[:, 0])
+        told.append(any("no white noise" in note for note in found.notes))
+    assert np.all(np.mean(inside, axis=0) >= 0.85), np.mean(inside, axis=0)
+    assert all(told)
+
+
+def test_the_plant_is_the_machine():
+    times = np.arange(0, 8, 0.01)
+    found = identify(times, swing(times, OMEGA, ZETA, np.array([1.0, 0.5])))
+    plant = found.plant
+    assert isinstance(plant, jshape.plants.ModalPlant)
+    np.testing.assert_allclose(plant.omega, OMEGA, rtol=1e-7)
+    np.testing.assert_allclose(plant.zeta, ZETA, rtol=1e-6)
+    np.testing.assert_allclose(plant.gains, [2 / 3, 1 / 3], rtol=1e-6)
+
+
+def test_prediction_at_other_times():
+    times = np.arange(0, 8, 0.01)
+    found = identify(times, swing(times, OMEGA, ZETA, np.array([1.0, 0.5j])))
+    later = np.array([3.3333, 8.5, 12.0])
+    np.testing.assert_allclose(found.predict(later)[:, 0], swing(later, OMEGA, ZETA, np.array([1.0, 0.5j])), atol=1e-7)
+
+
+def test_drifts_are_no_modes():
+    random = np.random.default_rng(0)
+    times = np.arange(0, 8, 0.01)
+    values = swing(times, OMEGA, ZETA, np.array([1.0, 0.5])) + 2 * np.exp(-times / 3) + 0.1 * times
+    found = identify(times, values + 0.01 * random.standard_normal(len(times)))
+    np.testing.assert_allclose(found.omega, OMEGA, rtol=2e-3)
+    assert any("left out as no vibration" in note for note in found.notes)
+
+
+def test_errors():
+    times, noise = np.arange(100) * 0.1, np.random.default_rng(0).standard_normal(100)
+    with pytest.raises(ValueError, match="kind must be one of 'ring-down', 'step', 'sweep', 'spectrum', not 'song'"):
+        identify(times, noise, kind="song")
+    with pytest.raises(ValueError, match="modes must be a whole number of at least 1, not 0"):
+        identify(times, noise, modes=0)
+    with pytest.raises(ValueError, match="inputs: a ring-down takes none"):
+        identify(times, noise, inputs=noise)
+    with pytest.raises(ValueError, match='inputs must be given for kind="sweep"'):
+        identify(times, noise, kind="sweep")
+    with pytest.raises(ValueError, match=r"as many rows as times has entries.*\(99, 1\) and \(100,\)"):
+        identify(times, noise[1:])
+    with pytest.raises(ValueError, match="must be numeric"):
+        identify(times, ["a"] * 100)
+    with pytest.raises(ValueError, match="names must be one for each of the 1 channels"):
+        identify(times, noise, names=["a", "b"])
+    with pytest.raises(RecordError, match="no vibration stands out"):
+        identify(times, noise)
+    with pytest.raises(RecordError, match="inputs is no step"):
+        identify(times, noise, kind="step", inputs=noise)
+    with pytest.raises(RecordError, match="row 7: a power spectral density must not be negative"):
+        identify(times, np.where(np.arange(100) == 7, -1.0, 1.0 + noise**2), kind="spectrum")
+    with pytest.raises(RecordError, match="too short a record, 20 rows, for 6 modes"):
+        identify(times[:20], noise[:20], modes=6)
+    with pytest.raises(ValueError, match="level must lie between 0 and 1, not 95"):
+        identify(times, swing(times, OMEGA[:1], ZETA[:1], np.array([1.0]))).interval(95)
