@@ -1,17 +1,19 @@
 """What the command line prints: tables of reports, sweeps and fronts."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import xarray as xr
 from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from jshape.adaptive.report import Experiment
-from jshape.adaptive.study import recovered
 from jshape.problem import Problem
 from jshape.report import Report
 from jshape.robustness import summary
+
+if TYPE_CHECKING:
+    from jshape.adaptive.report import Experiment
 
 
 def show_report(report: Report, folder: Path, figures: list[Path]) -> None:
@@ -43,8 +45,10 @@ def show_report(report: Report, folder: Path, figures: list[Path]) -> None:
     console.print(f"results in {folder}, figures {', '.join(path.name for path in figures)}", highlight=False)
 
 
-def show_adaptation(found: Experiment) -> None:
+def show_adaptation(found: "Experiment") -> None:
     """Every strategy in a row, a block of columns for each load; then how soon it recovers in random schedules."""
+    from jshape.adaptive.study import recovered
+
     console = new_console()
     title = f"{found.problem.title}: residual (% of move) and settling time (s) of the last move, ∫|a| dt a move (m/s)"
     table = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False)

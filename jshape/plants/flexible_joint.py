@@ -3,18 +3,18 @@
 from typing import Any, ClassVar
 
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from jshape import _check
 from jshape._types import Inputs, Scalar, State
-from jshape.plants.base import AbstractPlant
 from jshape.plants.controllers import AbstractController
 from jshape.plants.dampers import AbstractDamper, LinearDamper
 from jshape.plants.springs import AbstractSpring
+from jshape.plants.sprung_pair import AbstractSprungPair
 from jshape.plants.two_mass import check_part
 
 
-class FlexibleJoint(AbstractPlant):
+class FlexibleJoint(AbstractSprungPair):
     """The closed loop: J1 θ1'' = u − b θ1' + F_s(θ2 − θ1) + F_c(θ2' − θ1'), J2 θ2'' = −F_s − F_c, u from r − θ1.
 
     ``motor_inertia`` J1, ``link_inertia`` J2: kg m²; ``spring`` (rad → N m), ``damper``: between them;
@@ -84,22 +84,6 @@ class FlexibleJoint(AbstractPlant):
         inputs = jnp.asarray(inputs)
         zero = jnp.zeros_like(inputs)
         return jnp.stack([inputs, inputs, zero, zero, *([zero] if self.controller.integrates else [])])
-
-    def payload(self, state: State, position: Scalar) -> Scalar:
-        """The link's angle, rad."""
-        del position
-        return state[1]
-
-    def deflection(self, state: State, position: Scalar) -> Scalar:
-        """The joint's twist, link less motor, rad."""
-        del position
-        return state[1] - state[0]
-
-    def escaped(self, state: State, inputs: Inputs) -> Bool[Array, ""]:
-        """Whether the spring pushes away, or the state is not finite."""
-        del inputs
-        twist = state[1] - state[0]
-        return ~jnp.all(jnp.isfinite(state)) | (self.spring.force(twist) * twist < 0)
 
     def natural_frequency(self) -> Float[Array, "2"]:
         """Both frequencies of the loop without damping, kp taken as a spring between reference and motor, rad/s."""

@@ -3,17 +3,16 @@
 from typing import Any, ClassVar
 
 import jax.numpy as jnp
-from jaxtyping import Array, Bool
 
 from jshape import _check
 from jshape._types import Inputs, Scalar, State
-from jshape.plants.base import AbstractPlant
 from jshape.plants.dampers import AbstractDamper, LinearDamper
 from jshape.plants.springs import AbstractSpring, LinearSpring
+from jshape.plants.sprung_pair import AbstractSprungPair
 from jshape.plants.two_mass import check_part
 
 
-class ForcedTwoMass(AbstractPlant):
+class ForcedTwoMass(AbstractSprungPair):
     """m1 x1'' = u + F_s(x2 − x1) + F_c(x2' − x1'), m2 x2'' = −F_s − F_c: the command is the force u, N.
 
     ``m1``, ``m2``: kg; ``spring``, ``damper``: between them. Without arguments it is the ACC benchmark, m1 = m2 = k =
@@ -56,20 +55,6 @@ class ForcedTwoMass(AbstractPlant):
 
     def rest_state(self, inputs: Inputs) -> State:
         return jnp.zeros(4, jnp.result_type(self.m1, inputs))
-
-    def payload(self, state: State, position: Scalar) -> Scalar:
-        del position
-        return state[1]
-
-    def deflection(self, state: State, position: Scalar) -> Scalar:
-        """The spring's stretch, m."""
-        del position
-        return state[1] - state[0]
-
-    def escaped(self, state: State, inputs: Inputs) -> Bool[Array, ""]:
-        del inputs
-        stretch = state[1] - state[0]
-        return ~jnp.all(jnp.isfinite(state)) | (self.spring.force(stretch) * stretch < 0)
 
     def natural_frequency(self) -> Scalar:
         """√(k (1/m1 + 1/m2)), rad/s, with the spring's stiffness at rest; the pair's free motion is not counted."""

@@ -5,10 +5,11 @@ from typing import Any, ClassVar
 import jax
 import jax.numpy as jnp
 import jax.scipy.linalg
+import numpy as np
 from jaxtyping import Array, Float
 
-from jshape import _check
 from jshape._types import Inputs, Scalar, State
+from jshape.plants._mode_lists import check_modes, mode_lists
 from jshape.plants.base import AbstractPlant
 
 
@@ -30,21 +31,10 @@ class ModalPlant(AbstractPlant):
     drive: ClassVar = "displacement"
 
     def __init__(self, omega: Any, zeta: Any = 0.0, gains: Any = None):
-        self.omega = jnp.atleast_1d(_check.as_array(omega, "omega"))
-        zeta = _check.as_array(zeta, "zeta")
-        self.zeta = jnp.full_like(self.omega, zeta) if zeta.ndim == 0 else zeta
-        gains = jnp.full_like(self.omega, 1 / len(self.omega)) if gains is None else _check.as_array(gains, "gains")
-        self.gains = jnp.atleast_1d(gains)
+        self.omega, self.zeta, self.gains = mode_lists(omega, zeta, 1 / np.size(omega) if gains is None else gains)
 
     def __check_init__(self):
-        if not self.omega.shape == self.zeta.shape == self.gains.shape or self.omega.ndim != 1:
-            raise ValueError(
-                "omega, zeta and gains must be lists of the same length, not of shapes "
-                f"{self.omega.shape}, {self.zeta.shape} and {self.gains.shape}"
-            )
-        _check.positive(self.omega, "omega")
-        _check.damping_ratio(self.zeta)
-        _check.finite(self.gains, "gains")
+        check_modes(self.omega, self.zeta, self.gains)
 
     def vector_field(self, t: Scalar, state: State, inputs: Inputs) -> State:
         del t

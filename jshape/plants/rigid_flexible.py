@@ -5,8 +5,8 @@ from typing import Any, ClassVar
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jshape import _check
 from jshape._types import Inputs, Scalar, State
+from jshape.plants._mode_lists import check_modes, mode_lists
 from jshape.plants.base import AbstractPlant
 
 
@@ -31,20 +31,10 @@ class RigidFlexible(AbstractPlant):
     drive: ClassVar = "force"
 
     def __init__(self, omega: Any, zeta: Any = 0.0, gains: Any = 1.0):
-        self.omega = jnp.atleast_1d(_check.as_array(omega, "omega"))
-        zeta, gains = _check.as_array(zeta, "zeta"), _check.as_array(gains, "gains")
-        self.zeta = jnp.full_like(self.omega, zeta) if zeta.ndim == 0 else zeta
-        self.gains = jnp.full_like(self.omega, gains) if gains.ndim == 0 else gains
+        self.omega, self.zeta, self.gains = mode_lists(omega, zeta, gains)
 
     def __check_init__(self):
-        if not self.omega.shape == self.zeta.shape == self.gains.shape or self.omega.ndim != 1:
-            raise ValueError(
-                "omega, zeta and gains must be lists of the same length, not of shapes "
-                f"{self.omega.shape}, {self.zeta.shape} and {self.gains.shape}"
-            )
-        _check.positive(self.omega, "omega")
-        _check.damping_ratio(self.zeta)
-        _check.finite(self.gains, "gains")
+        check_modes(self.omega, self.zeta, self.gains)
 
     def _modes(self, state: State) -> tuple[Array, Array]:
         n = len(self.omega)
