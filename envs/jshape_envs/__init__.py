@@ -1,1 +1,55 @@
-"""Gymnasium environments over jshape. Empty for now: the environments are built on the finished library."""
+"""Gymnasium environments over jshape: sequences of moves with a payload that nobody tells about.
+
+Importing this package registers them::
+
+    gym.make("jshape_envs:jshape/DuffingPayload-v0", preset="paper", action="modal", context="hidden")
+    gym.make_vec("jshape_envs:jshape/CranePayload-v0", num_envs=1024)
+
+A machine of your own becomes one: ``gym.make("jshape_envs:jshape/Moves-v0", environment=Machine(...), payload=...,
+distance=...)``. The same environments as pure functions, for JAX: ``parameters``, ``reset``, ``step``.
+"""
+
+from gymnasium.envs.registration import register
+
+from jshape_envs.core import EnvState, Evaluation, Info, Params, move, observation_names, reset, rollout, step
+from jshape_envs.env import MoveEnv
+from jshape_envs.machine import AbstractMachine, HoistingMachine, Machine, RampProfile, StepProfile, TrapezoidProfile
+from jshape_envs.parameters import parameters
+from jshape_envs.presets import ENVIRONMENTS
+from jshape_envs.vector import MoveVectorEnv
+
+__all__ = [
+    "ENVIRONMENTS",
+    "AbstractMachine",
+    "EnvState",
+    "Evaluation",
+    "HoistingMachine",
+    "Info",
+    "Machine",
+    "MoveEnv",
+    "MoveVectorEnv",
+    "Params",
+    "RampProfile",
+    "StepProfile",
+    "TrapezoidProfile",
+    "move",
+    "observation_names",
+    "parameters",
+    "reset",
+    "rollout",
+    "step",
+]
+
+for _name in ENVIRONMENTS:
+    register(
+        f"jshape/{_name}-v0",
+        entry_point="jshape_envs.env:MoveEnv",
+        vector_entry_point="jshape_envs.vector:MoveVectorEnv",
+        kwargs={"environment": _name},
+    )
+# Any machine of your own, or params: gym.make("jshape/Moves-v0", environment=...).
+register(
+    "jshape/Moves-v0",
+    entry_point="jshape_envs.env:MoveEnv",
+    vector_entry_point="jshape_envs.vector:MoveVectorEnv",
+)

@@ -8,11 +8,13 @@ import typer
 
 from jshape.cli.adapt import adapt
 from jshape.cli.calibrate import calibrate
+from jshape.cli.evaluate import evaluate
 from jshape.cli.export import export
 from jshape.cli.identify import identify
 from jshape.cli.new import new
 from jshape.cli.pareto import pareto
 from jshape.cli.sweep import sweep
+from jshape.cli.train import train
 from jshape.cli.tune import compare, tune
 
 app = typer.Typer(
@@ -21,7 +23,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     help="Design input shapers: tune them by gradients of the residual energy, compare them with the closed forms.",
 )
-for command in (tune, compare, sweep, pareto, adapt, identify, calibrate, export, new):
+for command in (tune, compare, sweep, pareto, adapt, identify, calibrate, export, train, evaluate, new):
     app.command()(command)
 
 

@@ -3,6 +3,7 @@
 Nothing here imports JAX before a command runs, so that help comes at once.
 """
 
+import importlib.util
 import os
 import sys
 from contextlib import contextmanager
@@ -45,6 +46,12 @@ def prepare_jax() -> None:
     import matplotlib as mpl
 
     mpl.use("Agg")
+
+
+def need_environments() -> None:
+    """*Raises* ``ValueError`` where Gymnasium, which the environments need, is not installed."""
+    if importlib.util.find_spec("gymnasium") is None:
+        raise ValueError("this command needs the environments: pip install 'jshape[envs]'")
 
 
 @contextmanager

@@ -1,0 +1,124 @@
+"""Policies that learn nothing beforehand: fixed shapers, adaptive ones, and the oracle, under one interface::
+
+    policy = baseline("model-bank", params)
+    rewards, info = rollout(jax.random.key(0), policy, params, moves=64)
+
+Where a family leaves something to choose (how robust a shaper is, for one), what is best for the params' own payloads
+and moves is chosen, on episodes of its own.
+"""
+
+from collections.abc import Callable, Sequence
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from jshape import _check
+from jshape.plants import AbstractOscillator
+from jshape_envs.baselines.amplitude_aware import AmplitudeAware, amplitude_aware
+from jshape_envs.baselines.believed import FixedPayload, Hedge, Oracle, hedges
+from jshape_envs.baselines.best import best_of, mean_rewards, scales
+from jshape_envs.baselines.direct import DirectAdaptive, FrequencyTracker, direct_adaptive, frequency_tracker
+from jshape_envs.baselines.fixed import Fixed, FixedEnergy, fixed_energy, fixed_linear
+from jshape_envs.baselines.model_based import ModelBased, model_based
+from jshape_envs.baselines.seen import middle
+from jshape_envs.core import Params
+from jshape_envs.policy import AbstractPolicy
+
+__all__ = [
+    "BASELINES",
+    "AmplitudeAware",
+    "DirectAdaptive",
+    "Fixed",
+    "FixedEnergy",
+    "FixedPayload",
+    "FrequencyTracker",
+    "Hedge",
+    "ModelBased",
+    "Oracle",
+    "amplitude_aware",
+    "applicable",
+    "baseline",
+    "best_of",
+    "direct_adaptive",
+    "fixed_energy",
+    "fixed_linear",
+    "frequency_tracker",
+    "model_based",
+]
+
+_DAMPINGS = (0.0, 0.05)
+
+
+def baseline(name: str, params: Params) -> AbstractPolicy:
+    """The baseline of that name for an environment; ``BASELINES`` lists them.
+
+    *Raises* ``ValueError`` for an unknown name, and for ``"energy"`` where the plant has no energy shaper.
+    """
+    _check.one_of(name, "baseline", tuple(BASELINES))
+    return BASELINES[name](params)
+
+
+def applicable(params: Params) -> list[str]:
+    """The names of the baselines that the environment has."""
+    plant = params.machine.plant(middle(params), jnp.zeros((), jnp.int32))
+    return [name for name in BASELINES if name != "energy" or isinstance(plant, AbstractOscillator)]
+
+
+def _best_fixed(params: Params) -> AbstractPolicy:
+    kinds = ("zv", "zvd", "ei")
+    return _best_family(
+        [[fixed_linear(params, k, s, z) for s in scales(params) for z in _DAMPINGS] for k in kinds], params
+    )
+
+
+def _best_energy(params: Params) -> AbstractPolicy:
+    payloads = np.linspace(*np.asarray(params.payload), 9)
+    tuned = [FixedPayload(jnp.asarray(p, params.period.dtype), h) for p in payloads[1:-1] for h in hedges(params)]
+    families: list[Sequence[AbstractPolicy]] = [tuned]
+    if "energy" in applicable(params):
+        families += [[fixed_energy(params, rests, p) for p in payloads] for rests in (1, 2)]
+    return _best_family(families, params)
+
+
+def _best_tracker(params: Params) -> AbstractPolicy:
+    return _best_family([[frequency_tracker(params, k, s) for s in scales(params)] for k in ("zv", "zvd")], params)
+
+
+def _best_seeking(params: Params) -> AbstractPolicy:
+    return best_of([direct_adaptive(params, seeks=True, scale=s) for s in scales(params)], params)
+
+
+def _hedged(policy: AmplitudeAware | ModelBased, params: Params) -> AbstractPolicy:
+    """The policy with the hedge that serves it best."""
+    return best_of([eqx.tree_at(lambda p: p.hedge, policy, hedge) for hedge in hedges(params)], params, episodes=8)
+
+
+def _best_family(families: Sequence[Sequence[AbstractPolicy]], params: Params) -> AbstractPolicy:
+    """The best of several families, whose shapers differ in their number of impulses."""
+    rewards = [mean_rewards(family, params) for family in families]
+    best = int(np.argmax([np.nanmax(values) for values in rewards]))
+    return families[best][int(np.nanargmax(rewards[best]))]
+
+
+BASELINES: dict[str, Callable[[Params], AbstractPolicy]] = {
+    "zv": lambda params: fixed_linear(params, "zv"),
+    "zvd": lambda params: fixed_linear(params, "zvd"),
+    "ei": lambda params: fixed_linear(params, "ei"),
+    "best-fixed": _best_fixed,
+    "energy": fixed_energy,
+    "best-energy": _best_energy,
+    "i-d": direct_adaptive,
+    "i-d-e": lambda params: direct_adaptive(params, seeks=True),
+    "i-d-e-scaled": _best_seeking,
+    "tracker": _best_tracker,
+    "amplitude-aware": lambda params: _hedged(amplitude_aware(params), params),
+    "model-bank": lambda params: _hedged(model_based(params), params),
+    "oracle": lambda params: Oracle(),
+}
+"""What each name stands for. Fixed: ``zv``, ``zvd``, ``ei`` for the middle payload at rest; ``best-fixed``, the best
+of them at any frequency and damping; ``energy``, the three-impulse energy shaper for the middle payload and the move's
+size; ``best-energy``, the best of the energy shapers and the oracle's own, hedged, for any one payload. Adaptive:
+``i-d``, ``i-d-e``, the paper's; ``i-d-e-scaled``, with the best factor between the measured frequency and the shaper's;
+``tracker``, a fit of sines, the best factor and kind of shaper; ``amplitude-aware`` and ``model-bank``, which know the
+plant's model, with the hedge that serves them best. And ``oracle``, which knows the payload."""

@@ -1,0 +1,151 @@
+"""Direct adaptive shaping, move by move: linear shapers for the frequencies that were last measured.
+
+``DirectAdaptive`` is the paper's scheme: frequencies from the peak of a Fourier transform over the last windows (I-D),
+and damping ratios by extremum seeking as well (I-D-E). ``FrequencyTracker`` fits sines to the last window instead.
+Neither knows a model, so that on a nonlinear plant both take the frequency of what little was left for that of a whole
+move; ``scale`` corrects them by a factor.
+"""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from jshape import Shaper, _check
+from jshape._types import Scalar
+from jshape.adaptive import ExtremumSeeking
+from jshape.adaptive.extremum_seeking import SeekingState
+from jshape.design.linear import multi_mode
+from jshape_envs.baselines.frequency import fit_tones, peaks
+from jshape_envs.baselines.seen import (
+    frequency_bands,
+    middle,
+    modes_of,
+    no_action,
+    sample_times,
+    seen,
+    sensor_deviation,
+)
+from jshape_envs.core import EnvState, Params
+from jshape_envs.policy import AbstractPolicy
+
+WINDOWS = 2
+"""Windows that the Fourier transform's mean power is taken over."""
+CLEAR = 4.0
+"""Amplitude, in standard deviations of a sample, from which a peak is believed."""
+PRECISION = 0.1
+"""Standard deviation of a frequency, relative to it, up to which a fit is believed."""
+
+
+class Windows(NamedTuple):
+    """``windows``: the last ones, m, newest first; ``made``: moves so far; ``omega``: rad/s, believed; ``seeking``: of
+    the damping ratios; ``distance``: of the last move, m."""
+
+    windows: Float[Array, "windows samples"]
+    made: Int[Array, ""]
+    omega: Float[Array, " modes"]
+    seeking: SeekingState
+    distance: Scalar
+
+
+class DirectAdaptive(AbstractPolicy):
+    """ZVDs (one for each mode, convolved) for the frequencies at the peaks of the Fourier transform.
+
+    ``bands``: where each mode's peak is looked for, rad/s; ``nominal``: the frequencies to begin with, rad/s;
+    ``scale``: of the shaper's frequencies over the measured ones; ``seeking``: of the damping ratios, in moves, whose
+    cost is the mean square of the samples after a move over the square of its distance. A peak that does not stand out
+    of the sensor's noise leaves the frequency as it is. Static: ``seeks``, whether the damping ratios adapt (I-D-E).
+
+    *Source*: Chatlatanagulchai, Chotana and Prutthapong, Section 3 and Fig. 2, where the transform slides on with every
+    sample; here it advances with every move, as the sensor does.
+    """
+
+    bands: Float[Array, "modes 2"]
+    nominal: Float[Array, " modes"]
+    scale: Scalar
+    seeking: ExtremumSeeking
+    seeks: bool = eqx.field(static=True)
+
+    def start(self, params: Params) -> Windows:
+        dtype = params.period.dtype
+        none = jnp.zeros((WINDOWS, params.sensor.samples), dtype)
+        return Windows(none, jnp.zeros((), jnp.int32), self.nominal, self.seeking.start(), jnp.ones((), dtype))
+
+    def choose(
+        self, memory: Windows, observation: Float[Array, " observation"], params: Params, state: EnvState
+    ) -> tuple[Shaper, Float[Array, " size"], Windows]:
+        del state
+        samples, distance = seen(observation, params)
+        moved = memory.made > 0
+        windows = jnp.concatenate([jnp.where(moved, samples, 0.0)[None], memory.windows[:-1]])
+        found, height = peaks(windows, sample_times(params), self.bands)
+        omega = jnp.where(moved & (height > CLEAR * sensor_deviation(params)), found, memory.omega)
+        cost = jnp.mean(samples**2) / memory.distance**2
+        seeking, zeta = self.seeking.step(memory.seeking, jnp.where(moved, cost, jnp.nan))
+        zeta = zeta if self.seeks else self.seeking.centre
+        shaper = multi_mode(list(zip(self.scale * omega, zeta, strict=True)), "zvd")
+        return shaper, no_action(params), Windows(windows, memory.made + 1, omega, seeking, distance)
+
+
+def direct_adaptive(params: Params, seeks: bool = False, scale: Any = 1.0, zeta: Any = 0.03) -> DirectAdaptive:
+    """The paper's I-D, or with ``seeks`` its I-D-E, begun with the middle payload and a damping ratio ``zeta``.
+
+    *Raises* ``ValueError`` for a damping ratio that leaves its bounds, 0 to 0.2, no room.
+    """
+    dtype, nominal = params.period.dtype, modes_of(params, middle(params)).astype(params.period.dtype)
+    modes = len(nominal)
+    seeking = ExtremumSeeking(
+        step_time=1.0,
+        start=jnp.full(modes, zeta, dtype),
+        frequency=jnp.linspace(1.6, 2.2, modes, dtype=dtype),
+        amplitude=jnp.asarray(0.01, dtype),
+        gain=jnp.asarray(-0.5, dtype),
+        high_pass=jnp.asarray(0.5, dtype),
+        low_pass=jnp.asarray(0.5, dtype),
+        bounds=jnp.asarray((0.0, 0.2), dtype),
+    )
+    return DirectAdaptive(frequency_bands(params), nominal, jnp.asarray(scale, dtype), seeking, bool(seeks))
+
+
+class FrequencyTracker(AbstractPolicy):
+    """A linear shaper of a ``kind`` (ZV, ZVD …) for the frequencies of the sines that fit the last window best.
+
+    ``bands``, ``nominal``, ``scale``: as in ``DirectAdaptive``; ``zeta``: damping ratio of the shaper. A frequency that
+    the samples do not tell to a tenth is left as it is.
+    """
+
+    bands: Float[Array, "modes 2"]
+    nominal: Float[Array, " modes"]
+    scale: Scalar
+    zeta: Scalar
+    kind: str = eqx.field(static=True)
+
+    def start(self, params: Params) -> Float[Array, " modes"]:
+        del params
+        return self.nominal
+
+    def choose(
+        self,
+        memory: Float[Array, " modes"],
+        observation: Float[Array, " observation"],
+        params: Params,
+        state: EnvState,
+    ) -> tuple[Shaper, Float[Array, " size"], Float[Array, " modes"]]:
+        del state
+        # Before the first move there is noise alone, which no fit is sure about.
+        samples, _ = seen(observation, params)
+        found = fit_tones(samples, sample_times(params), self.bands, sensor_deviation(params))
+        omega = jnp.where(found.deviation < PRECISION * found.omega, found.omega, memory)
+        return multi_mode([(self.scale * w, self.zeta) for w in omega], self.kind), no_action(params), omega
+
+
+def frequency_tracker(params: Params, kind: str = "zvd", scale: Any = 1.0, zeta: Any = 0.0) -> FrequencyTracker:
+    """A tracker begun with the middle payload.
+
+    *Raises* ``ValueError`` for a damping ratio outside [0, 1).
+    """
+    zeta = _check.scalar(zeta, "zeta")
+    _check.damping_ratio(zeta, "zeta")
+    dtype, nominal = params.period.dtype, modes_of(params, middle(params)).astype(params.period.dtype)
+    return FrequencyTracker(frequency_bands(params), nominal, jnp.asarray(scale, dtype), zeta.astype(dtype), kind)

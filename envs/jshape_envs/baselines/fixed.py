@@ -1,0 +1,93 @@
+"""Fixed shapers: chosen once for one assumed payload, whatever is measured afterwards."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+import jshape as js
+from jshape import Shaper, _check
+from jshape.design.linear import multi_mode
+from jshape.plants import AbstractOscillator
+from jshape_envs.baselines.seen import evenly, middle, modes_of, no_action, seen
+from jshape_envs.core import EnvState, Params
+from jshape_envs.policy import AbstractPolicy
+
+SIZES = 33
+"""Sizes of moves for which a shaper that depends on them is designed; between two, straight lines."""
+
+
+class Fixed(AbstractPolicy):
+    """Always the same ``shaper``."""
+
+    shaper: Shaper
+
+    def start(self, params: Params) -> tuple[()]:
+        del params
+        return ()
+
+    def choose(
+        self, memory: tuple[()], observation: Float[Array, " observation"], params: Params, state: EnvState
+    ) -> tuple[Shaper, Float[Array, " size"], tuple[()]]:
+        del observation, state
+        return self.shaper, no_action(params), memory
+
+
+def fixed_linear(params: Params, kind: str = "zvd", scale: Any = 1.0, zeta: Any = 0.0) -> Fixed:
+    """The linear shaper of that ``kind`` (``"zv"``, ``"zvd"``, ``"ei"`` …) for the middle payload, each mode its own.
+
+    ``scale``: what the frequency at rest is multiplied by, which a nonlinear spring asks for; ``zeta``: damping ratio.
+    *Raises* ``ValueError`` as ``jshape.design.linear.multi_mode``.
+    """
+    omega = scale * modes_of(params, middle(params))
+    dtype = params.period.dtype
+    found = multi_mode([(w, jnp.asarray(zeta, dtype)) for w in omega], kind)
+    return Fixed(jax.tree.map(lambda x: x.astype(dtype), found))
+
+
+class FixedEnergy(AbstractPolicy):
+    """The closed-form energy shaper for one assumed payload and the size of each move.
+
+    ``amplitudes``, ``times``: for sizes evenly from the shortest to the longest move.
+    """
+
+    amplitudes: Float[Array, "sizes impulses"]
+    times: Float[Array, "sizes impulses"]
+
+    def start(self, params: Params) -> tuple[()]:
+        del params
+        return ()
+
+    def choose(
+        self, memory: tuple[()], observation: Float[Array, " observation"], params: Params, state: EnvState
+    ) -> tuple[Shaper, Float[Array, " size"], tuple[()]]:
+        del state
+        size = jnp.abs(seen(observation, params).distance)
+        sizes = evenly(params.distance, SIZES)
+        at = jax.vmap(lambda column: jnp.interp(size, sizes, column), in_axes=1)
+        return Shaper(at(self.amplitudes), at(self.times)), no_action(params), memory
+
+
+def fixed_energy(params: Params, rests: int = 1, payload: Any = None) -> FixedEnergy:
+    """The energy shaper with that many rests on the way (1: three impulses), for a ``payload``; the middle one unless
+    given.
+
+    *Raises* ``ValueError`` for a plant that is no mass on a spring (those have no closed form), and as
+    ``jshape.design.energy.robust``. *Source*: Moonmangmee and Chatlatanagulchai (2025), Eqs. 31 and 36.
+    """
+    payload = middle(params) if payload is None else jnp.asarray(payload, params.period.dtype)
+    plant = params.machine.plant(payload, jnp.zeros((), jnp.int32))
+    if not isinstance(plant, AbstractOscillator):
+        raise ValueError(f"params: an energy shaper needs a mass on a spring, not a {type(plant).__name__}")
+    rests = _check.count(rests, "rests")
+    # In the best precision that there is: a design is no place to save time.
+    plant, ends = jax.tree.map(lambda x: jnp.asarray(x, float), (plant, params.distance))
+    found = _robust(plant, evenly(ends, SIZES), rests)
+    return FixedEnergy(*(x.astype(params.period.dtype) for x in (found.amplitudes, found.times)))
+
+
+@eqx.filter_jit
+def _robust(plant: AbstractOscillator, sizes: Float[Array, " sizes"], rests: int) -> Shaper:
+    return jax.vmap(lambda size: js.design.energy.robust(plant, size, rests=rests))(sizes)

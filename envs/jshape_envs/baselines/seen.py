@@ -1,0 +1,82 @@
+"""What a classical policy reads off an observation, in SI units, and what it knows of its machine beforehand."""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jshape._types import Scalar
+from jshape_envs.core import Params
+
+MARGIN = 1.25
+"""How far beyond the frequencies that the payloads have a band reaches, as a factor."""
+
+
+class Seen(NamedTuple):
+    """``samples``: of the deflection over the window after the last move, m (rad for an angle); ``distance``: of the
+    next move, m, signed."""
+
+    samples: Float[Array, " samples"]
+    distance: Scalar
+
+
+def seen(observation: Float[Array, " observation"], params: Params) -> Seen:
+    """An observation taken apart.
+
+    *Raises* ``ValueError`` where it tells features in the place of samples.
+    """
+    sensor = params.sensor
+    if sensor.kind != "samples":
+        raise ValueError(f"observation must be 'samples' for a classical policy, not {sensor.kind!r}")
+    distance = observation[sensor.size + params.action.size] * params.distance[1]
+    return Seen(observation[: sensor.samples] * sensor.reach, distance)
+
+
+def sample_times(params: Params) -> Float[Array, " samples"]:
+    """When the sensor's samples are taken, s after the last impulse."""
+    count = params.sensor.samples
+    return params.sensor.window * jnp.arange(1, count + 1, dtype=params.period.dtype) / count
+
+
+def sensor_deviation(params: Params) -> Scalar:
+    """Standard deviation of a sample, of noise and rounding together, m."""
+    return jnp.sqrt(params.sensor.noise**2 + params.sensor.resolution**2 / 12)
+
+
+def no_action(params: Params) -> Float[Array, " size"]:
+    """What the next observation shows where the shaper is no action of the environment's."""
+    return jnp.zeros(params.action.size, params.period.dtype)
+
+
+def evenly(ends: Float[Array, "2"], count: int) -> Float[Array, " values"]:
+    """So many values from the one end to the other."""
+    return jnp.linspace(ends[0], ends[1], count)
+
+
+def middle(params: Params) -> Scalar:
+    """The payload in the middle of what it may be: what is assumed before anything is known."""
+    return jnp.mean(params.payload)
+
+
+def modes_of(params: Params, payload: Scalar) -> Float[Array, " modes"]:
+    """The plant's frequencies at rest with that payload, before its first move, rad/s, ascending."""
+    plant = params.machine.plant(payload, jnp.zeros((), jnp.int32))
+    return jnp.atleast_1d(plant.natural_frequency())
+
+
+def frequency_bands(params: Params) -> Float[Array, "modes 2"]:
+    """Lowest and highest frequency that each mode may have, rad/s: with any payload and, for a single mode, any move.
+
+    A nonlinear plant's half periods are not the linear ones; the oracle's shapers tell how short they become. Where the
+    sensor samples a mode less than twice a period, the band ends where two frequencies begin to look alike.
+    """
+    found = np.array([np.asarray(modes_of(params, payload)) for payload in params.payload])
+    low, high = found.min(axis=0), found.max(axis=0)
+    if len(low) == 1:
+        swings = np.pi / np.asarray(params.oracle.times[..., 1])
+        low, high = np.minimum(low, swings.min()), np.maximum(high, swings.max())
+    half_rate = np.pi * params.sensor.samples / float(params.sensor.window)
+    fold = half_rate * np.floor((low + high) / 2 / half_rate)
+    low, high = np.maximum(low / MARGIN, fold), np.minimum(high * MARGIN, fold + half_rate)
+    return jnp.asarray(np.stack([low, high], axis=1), params.period.dtype)

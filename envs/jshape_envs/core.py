@@ -1,0 +1,271 @@
+"""The environment as pure functions: ``reset`` and ``step``, for ``jit``, ``vmap``, ``scan`` and ``grad``.
+
+One step is one point-to-point move; an episode is a sequence of moves of random size and direction, while the payload
+changes at moments that nobody tells::
+
+    params = jshape_envs.parameters("DuffingPayload", preset="paper")
+    state, observation = reset(key, params)
+    state, observation, reward, terminated, truncated, info = step(key, state, action, params)
+
+A whole episode is a ``scan`` over ``step``, and its return has exact derivatives with respect to every action.
+"""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
+
+from jshape import Shaper
+from jshape._types import Scalar
+from jshape._types import State as PlantState
+from jshape.schedule import schedule
+from jshape_envs.actions import AbstractAction
+from jshape_envs.machine import AbstractMachine
+from jshape_envs.oracle import ShaperTable
+from jshape_envs.physics import Steps, greatest_energy, plan_move, run_move, run_window
+from jshape_envs.sensor import Sensor
+
+CONTEXTS = ("hidden", "observed", "noisy")
+
+
+class Params(eqx.Module):
+    """Everything about an environment. All arrays are leaves: stack them, and ``vmap`` over different environments.
+
+    ``machine``: what moves. ``payload``: least and greatest (in the unit of the plant's leaf). ``distance``: shortest
+    and longest move, m. ``track``: moves stay within ± this many metres of where the machine began (at least the
+    longest move). ``change_rate``: probability that the payload is another one in the next move. ``horizon``: moves an
+    episode. ``carry``: whether the vibration left from one move is the beginning of the next. ``energy_weight``,
+    ``time_weight``: what a normalised residual energy of 1, and a shaper that lasts one ``period``, cost. ``period``:
+    of the nominal payload's slowest mode at rest, s. ``context_noise``: standard deviation of a noisily observed
+    payload, over half its range. ``sensor``, ``action``, ``oracle``, ``steps``: as they say.
+
+    Static: ``context``, whether the payload of the next move is ``"hidden"``, ``"observed"`` or ``"noisy"``;
+    ``tell_change``, whether the observation tells how many moves ago the payload changed.
+    """
+
+    machine: AbstractMachine
+    payload: Float[Array, "2"]
+    distance: Float[Array, "2"]
+    track: Scalar
+    change_rate: Scalar
+    horizon: Int[Array, ""]
+    carry: Bool[Array, ""]
+    energy_weight: Scalar
+    time_weight: Scalar
+    period: Scalar
+    context_noise: Scalar
+    sensor: Sensor
+    action: AbstractAction
+    oracle: ShaperTable
+    steps: Steps
+    context: str = eqx.field(static=True)
+    tell_change: bool = eqx.field(static=True)
+
+
+class EnvState(eqx.Module):
+    """What an environment is in between two moves.
+
+    ``plant``: the plant's state; ``position``: where the machine stands, m; ``distance``: of the next move, m, signed;
+    ``payload``: of the next move; ``moves``: made so far; ``since_change``: moves made with this payload.
+    """
+
+    plant: PlantState
+    position: Scalar
+    distance: Scalar
+    payload: Scalar
+    moves: Int[Array, ""]
+    since_change: Int[Array, ""]
+
+
+class Evaluation(NamedTuple):
+    """What a policy must not see; for evaluation only.
+
+    ``payload``: that the move was made with; ``changed``: whether it was this one's first; ``since_change``: moves made
+    with it before; ``energy``: left after the last impulse, J; ``oracle_cost``: what the oracle would have paid for
+    this move; ``regret``: what was paid beyond that.
+    """
+
+    payload: Scalar
+    changed: Bool[Array, ""]
+    since_change: Int[Array, ""]
+    energy: Scalar
+    oracle_cost: Scalar
+    regret: Scalar
+
+
+class Info(NamedTuple):
+    """What a move cost: reward = −(``energy_cost`` + ``time_cost``).
+
+    ``residual``: energy left after the last impulse, over the greatest that the bare move has on its way (for a step,
+    over what it leaves): 1 is no shaping at all; ``duration``: of the shaper, s; ``move_time``: of the shaped command,
+    s; ``lost``: whether the payload was lost (the episode then ends).
+    """
+
+    residual: Scalar
+    energy_cost: Scalar
+    time_cost: Scalar
+    duration: Scalar
+    move_time: Scalar
+    lost: Bool[Array, ""]
+    evaluation: Evaluation
+
+
+LOST = 4.0
+"""The normalised residual energy that a lost payload counts as, and the most that any counts as: both vibrations of
+twice the bare move's amplitude."""
+
+
+def observation_names(params: Params) -> list[str]:
+    """What each entry of an observation is, in order."""
+    modes = params.sensor.kind
+    sensed = [f"{modes}.{i}" for i in range(params.sensor.size)]
+    known = jax.eval_shape(params.machine.known, jnp.zeros((), jnp.int32)).shape[0]
+    names = [*sensed, *(f"last action.{i}" for i in range(params.action.size)), "distance"]
+    names += [f"machine.{i}" for i in range(known)]
+    names += [] if params.context == "hidden" else ["payload"]
+    return names + (["since change"] if params.tell_change else [])
+
+
+def reset(key: PRNGKeyArray, params: Params) -> tuple[EnvState, Float[Array, " observation"]]:
+    """A machine at rest, with a payload and a first move. The sensor tells of nothing but its noise."""
+    share, noise = _draw(key, params)
+    zero, none = jnp.zeros_like(params.period), jnp.zeros((), jnp.int32)
+    payload = _between(params.payload, share[1])
+    plant = params.machine.plant(payload, none)
+    state = EnvState(
+        plant=plant.rest_state(plant.zero_inputs()).astype(zero.dtype),
+        position=zero,
+        distance=_next_distance(zero, share[2], share[3], params),
+        payload=payload,
+        moves=none,
+        since_change=none,
+    )
+    still = jnp.zeros(params.sensor.samples, zero.dtype)
+    return state, _observe(noise, still, jnp.zeros(params.action.size, zero.dtype), state, params)
+
+
+def step(
+    key: PRNGKeyArray, state: EnvState, action: Float[Array, " action"], params: Params
+) -> tuple[EnvState, Float[Array, " observation"], Scalar, Bool[Array, ""], Bool[Array, ""], Info]:
+    """One move with the shaper that an action in [−1, 1] stands for.
+
+    Returns state, observation (each entry within [−1, 1]), reward, terminated (the payload is lost), truncated (the
+    horizon is reached) and what it cost. Nothing resets by itself.
+    """
+    action = jnp.clip(action, -1.0, 1.0).astype(params.period.dtype)
+    return move(key, state, params.action.shaper(action), params, action)
+
+
+def move(
+    key: PRNGKeyArray, state: EnvState, shaper: Shaper, params: Params, action: Float[Array, " action"] | None = None
+) -> tuple[EnvState, Float[Array, " observation"], Scalar, Bool[Array, ""], Bool[Array, ""], Info]:
+    """``step`` with any shaper, of any number of impulses; the next observation shows ``action`` (0 unless given)."""
+    machine, dtype = params.machine, params.period.dtype
+    shaper = jax.tree.map(lambda x: x.astype(dtype), shaper)
+    plant = machine.plant(state.payload, state.moves)
+    command = machine.command(state.distance)
+    plan = plan_move(plant, command, shaper, state.position)
+    after, energy = run_move(plant, plan, machine.taken_over(state.plant, plant), params.steps)
+    end, deflection, escaped = run_window(plant, plan, after, params.sensor.window, params.sensor.samples, params.steps)
+
+    reference, oracle_cost = bare_energy_and_oracle_cost(state, params)
+    lost = escaped | ~jnp.isfinite(energy)
+    residual = jnp.minimum(jnp.where(lost, LOST, energy / reference), LOST)
+    duration = shaper.times[-1]
+    energy_cost, time_cost = params.energy_weight * residual, params.time_weight * duration / params.period
+    cost = energy_cost + time_cost
+
+    share, noise = _draw(key, params)
+    changes = share[0] < params.change_rate
+    position = state.position + state.distance
+    rest = plant.rest_state(plan.final_inputs(plant))
+    following = EnvState(
+        plant=jnp.where(params.carry & ~lost, end, rest),
+        position=position,
+        distance=_next_distance(position, share[2], share[3], params),
+        payload=jnp.where(changes, _between(params.payload, share[1]), state.payload),
+        moves=state.moves + 1,
+        since_change=jnp.where(changes, 0, state.since_change + 1),
+    )
+    action = jnp.zeros(params.action.size, dtype) if action is None else action
+    observation = _observe(noise, deflection, action, following, params)
+    evaluation = Evaluation(
+        payload=state.payload,
+        changed=(state.since_change == 0) & (state.moves > 0),
+        since_change=state.since_change,
+        energy=energy,
+        oracle_cost=oracle_cost,
+        regret=cost - oracle_cost,
+    )
+    info = Info(residual, energy_cost, time_cost, duration, plan.breaks[-1], lost, evaluation)
+    return following, observation, -cost, lost, following.moves >= params.horizon, info
+
+
+def bare_energy_and_oracle_cost(state: EnvState, params: Params) -> tuple[Scalar, Scalar]:
+    """What the next move's residual energy is normalised by, J, and what the oracle pays for that move."""
+    machine = params.machine
+    table = params.oracle.costs(state.payload, jnp.abs(state.distance), machine.case(state.distance, state.moves))
+    plant, command = machine.plant(state.payload, state.moves), machine.command(state.distance)
+    # A bare step takes no time, so that its energy is known without a simulation, exactly.
+    at_once = len(schedule(plant, command).breaks) == 1
+    return (greatest_energy(plant, command, params.steps) if at_once else table[0]), table[1]
+
+
+def rollout(key: PRNGKeyArray, policy: Any, memory: Any, params: Params, moves: int) -> tuple[Scalar, Info]:
+    """So many moves from a reset, by a policy ``(observation, memory) → (action, memory)``: rewards and infos.
+
+    An episode that ends before is begun anew, with the memory that it had at first.
+    """
+    first, key = jax.random.split(key)
+    state, observation = reset(first, params)
+
+    def advance(carry, key):
+        state, observation, held = carry
+        here, again = jax.random.split(key)
+        action, held = policy(observation, held)
+        state, observation, reward, terminated, truncated, info = step(here, state, action, params)
+        fresh = (*reset(again, params), memory)
+        done = terminated | truncated
+        carry = jax.tree.map(lambda new, old: jnp.where(done, new, old), fresh, (state, observation, held))
+        return carry, (reward, info)
+
+    _, kept = jax.lax.scan(advance, (state, observation, memory), jax.random.split(key, moves))
+    return kept
+
+
+def _draw(key: PRNGKeyArray, params: Params) -> tuple[Float[Array, "4"], Float[Array, " noise"]]:
+    """Four numbers even over [0, 1) and the sensor's normal ones (and one for the context), of one call: a call of the
+    generator is dearer than its numbers."""
+    dtype = params.period.dtype
+    least = jnp.nextafter(jnp.asarray(-1.0, dtype), jnp.asarray(0.0, dtype))
+    even = jax.random.uniform(key, (5 + params.sensor.samples,), dtype, least, 1.0)
+    return (even[:4] + 1) / 2, 2**0.5 * jax.lax.erf_inv(even[4:])
+
+
+def _between(ends: Float[Array, "2"], share: Scalar) -> Scalar:
+    return ends[0] + (ends[1] - ends[0]) * share
+
+
+def _next_distance(position: Scalar, share: Scalar, side: Scalar, params: Params) -> Scalar:
+    """A random size, to a random side, but back where the other end would lie beyond the track."""
+    size = _between(params.distance, share)
+    way = jnp.where(side < 0.5, -1.0, 1.0).astype(size.dtype)
+    beyond = jnp.abs(position + way * size) > params.track
+    return jnp.where(beyond, -jnp.sign(position), way) * size
+
+
+def _observe(
+    noise: Array, deflection: Float[Array, " samples"], action: Array, state: EnvState, params: Params
+) -> Float[Array, " observation"]:
+    parts = [params.sensor.read(deflection, noise[1:]), action, (state.distance / params.distance[1])[None]]
+    parts.append(params.machine.known(state.moves))
+    if params.context != "hidden":
+        payload = 2 * (state.payload - params.payload[0]) / (params.payload[1] - params.payload[0]) - 1
+        if params.context == "noisy":
+            payload = payload + params.context_noise * noise[0]
+        parts.append(payload[None])
+    if params.tell_change:
+        parts.append(2 * (state.since_change / params.horizon).astype(deflection.dtype)[None] - 1)
+    return jnp.clip(jnp.concatenate(parts).astype(deflection.dtype), -1.0, 1.0)

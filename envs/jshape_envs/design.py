@@ -1,0 +1,100 @@
+"""The oracle's table, designed: for every payload and move the cheapest positive shaper that leaves next to nothing."""
+
+import functools
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import optimistix as optx
+from jaxtyping import Array, Float
+
+from jshape import Shaper, _check
+from jshape._types import Scalar
+from jshape.design.linear import zv
+from jshape_envs.machine import CASES, AbstractMachine
+from jshape_envs.oracle import ShaperTable
+from jshape_envs.physics import Steps, greatest_energy, plan_move, run_move
+
+_SCALES = (0.35, 0.5, 0.7, 0.85, 1.0, 1.15)
+"""Multiples of the linear half periods that the searches begin with."""
+
+
+STRICTNESS = 10.0
+"""How much dearer residual energy counts in the search than in a move's cost. What one move leaves, the next ones keep,
+and a hardening spring makes it grow: the shaper that is cheapest for one move alone is not the cheapest for many."""
+
+
+def design_table(
+    machine: AbstractMachine,
+    payload: Float[Array, "2"],
+    distance: Float[Array, "2"],
+    weights: tuple[Scalar, Scalar],
+    period: Scalar,
+    steps: Steps,
+    grid: tuple[int, int],
+) -> ShaperTable:
+    """The table for a machine, over payloads and sizes of moves (least and greatest of each).
+
+    ``weights``: of the normalised residual energy and of the shaper's duration in periods; ``grid``: how many payloads
+    and sizes. Two impulses for one mode, four for two: BFGS (optimistix) on the cost, begun from linear shapers; the
+    best of several starts counts. Takes some seconds.
+
+    *Raises* ``ValueError`` where no shaper of finite cost is found.
+    """
+    payloads, sizes = (jnp.linspace(ends[0], ends[1], n) for ends, n in zip((payload, distance), grid, strict=True))
+    signs, moves = (jnp.asarray(part) for part in zip(*map(machine.example, range(CASES)), strict=True))
+    found = _design_all(machine, payloads, sizes, signs.astype(sizes.dtype), moves, weights, period, steps)
+    amplitudes, times, reference, cost = found
+    if not bool(jnp.all(jnp.isfinite(cost))):
+        raise ValueError(
+            f"distance: no shaper brings the payload to {_check.show(distance)} m: it is lost on the way with some "
+            "payloads; shorten the moves"
+        )
+    return ShaperTable(payload, distance, amplitudes, times, reference, cost)
+
+
+def _design(
+    machine: AbstractMachine,
+    payload: Scalar,
+    size: Scalar,
+    sign: Scalar,
+    moves: Array,
+    weights: Any,
+    period: Scalar,
+    steps: Steps,
+) -> tuple[Array, Array, Scalar, Scalar]:
+    plant, command = machine.plant(payload, moves), machine.command(sign * size)
+    state = plant.rest_state(plant.zero_inputs())
+    reference = greatest_energy(plant, command, steps)
+
+    def shaper(z: Array) -> Shaper:
+        logits, gaps = jnp.split(z, 2)
+        zero = jnp.zeros_like(z[:1])
+        times = jnp.concatenate([zero, jnp.cumsum(jnp.exp(gaps))])
+        return Shaper(jax.nn.softmax(jnp.concatenate([zero, logits])), times)
+
+    def cost(z: Array, strictness: float) -> Scalar:
+        trial = shaper(z)
+        _, energy = run_move(plant, plan_move(plant, command, trial, jnp.zeros_like(size)), state, steps)
+        return strictness * weights[0] * energy / reference + weights[1] * trial.duration / period
+
+    def search(scale: Scalar) -> tuple[Array, Scalar]:
+        parts = [zv(omega / scale) for omega in jnp.atleast_1d(plant.natural_frequency())]
+        linear = functools.reduce(Shaper.convolve, parts)
+        begin = jnp.concatenate(
+            [jnp.log(linear.amplitudes[1:] / linear.amplitudes[0]), jnp.log(jnp.diff(linear.times))]
+        )
+        solver = optx.BFGS(rtol=1e-8, atol=1e-8)
+        found = optx.minimise(cost, solver, begin, STRICTNESS, max_steps=80, throw=False)
+        return found.value, cost(found.value, STRICTNESS)
+
+    points, costs = jax.vmap(search)(jnp.asarray(_SCALES, size.dtype))
+    best = jnp.nanargmin(costs)
+    chosen = shaper(points[best])
+    return chosen.amplitudes, chosen.times, reference / size**2, cost(points[best], 1.0)
+
+
+_over_cases = jax.vmap(_design, in_axes=(None, None, None, 0, 0, None, None, None))
+_over_sizes = jax.vmap(_over_cases, in_axes=(None, None, 0, None, None, None, None, None))
+_design_all: Any = eqx.filter_jit(jax.vmap(_over_sizes, in_axes=(None, 0, None, None, None, None, None, None)))

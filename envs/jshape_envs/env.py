@@ -1,0 +1,124 @@
+"""The environments as ``gymnasium.Env``: one machine, NumPy in and out."""
+
+from typing import Any, ClassVar
+
+import gymnasium as gym
+import jax
+import jax.numpy as jnp
+import numpy as np
+from gymnasium import spaces
+from gymnasium.vector import AutoresetMode
+
+from jshape_envs.batch import Lanes, advance, base_keys, begin, filled
+from jshape_envs.core import Params, observation_names
+from jshape_envs.machine import AbstractMachine
+from jshape_envs.parameters import parameters
+from jshape_envs.render import FPS, Renderer
+
+RENDER_MODES = ("rgb_array", "rgb_array_list", "human")
+
+
+class MoveEnv(gym.Env):
+    """A machine that makes point-to-point moves with a payload that changes.
+
+    ``environment``: a name, a machine, or ``Params``; the keywords are those of ``parameters``.
+
+    **Action**: ``Box(−1, 1, float32)``; what its entries mean is told by ``params.action`` (``actions.py``).
+    **Observation**: ``Box(−1, 1, float32)``, entries named by ``observation_names(params)``: the sensor's samples or
+    features of the vibration after the last move, the last action, the next distance over the longest, what the
+    machine's own encoders tell, the payload if it is observed, how long ago it changed if asked.
+    **Reward**: −(energy weight × normalised residual energy + time weight × shaper's duration over the nominal period).
+    **Terminated** when the payload is lost (a rod over the top); **truncated** at the horizon.
+    **Info**: see ``Info``, as floats; what a policy must not see stands under ``"evaluation"``.
+
+    ``render_mode``: ``"rgb_array"`` (the whole last move in one picture), ``"rgb_array_list"`` (its frames) or
+    ``"human"`` (played in a window; without a screen nothing is shown).
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": list(RENDER_MODES), "render_fps": FPS}
+
+    def __init__(self, environment: str | AbstractMachine | Params, *, render_mode: str | None = None, **keywords: Any):
+        if render_mode is not None and render_mode not in RENDER_MODES:
+            raise ValueError(f"render_mode must be one of {RENDER_MODES}, not {render_mode!r}")
+        self.params = as_params(environment, keywords)
+        self.render_mode = render_mode
+        self.observation_space, self.action_space = box_spaces(self.params)
+        self._lanes: Lanes | None = None
+        self._watched: tuple[Lanes, np.ndarray] | None = None
+        self._renderer: Renderer | None = None
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None):
+        super().reset(seed=seed)
+        if self._lanes is None or seed is not None:
+            base = base_keys([self.np_random])
+            episode = jnp.zeros(len(base), jnp.int32)
+        else:
+            base, episode = self._lanes.base, self._lanes.episode + 1
+        lanes, observation = begin(base, episode, jnp.ones(len(base), bool), None, self.params)
+        self._lanes, self._watched = lanes, None
+        if self.render_mode == "human":
+            self._draw()
+        return np.array(observation)[0], {"evaluation": {"payload": np.asarray(lanes.state.payload)[0].item()}}
+
+    def step(self, action: Any):
+        if self._lanes is None or bool(np.asarray(self._lanes.done)[0]):
+            raise gym.error.ResetNeeded("the episode has not begun or has ended: call reset first")
+        actions = filled(checked_actions(np.asarray(action)[None], (self.params.action.size,), 1))
+        before = self._lanes
+        self._lanes, outcome = advance(before, actions, self.params, AutoresetMode.DISABLED)
+        self._watched = (before, actions)
+        if self.render_mode == "human":
+            self._draw()
+        info = jax.tree.map(lambda x: np.asarray(x)[0].item(), outcome.info)
+        flags = bool(np.asarray(outcome.terminated)[0]), bool(np.asarray(outcome.truncated)[0])
+        info = info._asdict() | {"evaluation": info.evaluation._asdict()}
+        return np.array(outcome.observation)[0], float(np.asarray(outcome.reward)[0]), *flags, info
+
+    def render(self) -> Any:
+        if self.render_mode is None:
+            gym.logger.warn("render_mode was not given to gym.make, so there is nothing to draw")
+            return None
+        return None if self.render_mode == "human" else self._draw()
+
+    def _draw(self):
+        if self._lanes is None:
+            raise gym.error.ResetNeeded("there is nothing to draw yet: call reset first")
+        if self._renderer is None:
+            self._renderer = Renderer(self.params, window=self.render_mode == "human")
+        lanes, actions = self._watched or (self._lanes, None)
+        state = jax.tree.map(lambda x: x[0], lanes.state)
+        self._renderer.take(state, None if actions is None else jnp.asarray(actions[0]))
+        if self.render_mode == "human":
+            return self._renderer.play()
+        return self._renderer.frames() if self.render_mode == "rgb_array_list" else self._renderer.still()
+
+    def close(self):
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
+        super().close()
+
+
+def as_params(environment: str | AbstractMachine | Params, keywords: dict[str, Any]) -> Params:
+    """The params that a constructor's arguments ask for."""
+    if not isinstance(environment, Params):
+        return parameters(environment, **keywords)
+    if keywords:
+        raise ValueError(f"environment is given as Params already; {', '.join(keywords)} cannot be given beside it")
+    return environment
+
+
+def box_spaces(params: Params) -> tuple[spaces.Box, spaces.Box]:
+    """The spaces of observations and of actions."""
+    observation = spaces.Box(-1.0, 1.0, (len(observation_names(params)),), np.float32)
+    return observation, spaces.Box(-1.0, 1.0, (params.action.size,), np.float32)
+
+
+def checked_actions(actions: Any, shape: tuple[int, ...], lanes: int) -> np.ndarray:
+    """*Raises* ``ValueError`` for actions of another shape or that are not finite numbers."""
+    actions = np.asarray(actions, np.float32)
+    if actions.shape != (lanes, *shape):
+        raise ValueError(f"action must have shape {(lanes, *shape)} (one row an environment), not {actions.shape}")
+    if not np.all(np.isfinite(actions)):
+        raise ValueError(f"action must be finite, not {actions[~np.isfinite(actions).all(axis=1)][0]}")
+    return actions

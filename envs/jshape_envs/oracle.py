@@ -1,0 +1,62 @@
+"""The oracle: a policy that knows the payload, and for each payload and move has a shaper tuned for it.
+
+Its shapers stand in a table over payload, size and kind of move, made once and interpolated. Each is designed from
+rest, where the oracle's own last move has left the payload but for a few parts in a hundred thousand; it does not look
+at what is left of a vibration, which a policy may. Regret is what a policy pays beyond what the oracle pays for the
+same moves with the same payloads.
+"""
+
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from jshape import Shaper
+from jshape._types import Scalar
+
+
+class ShaperTable(eqx.Module):
+    """Shapers on a grid: payload × size of the move (m) × kind of move, straight lines between.
+
+    ``payload``, ``distance``: least and greatest, the grid being even; ``amplitudes``, ``times``: of the shapers;
+    ``reference``: the greatest energy of the bare move over the square of its size, J/m², which is straight more nearly
+    than the energy itself; ``cost``: what the shaper costs from rest.
+    """
+
+    payload: Float[Array, "2"]
+    distance: Float[Array, "2"]
+    amplitudes: Float[Array, "payloads distances cases impulses"]
+    times: Float[Array, "payloads distances cases impulses"]
+    reference: Float[Array, "payloads distances cases"]
+    cost: Float[Array, "payloads distances cases"]
+
+    def shaper(self, payload: Scalar, distance: Scalar, case: Int[Array, ""]) -> Shaper:
+        """The shaper for that payload, size (m, not negative) and kind of move."""
+        at = self._weights(payload, distance)
+        return Shaper(_interpolate(self.amplitudes, case, *at), _interpolate(self.times, case, *at))
+
+    def costs(self, payload: Scalar, distance: Scalar, case: Int[Array, ""]) -> tuple[Scalar, Scalar]:
+        """The energy by which a residual is normalised, J, and what the oracle pays for the move."""
+        at = self._weights(payload, distance)
+        both = jnp.stack([self.reference, self.cost], axis=-1)
+        reference, cost = _interpolate(both, case, *at)
+        return reference * distance**2, cost
+
+    def _weights(self, payload: Scalar, distance: Scalar):
+        rows, columns = self.cost.shape[:2]
+        return _place(payload, self.payload, rows), _place(distance, self.distance, columns)
+
+
+def _place(value: Scalar, ends: Float[Array, "2"], count: int) -> tuple[Int[Array, ""], Scalar]:
+    """The grid's interval that a value lies in and its share of the way through; the end values beyond the ends."""
+    position = jnp.clip((value - ends[0]) / (ends[1] - ends[0]), 0.0, 1.0) * (count - 1)
+    index = jnp.clip(jnp.floor(position).astype(jnp.int32), 0, count - 2)
+    return index, position - index
+
+
+def _interpolate(table: Array, case: Int[Array, ""], row: Any, column: Any) -> Array:
+    (i, s), (j, r) = row, column
+    lower = (1 - r) * table[i, j, case] + r * table[i, j + 1, case]
+    upper = (1 - r) * table[i + 1, j, case] + r * table[i + 1, j + 1, case]
+    return (1 - s) * lower + s * upper

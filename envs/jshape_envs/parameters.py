@@ -1,0 +1,205 @@
+"""``parameters``: the ``Params`` of an environment that comes with the package, or of a machine of your own."""
+
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jshape import Shaper, _check
+from jshape._types import Scalar
+from jshape.design.linear import multi_mode
+from jshape.plants import AbstractPlant
+from jshape.schedule import Schedule, schedule
+from jshape.simulate import steps_for
+from jshape_envs.actions import AbstractAction, ImpulseAction, ModalAction, ResidualAction
+from jshape_envs.core import CONTEXTS, Params
+from jshape_envs.design import design_table
+from jshape_envs.machine import AbstractMachine
+from jshape_envs.oracle import ShaperTable
+from jshape_envs.physics import Steps
+from jshape_envs.presets import ENVIRONMENTS, Environment, Preset
+from jshape_envs.sensor import Sensor
+
+ACTIONS = ("modal", "impulses", "residual")
+
+TABLES = Path(__file__).parent / "tables"
+"""The oracles of the presets, made by experiments/learning/oracles.py."""
+
+_TOLERANCE = 1e-5
+"""Relative error of the energy after ten periods that the steps for a machine of one's own are chosen for."""
+
+ENERGY_WEIGHT, TIME_WEIGHT = 1.0, 0.1
+"""What a normalised residual energy of 1 costs, and a shaper of one period, unless other weights are asked for."""
+
+
+def parameters(
+    environment: str | AbstractMachine,
+    preset: str = "paper",
+    *,
+    action: str = "modal",
+    context: str = "hidden",
+    observation: str = "samples",
+    tell_change: bool = False,
+    payload: tuple[float, float] | None = None,
+    distance: tuple[float, float] | None = None,
+    change_rate: float | None = None,
+    noise: float | None = None,
+    resolution: float | None = None,
+    reach: float | None = None,
+    window: float | None = None,
+    samples: int = 16,
+    impulses: int | None = None,
+    horizon: int = 64,
+    carry: bool = True,
+    track: float | None = None,
+    energy_weight: float = ENERGY_WEIGHT,
+    time_weight: float = TIME_WEIGHT,
+    context_noise: float = 0.2,
+    dtype: Any = jnp.float32,
+) -> Params:
+    """Everything about an environment, ready for ``reset`` and ``step``.
+
+    ``environment``: a name of ``presets.ENVIRONMENTS``, with a ``preset``, or a machine, which needs ``payload`` and
+    ``distance`` (least and greatest) and has no presets. ``action``: ``"modal"``, ``"impulses"`` (``impulses`` of them)
+    or ``"residual"``, on a ZVD (two modes: ZV) for the middle payload. ``context``: ``"hidden"``, ``"observed"`` or
+    ``"noisy"``. ``observation``: ``"samples"`` or ``"features"`` of the vibration, ``samples`` of them over ``window``
+    (s). ``noise``, ``resolution``: of the sensor, over its ``reach``. ``tell_change``: whether to tell how many moves
+    ago the payload changed. The others are ``Params``'s own. ``dtype``: of everything; ``float64`` needs JAX's 64 bits.
+
+    Oracles of the presets come with the package; other payloads, moves or weights have one designed, which takes some
+    ten seconds.
+
+    *Raises* ``ValueError`` for an unknown name or word, ranges that are empty or not positive where they must be, and
+    numbers out of range.
+    """
+    given: dict[str, Any] = dict(payload=payload, distance=distance, change_rate=change_rate)
+    given |= dict(noise=noise, resolution=resolution)
+    known, chosen, machine = _find(environment, preset, {k: v for k, v in given.items() if v is not None})
+    _check.one_of(action, "action", ACTIONS)
+    _check.one_of(context, "context", CONTEXTS)
+    _check_numbers(chosen, energy_weight, time_weight, context_noise)
+    horizon = _check.count(horizon, "horizon")
+    longest_move = max(chosen.distance)
+    track = 2 * longest_move if track is None else track
+    if not track >= longest_move:
+        raise ValueError(f"track must leave room for the longest move, {longest_move} m, not {track}")
+
+    cast = lambda tree: jax.tree.map(lambda x: _as(x, dtype), tree)
+    machine, payloads, distances = cast((machine, np.asarray(chosen.payload), np.asarray(chosen.distance)))
+    plants = [_at(machine, p) for p in (*payloads, jnp.mean(payloads))]
+    frequencies = np.array([np.atleast_1d(np.asarray(plant.natural_frequency())) for plant in plants])
+    period = _as(2 * np.pi / frequencies[-1].min(), dtype)
+    longest = float(period) * 0.75 if known is None else known.longest
+    weights = _as(energy_weight, dtype), _as(time_weight, dtype)
+    reach = (longest_move if known is None else known.reach) if reach is None else reach
+    window = (1.25 * float(period) if known is None else known.window) if window is None else window
+    sensor = Sensor(reach, chosen.noise * reach, chosen.resolution * reach, window, samples, observation)
+    steps = Steps(*chosen.steps) if known else _steps(machine, plants, longest, float(window), samples, distances[1])
+    impulses = (3 if known is None else known.impulses) if impulses is None else impulses
+    table = _shipped(environment, preset, chosen, energy_weight, time_weight)
+    if table is None:
+        table = design_table(machine, payloads, distances, weights, period, steps, known.grid if known else (9, 9))
+    table = cast(table)
+    return Params(
+        machine=machine,
+        payload=payloads,
+        distance=distances,
+        track=_as(track, dtype),
+        change_rate=_as(chosen.change_rate, dtype),
+        horizon=jnp.asarray(horizon, jnp.int32),
+        carry=jnp.asarray(bool(carry)),
+        energy_weight=weights[0],
+        time_weight=weights[1],
+        period=period,
+        context_noise=_as(context_noise, dtype),
+        sensor=cast(sensor),
+        action=cast(_action(action, frequencies, table, longest, impulses)),
+        oracle=table,
+        steps=steps,
+        context=context,
+        tell_change=bool(tell_change),
+    )
+
+
+def _find(environment: Any, preset: str, given: dict[str, Any]) -> tuple[Environment | None, Preset, AbstractMachine]:
+    if isinstance(environment, AbstractMachine):
+        for name in ("payload", "distance"):
+            if name not in given:
+                raise ValueError(f"{name} (least, greatest) must be given for a machine of your own")
+        plain: dict[str, Any] = dict(machine={}, change_rate=0.1, noise=0.005, resolution=0.002, steps=())
+        return None, Preset(**(plain | given)), environment
+    if not isinstance(environment, str):
+        raise ValueError(f"environment must be a name or a machine, not {environment!r}")
+    _check.one_of(environment, "environment", tuple(ENVIRONMENTS))
+    known = ENVIRONMENTS[environment]
+    _check.one_of(preset, "preset", tuple(known.presets))
+    chosen = known.presets[preset]
+    chosen = Preset(**({name: getattr(chosen, name) for name in Preset.__dataclass_fields__} | given))
+    return known, chosen, known.machine(**chosen.machine)
+
+
+def _check_numbers(chosen: Preset, energy_weight: float, time_weight: float, context_noise: float) -> None:
+    for name in ("payload", "distance"):
+        ends = getattr(chosen, name)
+        _check.finite(np.asarray(ends, float), name)
+        if len(ends) != 2 or not ends[0] < ends[1]:
+            raise ValueError(f"{name} must be (least, greatest), not {ends!r}")
+    _check.positive(chosen.distance[0], "distance")
+    if not 0 <= chosen.change_rate <= 1:
+        raise ValueError(f"change_rate must lie between 0 and 1, not {chosen.change_rate}")
+    _check.positive(energy_weight, "energy_weight")
+    _check.not_negative(time_weight, "time_weight")
+    _check.not_negative(context_noise, "context_noise")
+
+
+def _as(value: Any, dtype: Any) -> Array:
+    value = jnp.asarray(value)
+    return value.astype(dtype) if jnp.issubdtype(value.dtype, jnp.floating) else value
+
+
+def _at(machine: AbstractMachine, payload: Scalar) -> AbstractPlant:
+    return machine.plant(payload, jnp.zeros((), jnp.int32))
+
+
+def _steps(
+    machine: AbstractMachine, plants: list[AbstractPlant], gap: float, window: float, samples: int, distance: Scalar
+) -> Steps:
+    """Enough steps for gaps that long (s), for the longest piece of the longest move, and for the window."""
+    pair = Shaper(np.array([0.5, 0.5], distance.dtype), np.array([0.0, gap], distance.dtype))
+    found = []
+    for plant in plants:
+        plan = schedule(plant, machine.command(distance), pair)
+        still = Schedule(jnp.asarray([0.0, window / samples], distance.dtype), plan.coefficients[-2:])
+        found.append([steps_for(plant, part, "tsit5", _TOLERANCE) for part in (plan, still)])
+    return Steps(*np.max(found, axis=0).tolist())
+
+
+def _shipped(environment: Any, preset: str, chosen: Preset, energy_weight: float, time_weight: float) -> Any:
+    """The table that comes with the package, if it is for this very preset's payloads, moves and weights."""
+    if not isinstance(environment, str) or (energy_weight, time_weight) != (ENERGY_WEIGHT, TIME_WEIGHT):
+        return None
+    own = ENVIRONMENTS[environment].presets[preset]
+    path = TABLES / f"{environment} {preset}.npz"
+    if (own.payload, own.distance) != (tuple(chosen.payload), tuple(chosen.distance)) or not path.exists():
+        return None
+    with np.load(path) as stored:
+        return ShaperTable(**{name: jnp.asarray(stored[name]) for name in ShaperTable.__dataclass_fields__})
+
+
+def _action(
+    kind: str, frequencies: Float[np.ndarray, "3 modes"], table: ShaperTable, longest: float, impulses: int
+) -> AbstractAction:
+    if kind == "impulses":
+        return ImpulseAction(longest, impulses)
+    if kind == "residual":
+        modes = [(omega, 0.0) for omega in frequencies[-1]]
+        return ResidualAction(multi_mode(modes, "zvd" if len(modes) == 1 else "zv"))
+    slowest, fastest = frequencies.min(axis=0), frequencies.max(axis=0)
+    if len(slowest) == 1:
+        # A nonlinear plant's half periods are not the linear ones; the oracle's are about them.
+        swings = np.pi / np.asarray(table.times[..., 1])
+        slowest, fastest = np.minimum(slowest, swings.min()), np.maximum(fastest, swings.max())
+    return ModalAction(slowest / 1.25, fastest * 1.25)

@@ -1,0 +1,198 @@
+"""How the shaper of the next move is chosen from what was observed: the face of all policies, and how one is run.
+
+A policy has a memory, a pytree of arrays that begins anew with every episode::
+
+    policy = jshape_envs.load_policy("DuffingPayload")
+    rewards, info = rollout(jax.random.key(0), policy, params, moves=64)
+"""
+
+import abc
+import json
+import os
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from jshape import Shaper, _check
+from jshape_envs.core import EnvState, Info, Params, move, observation_names, reset
+
+POLICIES = Path(__file__).parent / "policies"
+"""Trained policies that come with the package, made by experiments/learning/train.py."""
+
+FORMAT = "jshape-policy"
+
+
+class AbstractPolicy(eqx.Module):
+    """How the shaper of the next move is chosen from what was observed."""
+
+    @abc.abstractmethod
+    def start(self, params: Params) -> Any:
+        """The memory at the beginning of an episode, a pytree of arrays."""
+
+    @abc.abstractmethod
+    def choose(
+        self, memory: Any, observation: Float[Array, " observation"], params: Params, state: EnvState
+    ) -> tuple[Shaper, Float[Array, " size"], Any]:
+        """The shaper (of a static number of impulses), the action that the next observation shows (zeros where it is
+        none), the memory. ``state`` is the true one: only an oracle looks at it, and says so."""
+
+
+def rollout(
+    key: PRNGKeyArray, policy: AbstractPolicy, params: Params, moves: int
+) -> tuple[Float[Array, " moves"], Info]:
+    """So many moves from a reset: rewards and infos, a move each.
+
+    An episode that ends before is begun anew, with a fresh memory.
+    """
+    first, key = jax.random.split(key)
+    state, observation = reset(first, params)
+
+    def advance(carry, key):
+        return advance_policy(key, policy, carry, params)
+
+    _, kept = jax.lax.scan(advance, (state, observation, policy.start(params)), jax.random.split(key, moves))
+    return kept
+
+
+Running = tuple[EnvState, Float[Array, " observation"], Any]
+"""An episode on its way: the environment's state, the observation that is acted on next, the policy's memory."""
+
+
+def advance_policy(
+    key: PRNGKeyArray, policy: AbstractPolicy, running: Running, params: Params
+) -> tuple[Running, tuple[Float[Array, ""], Info]]:
+    """One move by a policy, and a new episode with a fresh memory where it was the last; its reward and info."""
+    state, observation, memory = running
+    here, again = jax.random.split(key)
+    shaper, action, memory = policy.choose(memory, observation, params, state)
+    state, observation, reward, terminated, truncated, info = move(here, state, shaper, params, action)
+    fresh = (*reset(again, params), policy.start(params))
+    carry = jax.tree.map(
+        lambda new, old: jnp.where(terminated | truncated, new, old), fresh, (state, observation, memory)
+    )
+    return carry, (reward, info)
+
+
+class Sizes(NamedTuple):
+    """Numbers of entries: of an ``observation``, of those that the sensor tells (they come first), of an ``action``."""
+
+    observation: int
+    sensed: int
+    action: int
+
+
+def sizes_of(params: Params) -> Sizes:
+    """What a policy for an environment must be made for."""
+    return Sizes(len(observation_names(params)), params.sensor.size, params.action.size)
+
+
+class GRUPolicy(AbstractPolicy):
+    """A small recurrent network: a gated recurrent unit over the observations, and one layer between it and the action.
+
+    Its memory is the unit's state, ``hidden`` numbers. The sensor's entries are spread by asinh(``gain`` x) first: what
+    tells payloads apart is small beside the sensor's reach. The action passes through tanh.
+
+    ``sizes``: of the environment that it is for; ``key``: of its first weights; ``width``: of the layer.
+
+    *Raises* ``ValueError`` for sizes below 1 or a gain that is not positive; ``start`` does for an environment whose
+    observations or actions have other sizes.
+    """
+
+    cell: eqx.nn.GRUCell
+    head: eqx.nn.MLP
+    sizes: Sizes = eqx.field(static=True)
+    gain: float = eqx.field(static=True)
+
+    def __init__(
+        self,
+        sizes: Sizes,
+        key: PRNGKeyArray,
+        *,
+        hidden: int = 48,
+        width: int = 64,
+        gain: float = 20.0,
+        dtype: Any = jnp.float32,
+    ):
+        _check.count(hidden, "hidden")
+        _check.count(width, "width")
+        _check.positive(gain, "gain")
+        first, second = jax.random.split(key)
+        self.cell = eqx.nn.GRUCell(sizes.observation, hidden, dtype=dtype, key=first)
+        head = eqx.nn.MLP(hidden + sizes.observation, sizes.action, width, 1, jnp.tanh, dtype=dtype, key=second)
+        # Actions begin near 0, where tanh is steep.
+        self.head = eqx.tree_at(lambda h: h.layers[-1].weight, head, 0.1 * head.layers[-1].weight)
+        self.sizes, self.gain = sizes, float(gain)
+
+    def start(self, params: Params) -> Float[Array, " hidden"]:
+        if (wanted := sizes_of(params)) != self.sizes:
+            raise ValueError(f"params: the policy is for {self.sizes}, this environment has {wanted}")
+        return jnp.zeros(self.cell.hidden_size, self.cell.weight_hh.dtype)
+
+    def act(
+        self, memory: Float[Array, " hidden"], observation: Float[Array, " observation"]
+    ) -> tuple[Float[Array, " size"], Float[Array, " hidden"]]:
+        """The action, within [−1, 1], and the memory after it."""
+        sensed, others = observation[: self.sizes.sensed], observation[self.sizes.sensed :]
+        seen = jnp.concatenate([jnp.arcsinh(self.gain * sensed), others])
+        memory = self.cell(seen, memory)
+        return jnp.tanh(self.head(jnp.concatenate([memory, seen]))), memory
+
+    def choose(
+        self, memory: Any, observation: Float[Array, " observation"], params: Params, state: EnvState
+    ) -> tuple[Shaper, Float[Array, " size"], Any]:
+        del state
+        action, memory = self.act(memory, observation)
+        return params.action.shaper(action), action, memory
+
+
+def save_policy(policy: GRUPolicy, path: str | Path, about: dict[str, Any]) -> None:
+    """The policy's weights as npz, and what it is for (``about``: whatever JSON can tell)."""
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    made = dict(hidden=policy.cell.hidden_size, width=policy.head.width_size, gain=policy.gain)
+    header = json.dumps(dict(format=FORMAT, version=1, sizes=policy.sizes._asdict(), made=made, about=about))
+    leaves = jax.tree_util.tree_leaves_with_path(eqx.filter(policy, eqx.is_array))
+    named = {jax.tree_util.keystr(at): np.asarray(x) for at, x in leaves}
+    # Under another name first: what bears the right name is whole.
+    partial = path.with_name(path.name + ".partial")
+    with partial.open("wb") as file:
+        np.savez_compressed(file, allow_pickle=False, header=np.asarray(header), **named)
+    os.replace(partial, path)
+
+
+def load_policy(name: str | Path, preset: str = "paper", context: str = "hidden") -> GRUPolicy:
+    """The policy that comes with the package for an environment, or the one in a file (a name that ends in ``.npz``).
+
+    *Raises* ``ValueError`` if there is none, or the file holds something else.
+    """
+    path = Path(name) if str(name).endswith(".npz") else POLICIES / f"{name} {preset} {context}.npz"
+    if not path.exists():
+        there = ", ".join(sorted(repr(each.stem) for each in POLICIES.glob("*.npz")))
+        raise ValueError(
+            f"name: there is no policy {str(path) if path == Path(name) else path.stem!r}; there are {there}"
+        )
+    try:
+        with np.load(path) as stored:
+            found = {key: stored[key] for key in stored.files}
+        header = json.loads(str(found["header"]))
+        if header["format"] != FORMAT:
+            raise KeyError("format")
+        blank = eqx.filter_eval_shape(GRUPolicy, Sizes(**header["sizes"]), jax.random.key(0), **header["made"])
+        return jax.tree_util.tree_map_with_path(lambda at, x: _weight(found, at, x), blank)
+    except (OSError, KeyError, TypeError, ValueError) as error:
+        raise ValueError(f"name: {path} holds no policy ({error})") from None
+
+
+def _weight(found: dict[str, np.ndarray], at: Any, blank: Any) -> Any:
+    """The weight at a place in the policy; what is no array stays as it is."""
+    if not isinstance(blank, jax.ShapeDtypeStruct):
+        return blank
+    weight = found[jax.tree_util.keystr(at)]
+    if weight.shape != blank.shape:
+        raise ValueError(f"{jax.tree_util.keystr(at)} has shape {weight.shape}, not {blank.shape}")
+    return jnp.asarray(weight)

@@ -1,0 +1,86 @@
+"""What a sensor on the machine tells of the vibration after a move: samples of the deflection, or features of them."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from jshape import _check
+from jshape._types import Scalar
+
+OBSERVATIONS = ("samples", "features")
+
+
+class Sensor(eqx.Module):
+    """Samples of the deflection from its rest, evenly over a window after the last impulse.
+
+    ``reach``: the greatest deflection it can tell, m (rad for an angle; beyond, it saturates); ``noise``: standard
+    deviation, white, m; ``resolution``: the quantisation step, m, 0 for none; ``window``: how long it measures, s,
+    while the machine stands still; ``samples``: how many, the last one at the window's end; ``kind``: ``"samples"``,
+    over the reach, or ``"features"``: their root mean square, the cosine of the phase from one to the next (a
+    frequency; 1 where nothing vibrates), the last sample and the mean of the last two changes.
+
+    Rounding has no slope, so the quantisation step counts as 1 in derivatives.
+
+    *Raises* ``ValueError`` for a reach or window that is not positive, negative noise or resolution, fewer than four
+    samples, or an unknown kind.
+    """
+
+    reach: Scalar
+    noise: Scalar
+    resolution: Scalar
+    window: Scalar
+    samples: int = eqx.field(static=True)
+    kind: str = eqx.field(static=True)
+
+    def __init__(
+        self,
+        reach: Any,
+        noise: Any = 0.0,
+        resolution: Any = 0.0,
+        window: Any = 1.0,
+        samples: int = 16,
+        kind: str = "samples",
+    ):
+        self.reach = _check.scalar(reach, "reach")
+        self.noise = _check.scalar(noise, "noise")
+        self.resolution = _check.scalar(resolution, "resolution")
+        self.window = _check.scalar(window, "window")
+        self.samples = _check.count(samples, "samples", least=4)
+        self.kind = kind
+
+    def __check_init__(self):
+        _check.positive(self.reach, "reach")
+        _check.not_negative(self.noise, "noise")
+        _check.not_negative(self.resolution, "resolution")
+        _check.positive(self.window, "window")
+        _check.one_of(self.kind, "observation", OBSERVATIONS)
+
+    @property
+    def size(self) -> int:
+        """How many numbers it tells."""
+        return self.samples if self.kind == "samples" else 4
+
+    def read(self, deflection: Float[Array, " samples"], noise: Float[Array, " samples"]) -> Float[Array, " size"]:
+        """What is told of these deflections (m), within [−1, 1]; 0 where one is not finite.
+
+        ``noise``: standard normal numbers.
+        """
+        measured = deflection + self.noise * noise
+        step = jnp.where(self.resolution > 0, self.resolution, 1.0)
+        rounded = jnp.where(self.resolution > 0, step * jnp.round(measured / step), measured)
+        measured = measured + jax.lax.stop_gradient(rounded - measured)
+        share = jnp.clip(jnp.where(jnp.isfinite(measured), measured, 0.0) / self.reach, -1.0, 1.0)
+        return share if self.kind == "samples" else _features(share)
+
+
+def _features(x: Float[Array, " samples"]) -> Float[Array, "4"]:
+    # For a sine, x[k+1] + x[k−1] = 2 cos(phase) x[k]; the least-squares fit of that cosine.
+    middle, square = x[1:-1], jnp.mean(x**2)
+    power = jnp.sum(middle**2)
+    cosine = jnp.sum(middle * (x[2:] + x[:-2])) / 2 / jnp.where(power > 0, power, 1.0)
+    cosine = jnp.where(power > 0, jnp.clip(cosine, -1.0, 1.0), 1.0)
+    root = jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
+    return jnp.stack([root, cosine, x[-1], (x[-1] - x[-3]) / 2])

@@ -1,0 +1,112 @@
+"""The environments as ``gymnasium.vector.VectorEnv``: any number of machines in one compiled program."""
+
+from typing import Any
+
+import equinox as eqx
+import gymnasium as gym
+import jax
+import jax.numpy as jnp
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from gymnasium.vector.utils import batch_space
+
+from jshape import _check
+from jshape_envs.batch import Lanes, advance, base_keys, begin, filled, seeded
+from jshape_envs.core import Evaluation, Info, Params
+from jshape_envs.env import as_params, box_spaces, checked_actions
+from jshape_envs.machine import AbstractMachine
+
+
+class MoveVectorEnv(gym.vector.VectorEnv):
+    """``num_envs`` environments as ``MoveEnv`` describes them; a seed s gives lane i the episodes of seed s + i alone.
+
+    ``max_episode_steps``: the horizon, in the place of the one among the params. ``autoreset_mode``: ``NEXT_STEP``,
+    ``SAME_STEP`` (the last observation and info then stand under ``"final_obs"`` and ``"final_info"``, as arrays with
+    a row for every lane) or ``DISABLED`` (``reset(options={"reset_mask": …})`` begins lanes anew).
+
+    *Raises* ``ValueError`` as ``parameters`` does, and for an unknown mode.
+    """
+
+    def __init__(
+        self,
+        num_envs: int,
+        environment: str | AbstractMachine | Params,
+        *,
+        max_episode_steps: int | None = None,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        render_mode: None = None,
+        **keywords: Any,
+    ):
+        if render_mode is not None:
+            raise ValueError(f"render_mode must be None for many environments at once, not {render_mode!r}")
+        self.num_envs = _check.count(num_envs, "num_envs")
+        self.params = as_params(environment, keywords)
+        if max_episode_steps is not None:
+            horizon = jnp.asarray(_check.count(max_episode_steps, "max_episode_steps"), jnp.int32)
+            self.params = eqx.tree_at(lambda params: params.horizon, self.params, horizon)
+        self.mode = AutoresetMode(autoreset_mode)
+        self.metadata = {"render_modes": [], "autoreset_mode": self.mode}
+        self.single_observation_space, self.single_action_space = box_spaces(self.params)
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self._generators: list[np.random.Generator] | None = None
+        self._lanes: Lanes | None = None
+
+    def reset(self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None):
+        seeds = self._seeds(seed)
+        mask = np.ones(self.num_envs, bool)
+        if options and "reset_mask" in options:
+            mask = np.asarray(options["reset_mask"], bool)
+            if mask.shape != (self.num_envs,) or not mask.any():
+                raise ValueError(f"reset_mask must tell of each of {self.num_envs} lanes, and ask for one at least")
+            if self._lanes is None and not mask.all():
+                raise gym.error.ResetNeeded("the lanes that reset_mask leaves out have not begun: call reset first")
+        if self._lanes is None or seeds is not None:
+            chosen = seeds if seeds is not None else self._seeds(int(np.random.SeedSequence().generate_state(1)[0]))
+            assert chosen is not None
+            base = base_keys(seeded(chosen))
+            episode = jnp.zeros(len(base), jnp.int32)
+            if self._lanes is not None:
+                base = jnp.where(filled(mask), base, self._lanes.base)
+                episode = jnp.where(filled(mask), episode, self._lanes.episode)
+        else:
+            base, episode = self._lanes.base, self._lanes.episode + filled(mask)
+        partial = None if mask.all() else self._lanes
+        lanes, observation = begin(base, episode, jnp.asarray(filled(mask)), partial, self.params)
+        self._lanes, payload = lanes, np.array(lanes.state.payload)[: self.num_envs]
+        info = {"evaluation": {"payload": payload, "_payload": mask.copy()}, "_evaluation": mask.copy()}
+        return np.array(observation)[: self.num_envs], info
+
+    def _seeds(self, seed: int | list[int | None] | None) -> list[int] | None:
+        if seed is None:
+            return None
+        if isinstance(seed, int | np.integer):
+            return [int(seed) + i for i in range(self.num_envs)]
+        if len(seed) != self.num_envs or any(s is None for s in seed):
+            raise ValueError(f"seed must be one number, or one for each of {self.num_envs} lanes, not {seed!r}")
+        return [int(s) for s in seed if s is not None]
+
+    def step(self, actions: Any):
+        if self._lanes is None:
+            raise gym.error.ResetNeeded("the episodes have not begun: call reset first")
+        actions = checked_actions(actions, (self.params.action.size,), self.num_envs)
+        self._lanes, outcome = advance(self._lanes, filled(actions), self.params, self.mode)
+        outcome = jax.tree.map(lambda x: np.array(x)[: self.num_envs], outcome)
+        terminated, truncated = outcome.terminated, outcome.truncated
+        if self.mode == AutoresetMode.SAME_STEP and (ended := terminated | truncated).any():
+            info = as_dict(outcome.info, ~ended)
+            info |= {"final_obs": outcome.final, "_final_obs": ended}
+            info |= {"final_info": as_dict(outcome.info, ended), "_final_info": ended.copy()}
+        else:
+            info = as_dict(outcome.info, outcome.moved)
+        return outcome.observation, outcome.reward, terminated, truncated, info
+
+
+def as_dict(info: Info | Evaluation, mask: np.ndarray) -> dict[str, Any]:
+    """An info as Gymnasium's vector environments give it: arrays, each with the mask of the lanes that it tells of."""
+    found: dict[str, Any] = {}
+    for name, value in info._asdict().items():
+        nested = hasattr(value, "_asdict")
+        found[name] = as_dict(value, mask) if nested else np.array(value)
+        found[f"_{name}"] = mask.copy()
+    return found

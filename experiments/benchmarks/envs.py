@@ -1,0 +1,188 @@
+"""Moves a second: the environments' functional core and Gymnasium face, beside CartPole's and Pendulum's.
+
+    python experiments/benchmarks/envs.py        # a minute; writes envs.json and envs.md beside this file
+
+1,024 environments with random actions; every observation and reward is summed up, so that nothing can be left out of
+the computation. A step of the others is one Euler step of two or four equations; a step here is a whole move, so
+integration steps a second are told, too. The errors are the worst over 128 random moves against double precision with
+eight times the steps, over the energy of the bare move. Times are the least of several rounds. Needs gymnax for
+its row.
+"""
+
+import json
+import os
+import platform
+import time
+from collections.abc import Callable
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import equinox as eqx
+import gymnasium as gym
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jshape_envs import ENVIRONMENTS, Params, parameters, reset, step
+from jshape_envs.physics import Steps
+
+ENVS, MOVES, ROUNDS, JUDGED = 1024, 32, 5, 128
+
+
+def main() -> None:
+    rows = []
+    for name in ENVIRONMENTS:
+        params = parameters(name)
+        steps = integration_steps(params)
+        rows.append(row(f"{name}, core under scan", *core(params), steps))
+    duffing = parameters("DuffingPayload")
+    rows.append(row("DuffingPayload, gym.make_vec", *gymnasium_vector(duffing), integration_steps(duffing)))
+    rows.append(row("CartPole-v1, gym.make_vec", *cartpole(), 1))
+    rows += gymnax_rows()
+    errors = {name: error(parameters(name)) for name in ENVIRONMENTS}
+    print("errors", errors)
+    write(rows, errors)
+
+
+def row(what: str, seconds: float, processor: float, steps: int) -> dict[str, Any]:
+    """``seconds``, ``processor``: of ``ENVS`` × ``MOVES`` steps, on the wall and on all processors."""
+    rate = ENVS * MOVES / seconds
+    print(f"{what:36s} {rate:12.0f} a second, {1e6 * processor / ENVS / MOVES:.2f} µs of processor time each")
+    return dict(what=what, rate=rate, processor_microseconds=1e6 * processor / ENVS / MOVES, substeps=rate * steps)
+
+
+def fastest(run: Callable[[], Any]) -> tuple[float, float]:
+    run()
+    best = (np.inf, np.inf)
+    for _ in range(ROUNDS):
+        begin, busy = time.perf_counter(), time.process_time()
+        run()
+        best = min(best, (time.perf_counter() - begin, time.process_time() - busy))
+    return best
+
+
+def core(params: Params) -> tuple[float, float]:
+    size = params.action.size
+
+    @jax.jit
+    def run(key):
+        first, key = jax.random.split(key)
+        states, _ = jax.vmap(reset, in_axes=(0, None))(jax.random.split(first, ENVS), params)
+
+        def advance(carry, key):
+            states, total = carry
+            draw, key = jax.random.split(key)
+            actions = jax.random.uniform(draw, (ENVS, size), minval=-1.0, maxval=1.0)
+            found = jax.vmap(step, in_axes=(0, 0, 0, None))(jax.random.split(key, ENVS), states, actions, params)
+            states, observation, reward, _, _, info = found
+            return (states, total + jnp.sum(observation) + jnp.sum(reward) + jnp.sum(info.residual)), None
+
+        return jax.lax.scan(advance, (states, 0.0), jax.random.split(key, MOVES))[0]
+
+    return fastest(lambda: jax.block_until_ready(run(jax.random.key(0))))
+
+
+def gymnasium_vector(params: Params) -> tuple[float, float]:
+    env = gym.make_vec("jshape_envs:jshape/Moves-v0", num_envs=ENVS, environment=params)
+    return steps_of(env)
+
+
+def cartpole() -> tuple[float, float]:
+    return steps_of(gym.make_vec("CartPole-v1", num_envs=ENVS))
+
+
+def steps_of(env: Any) -> tuple[float, float]:
+    env.reset(seed=0)
+    env.action_space.seed(0)
+    actions = [env.action_space.sample() for _ in range(MOVES)]
+
+    def run() -> float:
+        total = 0.0
+        for action in actions:
+            observation, reward, *_ = env.step(action)
+            total += float(observation.sum()) + float(reward.sum())
+        return total
+
+    return fastest(run)
+
+
+def gymnax_rows() -> list[dict[str, Any]]:
+    try:
+        import gymnax  # pyright: ignore[reportMissingImports]
+    except ImportError:
+        print("gymnax is not installed: its row is left out")
+        return []
+    env, params = gymnax.make("Pendulum-v1")
+
+    @jax.jit
+    def run(key):
+        first, key = jax.random.split(key)
+        _, states = jax.vmap(env.reset, in_axes=(0, None))(jax.random.split(first, ENVS), params)
+
+        def advance(carry, key):
+            states, total = carry
+            draw, key = jax.random.split(key)
+            actions = jax.random.uniform(draw, (ENVS, 1), minval=-2.0, maxval=2.0)
+            found = jax.vmap(env.step, in_axes=(0, 0, 0, None))(jax.random.split(key, ENVS), states, actions, params)
+            observation, states, reward = found[:3]
+            return (states, total + jnp.sum(observation) + jnp.sum(reward)), None
+
+        return jax.lax.scan(advance, (states, 0.0), jax.random.split(key, MOVES))[0]
+
+    return [row("gymnax Pendulum-v1, under scan", *fastest(lambda: jax.block_until_ready(run(jax.random.key(0)))), 1)]
+
+
+def integration_steps(params: Params) -> int:
+    """Runge–Kutta steps of one move and its window."""
+    shaper = jax.eval_shape(params.action.shaper, jnp.zeros(params.action.size))
+    plant = params.machine.plant(params.payload[0], jnp.zeros((), jnp.int32))
+    pieces, own = len(params.machine.command(params.distance[1]).pieces()[0]), plant.breaks()
+    segments = len(shaper.times) * pieces - 1 + (0 if own is None else len(own))
+    return segments * params.steps.move + params.sensor.samples * params.steps.window
+
+
+def error(params: Params) -> float:
+    """The worst error of a residual energy, over the bare move's; in a process with 64 bits."""
+    with jax.enable_x64(True):
+        actions = np.random.default_rng(0).uniform(-1, 1, (JUDGED, params.action.size)).astype(np.float32)
+        keys = jax.random.split(jax.random.key(0), JUDGED)
+        states, _ = jax.vmap(reset, in_axes=(0, None))(keys, params)
+        wide = lambda tree: jax.tree.map(lambda x: x.astype(jnp.float64) if x.dtype == jnp.float32 else x, tree)
+        finer = eqx.tree_at(
+            lambda p: p.steps, wide(params), Steps(8 * params.steps.move, 8 * params.steps.window),
+            is_leaf=lambda x: isinstance(x, Steps),
+        )  # fmt: skip
+        every = jax.jit(lambda s, a, p: jax.vmap(step, in_axes=(0, 0, 0, None))(keys, s, a, p)[5])
+        found, exact = every(states, actions, params), every(wide(states), actions.astype(float), finer)
+        bare = exact.evaluation.energy / exact.residual
+        worst = jnp.where(
+            exact.lost | found.lost, 0.0, jnp.abs(found.evaluation.energy - exact.evaluation.energy) / bare
+        )
+        return float(jnp.max(worst))
+
+
+def write(rows: list[dict[str, Any]], errors: dict[str, float]) -> None:
+    names = ["jax", "gymnasium", "numpy"] + (["gymnax"] if any("gymnax" in r["what"] for r in rows) else [])
+    device = jax.devices()[0]
+    about: dict[str, Any] = dict(
+        machine=f"{platform.machine()}, {os.cpu_count()} cores" + ("" if device.platform == "cpu" else f", {device}"),
+        python=platform.python_version(),
+        versions={name: version(name) for name in names},
+        environments=ENVS,
+    )
+    here = Path(__file__).parent
+    record = dict(about=about, rows=rows, errors=errors)
+    (here / "envs.json").write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
+    lines = ["| 1,024 environments | steps a second | µs of processor time | integration steps a second |"]
+    lines += ["| --- | --- | --- | --- |"]
+    for r in rows:
+        rate, fine = f"{r['rate']:,.0f}", f"{r['substeps'] / 1e6:.3g} million"
+        lines.append(f"| {r['what']} | {rate} | {r['processor_microseconds']:.2f} | {fine} |")
+    lines += ["", "| residual energy | worst error over the bare move's energy |", "| --- | --- |"]
+    lines += [f"| {name} | {value:.1e} |" for name, value in errors.items()]
+    lines += ["", f"{about['machine']}; " + ", ".join(f"{k} {v}" for k, v in about["versions"].items()) + "."]
+    (here / "envs.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,109 @@
+"""Every baseline and every shipped policy on every environment and preset, hidden payload: leaderboard.md beside it.
+
+    python -m experiments.learning.leaderboard                       # an hour or two on two cores
+    python -m experiments.learning.leaderboard DuffingPayload        # one environment
+
+What is done is kept in leaderboard.json: interrupted, it goes on from there; ``--again NAME`` judges a policy anew
+(``trained``: the shipped ones). A policy that was trained on ``paper`` is judged on every preset as it is.
+"""
+
+import argparse
+import json
+import os
+import time
+from pathlib import Path
+from typing import Any
+
+import jax
+
+jax.config.update("jax_enable_x64", True)
+
+from jshape_envs import ENVIRONMENTS, parameters  # noqa: E402
+from jshape_envs.baselines import applicable  # noqa: E402
+from jshape_envs.evaluate import evaluate, named_policy, summary  # noqa: E402
+from jshape_envs.policy import POLICIES  # noqa: E402
+
+HERE = Path(__file__).parent
+RECORD = HERE / "leaderboard.json"
+EPISODES, SEEDS = 64, 5
+
+HEAD = """# Leaderboard
+
+Written by `python -m experiments.learning.leaderboard`: hidden payload, {episodes} episodes of 64 moves for each of
+{seeds} seeds, the same for every policy. Interquartile means over the seeds, 95 % intervals (bootstrap) in brackets.
+*Residual*: energy left over the greatest of the bare move; *recovered*: moves until one leaves less than 5 % after the
+payload has changed, and the changes in which one of the first two does; *regret*: cost of a move beyond the oracle's
+from rest. The oracle itself pays some, because what one move leaves the next begins with.
+"""
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("names", nargs="*", default=list(ENVIRONMENTS))
+    parser.add_argument("--again", action="append", default=[])
+    chosen = parser.parse_args()
+    for name in chosen.names:
+        for preset in ENVIRONMENTS[name].presets:
+            judge(name, preset, chosen.again)
+    (HERE / "leaderboard.md").write_text(table(read()), encoding="utf-8")
+
+
+def judge(name: str, preset: str, again: list[str]) -> None:
+    params, trained = parameters(name, preset), POLICIES / f"{name} paper hidden.npz"
+    for policy in [*applicable(params), *(["trained"] if trained.exists() else [])]:
+        record = read()
+        if policy in record.get(f"{name} {preset}", {}) and policy not in again:
+            continue
+        begin = time.process_time()
+        made = named_policy(str(trained) if policy == "trained" else policy, params)
+        row = {key: list(value) for key, value in summary(evaluate(made, params, EPISODES, SEEDS)).items()}
+        record.setdefault(f"{name} {preset}", {})[policy] = row
+        partial = RECORD.with_suffix(".partial")
+        partial.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+        os.replace(partial, RECORD)
+        print(
+            f"{name} {preset} {policy}: regret {row['regret'][0]:.4f}, {time.process_time() - begin:.0f} s", flush=True
+        )
+
+
+def read() -> dict[str, Any]:
+    return json.loads(RECORD.read_text(encoding="utf-8")) if RECORD.exists() else {}
+
+
+def table(record: dict[str, Any]) -> str:
+    parts = [HEAD.format(episodes=EPISODES, seeds=SEEDS)]
+    for where, rows in record.items():
+        parts.append(f"\n## {where}\n")
+        parts.append(
+            "| policy | residual (%) | move time (s) | moves until recovered | within two (%) | regret (1000 ×) |"
+        )
+        parts.append("| --- | --- | --- | --- | --- | --- |")
+        for policy, row in sorted(rows.items(), key=lambda item: item[1]["regret"][0]):
+            cells = [cell(row["residual"], 100), cell(row["move_time"], 1), cell(row["recovery"], 1)]
+            cells += [cell(row["recovered"], 100), cell(row["regret"], 1000)]
+            parts.append(f"| {policy} | " + " | ".join(cells) + " |")
+        parts.append(verdict(rows))
+    return "\n".join(parts) + "\n"
+
+
+def verdict(rows: dict[str, Any]) -> str:
+    """Whether the trained policy beats every baseline, by intervals that do not overlap."""
+    if "trained" not in rows:
+        return ""
+    others = {policy: row["regret"] for policy, row in rows.items() if policy not in ("trained", "oracle")}
+    trained, best = rows["trained"]["regret"], min(others, key=lambda policy: others[policy][0])
+    words = "as good as" if trained[1] <= others[best][2] and others[best][1] <= trained[2] else "worse than"
+    words = "better than" if trained[2] < others[best][1] else words
+    ratio = trained[0] / rows["i-d-e"]["regret"][0]
+    return (
+        f"\nThe trained policy is {words} the best baseline, `{best}`; its regret is {ratio:.2f} times that of I-D-E."
+    )
+
+
+def cell(values: list[float], factor: float) -> str:
+    middle, low, high = (f"{factor * x:.2f}" for x in values)
+    return f"{middle} ({low} … {high})"
+
+
+if __name__ == "__main__":
+    main()

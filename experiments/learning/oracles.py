@@ -1,0 +1,45 @@
+"""The oracles of the environments' presets, designed in double precision: the tables that the package carries.
+
+    python -m experiments.learning.oracles        # some minutes; writes envs/jshape_envs/tables
+
+An oracle's shaper is the cheapest one that leaves next to nothing; ``jshape_envs.design`` says how it is found. Names
+of environments as arguments: only theirs.
+"""
+
+import sys
+import time
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+jax.config.update("jax_enable_x64", True)
+
+from jshape_envs import ENVIRONMENTS, parameters  # noqa: E402
+from jshape_envs.design import design_table  # noqa: E402
+from jshape_envs.parameters import TABLES  # noqa: E402
+
+
+def main(names: list[str]) -> None:
+    TABLES.mkdir(exist_ok=True)
+    for name in names or list(ENVIRONMENTS):
+        for preset in ENVIRONMENTS[name].presets:
+            begin = time.perf_counter()
+            p = parameters(name, preset, dtype=jnp.float64)
+            weights = p.energy_weight, p.time_weight
+            grid = ENVIRONMENTS[name].grid
+            table = design_table(p.machine, p.payload, p.distance, weights, p.period, p.steps, grid)
+            # Single precision keeps the file small and loses nothing: the costs are flat about the shapers.
+            arrays: Any = {key: np.asarray(getattr(table, key), np.float32) for key in table.__dataclass_fields__}
+            path, part = TABLES / f"{name} {preset}.npz", TABLES / "part.npz"
+            np.savez_compressed(part, **arrays)
+            part.replace(path)
+            print(
+                f"{name}, {preset}: {time.perf_counter() - begin:.1f} s, {path.stat().st_size / 1024:.0f} kB",
+                flush=True,
+            )
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

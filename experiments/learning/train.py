@@ -1,0 +1,165 @@
+"""Policies trained by analytic gradients: those that the package carries, and how they learn, beside PPO.
+
+    python -m experiments.learning.train --ship       # envs/jshape_envs/policies
+    python -m experiments.learning.train              # curves of five seeds; learning.json, learning.md, learning.svg
+    python -m experiments.learning.train DuffingPayload --seeds 1
+
+What is done is kept, in ``learning.json`` and in checkpoints under ``out/learning``; interrupted, it goes on there.
+PPO's side is made by ``experiments.learning.ppo``. Everything is judged on episodes that no training sees.
+"""
+
+import argparse
+import json
+import os
+import time
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import matplotlib.pyplot as plt
+import numpy as np
+from jshape_envs import ENVIRONMENTS, parameters
+from jshape_envs.apg import Recipe, train
+from jshape_envs.evaluate import evaluate
+from jshape_envs.policy import POLICIES, load_policy, save_policy
+
+from jshape.plot import COLOURS, STYLE
+
+HERE = Path(__file__).parent
+RECORD, PPO = HERE / "learning.json", HERE / "ppo.json"
+CHECKPOINTS = Path("out/learning")
+MOVES, SEEDS = 100_000, 5
+SHIPPED = [(name, "hidden") for name in ENVIRONMENTS] + [("DuffingPayload", "observed"), ("CranePayload", "observed")]
+SHIP = Recipe(moves=500_000, environments=32)
+EPISODES, JUDGED = 512, 1_000_000
+"""Episodes to judge on, and their seed."""
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("names", nargs="*", default=list(ENVIRONMENTS))
+    parser.add_argument("--seeds", type=int, default=SEEDS)
+    parser.add_argument("--ship", action="store_true")
+    chosen = parser.parse_args()
+    if chosen.ship:
+        for name, context in SHIPPED:
+            if name in chosen.names:
+                ship(name, context)
+    else:
+        for name in chosen.names:
+            for seed in range(chosen.seeds):
+                if f"{name} {seed}" not in read(RECORD):
+                    keep(f"{name} {seed}", curve(name, seed))
+    report()
+
+
+def ship(name: str, context: str) -> None:
+    """The policy that comes with the package, unless it is there already."""
+    path = POLICIES / f"{name} paper {context}.npz"
+    key = f"{name} {context} shipped"
+    if path.exists() and key in read(RECORD):
+        return
+    begin, params = time.process_time(), parameters(name, context=context)
+    found = train(params, SHIP, checkpoint=CHECKPOINTS / f"{key}.npz", progress=tell(key))
+    made = SHIP.updates * SHIP.batch
+    save_policy(found.policy, path, dict(environment=name, preset="paper", context=context, action="modal", moves=made))
+    keep(key, {"moves": made, "processor_seconds": time.process_time() - begin, **judged(load_policy(path), params)})
+
+
+def curve(name: str, seed: int) -> dict[str, Any]:
+    """One training of 100,000 moves and what it led to."""
+    begin, params, recipe = time.process_time(), parameters(name), Recipe(moves=MOVES, seed=seed)
+    found = train(params, recipe, checkpoint=CHECKPOINTS / f"{name} {seed}.npz", progress=tell(f"{name} {seed}"))
+    spent = time.process_time() - begin
+    history = {key: np.round(value, 6).tolist() for key, value in found.history._asdict().items()}
+    made = dict(made=recipe.updates * recipe.batch, processor_seconds=spent)
+    return {**made, **judged(found.policy, params), "history": history}
+
+
+def judged(policy: Any, params: Any) -> dict[str, float]:
+    scores = evaluate(policy, params, episodes=EPISODES, seeds=1, seed=JUDGED)
+    return {key: float(value[0]) for key, value in scores._asdict().items()}
+
+
+def tell(what: str) -> Any:
+    def progress(update: int, updates: int, reward: float) -> None:
+        if update % max(1, updates // 10) == 0:
+            print(f"{what}: update {update} of {updates}, mean reward {reward:.4f}", flush=True)
+
+    return progress
+
+
+def read(path: Path) -> dict[str, Any]:
+    return json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+
+
+def keep(key: str, row: dict[str, Any]) -> None:
+    record = read(RECORD) | {key: row}
+    partial = RECORD.with_suffix(".partial")
+    partial.write_text(json.dumps(record) + "\n", encoding="utf-8")
+    os.replace(partial, RECORD)
+    print(key, {k: v for k, v in row.items() if k != "history"}, flush=True)
+
+
+def report() -> None:
+    """The table and the figure of everything that has been made so far."""
+    record, ppo = read(RECORD), read(PPO)
+    names = [name for name in ENVIRONMENTS if any(key.startswith(name) for key in record)]
+    lines = [
+        "| `paper`, hidden | reward, analytic gradients, 100,000 moves | PPO, 1,000,000 moves | processor time, s |",
+        "| --- | --- | --- | --- |",
+    ]
+    for name in names:
+        mine, others = rows(record, name), rows(ppo, name)
+        words = [spread([r["reward"] for r in mine]), spread([r["reward"][-1] for r in others])]
+        spent = [np.mean([r["processor_seconds"] for r in part]) if part else np.nan for part in (mine, others)]
+        lines.append(f"| {name} | {words[0]} | {words[1]} | {spent[0]:.0f} and {spent[1]:.0f} |")
+    columns = "| shipped policy | moves | mean reward | regret | residual, % | under 5 % within two moves |"
+    lines += ["", columns, "| --- |" + " --- |" * 5]
+    for name, context in SHIPPED:
+        if row := record.get(f"{name} {context} shipped"):
+            cells = f"{row['moves']:,} | {row['reward']:.4f} | {row['regret']:.4f} | {100 * row['residual']:.2f}"
+            lines.append(f"| {name}, {context} | {cells} | {100 * row['recovered']:.1f} % |")
+    lines += [
+        "",
+        "Mean over seeds, least and greatest in brackets. Processor time: of all cores, compilation included.",
+    ]
+    (HERE / "learning.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    mpl.rcParams["svg.hashsalt"] = "jshape"
+    with plt.style.context(STYLE):
+        figure, axes = plt.subplots(1, len(names), figsize=(2.4 * len(names) + 0.6, 2.2), squeeze=False)
+        for ax, name in zip(axes[0], names, strict=True):
+            draw(ax, name, rows(record, name), rows(ppo, name))
+        figure.savefig(HERE / "learning.svg", metadata={"Date": None})
+
+
+def rows(record: dict[str, Any], name: str) -> list[dict[str, Any]]:
+    """The runs of one environment, a seed each."""
+    return [row for key, row in record.items() if key.rpartition(" ")[0] == name]
+
+
+def spread(values: list[float]) -> str:
+    if not values:
+        return "not made"
+    return f"{np.mean(values):.4f} [{min(values):.4f}, {max(values):.4f}], {len(values)} seeds"
+
+
+def draw(ax: Any, name: str, mine: list[dict[str, Any]], others: list[dict[str, Any]]) -> None:
+    for row in mine:
+        moves, reward = np.array(row["history"]["moves"]), np.array(row["history"]["reward"])
+        few = 20
+        smooth = np.convolve(reward, np.ones(few) / few, "valid")
+        ax.semilogx(moves[few - 1 :], smooth, color=COLOURS[0], linewidth=0.8, label="analytic gradients")
+    for row in others:
+        ax.semilogx(row["moves"][1:], row["reward"][1:], color=COLOURS[1], linewidth=0.8, label="PPO")
+    for row in mine[:1]:
+        ax.axhline(row["reward"] + row["regret"], color="0.3", linestyle="--", linewidth=0.8, label="oracle")
+    ax.set_title(name)
+    ax.set_xlabel("moves")
+    ax.set_ylabel("mean reward of a move")
+    handles = dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True))
+    ax.legend(handles.values(), handles.keys())
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,306 @@
+"""The environments as pure functions: their physics beside SciPy's and jshape's own, their gradients, their rules."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jshape_envs import (
+    ENVIRONMENTS,
+    Machine,
+    Params,
+    TrapezoidProfile,
+    move,
+    observation_names,
+    parameters,
+    reset,
+    step,
+)
+from jshape_envs.actions import ImpulseAction, ModalAction, ResidualAction
+from jshape_envs.sensor import Sensor
+
+import jshape as js
+
+KEY = jax.random.key(7)
+
+
+@pytest.fixture(scope="module")
+def duffing() -> Params:
+    return parameters("DuffingPayload", action="impulses")
+
+
+@eqx.filter_jit
+def many_moves(actions, params):
+    """One move from rest for each action: the states before, and what came of it."""
+
+    def one(key, action):
+        state, _ = reset(key, params)
+        return state, step(key, state, action, params)
+
+    return jax.vmap(one)(jax.random.split(KEY, len(actions)), actions)
+
+
+def actions_for(params: Params, count: int, seed: int = 0) -> np.ndarray:
+    return np.random.default_rng(seed).uniform(-1, 1, (count, params.action.size)).astype(np.float32)
+
+
+# --- physics ----------------------------------------------------------------------------------------------------------
+
+
+def test_duffing_moves_end_as_scipy_says(duffing, staircase):
+    actions = actions_for(duffing, 12)
+    states, (after, _, _, _, _, info) = many_moves(actions, duffing)
+    for i, action in enumerate(actions):
+        m, d = float(states.payload[i]), float(states.distance[i])
+        shaper = duffing.action.shaper(jnp.asarray(action, jnp.float64))
+        levels = d * np.cumsum(np.asarray(shaper.amplitudes))
+
+        def field(t, y, u, m=m):
+            x = y[0] - u
+            return [y[1], -(10 * x + 100 * x**3 + 0.4 * y[1]) / m]
+
+        times = np.asarray(shaper.times)
+        end = times[-1] + 2.0
+        at_last, at_end = staircase(field, np.zeros(2), times, levels, [times[-1], end])
+        x = at_last[0] - d
+        energy = m * at_last[1] ** 2 / 2 + 5 * x**2 + 25 * x**4
+        bare = 5 * d**2 + 25 * d**4
+        assert abs(float(info.evaluation.energy[i]) - energy) < 1e-4 * bare
+        np.testing.assert_allclose(info.residual[i], energy / bare, atol=2e-4)
+        np.testing.assert_allclose(after.plant[i], at_end, atol=5e-4 * abs(d))
+
+
+@pytest.mark.parametrize("name", [n for n in ENVIRONMENTS if n != "DuffingPayload"])
+@pytest.mark.slow
+def test_moves_of_every_environment_agree_with_jshape_in_double_precision(name):
+    for preset in ("paper", "hard", "out-of-distribution"):
+        params = parameters(name, preset, action="impulses")
+        actions = actions_for(params, 6)
+        states, (_, _, _, _, _, info) = many_moves(actions, params)
+        exact = eqx.filter_jit(js.residual_energy)
+        double = jax.tree.map(lambda x: x.astype(jnp.float64) if x.dtype == jnp.float32 else x, (params, states))
+        for i, action in enumerate(actions):
+            state = jax.tree.map(lambda x, i=i: x[i], double[1])
+            plant = double[0].machine.plant(state.payload, state.moves)
+            shaper = double[0].action.shaper(jnp.asarray(action, jnp.float64))
+            energy = float(exact(plant, shaper, double[0].machine.command(state.distance), steps=512))
+            case = params.machine.case(states.distance[i], states.moves[i])
+            bare, _ = params.oracle.costs(states.payload[i], jnp.abs(states.distance[i]), case)
+            assert abs(float(info.evaluation.energy[i]) - energy) < 1e-4 * float(bare)
+
+
+def test_left_vibration_is_where_the_next_move_begins_unless_switched_off(duffing):
+    run = eqx.filter_jit(move)
+    state, _ = reset(KEY, duffing)
+    bare = js.Shaper(jnp.ones(1, jnp.float32), jnp.zeros(1, jnp.float32))
+    shaken, *_ = run(KEY, state, bare, duffing)
+    rested, *_ = run(KEY, state, bare, eqx.tree_at(lambda p: p.carry, duffing, jnp.asarray(False)))
+    assert abs(float(shaken.plant[0] - shaken.position)) + abs(float(shaken.plant[1])) > 0.05
+    np.testing.assert_allclose(rested.plant, [float(rested.position), 0.0], atol=1e-6)
+
+
+def test_a_move_with_the_energy_shaper_leaves_nothing(duffing):
+    plain = eqx.tree_at(lambda p: p.machine.nominal.damper.c, duffing, jnp.zeros((), jnp.float32))
+    state, _ = reset(KEY, plain)
+    plant = js.plants.TwoMass(m2=float(state.payload), spring=js.plants.Duffing(10.0, 100.0))
+    shaper = js.design.energy.two_impulse(plant, abs(float(state.distance)))
+    single = jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), shaper)
+    *_, info = eqx.filter_jit(move)(KEY, state, single, plain)
+    assert float(info.residual) < 1e-5
+
+
+# --- gradients --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_gradients_through_an_episode_are_those_of_differences():
+    params = parameters("DuffingPayload", noise=0.0, resolution=0.0, dtype=jnp.float64)
+    weights = jnp.asarray(np.random.default_rng(1).normal(0, 0.1, (params.action.size, len(observation_names(params)))))
+
+    @jax.jit
+    def total(weights):
+        state, observation = reset(KEY, params)
+
+        def advance(carry, key):
+            state, observation = carry
+            state, observation, reward, *_ = step(key, state, jnp.tanh(weights @ observation), params)
+            return (state, observation), reward
+
+        return jnp.sum(jax.lax.scan(advance, (state, observation), jax.random.split(KEY, 5))[1])
+
+    slope = jax.jit(jax.grad(total))(weights)
+    assert float(jnp.max(jnp.abs(slope))) > 1e-3
+    for i, j in ((0, 0), (2, 5), (1, 17)):
+        change = jnp.zeros_like(weights).at[i, j].set(1e-5)
+        difference = (total(weights + change) - total(weights - change)) / 2e-5
+        np.testing.assert_allclose(slope[i, j], difference, rtol=1e-5, atol=1e-8)
+
+
+# --- params -----------------------------------------------------------------------------------------------------------
+
+
+def test_params_are_vmapped_over_and_everything_stays_in_single_precision(duffing):
+    other = eqx.tree_at(lambda p: p.machine.nominal.spring.k3, duffing, jnp.asarray(50.0, jnp.float32))
+    both = jax.tree.map(lambda x, y: jnp.stack([x, y]), duffing, other)
+    state, _ = reset(KEY, duffing)
+    action = jnp.asarray(actions_for(duffing, 1)[0])
+    together = jax.jit(jax.vmap(step, in_axes=(None, None, None, 0)))(KEY, state, action, both)
+    found = together[5].evaluation.energy
+    assert found.shape == (2,)
+    assert abs(float(found[0] - found[1])) > 1e-3
+    for leaf in jax.tree.leaves((duffing, together)):
+        assert leaf.dtype != jnp.float64
+
+
+def test_payload_changes_as_often_as_asked_and_moves_stay_on_the_track(duffing):
+    params = eqx.tree_at(lambda p: p.change_rate, duffing, jnp.asarray(0.25, jnp.float32))
+
+    @jax.jit
+    def run(key):
+        state, _ = reset(key, params)
+
+        def advance(state, key):
+            state, *_, info = step(key, state, jnp.zeros(params.action.size), params)
+            return state, (state.position, state.distance, info.evaluation.changed)
+
+        return jax.lax.scan(advance, state, jax.random.split(key, 64))[1]
+
+    position, distance, changed = jax.vmap(run)(jax.random.split(KEY, 64))
+    assert float(jnp.max(jnp.abs(position))) <= float(params.track)
+    assert float(jnp.min(jnp.abs(distance))) >= 0.4
+    assert float(jnp.max(jnp.abs(distance))) <= 1.0
+    # 64 × 64 draws: three standard deviations are 0.02.
+    assert abs(float(jnp.mean(changed)) - 0.25 * 63 / 64) < 0.02
+
+
+@pytest.mark.parametrize(
+    ("arguments", "name"),
+    [
+        (dict(environment="Duffing"), "environment"),
+        (dict(preset="medium"), "preset"),
+        (dict(action="torque"), "action"),
+        (dict(context="secret"), "context"),
+        (dict(observation="pixels"), "observation"),
+        (dict(payload=(1.4, 0.6)), "payload"),
+        (dict(distance=(0.0, 1.0)), "distance"),
+        (dict(change_rate=1.5), "change_rate"),
+        (dict(horizon=0), "horizon"),
+        (dict(track=0.5), "track"),
+        (dict(time_weight=-1.0), "time_weight"),
+        (dict(noise=-0.1), "noise"),
+        (dict(samples=2), "samples"),
+        (dict(impulses=1, action="impulses"), "impulses"),
+    ],
+)
+def test_bad_params_are_told_by_name(arguments, name):
+    with pytest.raises(ValueError, match=name):
+        parameters(**({"environment": "DuffingPayload"} | arguments))
+
+
+def test_machines_that_make_no_sense_are_told():
+    with pytest.raises(ValueError, match="force"):
+        Machine(js.plants.ForcedMass(1.0, js.plants.LinearSpring(1.0)), payload="mass")
+    with pytest.raises(ValueError, match="m3"):
+        Machine(js.plants.TwoMass(spring=js.plants.LinearSpring(1.0)), payload="m3")
+    with pytest.raises(ValueError, match="acceleration"):
+        Machine(js.plants.Crane(2.0), payload="cable_length")
+    with pytest.raises(ValueError, match="payload"):
+        parameters(Machine(js.plants.Crane(2.0), "cable_length", TrapezoidProfile(1.0, 1.0)), distance=(1.0, 2.0))
+
+
+# --- actions and sensor -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "action",
+    [
+        ModalAction(3.0, 9.0, 0.2),
+        ModalAction([5.0, 60.0], [9.0, 80.0]),
+        ImpulseAction(1.2, 3),
+        ResidualAction(js.design.linear.zvd(5.0)),
+    ],
+)
+def test_every_action_is_a_shaper(action):
+    for row in np.random.default_rng(0).uniform(-1.5, 1.5, (20, action.size)):
+        # Outside of a transformation the constructor itself checks sum, order and beginning.
+        shaper = action.shaper(jnp.asarray(row))
+        assert bool(jnp.all(shaper.amplitudes > 0))
+
+
+def test_modal_actions_are_the_shapers_that_they_name():
+    action = ModalAction(3.0, 9.0, 0.2)
+    omega, zeta = 3.0 * 3.0**0.75, 0.05
+    for robustness, kind in ((-1.0, js.design.linear.zv), (1.0, js.design.linear.zvd)):
+        found, wanted = action.shaper(jnp.asarray([0.5, -0.5, robustness])), kind(omega, zeta)
+        for w in (2.0, 4.0, 8.0):
+            v = [float(js.percentage_vibration(s, w, zeta)) for s in (found, wanted)]
+            np.testing.assert_allclose(v[0], v[1], atol=1e-12)
+        np.testing.assert_allclose(found.duration, wanted.duration, rtol=1e-12)
+    between = action.shaper(jnp.asarray([0.5, -0.5, 0.3]))
+    assert float(js.percentage_vibration(between, omega, zeta)) < 1e-12
+
+
+def test_the_residual_action_of_zero_is_the_classical_shaper():
+    classical = js.design.linear.zvd(5.0, 0.05)
+    found = ResidualAction(classical).shaper(jnp.zeros(4))
+    np.testing.assert_allclose(found.amplitudes, classical.amplitudes, rtol=1e-12)
+    np.testing.assert_allclose(found.times, classical.times, rtol=1e-12)
+
+
+def test_features_find_a_sine():
+    phase = 0.7
+    x = 0.3 * np.sin(phase * np.arange(16) + 0.4)
+    root, cosine, last, change = Sensor(1.0, kind="features").read(jnp.asarray(x), jnp.zeros(16))
+    np.testing.assert_allclose([root, cosine, last], [np.sqrt(np.mean(x**2)), np.cos(phase), x[-1]], rtol=1e-12)
+    np.testing.assert_allclose(change, (x[-1] - x[-3]) / 2, rtol=1e-12)
+    np.testing.assert_allclose(Sensor(1.0, kind="features").read(jnp.zeros(16), jnp.zeros(16)), [0, 1, 0, 0])
+
+
+def test_samples_are_rounded_limited_and_differentiable():
+    sensor = Sensor(1.0, noise=0.0, resolution=0.1)
+    x = jnp.linspace(-1.5, 1.5, 16)
+    found = sensor.read(x, jnp.zeros(16))
+    np.testing.assert_allclose(found, np.clip(np.round(np.asarray(x) / 0.1) * 0.1, -1, 1), atol=1e-12)
+    slope = jax.grad(lambda x: jnp.sum(sensor.read(x, jnp.zeros(16))))(x)
+    np.testing.assert_allclose(slope, (np.abs(np.asarray(found)) < 1).astype(float))
+
+
+# --- the oracle -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", list(ENVIRONMENTS))
+@pytest.mark.slow
+def test_the_oracles_between_their_grid_points_cost_what_they_say(name):
+    """Off the grid, from rest, with the interpolated shaper: the table's cost is the cost, to 2 % of it."""
+    params = parameters(name)
+    rng = np.random.default_rng(3)
+    payload = jnp.asarray(rng.uniform(params.payload[0], params.payload[1], 64), jnp.float32)
+    distance = jnp.asarray(rng.uniform(params.distance[0], params.distance[1], 64), jnp.float32)
+
+    @jax.jit
+    @jax.vmap
+    def run(payload, distance):
+        state, _ = reset(KEY, params)
+        state = eqx.tree_at(lambda s: (s.payload, s.distance), state, (payload, distance))
+        plant = params.machine.plant(payload, state.moves)
+        state = eqx.tree_at(lambda s: s.plant, state, plant.rest_state(plant.zero_inputs()))
+        shaper = params.oracle.shaper(payload, distance, params.machine.case(distance, state.moves))
+        _, _, reward, _, _, info = move(KEY, state, shaper, params)
+        return -reward, info.evaluation.oracle_cost
+
+    paid, told = run(payload, distance)
+    np.testing.assert_allclose(paid, told, rtol=0.02)
+
+
+@pytest.mark.slow
+def test_the_oracle_is_what_tune_finds():
+    """``js.tune`` with the same price of time, from other starts, on the same plant: no cheaper shaper."""
+    params = parameters("DuffingPayload")
+    for payload, distance in ((0.7, 0.9), (1.3, 0.5)):
+        plant = js.plants.TwoMass(m2=payload, spring=js.plants.Duffing(10.0, 100.0), damper=js.plants.LinearDamper(0.4))
+        bare = 5 * distance**2 + 25 * distance**4
+        price = 0.1 / float(params.period) * bare
+        found = js.tune(plant, distance, impulses=2, time_cost=price, starts=16)
+        cheapest = float(js.residual_energy(plant, found.shaper, distance) + price * found.shaper.duration) / bare
+        told = float(params.oracle.costs(jnp.float32(payload), jnp.float32(distance), jnp.asarray(0))[1])
+        np.testing.assert_allclose(told, cheapest, rtol=2e-3)

@@ -1,0 +1,153 @@
+"""Scores of policies: beside plain means, statistics by hand, the command line and its files."""
+
+import json
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import typer
+from jshape_envs import Params, parameters, reset
+from jshape_envs.baselines import fixed_linear
+from jshape_envs.evaluate import (
+    LONGEST,
+    Transferred,
+    evaluate,
+    interquartile_mean,
+    interval,
+    mean_recovery,
+    named_policy,
+    recovery_times,
+    summary,
+    survival,
+)
+from jshape_envs.policy import GRUPolicy, rollout, save_policy, sizes_of
+from typer.testing import CliRunner
+
+from jshape.cli.evaluate import evaluate as command
+
+
+@pytest.fixture(scope="module")
+def duffing() -> Params:
+    return parameters("DuffingPayload")
+
+
+# --- statistics -------------------------------------------------------------------------------------------------------
+
+
+def test_recovery_times_by_hand():
+    residual = np.array([[0.5, 0.01, 0.3, 0.2, 0.01, 0.3, 0.3, 0.01], [0.01, 0.02, 0.9, 0.9, 0.9, 0.9, 0.9, 0.9]])
+    changed = np.array([[0, 0, 1, 0, 0, 1, 1, 0], [0, 0, 1, 0, 0, 0, 0, 0]], bool)
+    age = np.array([[0, 1, 0, 1, 2, 0, 0, 1], [0, 1, 0, 1, 2, 3, 4, 5]])
+    times, seen = recovery_times(residual, age, changed)
+    # The third move on; cut short by the next change; the second move; cut short by the end.
+    assert times.tolist() == [3, 1, 2, 6]
+    assert seen.tolist() == [True, False, True, False]
+
+
+def test_survival_is_kaplan_and_meiers():
+    times, seen = np.array([3, 1, 2, 6, 1]), np.array([True, False, True, False, True])
+    curve = survival(times, seen)
+    # At 1: 5 at risk, 1 recovers; at 2: 3 at risk, 1 recovers; at 3: 2 at risk, 1 recovers; then none.
+    by_hand = np.array([4 / 5, 4 / 5 * 2 / 3, 4 / 5 * 2 / 3 / 2])
+    np.testing.assert_allclose(curve[:3], by_hand)
+    np.testing.assert_allclose(curve[3:], by_hand[2])
+    np.testing.assert_allclose(mean_recovery(times, seen), 1 + by_hand[:2].sum() + (LONGEST - 2) * by_hand[2])
+    assert np.all(survival(np.array([4, 4]), np.array([False, False])) == 1)
+    assert np.all(np.isnan(survival(np.zeros(0, int), np.zeros(0, bool))))
+    assert mean_recovery(np.array([1, 1]), np.array([True, True])) == 1.0
+
+
+def test_interval_is_that_of_a_bootstrap_by_hand():
+    values = np.array([0.3, 0.1, 0.9, 0.2, 0.25])
+    assert interquartile_mean(values) == pytest.approx((0.2 + 0.25 + 0.3) / 3)
+    found = interval(values)
+    draws = np.sort(np.random.default_rng(8).choice(values, (20000, 5)), axis=1)[:, 1:4].mean(axis=1)
+    assert found.middle == pytest.approx(0.25)
+    np.testing.assert_allclose([found.low, found.high], np.quantile(draws, [0.025, 0.975]), atol=0.01)
+    assert np.isnan(interval(np.array([1.0])).low)
+    with pytest.raises(ValueError, match="values"):
+        interval(np.zeros(0))
+
+
+# --- policies ---------------------------------------------------------------------------------------------------------
+
+
+def test_scores_are_the_means_of_rollouts(duffing):
+    policy = fixed_linear(duffing, "zvd")
+    scores = evaluate(policy, duffing, episodes=2, seeds=2, seed=11)
+    keys = jnp.stack([jax.random.split(jax.random.key(s), 2) for s in (11, 12)])
+    rewards, info = eqx.filter_jit(jax.vmap(jax.vmap(lambda key: rollout(key, policy, duffing, 64))))(keys)
+    mean = lambda x: np.asarray(x, float).mean(axis=(1, 2))
+    np.testing.assert_allclose(scores.reward, mean(rewards), rtol=1e-5)
+    np.testing.assert_allclose(scores.residual, mean(info.residual), rtol=1e-4)
+    np.testing.assert_allclose(scores.move_time, policy.shaper.times[-1], rtol=1e-6)  # a step takes no time itself
+    np.testing.assert_allclose(scores.regret, -mean(rewards) - mean(info.evaluation.oracle_cost), rtol=1e-4)
+    one = evaluate([policy], duffing, episodes=4, seeds=1, seed=11)
+    exact = evaluate(policy, duffing, episodes=4, seeds=1, seed=11)
+    np.testing.assert_array_equal(one.reward, exact.reward)
+    assert np.all(scores.lost == 0)
+    with pytest.raises(ValueError, match="policy must be one, or one for each of 2 seeds, not 1"):
+        evaluate([policy], duffing, episodes=2, seeds=2)
+    with pytest.raises(ValueError, match="episodes"):
+        evaluate(policy, duffing, episodes=0)
+
+
+def test_a_policy_abroad_acts_as_at_home(duffing, tmp_path):
+    policy = GRUPolicy(sizes_of(duffing), jax.random.key(0))
+    save_policy(
+        policy, tmp_path / "p.npz", dict(environment="DuffingPayload", preset="paper", context="hidden", action="modal")
+    )
+    away = parameters("DuffingPayload", "hard")
+    found = named_policy(str(tmp_path / "p.npz"), away)
+    assert isinstance(found, Transferred)
+    state, observation = reset(jax.random.key(3), away)
+    choose = eqx.filter_jit(lambda policy, told, params: policy.choose(policy.start(params), told, params, state)[:2])
+    shaper, action = choose(found, observation, away)
+    # At home the same move would be told as a greater share of the longest one, 1 m; here that is 1.2 m.
+    told = observation.at[16 + away.action.size].multiply(1.2)
+    exact, same = choose(policy, told, duffing)
+    np.testing.assert_allclose(action, same, atol=1e-6)
+    np.testing.assert_allclose(shaper.times, exact.times, rtol=1e-5)
+    assert float(jnp.abs(away.action.shaper(action).times[-1] - exact.times[-1])) > 1e-3
+
+
+# --- the command ------------------------------------------------------------------------------------------------------
+
+
+def invoke(*arguments: str):
+    app = typer.Typer()
+    app.command()(command)
+    return CliRunner().invoke(app, [*arguments])
+
+
+def test_command_writes_what_evaluate_finds(tmp_path):
+    out = tmp_path / "out"
+    small = ("--episodes", "2", "--seeds", "2", "--out", str(out))
+    done = invoke("DuffingPayload", "--policy", "zvd", "--policy", "ei", *small)
+    assert done.exit_code == 0, done.output
+    assert {p.name for p in out.iterdir()} == {"results.json", "regret.png", "regret.pdf"}
+    assert "regret" in done.output
+    record = json.loads((out / "results.json").read_text(encoding="utf-8"))
+    params = parameters("DuffingPayload")
+    found = summary(evaluate(fixed_linear(params, "zvd"), params, episodes=2, seeds=2))
+    np.testing.assert_allclose(record["policies"]["zvd"]["regret"], found["regret"], rtol=1e-4)
+    assert record["policies"]["ei"]["regret"][0] != record["policies"]["zvd"]["regret"][0]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("Duffing",), "environment"),
+        (("DuffingPayload", "--preset", "soft"), "preset"),
+        (("DuffingPayload", "--policy", "pid"), "baseline must be one of"),
+        (("DuffingPayload", "--policy", "none.npz"), "there is no policy"),
+        (("DuffingPayload", "--seeds", "0"), "--seeds"),
+    ],
+)
+def test_command_tells_what_is_wrong_in_a_line(arguments, words, tmp_path):
+    done = invoke(*arguments, "--out", str(tmp_path / "out"))
+    assert done.exit_code == 2
+    assert words in done.output
+    assert "Traceback" not in done.output

@@ -1,0 +1,280 @@
+"""Learning: gradients beside differences, training that learns and resumes bit for bit, policies kept and told in C."""
+
+import shutil
+import subprocess
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax.flatten_util import ravel_pytree
+from jshape_envs import observation_names, parameters
+from jshape_envs.apg import EVERY, Recipe, train
+from jshape_envs.core import reset, step
+from jshape_envs.export_c import policy_to_c
+from jshape_envs.policy import POLICIES, GRUPolicy, Sizes, load_policy, rollout, save_policy, sizes_of
+
+RECIPE = Recipe(moves=64 * (EVERY + 12), environments=16, window=4, hidden=16)
+
+
+@pytest.fixture(scope="module")
+def params():
+    return parameters("DuffingPayload")
+
+
+@pytest.fixture(scope="module")
+def trained(params):
+    return train(params, RECIPE)
+
+
+def same(a, b) -> bool:
+    first, second = (jax.tree.leaves(eqx.filter(x, eqx.is_array)) for x in (a, b))
+    return len(first) == len(second) and all(np.array_equal(x, y) for x, y in zip(first, second, strict=True))
+
+
+# --- the policy -------------------------------------------------------------------------------------------------------
+
+
+def by_hand(policy, observations):
+    """The network in NumPy, from the definition of a gated recurrent unit (Cho et al., 2014), in double precision."""
+    wide = lambda x: np.asarray(x, float)
+    sigmoid = lambda x: 1 / (1 + np.exp(-x))
+    cell, (layer, last) = policy.cell, policy.head.layers
+    memory, actions = np.zeros(cell.hidden_size), []
+    for observation in wide(observations):
+        seen = observation.copy()
+        seen[: policy.sizes.sensed] = np.arcsinh(policy.gain * seen[: policy.sizes.sensed])
+        r, z, n = np.split(wide(cell.weight_ih) @ seen + wide(cell.bias), 3)
+        r_own, z_own, n_own = np.split(wide(cell.weight_hh) @ memory, 3)
+        r, z = sigmoid(r + r_own), sigmoid(z + z_own)
+        n = np.tanh(n + r * (n_own + wide(cell.bias_n)))
+        memory = (1 - z) * n + z * memory
+        both = np.concatenate([memory, seen])
+        middle = np.tanh(wide(layer.weight) @ both + wide(layer.bias))
+        actions.append(np.tanh(wide(last.weight) @ middle + wide(last.bias)))
+    return np.array(actions)
+
+
+def seen_by(policy, count=12, seed=0):
+    return np.random.default_rng(seed).uniform(-1, 1, (count, policy.sizes.observation)).astype(np.float32)
+
+
+def test_a_policy_is_the_network_that_its_weights_say(trained):
+    policy = trained.policy
+    observations = seen_by(policy)
+    step = lambda memory, observation: policy.act(memory, observation)[::-1]
+    memory = jnp.zeros(policy.cell.hidden_size, jnp.float32)
+    actions = jax.jit(lambda x: jax.lax.scan(step, memory, x)[1])(observations)
+    np.testing.assert_allclose(actions, by_hand(policy, observations), atol=2e-6)
+
+
+@pytest.mark.slow
+def test_rollout_makes_the_moves_that_step_makes_and_forgets_after_an_episode(params, trained):
+    """Beside a loop over ``step`` in Python, through the end of an episode."""
+    short = eqx.tree_at(lambda p: p.horizon, params, jnp.asarray(3, jnp.int32))
+    policy, key = trained.policy, jax.random.key(5)
+    rewards, info = eqx.filter_jit(rollout)(key, policy, short, 5)
+    advance, act, begin = eqx.filter_jit(step), eqx.filter_jit(policy.act), eqx.filter_jit(reset)
+    first, key = jax.random.split(key)
+    state, observation = begin(first, short)
+    memory = policy.start(short)
+    for i, each in enumerate(jax.random.split(key, 5)):
+        here, again = jax.random.split(each)
+        action, memory = act(memory, observation)
+        state, observation, reward, _, truncated, _ = advance(here, state, action, short)
+        np.testing.assert_allclose(rewards[i], reward, atol=2e-6)
+        assert bool(truncated) == (i == 2)
+        if truncated:
+            state, observation = begin(again, short)
+            memory = policy.start(short)
+    assert info.residual.shape == (5,)
+
+
+def test_a_policy_refuses_an_environment_of_other_sizes(params, trained):
+    with pytest.raises(ValueError, match="observation=23"):
+        trained.policy.start(parameters("DuffingPayload", tell_change=True, samples=18))
+    with pytest.raises(ValueError, match="hidden must be a whole number of at least 1, not 0"):
+        GRUPolicy(sizes_of(params), jax.random.key(0), hidden=0)
+
+
+# --- files ------------------------------------------------------------------------------------------------------------
+
+
+def test_a_policy_is_kept_and_read_back_whole(trained, tmp_path):
+    save_policy(trained.policy, tmp_path / "mine.npz", {"environment": "DuffingPayload"})
+    assert eqx.tree_equal(load_policy(tmp_path / "mine.npz"), trained.policy)
+    assert [path.name for path in tmp_path.iterdir()] == ["mine.npz"]
+
+
+def test_what_is_no_policy_is_told(trained, tmp_path):
+    np.savez(tmp_path / "other.npz", numbers=np.zeros(3))
+    (tmp_path / "broken.npz").write_bytes(b"PK")
+    save_policy(trained.policy, tmp_path / "mine.npz", {})
+    with np.load(tmp_path / "mine.npz") as stored:
+        arrays = dict(stored)
+    np.savez(tmp_path / "cut.npz", **{**arrays, ".cell.bias_n": np.zeros(3)})
+    for name, words in (("other", "holds no policy"), ("broken", "holds no policy"), ("cut", "has shape")):
+        with pytest.raises(ValueError, match=words):
+            load_policy(tmp_path / f"{name}.npz")
+    with pytest.raises(ValueError, match="there is no policy 'DuffingPayload paper noisy'"):
+        load_policy("DuffingPayload", context="noisy")
+
+
+@pytest.mark.parametrize("path", sorted(POLICIES.glob("*.npz")), ids=lambda path: path.stem)
+def test_policies_that_come_with_the_package_are_small_and_fit_their_environments(path):
+    name, preset, context = path.stem.split(" ")
+    policy = load_policy(name, preset, context)
+    assert sizes_of(parameters(name, preset, context=context)) == policy.sizes
+    assert path.stat().st_size < 300e3
+
+
+# --- training ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_the_gradient_of_a_moves_cost_is_that_of_differences():
+    """Through one move's physics and the network, in double precision, for some weights of every layer."""
+    exact = parameters("DuffingPayload", noise=0.0, resolution=0.0, dtype=jnp.float64)
+    policy = GRUPolicy(sizes_of(exact), jax.random.key(1), hidden=8, dtype=jnp.float64)
+    dynamic, static = eqx.partition(policy, eqx.is_array)
+    flat, restore = ravel_pytree(dynamic)
+
+    @jax.jit
+    def cost(weights):
+        return -jnp.sum(rollout(jax.random.key(3), eqx.combine(restore(weights), static), exact, 1)[0])
+
+    slope = jax.jit(jax.grad(cost))(flat)
+    for i in np.random.default_rng(0).choice(len(flat), 12, replace=False):
+        nudge = jnp.zeros_like(flat).at[i].set(1e-5)
+        assert abs(float(slope[i]) - float(cost(flat + nudge) - cost(flat - nudge)) / 2e-5) < 1e-8
+    assert float(jnp.linalg.norm(slope)) > 1e-3
+
+
+def test_training_learns(trained):
+    """Beside the same policy before: a tenth less is paid after 4,000 moves already."""
+    reward = trained.history.reward
+    assert len(reward) == RECIPE.updates == EVERY + 12
+    np.testing.assert_array_equal(trained.history.moves, 64 * np.arange(len(reward)))
+    assert reward[-15:].mean() > 0.9 * reward[:5].mean()
+    assert np.all(np.isfinite(trained.history.gradient))
+
+
+def test_an_interrupted_training_ends_with_the_same_bits(params, trained, tmp_path):
+    path, seen = tmp_path / "new" / "checkpoint.npz", []
+
+    def stop_at(last):
+        def progress(update, updates, reward):
+            seen.append((update, updates, reward))
+            if update == last:
+                raise KeyboardInterrupt
+
+        return progress
+
+    for last in (EVERY + 5, EVERY + 6):
+        with pytest.raises(KeyboardInterrupt):
+            train(params, RECIPE, checkpoint=path, progress=stop_at(last))
+    again = train(params, RECIPE, checkpoint=path)
+    assert same(again, trained)
+    assert same(again.history, trained.history)
+    assert [update for update, _, _ in seen] == list(range(1, EVERY + 7))
+    assert seen[0][2] == trained.history.reward[0]
+    ended = train(params, RECIPE, checkpoint=path, progress=stop_at(1))
+    assert same(ended, trained)
+
+
+def test_another_trainings_checkpoint_is_refused(params, tmp_path):
+    path = tmp_path / "checkpoint.npz"
+    np.savez(path, digest="another")
+    with pytest.raises(ValueError, match="is of another training"):
+        train(params, RECIPE, checkpoint=path)
+    path.write_bytes(b"nothing")
+    with pytest.raises(ValueError, match="is of another training"):
+        train(params, RECIPE, checkpoint=path)
+    assert path.read_bytes() == b"nothing"
+
+
+@pytest.mark.parametrize("name", ["moves", "environments", "window", "hidden", "rate", "clip", "seed"])
+def test_bad_recipes_are_refused(name):
+    with pytest.raises(ValueError, match=f"{name} must .* not -1"):
+        Recipe(**{name: -1})
+
+
+# --- C ----------------------------------------------------------------------------------------------------------------
+
+DRIVER = """
+#include <stdio.h>
+#include "policy.h"
+int main(void) {
+    static policy_memory memory;
+    float observation[POLICY_OBSERVATIONS], action[POLICY_ACTIONS];
+    int i;
+    policy_start(&memory);
+    for (;;) {
+        for (i = 0; i < POLICY_OBSERVATIONS; i++) {
+            if (scanf("%f", &observation[i]) != 1) return 0;
+        }
+        policy_step(&memory, observation, action);
+        for (i = 0; i < POLICY_ACTIONS; i++) printf("%.9g ", (double)action[i]);
+        printf("\\n");
+    }
+}
+"""
+
+
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="no C compiler")
+def test_a_policy_in_c_acts_as_the_network_does(params, trained, tmp_path):
+    names = observation_names(params)
+    header = policy_to_c(trained.policy, names)
+    assert f"{len(names) - 1}  {names[-1]}" in header
+    (tmp_path / "policy.h").write_text(header, encoding="utf-8")
+    (tmp_path / "main.c").write_text(DRIVER, encoding="utf-8")
+    strict = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-Wconversion", "-Wshadow"]
+    sanitized = ["-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+    command = ["gcc", *strict, *sanitized, "main.c", "-o", "main", "-lm"]
+    built = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    assert built.returncode == 0, built.stderr
+    observations = seen_by(trained.policy, 200, seed=1)
+    orders = "\n".join(" ".join(f"{x:.9g}" for x in row) for row in observations)
+    done = subprocess.run(["./main"], cwd=tmp_path, input=orders, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    found = np.array([line.split() for line in done.stdout.splitlines()], float)
+    np.testing.assert_allclose(found, by_hand(trained.policy, observations), atol=1e-6)
+
+
+def test_c_wants_names_that_fit(trained):
+    with pytest.raises(ValueError, match="name must"):
+        policy_to_c(trained.policy, name="2 policies")
+    with pytest.raises(ValueError, match="entries must tell of each of"):
+        policy_to_c(trained.policy, ["one"])
+
+
+# --- stable-baselines3 ------------------------------------------------------------------------------------------------
+
+
+def test_the_adapter_gives_stable_baselines3_what_the_environments_give(params):
+    pytest.importorskip("stable_baselines3")
+    from jshape_envs import MoveVectorEnv
+    from jshape_envs.sb3 import MoveVecEnv
+
+    short = eqx.tree_at(lambda p: p.horizon, params, jnp.asarray(3, jnp.int32))
+    adapted, plain = MoveVecEnv(short, 4, seed=9), MoveVectorEnv(4, short, autoreset_mode="SameStep")
+    np.testing.assert_array_equal(adapted.reset(), plain.reset(seed=9)[0])
+    actions = np.random.default_rng(0).uniform(-1, 1, (3, 4, params.action.size)).astype(np.float32)
+    total, infos, info = np.zeros(4), [], {}
+    for i, action in enumerate(actions):
+        observation, reward, done, infos = adapted.step(action)
+        wanted, paid, _, _, info = plain.step(action)
+        np.testing.assert_array_equal(observation, wanted)
+        np.testing.assert_array_equal(reward, paid)
+        total += paid
+        assert done.all() == (i == 2)
+    for lane, told in enumerate(infos):
+        np.testing.assert_array_equal(told["terminal_observation"], info["final_obs"][lane])
+        assert told["TimeLimit.truncated"]
+        assert told["episode"]["l"] == 3
+        np.testing.assert_allclose(told["episode"]["r"], total[lane] / 3, rtol=1e-6)
+
+
+def test_sizes_are_told_by_name(params):
+    assert sizes_of(params) == Sizes(observation=20, sensed=16, action=3)

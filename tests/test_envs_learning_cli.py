@@ -1,0 +1,73 @@
+"""``jshape train``: what it writes, and that it goes on after an interrupt; in a folder of its own."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from jshape.cli.train import train
+
+app = typer.Typer()
+app.command()(train)
+
+
+def run(*arguments):
+    return CliRunner().invoke(app, [str(each) for each in arguments])
+
+
+@pytest.mark.slow
+def test_train_writes_a_policy_its_curve_and_goes_on_from_its_checkpoint(tmp_path, monkeypatch):
+    from jshape_envs import apg
+    from jshape_envs.policy import load_policy
+
+    out = tmp_path / "mine"
+    small = ("DuffingPayload", "--out", out, "--moves", 80, "--environments", 4, "--window", 4, "--hidden", 8)
+    whole, update = apg._update, []
+
+    def interrupted(*arguments):
+        update.append(None)
+        if len(update) == 3:
+            raise KeyboardInterrupt
+        return whole(*arguments)
+
+    monkeypatch.setattr(apg, "_update", interrupted)
+    stopped = run(*small)
+    assert stopped.exit_code == 130
+    assert "goes on from there" in stopped.stderr
+    assert not json.loads((out / "results.json").read_text(encoding="utf-8"))["ended"]
+    ended = run(*small)
+    assert ended.exit_code == 0, ended.output
+    assert len(update) == 3 + 3
+    with (out / "history.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert [int(row["moves"]) for row in rows] == [0, 16, 32, 48, 64]
+    assert all(np.isfinite(float(row["reward"])) for row in rows)
+    record = json.loads((out / "results.json").read_text(encoding="utf-8"))
+    assert record["ended"]
+    assert record["scores"]["regret"] > 0
+    assert f"{record['scores']['reward']:.4f}" in ended.output
+    assert load_policy(out / "policy.npz").cell.hidden_size == 8
+    assert (out / "learning.png").read_bytes().startswith(b"\x89PNG")
+    other = run(*small, "--seed", 1)
+    assert other.exit_code == 2
+    assert "is of another training" in other.stderr
+
+
+def test_mistakes_are_told_in_a_line(tmp_path):
+    (tmp_path / "letters").mkdir()
+    (tmp_path / "letters" / "a.txt").write_text("mine", encoding="utf-8")
+    for arguments, words in (
+        (("Duffing", "--out", tmp_path / "x"), "environment must be one of"),
+        (
+            ("DuffingPayload", "--out", tmp_path / "x", "--moves", 0),
+            "moves must be a whole number of at least 1, not 0",
+        ),
+        (("DuffingPayload", "--out", tmp_path / "letters"), "holds files that are not jshape's results"),
+    ):
+        found = run(*arguments)
+        assert found.exit_code == 2
+        assert words in found.stderr.replace("\n", " ")
+    assert not (tmp_path / "x").exists()
