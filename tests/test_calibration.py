@@ -14,7 +14,7 @@ from jshape.calibration.recommend import cost
 from jshape.calibration.score import Rated, vibration
 from jshape.calibration.smoothing import rounded, smoothing_slopes
 from jshape.calibration.spectrum import normalised
-from jshape.design.klipper import KINDS, impulses
+from jshape.design.klipper import KINDS, impulses, klipper_shaper
 
 GOLDEN = {  # at 50 Hz and zeta 0.1: amplitudes, times (ms), smoothing (mm), max_accel (mm/s²), as Klipper prints them
     "zv": ([0.578286, 0.421714], [0, 10.0504], 0.067696, 9742.8),
@@ -43,7 +43,7 @@ def test_shapers_beside_the_exact_ones():
     omega = 2 * np.pi * 50
     for kind, zeta, version in [("zv", 0.1, "current"), ("zvd", 0.07, "2024"), ("mzv", 0.1, "current")]:
         exact = getattr(js.design.linear, kind)(omega, zeta)
-        theirs = calibration.klipper_shaper(kind, 50.0, zeta, version)
+        theirs = klipper_shaper(kind, 50.0, zeta, version)
         np.testing.assert_allclose(theirs.amplitudes, exact.amplitudes, atol=1e-12)
         np.testing.assert_allclose(theirs.times, exact.times, rtol=1e-12)
 
@@ -68,7 +68,7 @@ def test_wrong_shapers():
         (("ei", 50.0, 0.1, "2023"), "version must be one of"),
     ]:
         with pytest.raises(ValueError, match=words):
-            calibration.klipper_shaper(*arguments)
+            klipper_shaper(*arguments)
 
 
 def test_spectrum_beside_a_plain_transform():
@@ -160,7 +160,7 @@ def test_score_beside_plain_sums():
 
 
 def test_vibration_is_the_linear_one():
-    shaper = calibration.klipper_shaper("2hump_ei", 60.0)
+    shaper = klipper_shaper("2hump_ei", 60.0)
     f = np.linspace(1, 200, 50)
     exact = js.percentage_vibration(shaper, 2 * np.pi * f, 0.08)
     np.testing.assert_allclose(vibration(shaper.amplitudes, shaper.times, f, 0.08), exact, atol=1e-12)

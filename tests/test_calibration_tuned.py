@@ -13,6 +13,7 @@ import jshape as js
 from jshape import calibration
 from jshape.calibration.modes import Mode, identify, remaining, remaining_of, step_response
 from jshape.calibration.score import vibration
+from jshape.design.klipper import klipper_shaper
 
 
 @pytest.fixture(scope="module")
@@ -129,7 +130,7 @@ def test_wrong_arguments(made_up):
 
 
 def test_simulation_beside_formula_and_scipy():
-    shaper = calibration.klipper_shaper("ei", 60.0)
+    shaper = klipper_shaper("ei", 60.0)
     amplitudes, times = np.asarray(shaper.amplitudes), np.asarray(shaper.times)
     f = np.array([40.0, 60.0, 95.0])
     left = remaining(amplitudes, times, f, 0.08)
