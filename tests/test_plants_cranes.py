@@ -333,9 +333,13 @@ def integrated(plant, state, duration, push=0.0):
 
 
 def test_half_swings_take_an_elliptic_integral():
-    # pendulum half period × ω0 = 2 K(sin²(θ/2)): 3.371500709625192 at 60°, 4.313031294999287 at 120°.
+    # Half a period of a pendulum × ω0 = 2 K(sin²(θ/2)), by the angle in degrees.
+    products = {
+        5: 3.1430885935736113, 30: 3.19628400422508, 60: 3.371500709625192,
+        90: 3.7081493546027438, 120: 4.313031294999287, 150: 5.536126290737535,
+    }  # fmt: skip
     plant = plants.BobRodPendulum(0.205, 0.115, 1.0, 0.6)
-    for degrees, product in ((60, 3.371500709625192), (120, 4.313031294999287)):
+    for degrees, product in products.items():
         angle = np.radians(degrees)
         assert 2 * ellipk(np.sin(angle / 2) ** 2) == pytest.approx(product, rel=1e-14)
         end = integrated(plant, [angle, 0.0], product / float(plant.natural_frequency()))

@@ -1,6 +1,7 @@
 """All papers in one run: tables to the terminal, README.md and one SVG a paper beside this file, PNG into ``--out``.
 
-python -m experiments.papers
+python -m experiments.papers          # all
+python -m experiments.papers 002      # one; the others' sections of README.md stay
 """
 
 import argparse
@@ -15,20 +16,26 @@ sys.path.insert(0, str(HERE))
 
 import frame  # noqa: E402
 
+NUMBERS = [path.stem.removeprefix("paper_") for path in sorted(HERE.glob("paper_[0-9][0-9][0-9].py"))]
+
 
 def main() -> None:
     parser = argparse.ArgumentParser(description="reproduces the papers and writes experiments/papers/README.md")
+    parser.add_argument("papers", nargs="*", metavar="PAPER", help=f"which: {', '.join(NUMBERS)}; all unless given")
     parser.add_argument("--out", type=Path, default=Path("out/papers"), help="folder of the figures (PNG)")
-    out = parser.parse_args().out
-    papers = []
-    for path in sorted(HERE.glob("paper_[0-9][0-9][0-9].py")):
+    given = parser.parse_args()
+    unknown = sorted(set(given.papers) - set(NUMBERS))
+    if unknown:
+        parser.error(f"no such paper: {', '.join(unknown)} (there are {', '.join(NUMBERS)})")
+    for number in given.papers or NUMBERS:
         begin = time.perf_counter()
-        papers.append(importlib.import_module(path.stem).results())
-        print("\n".join(frame.lines(papers[-1])))
-        frame.illustrate(papers[-1], HERE)
-        frame.save(papers[-1], out)
-        print(f"({path.stem}: {time.perf_counter() - begin:.0f} s)\n")
-    frame.write(papers, HERE)
+        paper = importlib.import_module(f"paper_{number}").results()
+        print("\n".join(frame.lines(paper)))
+        frame.illustrate(paper, HERE)
+        frame.save(paper, given.out)
+        # At once, so that a run that is stopped has lost nothing.
+        frame.write([paper], HERE)
+        print(f"(paper_{number}: {time.perf_counter() - begin:.0f} s)\n", flush=True)
 
 
 if __name__ == "__main__":

@@ -45,6 +45,13 @@ NUMBER = re.compile(r"[-+−]?\d+(?:,\d{3})*(?:\.(\d+))?")
 LARGEST_PNG, LARGEST_SVG = 120_000, 60_000
 """Bytes."""
 
+HEAD = """# The five papers, reproduced and surpassed
+
+Written by `python -m experiments.papers`, which also draws every figure that can be recomputed, with the
+same axes, into `out/papers`. *Agrees*: the computed value rounds to the printed digits. Every design under
+*Surpassed* has been judged by a simulation apart from jshape (SciPy's DOP853, relative tolerance 1e-11, or
+its discrete linear system) of equations that stand in the script's judge."""
+
 
 @dataclass(frozen=True)
 class Row:
@@ -311,22 +318,16 @@ def small(path: Path, largest: int) -> None:
 
 
 def write(papers: Sequence[Paper], folder: Path) -> None:
-    """README.md in ``folder`` with all tables; the pictures that it shows are ``illustrate``'s."""
-    text = [
-        "# The five papers, reproduced and surpassed",
-        "",
-        "Written by `python -m experiments.papers`, which also draws every figure that can be recomputed, with the",
-        "same axes, into `out/papers`. *Agrees*: the computed value rounds to the printed digits. Every design under",
-        "*Surpassed* has been judged by an integration apart from jshape (SciPy's DOP853, relative tolerance 1e-11)",
-        "of equations that stand in the script.",
-        "",
-    ]
+    """The papers' sections of README.md in ``folder``; other papers' stay as they are. ``illustrate`` draws for it."""
+    path = folder / "README.md"
+    before = re.split(r"^(?=## \d{3} )", path.read_text(encoding="utf-8"), flags=re.MULTILINE) if path.exists() else []
+    sections = {text[3:6]: text.rstrip() for text in before[1:]}
     for paper in papers:
-        section = lines(paper)
-        shown = []
+        section, shown = lines(paper), []
         for picture in paper.pictures:
             if picture.shown:
                 shown += [f"![{picture.caption}]({picture.name}.svg)", "", picture.caption, ""]
         # After the heading and the citation.
-        text += section[:4] + shown + section[4:]
-    (folder / "README.md").write_text("\n".join(text).rstrip() + "\n")
+        sections[paper.number] = "\n".join(section[:4] + shown + section[4:]).rstrip()
+    text = "\n\n".join([HEAD, *(sections[number] for number in sorted(sections))])
+    path.write_text(text + "\n", encoding="utf-8")

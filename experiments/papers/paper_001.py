@@ -3,127 +3,34 @@
     python experiments/papers/paper_001.py --out out/papers
 
 The plant of all numbers: m1 = m2 = 1 kg, k1 = 10 N/m, k3 = 100 N/m³, a move of 1 m. PRV is the paper's percentage
-residual vibration, the first overshoot over the distance.
+residual vibration, the first overshoot over the distance. ``paper_001_designs`` computes, ``paper_001_judge`` judges,
+``paper_001_figures`` draws.
 """
-
-from collections.abc import Callable
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from frame import Paper, Picture, Row, Surpassed, after, compare, figure, main
+from frame import Paper, Row, Surpassed, compare, main
+from paper_001_designs import (
+    DAMPINGS,
+    LONGEST,
+    MASSES,
+    PLANT,
+    PRESENTED,
+    RATIOS,
+    at,
+    curves,
+    designs,
+    minimax,
+    overshoots,
+    residuals,
+    shapers,
+)
+from paper_001_figures import pictures
+from paper_001_judge import K1, K3, vibration, width, worst
 from scipy.optimize import brentq
 
 import jshape as js
-from jshape.plot import COLOURS, LINES
-
-K1, K3 = 10.0, 100.0
-PLANT = js.plants.TwoMass(1.0, 1.0, spring=js.plants.Duffing(K1, K3))
-DAMPED = js.plants.TwoMass(1.0, 1.0, spring=js.plants.Duffing(K1, K3), damper=js.plants.PowerDamper(0.1, 3))
-RATIOS = np.linspace(0.6, 1.4, 81)
-TWENTY = np.linspace(0.8, 1.2, 41)
-"""The uncertain payload, multiples of nominal."""
-
-MASSES, DAMPINGS = np.linspace(0.6, 1.4, 17), np.linspace(0.0, 1.0, 21)
-"""For Fig. 14 and what is said of the damped plant: m2 (kg) and c (N s³/m³)."""
-
-LONGEST = 6
-"""All shapers are padded to so many impulses, so that one compiled program serves them all."""
-
-PRESENTED = ("2-impulse", "fast 3-impulse", "3-impulse", "4-impulse", "5-impulse", "6-impulse")
-"""The shapers of Figs. 11 to 14."""
-
-
-# The judge: equations of its own, integrated by SciPy.
-
-
-def field(t: float, y: np.ndarray, base: float, m2: float = 1.0) -> list[float]:
-    """Eq. 6 for the payload, its spring force put right, with the base as commanded: y = (x2, x2')."""
-    x = y[0] - base
-    return [y[1], -(K1 * x + K3 * x**3) / m2]
-
-
-def potential(x: float) -> float:
-    """Energy of the spring, J: what Eq. 6 prints as its force."""
-    return K1 * x**2 / 2 + K3 * x**4 / 4
-
-
-def left(shaper: js.Shaper, m2: float = 1.0) -> float:
-    """Energy that a payload of m2 (kg) keeps after the move, J."""
-    end = float(shaper.duration)
-    x, v = after(lambda t, y, u: field(t, y, u, m2), [0.0, 0.0], shaper.times, shaper.amplitudes, end)[0]
-    return m2 * v**2 / 2 + potential(x - 1.0)
-
-
-def worst(shaper: js.Shaper, masses: np.ndarray = TWENTY) -> float:
-    """The greatest of those energies, J."""
-    return max(left(shaper, float(m2)) for m2 in masses)
-
-
-def width(vibration: Callable[[float], float]) -> float:
-    """Width of the interval of payloads around 1 kg for which a vibration (PRV, a fraction) stays below 5 %, kg."""
-    ends = []
-    for way in (-1, 1):
-        near, far = 1.0, 1.0
-        while vibration(far) < 0.05:
-            near, far = far, far + 0.02 * way
-        ends.append(brentq(lambda m2: vibration(m2) - 0.05, near, far, xtol=1e-10))
-    return ends[1] - ends[0]
-
-
-def vibration(shaper: js.Shaper, m2: float) -> float:
-    """The deflection whose energy is the one left, over the distance: PRV as a fraction."""
-    energy = left(shaper, m2)
-    return float(np.sqrt((np.sqrt(K1**2 + 4 * K3 * energy) - K1) / K3))
-
-
-# What jshape computes.
-
-
-def shapers() -> dict[str, js.Shaper]:
-    """All shapers of the paper, by name."""
-    energy = js.design.energy
-    found = {
-        "linear ZVD": js.design.linear.zvd(np.sqrt(K1)),
-        "fast 3-impulse": energy.fast_three_impulse(PLANT, 1.0),
-    }
-    found |= {f"{n}-impulse": energy.robust(PLANT, 1.0, rests=n - 2) for n in range(2, 7)}
-    found |= {f"α = {alpha:.2f}": energy.three_impulse(PLANT, 1.0, alpha) for alpha in (0.45, 0.55, 0.6, 0.65, 0.7)}
-    found |= {f"A1 = {first:.2f}": energy.fast_three_impulse(PLANT, 1.0, first=first) for first in (0.25, 0.40)}
-    return found
-
-
-def designs(found: dict[str, js.Shaper]) -> dict[str, js.Shaper]:
-    """jshape's own for a payload known to 20 %: the least worst case in the time of one of the paper's."""
-    given: dict[str, Any] = dict(over={"m2": TWENTY}, objective="worst")
-    three, four, fast = (float(found[name].duration) for name in ("3-impulse", "4-impulse", "fast 3-impulse"))
-    best = {
-        "same time": js.tune(PLANT, 1.0, impulses=3, duration=three, **given),
-        "at most": js.tune(PLANT, 1.0, impulses=3, duration=(0, three), **given),
-        "four": js.tune(PLANT, 1.0, impulses=4, duration=(0, four), **given),
-        "bounded": js.tune(PLANT, 1.0, impulses=4, duration=fast, amplitudes="bounded", limit=1.0, **given),
-    }
-    own = {f"tuned, {name}": solution.shaper for name, solution in best.items()}
-    return {**own, "first-order robust": js.design.energy.first_order_robust(PLANT, 1.0, 4)}
-
-
-def curves(found: dict[str, js.Shaper], leaf: str) -> dict[str, np.ndarray]:
-    """PRV (%) of each shaper over ``RATIOS`` of a leaf."""
-    data = js.sweep(PLANT, found, 1.0, over={leaf: RATIOS}, estimate_error=False).residual_vibration
-    return {name: 100 * data.sel(shaper=name).values for name in found}
-
-
-def overshoots(found: dict[str, js.Shaper]) -> dict[str, np.ndarray]:
-    """First overshoot (%) of each shaper with a damper, an array over ``MASSES`` and ``DAMPINGS``."""
-    over = {"m2": MASSES, "damper.c": DAMPINGS}
-    data = js.sweep(DAMPED, found, 1.0, over, metric="overshoot", relative=False, estimate_error=False).overshoot
-    return {name: 100 * data.sel(shaper=name).values for name in found}
-
-
-def at(values: np.ndarray, place: float, grid: np.ndarray = RATIOS) -> Any:
-    """Values at a place that is on their first axis' grid."""
-    return values[np.argmin(np.abs(grid - place))]
 
 
 def rows_of_designs(found: dict[str, js.Shaper], peaks: np.ndarray) -> list[Row]:
@@ -246,21 +153,6 @@ def rows_of_robustness(prv: dict[str, dict[str, np.ndarray]], damped: dict[str, 
     ]  # fmt: skip
 
 
-@jax.jit
-def residuals(shaper: js.Shaper, masses: jax.Array) -> jax.Array:
-    """PRV at each payload (kg), a fraction."""
-    plant = lambda m2: js.plants.TwoMass(1.0, m2, spring=js.plants.Duffing(K1, K3))
-    return jax.vmap(lambda m2: js.residual_vibration(plant(m2), shaper, 1.0, steps=64))(masses)
-
-
-def minimax(spread: float) -> float:
-    """The α whose greater vibration at both ends of m2 ± spread is least: where both are equal."""
-    ends = jnp.array([1 - spread, 1 + spread])
-    unequal = lambda alpha: -float(jnp.diff(residuals(js.design.energy.three_impulse(PLANT, 1.0, alpha), ends))[0])
-    alpha: Any = brentq(unequal, 0.501, 0.62, xtol=1e-6)
-    return alpha
-
-
 def surpassed(found: dict[str, js.Shaper], energies: dict[str, np.ndarray]) -> list[Surpassed]:
     """jshape's designs against the paper's. ``energies``: left at ``TWENTY`` by each shaper, J, by jshape.
 
@@ -299,134 +191,6 @@ def surpassed(found: dict[str, js.Shaper], energies: dict[str, np.ndarray]) -> l
 def words(shaper: js.Shaper) -> str:
     listed = lambda values: ", ".join(f"{float(value):.5f}" for value in values)
     return f"A = {listed(shaper.amplitudes)} at {listed(shaper.times)} s"
-
-
-# The figures.
-
-
-def lines(curves: dict[str, tuple[Any, Any]], across: str, up: str, **options: Any) -> Any:
-    """One panel with a line for each name."""
-    drawn, axes = figure(height=2.9, **options)
-    axis = axes[0, 0]
-    for i, (name, (x, y)) in enumerate(curves.items()):
-        heavy = name.startswith("jshape")
-        colour, wide, line = ("black", 2.0, "-") if heavy else (COLOURS[i % 6], 1.0, LINES[i % len(LINES)])
-        axis.plot(x, y, color=colour, linewidth=wide, linestyle=line, label=name)
-    axis.set(xlabel=across, ylabel=up)
-    axis.margins(x=0)
-    drawn.legend(loc="outside upper center", ncols=3)
-    return drawn
-
-
-def profiles(found: dict[str, js.Shaper], names: dict[str, str]) -> Any:
-    """Kinetic, potential and total energy over the payload's position, a panel a shaper."""
-    drawn, axes = figure(len(names), height=1.5, sharex=True)
-    for axis, (name, title) in zip(axes[:, 0], names.items(), strict=True):
-        along = js.energy_profile(PLANT, found[name].pad(LONGEST), 1.0, points=33)
-        for i in range(len(found[name].times) - 1):
-            for line, (label, value) in enumerate(
-                {"kinetic": along.kinetic, "potential": along.potential, "total": along.total}.items()
-            ):
-                axis.plot(along.position[i], value[i], COLOURS[line], linestyle=LINES[line], label=None if i else label)
-        axis.set_title(title, loc="left")
-        axis.set(ylabel="energy (J)", xlim=(0, 1))
-        axis.set_ylim(bottom=0)
-    axes[-1, 0].set_xlabel("$x_2$ (m)")
-    drawn.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
-    return drawn
-
-
-def cancellation() -> Any:
-    """Fig. 1: two impulses on a linear mode; the paper's frequency and damping are not printed."""
-    omega, zeta = 2 * np.pi, 0.1
-    zv, damped = js.design.linear.zv(omega, zeta), omega * np.sqrt(1 - zeta**2)
-    times = np.linspace(0.0, 2.5, 301)
-    since = [np.maximum(times - float(t), 0.0) for t in zv.times]
-    each = [
-        float(a) * omega / np.sqrt(1 - zeta**2) * np.exp(-zeta * omega * s) * np.sin(damped * s)
-        for a, s in zip(zv.amplitudes, since, strict=True)
-    ]
-    named = {"first impulse": each[0], "second impulse": each[1], "both": each[0] + each[1]}
-    return lines({name: (times, value) for name, value in named.items()}, "time (s)", "response")
-
-
-def families() -> Any:
-    """Fig. 8: the amplitudes for which the fast three-impulse shaper leaves nothing."""
-    drawn, axes = figure(1, 2, height=2.6)
-    first = np.linspace(0.002, 0.498, 125)
-    for kr, name, line in ((0.0, "linear", "-"), (5.0, "$k_r$ = 5", "--")):
-        # Eq. 46.
-        u = lambda x, kr=kr: x**2 + kr * x**4
-        second = np.array([brentq(lambda y, x=x, u=u: u(x) + u(y) - u(1 - x - y), 0.0, 1 - x) for x in first])
-        axes[0, 0].plot(first, second, COLOURS[0], linestyle=line, label=name)
-        axes[0, 1].plot(first, second, COLOURS[0], linestyle=line, label=f"$A_2$, {name}")
-        axes[0, 1].plot(first, 1 - first - second, COLOURS[1], linestyle=line, label=f"$A_3$, {name}")
-    shaper = js.design.energy.fast_three_impulse(PLANT, 1.0)
-    for axis in axes[0]:
-        axis.axvline(float(shaper.amplitudes[0]), color="0.5", linewidth=0.6)
-        axis.set(xlabel="$A_1/x_d$", xlim=(0, 0.5))
-        axis.legend()
-    axes[0, 0].set_ylabel("$A_2/x_d$")
-    axes[0, 1].set_ylabel("$A_2/x_d$, $A_3/x_d$")
-    return drawn
-
-
-def pictures(
-    found: dict[str, js.Shaper], prv: dict[str, dict[str, np.ndarray]], damped: dict[str, np.ndarray]
-) -> list[Picture]:
-    """Every figure but the diagrams, Figs. 2, 3 and 7."""
-    family = {"α = 0.50": found["3-impulse"], "α = 1.00": found["2-impulse"], **found}
-    of = lambda leaf, names: {name: (RATIOS, prv[leaf][name]) for name in names}
-    run = lambda name: js.simulate(PLANT, 1.0, found[name].pad(LONGEST), horizon=6.0, samples=401)
-    responses = {name: run(name) for name in ("linear ZVD", *PRESENTED)}
-    alphas = {"α = 0.50": (RATIOS, prv["m2"]["3-impulse"])}
-    alphas |= of("m2", ("α = 0.55", "α = 0.60", "α = 0.65", "α = 0.70"))
-    percent = "PRV (%)"
-    drawn = {
-        "01": (cancellation(), "Two impulse responses that cancel (1 Hz and 10 % damping: the paper's are not given)"),
-        "04": (
-            profiles(family, {f"α = {a}": f"$α$ = {a}" for a in ("0.45", "0.50", "0.55", "1.00")}),
-            "Energies of the three-impulse shaper by α",
-        ),
-        "05": (lines(alphas, "$m_{2a}/m_{2m}$", percent, ), "Residual vibration by α"),
-        "06": (
-            profiles(found, {f"{k + 2}-impulse": f"$k$ = {k}" for k in range(4)}),
-            "Energies of the robust shapers with k = 0 … 3 rests",
-        ),
-        "08": (families(), "Amplitudes of the fast three-impulse shaper; the grey line is A1 = A2"),
-        "09": (
-            profiles(
-                found,
-                {
-                    "A1 = 0.25": "$A_1$ = 0.25 < $A_2$",
-                    "fast 3-impulse": "$A_1$ = $A_2$ = 0.3042",
-                    "A1 = 0.40": "$A_1$ = 0.40 > $A_2$",
-                },
-            ),
-            "Energies of the fast three-impulse shaper",
-        ),
-        "10": (
-            lines({name: (r.times, r.payload) for name, r in responses.items()}, "time (s)", "$x_2$ (m)"),
-            "Responses of the payload",
-        ),
-        "11": (
-            lines(
-                of("m2", PRESENTED) | {"jshape, 1.575 s": (RATIOS, prv["m2"]["tuned, at most"])},
-                "$m_{2a}/m_{2m}$", percent,
-            ),
-            "Fig. 11 of 2025, sensitivity to the payload, with jshape's three positive impulses in 1.575 s",
-        ),
-        "12": (lines(of("spring.k1", PRESENTED), "$k_{1a}/k_{1m}$", percent), "Sensitivity to k1"),
-        "13": (lines(of("spring.k3", PRESENTED), "$k_{3a}/k_{3m}$", percent), "Sensitivity to k3"),
-        "14": (
-            lines({name: (DAMPINGS, at(damped[name], 1.0, MASSES)) for name in PRESENTED}, "$c$ (N s³/m³)", percent),
-            "Overshoot of the undamped shapers with a cubic damper",
-        ),
-    }  # fmt: skip
-    return [
-        Picture(f"paper_001_figure_{number}", drawn_, caption, number == "11")
-        for number, (drawn_, caption) in drawn.items()
-    ]
 
 
 def results(draw: bool = True) -> Paper:

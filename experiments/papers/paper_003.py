@@ -3,102 +3,18 @@
     python experiments/papers/paper_003.py --out out/papers
 
 The plant of all numbers: a rod of 205 g and 1 m with a bob of 115 g on it, pinned to a trolley that is switched on and
-off. V is what the filter leaves of the vibration that its first impulse alone would.
+off. V is what the filter leaves of the vibration that its first impulse alone would. ``paper_003_pendulum`` computes,
+``paper_003_judge`` judges, ``paper_003_figures`` draws.
 """
 
-from typing import Any
-
-import jax.numpy as jnp
 import numpy as np
-from frame import Paper, Picture, Row, Surpassed, after, cannot, compare, figure, main
-from scipy.optimize import brentq
+from frame import Paper, Row, Surpassed, cannot, compare, main
+from paper_003_figures import pictures
+from paper_003_judge import M1, M2, WIDTH, L, left, mode, swing, vibration
+from paper_003_pendulum import BAND, DISTANCE, FAST, HERTZ, bob_at, largest, on_off, pendulum, ride
 
 import jshape as js
-from jshape.command import PiecewisePolynomial
 from jshape.design import insensitive
-from jshape.plot import COLOURS, LINES
-
-M1, M2, L, G = 0.205, 0.115, 1.0, 9.81
-HERTZ = 2 * np.pi
-BAND = (0.45 * HERTZ, 0.70 * HERTZ)
-"""Of Table 1."""
-
-WIDTH, DISTANCE = 3.0, 1.5
-"""The pulse of Fig. 9(b), s, and the way of section 5, m."""
-
-FAST = 2.0
-"""Trolley speed of the large swing, m/s: four times the experiment's."""
-
-
-# The judge: equations of its own, integrated by SciPy.
-
-
-def moments(x: float) -> tuple[float, float]:
-    """Σ m ℓ (kg m) and Σ m ℓ² (kg m²) about the pivot, the bob at x (m)."""
-    return M1 * L / 2 + M2 * x, M1 * L**2 / 3 + M2 * x**2
-
-
-def field(t: float, y: np.ndarray, speed: float, x: float) -> list[float]:
-    """Eq. 13, with its input put right and turned into the trolley's speed (m/s).
-
-    y = (φ, φ' + S/J · speed · cos φ), of which neither jumps where the speed does; φ is positive ahead of the trolley.
-    """
-    first, second = moments(x)
-    drag = first / second * speed
-    rate = y[1] - drag * np.cos(y[0])
-    return [rate, -first / second * G * np.sin(y[0]) - drag * np.sin(y[0]) * rate]
-
-
-def linear(t: float, y: np.ndarray, speed: float, x: float) -> list[float]:
-    """Eq. 14 in the same way."""
-    first, second = moments(x)
-    return [y[1] - first / second * speed, -first / second * G * y[0]]
-
-
-def vibration(shaper: js.Shaper, x: float) -> float:
-    """V of the linearised pendulum, by simulation of the on-off speed."""
-    first, second = moments(x)
-    phi, p = after(
-        lambda t, y, u: linear(t, y, u, x), [0.0, 0.0], shaper.times, shaper.amplitudes, float(shaper.duration)
-    )[0]
-    omega = np.sqrt(first * G / second)
-    return float(np.hypot(phi, (p - first / second) / omega) / (first / second / omega))
-
-
-def left(shaper: js.Shaper, x: float, speed: float) -> float:
-    """Energy (J) after a shaped pulse of ``WIDTH``, by the nonlinear equation."""
-    first, second = moments(x)
-    command = shaper.shape(js.Pulse(speed, WIDTH))
-    times = np.asarray(command.breaks)
-    jumps = np.diff(np.asarray(command.coefficients)[:, 0], prepend=0.0)
-    phi, rate = after(lambda t, y, u: field(t, y, u, x), [0.0, 0.0], times, jumps, float(times[-1]))[0]
-    return second * rate**2 / 2 + first * G * (1 - np.cos(phi))
-
-
-def swing(energy: float, x: float) -> float:
-    """The angle (degrees) to which that energy lifts the pendulum."""
-    return float(np.degrees(np.arccos(1 - energy / (moments(x)[0] * G))))
-
-
-# What jshape computes.
-
-
-def pendulum(x: Any) -> js.plants.BobRodPendulum:
-    return js.plants.BobRodPendulum(M1, M2, L, x, G, drive="velocity")
-
-
-def ride(speed: float) -> PiecewisePolynomial:
-    """The trolley's way during a pulse of its speed."""
-    return PiecewisePolynomial([0.0, WIDTH], [[0.0, speed], [WIDTH * speed, 0.0]], 1)
-
-
-def on_off(band: Any, *args: Any, **options: Any) -> insensitive.Specified:
-    return insensitive.solve(band, *args, amplitudes="unity", **options)
-
-
-def largest(shaper: js.Shaper, band: tuple[float, float]) -> float:
-    """V's maximum over a band, on a fine grid."""
-    return float(jnp.max(js.percentage_vibration(shaper, jnp.linspace(*band, 4001))))
 
 
 def _percent(fraction: float | None) -> float:
@@ -114,7 +30,7 @@ def printed(paper: insensitive.Specified, place: float, top: float, bottom: floa
     least = on_off(BAND, 0.07, samples=5, impulses=5)
     middle = js.percentage_vibration(paper.shaper, 0.57 * HERTZ)
     gaps = np.diff(np.asarray(paper.shaper.times))
-    x = brentq(lambda x: moments(x)[0] * G / moments(x)[1] - (0.57 * HERTZ) ** 2, place, L)
+    x = bob_at(0.57, place)
     free = js.simulate(pendulum(x), ride(DISTANCE / WIDTH), horizon=WIDTH)
     wide = on_off((0.40 * HERTZ, 0.75 * HERTZ), 0.10).duration - on_off(BAND, 0.10).duration
     frequencies = np.linspace(*BAND, 5) / HERTZ
@@ -190,133 +106,6 @@ def printed(paper: insensitive.Specified, place: float, top: float, bottom: floa
     ]  # fmt: skip
 
 
-def pictures(paper: insensitive.Specified, place: float, top: float, bottom: float) -> list[Picture]:
-    """Every figure that is not a sketch, a photograph or a measurement."""
-    return [
-        _posicast(), _sensitivity(paper), _curve(place, bottom, top), _limits(place, bottom, top), _impulses(paper),
-        _delays(paper), _response(paper, place),
-    ]  # fmt: skip
-
-
-def _posicast() -> Picture:
-    drawn, axes = figure(1, 2, sharey=True)
-    plant = js.plants.ModalPlant(1.626 / np.sqrt(1 - 0.3**2), 0.3)
-    shaper = js.design.linear.zv(1.626 / np.sqrt(1 - 0.3**2), 0.3)
-    plain = js.simulate(plant, 1.0, horizon=10.0, samples=400)
-    shaped = js.simulate(plant, 1.0, shaper, horizon=10.0, samples=400)
-    for axis in axes[0]:
-        axis.plot(plain.times, plain.payload, color=COLOURS[0], label="step")
-        axis.set_xlabel("time (s)")
-        axis.set_xlim(0, 10)
-    axes[0, 1].plot(shaped.times, shaped.payload, color=COLOURS[1], linestyle="--", label="posicast")
-    axes[0, 1].legend()
-    axes[0, 0].set_title("(a)", loc="left")
-    axes[0, 1].set_title("(b)", loc="left")
-    axes[0, 0].set_ylabel("response")
-    return Picture("paper_003_figure_02", drawn, "Fig. 2: step response and the effect of posicast.")
-
-
-def _sensitivity(paper: insensitive.Specified) -> Picture:
-    drawn, axes = figure(1, 2)
-    ratio = np.linspace(0.6, 1.4, 401)
-    delay = insensitive.solve((0.8, 1.2), duration=2 * np.pi, impulses=3).shaper
-    left, right = axes[0]
-    for i, (name, shaper) in enumerate({"ZV": js.design.linear.zv(1.0), "TDF (±20 %)": delay}.items()):
-        curve = 100 * np.asarray(js.percentage_vibration(shaper, ratio))
-        left.plot(ratio, curve, color=COLOURS[i], linestyle=LINES[i], label=name)
-    left.set_xlabel("actual over modelled frequency")
-    left.set_ylabel("residual vibration (%)")
-    left.legend()
-    left.set_title("(a)", loc="left")
-    hertz = np.linspace(0.35, 0.8, 451)
-    right.plot(hertz, 100 * np.asarray(js.percentage_vibration(paper.shaper, HERTZ * hertz)), color=COLOURS[0])
-    samples = np.linspace(*BAND, 5)
-    right.plot(samples / HERTZ, 100 * np.asarray(js.percentage_vibration(paper.shaper, samples)), "o", markersize=3,
-               color=COLOURS[1], label="sampled")  # fmt: skip
-    right.axhline(8, color="0.5", linewidth=0.6)
-    right.set_ylim(0, 40)
-    right.set_xlabel("frequency (Hz)")
-    right.legend()
-    right.set_title("(b)", loc="left")
-    return Picture("paper_003_figure_04", drawn, "Fig. 4: sensitivity curves; (b) is the filter of Fig. 8.", shown=True)
-
-
-def _curve(place: float, bottom: float, top: float) -> Picture:
-    drawn, axes = figure()
-    x = np.linspace(0.05, 1.0, 300)
-    axis = axes[0, 0]
-    axis.plot(x, np.sqrt(G / x) / HERTZ, color=COLOURS[1], linestyle="--", label="simple pendulum")
-    axis.plot(x, np.asarray(pendulum(0.5).frequency_curve(x)) / HERTZ, color=COLOURS[0], label="physical pendulum")
-    axis.plot([place, L], [top / HERTZ, bottom / HERTZ], "o", markersize=3, color="black")
-    axis.set_ylim(0.4, 1.6)
-    axis.set_xlabel("bob position x (m)")
-    axis.set_ylabel("natural frequency (Hz)")
-    axis.legend()
-    return Picture("paper_003_figure_05b", drawn, "Fig. 5(b): natural frequency against the bob's position.")
-
-
-def _limits(place: float, bottom: float, top: float) -> Picture:
-    drawn, axes = figure()
-    x = np.linspace(0.05, 1.0, 300)
-    axis = axes[0, 0]
-    axis.plot(x, np.asarray(pendulum(0.5).frequency_curve(x)) / HERTZ, color=COLOURS[0])
-    for hertz, words in ((0.45, "Table 1"), (0.70, None)):
-        axis.axhline(hertz, color=COLOURS[1], linestyle="--", label=words)
-    for omega, words in ((bottom, "Eq. 15"), (top, None)):
-        axis.axhline(omega / HERTZ, color=COLOURS[2], linestyle=":", label=words)
-    axis.set_ylim(0.4, 0.8)
-    axis.set_xlabel("bob position x (m)")
-    axis.set_ylabel("natural frequency (Hz)")
-    axis.legend()
-    return Picture("paper_003_figure_07", drawn, "Fig. 7: limits of the range, as printed and as Eq. 15 gives them.")
-
-
-def _impulses(paper: insensitive.Specified) -> Picture:
-    drawn, axes = figure(height=1.8)
-    axis = axes[0, 0]
-    axis.stem(np.asarray(paper.shaper.times), np.asarray(paper.shaper.amplitudes), basefmt="k-")
-    axis.set_xlabel("time (s)")
-    axis.set_ylabel("amplitude")
-    return Picture("paper_003_figure_08", drawn, "Fig. 8: the filter's five impulses.")
-
-
-def _delays(paper: insensitive.Specified) -> Picture:
-    drawn, axes = figure(1, 2)
-    tolerable = np.array([0.08, 0.10, 0.125, 0.15, 0.20])
-    for i, half in enumerate((0.0, 0.05)):
-        band = (BAND[0] - half * HERTZ, BAND[1] + half * HERTZ)
-        delays = [on_off(band, v).duration for v in tolerable]
-        label = f"{band[0] / HERTZ:.2f}–{band[1] / HERTZ:.2f} Hz"
-        axes[0, 0].plot(100 * tolerable, delays, color=COLOURS[i], linestyle=LINES[i], marker=".", label=label)
-    axes[0, 0].set_xlabel("tolerable vibration (%)")
-    axes[0, 0].set_ylabel("delay of the filter (s)")
-    axes[0, 0].legend()
-    axes[0, 0].set_title("(a)", loc="left")
-    command = paper.shaper.shape(js.Pulse(1.0, WIDTH))
-    times = np.append(np.asarray(command.breaks), 5.0)
-    levels = np.asarray(command.coefficients)[:, 0]
-    axes[0, 1].step(times, np.append(levels, levels[-1]), where="post", color=COLOURS[0])
-    axes[0, 1].set_xlabel("time (s)")
-    axes[0, 1].set_ylabel("command")
-    axes[0, 1].set_title("(b)", loc="left")
-    return Picture("paper_003_figure_09", drawn, "Fig. 9: delay against tolerable vibration; the filtered command.")
-
-
-def _response(paper: insensitive.Specified, place: float) -> Picture:
-    drawn, axes = figure()
-    axis = axes[0, 0]
-    x = brentq(lambda x: moments(x)[0] * G / moments(x)[1] - (0.57 * HERTZ) ** 2, place, L)
-    for i, (name, shaper) in enumerate({"unfiltered": None, "SI-TD filtered": paper.shaper}.items()):
-        run = js.simulate(pendulum(x), ride(DISTANCE / WIDTH), shaper, horizon=10.0, samples=500)
-        axis.plot(run.times, np.degrees(np.asarray(run.states)[:, 0]), color=COLOURS[1 - i], linestyle=LINES[1 - i],
-                  label=name)  # fmt: skip
-    axis.set_xlabel("time (s)")
-    axis.set_ylabel("deviation from the vertical (°)")
-    axis.legend()
-    words = "Fig. 11(a): simulated response at 0.57 Hz; 1.5 m in a pulse of 3 s is assumed, which gives its 10°."
-    return Picture("paper_003_figure_11a", drawn, words)
-
-
 def surpassed(
     paper: insensitive.Specified, place: float, top: float, bottom: float
 ) -> tuple[list[Surpassed], list[str]]:
@@ -330,16 +119,7 @@ def surpassed(
     five = on_off(BAND, 0.07, impulses=5)
     edge = lambda shaper: max(vibration(shaper, x) for x in spots)
     switches = lambda shaper: "at " + ", ".join(f"{t:.5f}" for t in np.asarray(shaper.times)) + " s"
-    # A band that is no pendulum's needs a mode of its own: x'' + ω² x = ω² u.
     grid = np.linspace(*BAND, 101)
-
-    def mode(shaper: js.Shaper, omega: float) -> float:
-        end = after(
-            lambda t, y, u: [y[1], omega**2 * (u - y[0])], [0.0, 0.0], shaper.times, shaper.amplitudes,
-            float(shaper.duration),
-        )[0]  # fmt: skip
-        return float(np.hypot(end[0] - 1, end[1] / omega))
-
     xs = np.linspace(place, L, 13)
     tuned = js.tune(
         pendulum(0.6), ride(FAST), impulses=5, duration=paper.duration, amplitudes="unity",

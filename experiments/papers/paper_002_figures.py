@@ -1,0 +1,92 @@
+"""The figures of paper_002: 7 to 11 as the simulated experiment gives them, and what explains the fixed shapers."""
+
+from typing import Any
+
+import numpy as np
+from frame import Picture, figure
+from paper_002_adaptive import settings
+from paper_002_judge import STEP, ZETAS, modes
+from paper_002_link import BANDS, TICK, fixed, gain, link
+
+import jshape as js
+from jshape.adaptive import figures, report
+from jshape.plot import COLOURS, LINES
+
+
+def pictures(paper: js.Shaper, calm: js.Shaper, rounded: js.Shaper, run: report.Experiment) -> list[Picture]:
+    """``calm``: jshape's fixed shaper, ``rounded``: the same on the clock of the experiment, ``run``."""
+    given = settings(run)
+    both = {name: run.traces[name] for name in ("I", "I-D-E")}
+    spectra = lambda surface: figures.spectrogram(both, given.sample_time, given.points, given.bands, surface)
+    schedule, cases = run.schedule, ("I-D-E", "I-D", "I", "state-aware")
+    true = np.array([modes(float(coins)) for coins in schedule.loads])
+    tip = fixed(rounded, np.asarray(schedule.reference), np.asarray(schedule.loads)[np.asarray(schedule.which)])["tip"]
+    move = np.maximum(np.asarray(schedule.move), 0)
+    heard = {name: run.accumulated[name] for name in cases}
+    heard["jshape, fixed"] = np.bincount(move, np.abs(tip) * TICK)
+    tracked = {name: run.traces[name] for name in ("I-D-E", "state-aware")}
+    # The first payload's last moves.
+    zoomed = figures.moves(both | {"state-aware": run.traces["state-aware"]}, schedule, TICK, run.loads()[0][2] - 3, 3)
+    drawn = {
+        "07": (spectra(True), "Fig. 7: DFT magnitudes in cases I and I-D-E, simulated"),
+        "08": (spectra(False), "Fig. 8: the same from above"),
+        "09": (
+            figures.adaptation(tracked, schedule, true, TICK),
+            "Fig. 9: frequencies and damping ratios in I-D-E, and those of the state-aware strategy",
+        ),
+        "10": (
+            figures.accumulated(heard),
+            "Fig. 10: accumulated vibration of each move; and with jshape's state-aware strategy and its fixed shaper, "
+            "which leaves as much of both modes: the second weighs more in an acceleration",
+        ),
+        "11": (zoomed, "Fig. 11: the payload's angle with 20 coins, simulated"),
+        "sensitivity": (_sensitivity(paper, calm), "V of the fixed shapers over both modes; shaded: 0 to 20 coins"),
+        "response_function": (_response_function(), "Frequency response of the link from reference to payload"),
+        "fixed": (
+            _fixed(paper, calm),
+            "A step of 30° with 0, 10 and 20 coins: the paper's fixed shaper (case I) and jshape's, both 0.788 s long",
+        ),
+    }
+    return [
+        Picture(f"paper_002_figure_{name}", drawn_, caption, name == "fixed")
+        for name, (drawn_, caption) in drawn.items()
+    ]
+
+
+def _sensitivity(paper: js.Shaper, calm: js.Shaper) -> Any:
+    drawn, axes = figure(1, 2, sharey=True)
+    for axis, (low, high), band, zeta in zip(axes[0], ((4, 14), (50, 105)), BANDS, ZETAS, strict=True):
+        omega = np.linspace(low, high, 401)
+        for i, (name, shaper) in enumerate({"ZVD at 9 and 70 rad/s": paper, "jshape": calm}.items()):
+            curve = 100 * np.asarray(js.percentage_vibration(shaper, omega, zeta))
+            axis.plot(omega, curve, color=COLOURS[i], linestyle=LINES[i], label=name)
+        axis.axvspan(*band, color="0.5", alpha=0.12, linewidth=0)
+        axis.set(xlabel="frequency (rad/s)", xlim=(low, high), ylim=(0, 100))
+    axes[0, 0].set_ylabel("V (%)")
+    axes[0, 0].legend()
+    return drawn
+
+
+def _response_function() -> Any:
+    drawn, axes = figure(height=2.4)
+    omega = np.geomspace(2, 150, 1500)
+    for i, coins in enumerate((0.0, 10.0, 20.0)):
+        axes[0, 0].loglog(omega, gain(omega, coins), color=COLOURS[i], linestyle=LINES[i], label=f"{coins:g} coins")
+    axes[0, 0].set(xlabel="frequency (rad/s)", ylabel="$|θ_p / θ_r|$", xlim=(2, 150))
+    axes[0, 0].legend()
+    return drawn
+
+
+def _fixed(paper: js.Shaper, calm: js.Shaper) -> Any:
+    drawn, axes = figure(3, height=1.5, sharex=True)
+    padded = {"paper, case I": paper, "jshape": calm.pad(len(paper.times))}
+    for axis, coins in zip(axes[:, 0], (0.0, 10.0, 20.0), strict=True):
+        axis.axhline(30, color="0.35", linestyle=":", linewidth=0.8)
+        for i, (name, shaper) in enumerate(padded.items()):
+            run = js.simulate(link(coins), STEP, shaper, horizon=6.0, samples=301)
+            axis.plot(run.times, np.degrees(run.payload), color=COLOURS[1 - i], linestyle=LINES[1 - i], label=name)
+        axis.set_title(f"{coins:g} coins", loc="left")
+        axis.set(ylabel="$θ_p$ (°)", xlim=(0, 6))
+    axes[-1, 0].set_xlabel("time (s)")
+    drawn.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
+    return drawn
