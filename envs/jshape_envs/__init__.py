@@ -15,14 +15,17 @@ from jshape_envs.core import EnvState, Evaluation, Info, Params, move, observati
 from jshape_envs.env import MoveEnv
 from jshape_envs.machine import AbstractMachine, HoistingMachine, Machine, RampProfile, StepProfile, TrapezoidProfile
 from jshape_envs.parameters import parameters
+from jshape_envs.policy import AbstractPolicy, GRUPolicy, load_policy, save_policy
 from jshape_envs.presets import ENVIRONMENTS
 from jshape_envs.vector import MoveVectorEnv
 
 __all__ = [
     "ENVIRONMENTS",
     "AbstractMachine",
+    "AbstractPolicy",
     "EnvState",
     "Evaluation",
+    "GRUPolicy",
     "HoistingMachine",
     "Info",
     "Machine",
@@ -32,11 +35,13 @@ __all__ = [
     "RampProfile",
     "StepProfile",
     "TrapezoidProfile",
+    "load_policy",
     "move",
     "observation_names",
     "parameters",
     "reset",
     "rollout",
+    "save_policy",
     "step",
 ]
 

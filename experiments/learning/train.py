@@ -112,8 +112,8 @@ def report() -> None:
     for name in names:
         mine, others = rows(record, name), rows(ppo, name)
         words = [spread([r["reward"] for r in mine]), spread([r["reward"][-1] for r in others])]
-        spent = [np.mean([r["processor_seconds"] for r in part]) if part else np.nan for part in (mine, others)]
-        lines.append(f"| {name} | {words[0]} | {words[1]} | {spent[0]:.0f} and {spent[1]:.0f} |")
+        spent = [f"{np.mean([r['processor_seconds'] for r in part]):.0f}" for part in (mine, others) if part]
+        lines.append(f"| {name} | {words[0]} | {words[1]} | {', '.join(spent)} |")
     columns = "| shipped policy | moves | mean reward | regret | residual, % | under 5 % within two moves |"
     lines += ["", columns, "| --- |" + " --- |" * 5]
     for name, context in SHIPPED:
@@ -141,7 +141,7 @@ def rows(record: dict[str, Any], name: str) -> list[dict[str, Any]]:
 def spread(values: list[float]) -> str:
     if not values:
         return "not made"
-    return f"{np.mean(values):.4f} [{min(values):.4f}, {max(values):.4f}], {len(values)} seeds"
+    return f"{np.mean(values):.4f} [{min(values):.4f}, {max(values):.4f}], seeds: {len(values)}"
 
 
 def draw(ax: Any, name: str, mine: list[dict[str, Any]], others: list[dict[str, Any]]) -> None:

@@ -34,8 +34,9 @@ WINDOWS = 2
 """Windows that the Fourier transform's mean power is taken over."""
 CLEAR = 4.0
 """Amplitude, in standard deviations of a sample, from which a peak is believed."""
-PRECISION = 0.1
-"""Standard deviation of a frequency, relative to it, up to which a fit is believed."""
+PRECISION = 0.01
+"""Standard deviation of a frequency, relative to it, up to which a fit is believed. A looser bound would take for a
+fast mode what a sine leaves of the slow mode's decay."""
 
 
 class Windows(NamedTuple):
@@ -112,7 +113,7 @@ class FrequencyTracker(AbstractPolicy):
     """A linear shaper of a ``kind`` (ZV, ZVD …) for the frequencies of the sines that fit the last window best.
 
     ``bands``, ``nominal``, ``scale``: as in ``DirectAdaptive``; ``zeta``: damping ratio of the shaper. A frequency that
-    the samples do not tell to a tenth is left as it is.
+    the samples do not tell to a hundredth is left as it is.
     """
 
     bands: Float[Array, "modes 2"]
