@@ -21,7 +21,7 @@ from jshape_envs.baselines.best import best_of, mean_rewards, scales
 from jshape_envs.baselines.direct import DirectAdaptive, FrequencyTracker, direct_adaptive, frequency_tracker
 from jshape_envs.baselines.fixed import Fixed, FixedEnergy, fixed_energy, fixed_linear
 from jshape_envs.baselines.model_based import ModelBased, model_based
-from jshape_envs.baselines.seen import middle
+from jshape_envs.baselines.seen import evenly, middle
 from jshape_envs.core import Params
 from jshape_envs.policy import AbstractPolicy
 
@@ -73,7 +73,7 @@ def _best_fixed(params: Params) -> AbstractPolicy:
 
 
 def _best_energy(params: Params) -> AbstractPolicy:
-    payloads = np.linspace(*np.asarray(params.payload), 9)
+    payloads = np.asarray(evenly(params.payload, 9))
     tuned = [FixedPayload(jnp.asarray(p, params.period.dtype), h) for p in payloads[1:-1] for h in hedges(params)]
     families: list[Sequence[AbstractPolicy]] = [tuned]
     if "energy" in applicable(params):

@@ -1,0 +1,152 @@
+"""Moves of a crane that hoists on the way: the frequency sweeps during the move, and nobody knows where it begins.
+
+The hoist's encoder tells how much cable is out, but not how far below the hook the load's middle hangs: the pendulum
+is longer than the cable by an unknown rest, which is another one with every load. It is learned from the swing angle
+measured during the moves, and the shaper of the next one is tuned through the model: no formula knows a frequency that
+changes on the way.
+"""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from jshape import _check
+from jshape._types import Scalar, State, Times
+from jshape.adaptive.moves import AbstractMoves, Moves, Swing, steps_between
+from jshape.adaptive.moves_design import retuned
+from jshape.command import PiecewisePolynomial, Trapezoid
+from jshape.design.linear import zvd
+from jshape.plants import HoistingCrane
+from jshape.shaper import Shaper
+
+STEPS = 4
+"""Fixed steps a segment when a shaper is tuned; a move has more than a dozen segments."""
+TRIED = 9
+"""Lengths that are tried before a fit."""
+
+
+class Hoisting(NamedTuple):
+    """What the controller knows of a move."""
+
+    distance: Scalar
+    """Of the trolley, m."""
+    cable: Scalar
+    """How much cable is out when the move begins, by the encoder, m."""
+    hoist: Scalar
+    """How much more of it is out when it ends, m."""
+
+
+class HoistingMoves(AbstractMoves):
+    """Moves of a crane with its hoist running, the swing's angle measured (rad).
+
+    The one parameter is the distance from the cable's end to the load's middle, m, between the two of ``below``; at
+    first it is taken to be half way between them. ``limits``: speed (m/s) and acceleration (m/s²) of the trolley and of
+    the hoist. ``horizon``: s from one move to the next. ``samples``: as many in that time, evenly, the first and the
+    last at its ends. ``damping``: N s/m for a load of 1 kg. ``known``: a ``Hoisting``.
+
+    *Raises* ``ValueError`` for numbers that are not positive, ``below`` the wrong way round, or too few samples.
+    """
+
+    times: Times
+    lower: Float[Array, " parameters"]
+    upper: Float[Array, " parameters"]
+    trolley: Float[Array, " 2"]
+    hoist: Float[Array, " 2"]
+    damping: Scalar
+    between: int = eqx.field(static=True)
+
+    def __init__(
+        self,
+        horizon: Any = 16.0,
+        samples: int = 161,
+        below: tuple[Any, Any] = (0.0, 2.0),
+        trolley: Any = (1.0, 0.5),
+        hoist: Any = (0.6, 0.5),
+        damping: Any = 0.02,
+    ):
+        for value, name in ((horizon, "horizon"), (trolley, "trolley"), (hoist, "hoist")):
+            _check.positive(value, name)
+        _check.not_negative(below, "below")
+        if not below[0] < below[1]:
+            raise ValueError(f"below must be two lengths in ascending order, not {below}")
+        samples = _check.count(samples, "samples", least=8)
+        self.times = _check.scalar(horizon, "horizon") * jnp.linspace(0.0, 1.0, samples)
+        # A pendulum of one metre; a shorter one is faster by the root of its length.
+        self.between = steps_between(np.sqrt(9.81), horizon, samples)
+        self.lower, self.upper = (_check.scalar(value, "below")[None] for value in below)
+        self.trolley, self.hoist = _check.as_array(trolley, "trolley"), _check.as_array(hoist, "hoist")
+        for value, name in ((self.trolley, "trolley"), (self.hoist, "hoist")):
+            if value.shape != (2,):
+                raise ValueError(f"{name} must be a speed and an acceleration, not of shape {value.shape}")
+        _check.not_negative(damping, "damping")
+        self.damping = _check.scalar(damping, "damping")
+
+    def nominal(self) -> Float[Array, " parameters"]:
+        return (self.lower + self.upper) / 2
+
+    def plant(self, parameters: Float[Array, " parameters"], known: Hoisting) -> HoistingCrane:
+        # Its pieces once, and not once for every stage of the integration.
+        hoist = PiecewisePolynomial(*Trapezoid(known.hoist, self.hoist[0], self.hoist[1]).pieces(), smoothness=2)
+        return HoistingCrane(known.cable + parameters[0], hoist, damping=self.damping)
+
+    def command(self, known: Hoisting) -> Trapezoid:
+        return Trapezoid(known.distance, self.trolley[0], self.trolley[1])
+
+    def begin(self, plant: Any, swing: Swing) -> State:
+        return jnp.append(swing, plant.cable_length)
+
+    def swing(self, state: State, position: Scalar) -> Swing:
+        del position
+        return state[:2]
+
+    def signal(self, state: State, position: Scalar) -> Scalar:
+        del position
+        return state[0]
+
+    def vibration(self, plant: Any, state: State, position: Scalar) -> Scalar:
+        """The angle at which the load's height alone holds the energy."""
+        energy = plant.residual_energy(state, jnp.zeros_like(position))
+        share = energy / (2 * plant.payload_mass * plant.gravity * state[2])
+        return 2 * jnp.arcsin(jnp.sqrt(jnp.clip(share, 0.0, 1.0)))
+
+    def frequency(self, parameters: Float[Array, " parameters"], known: Hoisting, share: float) -> Scalar:
+        """What linear methods have: the pendulum's frequency (rad/s) when that ``share`` of the hoist's way is done."""
+        plant = self.plant(parameters, known)
+        return jnp.sqrt(plant.gravity / (plant.cable_length + share * known.hoist))
+
+    def design(self, parameters: Float[Array, " parameters"], known: Hoisting, swing: Swing) -> Shaper:
+        """Three impulses, tuned through the model from the ZVD shaper of the mean length."""
+        plant = self.plant(parameters, known)
+        near = zvd(self.frequency(parameters, known, 0.5))
+        return retuned(self, plant, self.command(known), near, self.begin(plant, swing), STEPS)
+
+    def starts(self, parameters: Float[Array, " parameters"]) -> Float[Array, "starts parameters"]:
+        del parameters
+        return self.lower + jnp.linspace(0.0, 1.0, TRIED)[:, None] * (self.upper - self.lower)
+
+
+def random_loads(
+    key: PRNGKeyArray,
+    task: HoistingMoves,
+    *,
+    moves: int = 8,
+    change: int = 2,
+    distance: tuple[float, float] = (4.0, 6.0),
+    cable: tuple[float, float] = (3.0, 6.0),
+) -> Moves:
+    """Moves there and back of random distances (m), up from the longer of ``cable`` (m) to the shorter and down again
+    in turn, and another load with move ``change``, which hangs otherwise and is not announced."""
+    keys = jax.random.split(key, 3)
+    below = task.lower + jax.random.uniform(keys[0], (2, 1)) * (task.upper - task.lower)
+    number = jnp.arange(moves)
+    up = number % 2 == 0
+    short, long = cable
+    size = jax.random.uniform(keys[1], (moves,), minval=distance[0], maxval=distance[1])
+    known = Hoisting(jnp.where(up, size, -size), jnp.where(up, long, short), jnp.where(up, short - long, long - short))
+    carried: Array = below[(number >= change).astype(int)]
+    fine = jnp.zeros((moves, len(task.times)), bool)
+    return Moves(known, carried, carried, jnp.zeros(moves, int), fine, fine)

@@ -1,0 +1,242 @@
+"""A machine that makes one move after another while it changes unannounced, and what a strategy must do about it.
+
+    task = TwoMassMoves(plant, ("spring.k1", "spring.k3", "damper.c"), horizon=6.0)
+    sensor = NoisySensor(noise=0.001, resolution=0.0005)
+    trace = run_moves(task, Adapting(task, sensor, spread=0.5, drift=0.5), moves, sensor, jax.random.key(0))
+
+The plant may be nonlinear and may change in time while it moves: all that is asked of it is that jshape can simulate
+it. A strategy gives a shaper before each move and gets the sensor's samples of the whole move after it; what the move
+leaves is what the next begins with. A run is one scan, and ``vmap`` runs hundreds side by side.
+"""
+
+import abc
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
+
+from jshape import _check
+from jshape._types import Scalar, State, Times
+from jshape.command import AbstractCommand, polynomial
+from jshape.plants import AbstractPlant
+from jshape.schedule import Schedule, schedule
+from jshape.shaper import Shaper
+from jshape.simulate import all_states
+
+Swing = Float[Array, " 2"]
+"""How far a plant is from rest, and how fast: in the units of its state."""
+
+
+class AbstractMoves(eqx.Module):
+    """A plant with unknown parameters and the moves it makes, in coordinates that begin anew with every move.
+
+    ``known`` in every method is what the controller knows of a move: a pytree of arrays. ``times``: of the sensor's
+    samples, s since the move began, the first is 0; with the last the next move begins. ``lower``, ``upper``: where
+    parameters may be. ``between``: fixed steps of the simulation from one sample to the next (``steps_between``).
+    """
+
+    times: eqx.AbstractVar[Times]
+    lower: eqx.AbstractVar[Float[Array, " parameters"]]
+    upper: eqx.AbstractVar[Float[Array, " parameters"]]
+    between: eqx.AbstractVar[int]
+
+    @abc.abstractmethod
+    def nominal(self) -> Float[Array, " parameters"]:
+        """What is believed before anything is measured."""
+
+    @abc.abstractmethod
+    def plant(self, parameters: Float[Array, " parameters"], known: Any) -> AbstractPlant:
+        """The plant as it is in that move."""
+
+    @abc.abstractmethod
+    def command(self, known: Any) -> AbstractCommand:
+        """What is to be moved."""
+
+    @abc.abstractmethod
+    def begin(self, plant: AbstractPlant, swing: Swing) -> State:
+        """The state at a move's beginning, with so much swing left of the last one."""
+
+    @abc.abstractmethod
+    def swing(self, state: State, position: Scalar) -> Swing:
+        """How far from rest the plant is, with the command at rest at ``position``."""
+
+    @abc.abstractmethod
+    def signal(self, state: State, position: Scalar) -> Scalar:
+        """What the sensor measures, with the command at ``position``."""
+
+    @abc.abstractmethod
+    def vibration(self, plant: AbstractPlant, state: State, position: Scalar) -> Scalar:
+        """How far it will swing, with the command at rest at ``position``, in the signal's unit."""
+
+    @abc.abstractmethod
+    def design(self, parameters: Float[Array, " parameters"], known: Any, swing: Swing) -> Shaper:
+        """The shaper after which a plant with these parameters, which began with that swing, is at rest."""
+
+    @abc.abstractmethod
+    def starts(self, parameters: Float[Array, " parameters"]) -> Float[Array, "starts parameters"]:
+        """Other parameters to try before a fit: what the plant may have become since."""
+
+
+def steps_between(omega: Any, horizon: Any, samples: int) -> int:
+    """Steps from one of so many samples to the next, for a plant of natural frequency ``omega`` (rad/s): none covers
+    more than 0.3 rad, half of what keeps eleven digits, so that the plant may become twice as fast."""
+    return max(1, int(np.ceil(float(omega) * float(horizon) / (samples - 1) / 0.3)))
+
+
+class Along(NamedTuple):
+    """What a plant did in a move."""
+
+    signal: Times
+    """At the task's ``times``."""
+    states: Float[Array, "times state"]
+    position: Times
+    """Of the command."""
+    rest: State
+    """The state when the (shaped) command had come to rest."""
+
+
+def along(
+    task: AbstractMoves, plant: AbstractPlant, plan: Schedule, state: State, part: tuple[Any, Any] = (0, -1)
+) -> Along:
+    """The plant through a move; ``part``: the indices into ``task.times`` at which it begins and ends. Before and after
+    that the state stands still."""
+    first, last = part
+    segments, at = plan.sampled(task.times)
+    there = (segments.begin >= task.times[first]) & (segments.begin < task.times[last])
+    # A segment ends with each sample, so that no segment lies across the ends of the part.
+    segments = eqx.tree_at(lambda s: s.duration, segments, jnp.where(there, segments.duration, 0.0))
+    every = all_states(plant, segments, state, task.between)[:, 0]
+    states, position = every[at], polynomial(segments.coefficients[at], segments.age[at])
+    over = jnp.searchsorted(segments.begin, plan.breaks[-1])
+    return Along(jax.vmap(task.signal)(states, position), states, position, every[over])
+
+
+class NoisySensor(eqx.Module):
+    """A sensor's ``noise`` (standard deviation) and ``resolution`` (0: none), in the signal's unit.
+
+    *Raises* ``ValueError`` for a noise that is not positive or a negative resolution.
+    """
+
+    noise: Scalar
+    resolution: Scalar
+
+    def __init__(self, noise: Any, resolution: Any = 0.0):
+        self.noise, self.resolution = _check.scalar(noise, "noise"), _check.scalar(resolution, "resolution")
+        _check.positive(self.noise, "noise")
+        _check.not_negative(self.resolution, "resolution")
+
+    @property
+    def std(self) -> Scalar:
+        """Standard deviation of a reading: of the noise and the rounding together."""
+        return jnp.sqrt(self.noise**2 + self.resolution**2 / 12)
+
+    def read(self, signal: Times, draw: Times, missing: Bool[Array, " times"], frozen: Bool[Array, " times"]) -> Times:
+        """What it reads; ``draw``: standard normal numbers."""
+        exact = signal + self.noise * draw
+        step = jnp.where(self.resolution > 0, self.resolution, 1.0)
+        value = jnp.where(self.resolution > 0, step * jnp.round(exact / step), exact)
+        last = jax.lax.cummax(jnp.where(frozen, 0, jnp.arange(len(value))))
+        return jnp.where(missing, jnp.nan, value[last])
+
+
+class Moves(NamedTuple):
+    """What happens, move by move: each with a leading axis of moves."""
+
+    known: Any
+    """What the controller knows of each move."""
+    before: Float[Array, "moves parameters"]
+    """The true parameters at the beginning of the move …"""
+    after: Float[Array, "moves parameters"]
+    """… and at its end."""
+    change: Int[Array, " moves"]
+    """The index of the sample in between at which they change."""
+    missing: Bool[Array, "moves times"]
+    """Samples that do not come."""
+    frozen: Bool[Array, "moves times"]
+    """Samples at which the sensor stays what it was."""
+
+
+class MoveTrace(NamedTuple):
+    """What came of it, each with a leading axis of moves."""
+
+    energy: Float[Array, " moves"]
+    """Residual energy of the true plant, J, when the shaped command had come to rest; NaN if that took longer than the
+    window."""
+    vibration: Float[Array, " moves"]
+    """How far it swings from then on, in the signal's unit."""
+    duration: Float[Array, " moves"]
+    """Of the shaped command, s."""
+    shaper: Shaper
+    memory: Any
+    """What the strategy knew after the move."""
+
+
+class AbstractMoveStrategy(eqx.Module):
+    """How the shaper of the next move is chosen, with or without learning from the moves before it."""
+
+    @abc.abstractmethod
+    def start(self) -> Any:
+        """What it knows at the start: a pytree of JAX arrays of fixed shapes."""
+
+    @abc.abstractmethod
+    def shaper(self, memory: Any, known: Any, parameters: Array, swing: Swing) -> Shaper:
+        """The shaper of the next move. ``parameters``, ``swing``: the truth, for an oracle only."""
+
+    @abc.abstractmethod
+    def learn(self, memory: Any, known: Any, shaper: Shaper, readings: Times) -> Any:
+        """What it knows after a move."""
+
+
+def run_moves(
+    truth: AbstractMoves, strategy: AbstractMoveStrategy, moves: Moves, sensor: NoisySensor, key: PRNGKeyArray
+) -> MoveTrace:
+    """The true plant through all moves, at rest at first. ``key``: of the sensor's noise.
+
+    *Raises* ``ValueError`` for arrays of ``moves`` whose lengths differ.
+    """
+    count = len(moves.change)
+    shapes = {name: jnp.shape(getattr(moves, name)) for name in ("before", "after", "missing", "frozen")}
+    each = {"before": len(truth.lower), "after": len(truth.lower)}
+    for name, shape in shapes.items():
+        wanted = (count, each.get(name, len(truth.times)))
+        if shape != wanted:
+            raise ValueError(f"moves.{name} must have shape {wanted}, not {shape}")
+    last_sample = len(truth.times) - 1
+    draws = jax.random.normal(key, (count, len(truth.times)))
+
+    def one(carry: tuple[Swing, Any], item: tuple[Moves, Times]) -> tuple[tuple[Swing, Any], MoveTrace]:
+        swing, memory = carry
+        move, draw = item
+        shaper = strategy.shaper(memory, move.known, move.before, swing)
+        old, new = (truth.plant(p, move.known) for p in (move.before, move.after))
+        plan = schedule(old, truth.command(move.known), shaper)
+        begin = truth.begin(old, swing)
+        inputs, position = plan.final_inputs(old), plan.coefficients[-1, 0]
+
+        def part(state: State, item: Any) -> tuple[State, Any]:
+            parameters, first, last, jump = item
+            plant = truth.plant(parameters, move.known)
+            run = along(truth, plant, plan, state + jump, (first, last))
+            rest = plant.residual_energy(run.rest, inputs), truth.vibration(plant, run.rest, position)
+            return run.states[-1], (run.signal, *rest)
+
+        # What the change itself does to the state: a cable's length is one of its entries.
+        jumps = jnp.stack([jnp.zeros_like(begin), truth.begin(new, swing) - begin])
+        ends = jnp.stack([0 * move.change, move.change]), jnp.stack([move.change, 0 * move.change + last_sample])
+        parts = (jnp.stack([move.before, move.after]), *ends, jumps)
+        end, (signal, energy, vibration) = jax.lax.scan(part, begin, parts)
+        # Where the parameters change after the command has come to rest, the move ended with the old ones.
+        which = (plan.breaks[-1] >= truth.times[move.change]).astype(int)
+        over = plan.breaks[-1] <= truth.times[-1]
+        energy, vibration = (jnp.where(over, value[which], jnp.nan) for value in (energy, vibration))
+        late = jnp.arange(len(truth.times)) >= move.change
+        readings = sensor.read(jnp.where(late, signal[1], signal[0]), draw, move.missing, move.frozen)
+        memory = strategy.learn(memory, move.known, shaper, readings)
+        left = truth.swing(end, position)
+        return (left, memory), MoveTrace(energy, vibration, plan.breaks[-1], shaper, memory)
+
+    carry = (jnp.zeros(2, truth.times.dtype), strategy.start())
+    return jax.lax.scan(one, carry, (moves, draws))[1]
