@@ -15,7 +15,7 @@ def adapt(
     ] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Of noise and schedules; the file's unless given.")] = None,
 ) -> None:
-    """Try adaptive strategies on a problem whose load changes unannounced (its [adapt] table)."""
+    """Try adaptive strategies on a problem whose load changes unannounced, as its adapt table says."""
     with explained():
         prepare_jax()
         from jshape.adaptive.report import experiment, write
