@@ -10,7 +10,6 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optax
 from jaxtyping import Array
 
 from jshape.design._energies import energies, limits_kept
@@ -42,6 +41,8 @@ def descend(
 
 @eqx.filter_jit
 def _run(task: Task, bounds, durations: Array, objective: Objective, starts: Point, iterations: int, time_cost):
+    import optax  # Loaded here: half a second that most designs do not need.
+
     schedule = optax.cosine_decay_schedule(RATE, iterations, alpha=0.01)
     optimiser = optax.adam(schedule)
     lower, upper, least, most = bounds

@@ -62,10 +62,12 @@ def look(
     """
     flat, unravel = ravel_pytree(point)
 
-    def one(plant: AbstractPlant) -> tuple[Array, Array]:
-        return _with_slopes(lambda x: energy(task, plant, unravel(x)), flat)
-
-    values, slopes = _each(task, one)
+    if len(flat) <= FORWARD:
+        # Derivatives outside, plants inside: the long axis comes last, where arithmetic runs along it.
+        values, slopes = _with_slopes(lambda x: _each(task, lambda plant: energy(task, plant, unravel(x))), flat)
+    else:
+        # One pass back for each plant.
+        values, slopes = _each(task, lambda plant: _with_slopes(lambda x: energy(task, plant, unravel(x)), flat))
 
     if not task.limits.any:
         return values, slopes, jnp.zeros(0), jnp.zeros((0, len(flat)))
