@@ -133,6 +133,7 @@ REFUSED = [
     (drifting(), ":2: the clock drifts: samples are 20 ms apart here and 20.199 ms at the end"),
     (rewritten(times=np.sort(np.random.default_rng(0).uniform(0, 4, 200))), "times are uneven"),
     (rewritten(times=1e12 * ring_down()[0]), ":2: times cannot be seconds"),
+    (edited(_201="1e308,1.0,1.0"), ":201: time leaps from 3.96 s to 1e+308 s"),
     (rewritten(values=np.random.default_rng(1).standard_normal((200, 2))), ": values: no vibration stands out"),
     (text("t,x,x"), None),
 ]  # fmt: skip

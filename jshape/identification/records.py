@@ -23,6 +23,9 @@ UNEVEN = 0.2
 MISSING = 0.2
 """The share of a record that may be missing."""
 
+LONGEST = 1e9
+"""The gap, in sampling intervals, from which on a time is not believed."""
+
 
 class RecordError(ValueError):
     """A record that cannot be used; the message says why, and where there is a place, at which row or line."""
@@ -133,6 +136,9 @@ def _clock(times: np.ndarray, rows: np.ndarray, where: Where) -> tuple[np.ndarra
     step = float(np.median(steps))
     if not 1e-9 < step < 1e6 or not np.isfinite(times[-1] - times[0]):
         raise RecordError(f"{where(int(rows[0]))}times cannot be seconds: {step:.3g} from one to the next")
+    leap = int(np.argmax(steps))
+    if steps[leap] > LONGEST * step:
+        raise RecordError(f"{where(int(rows[leap + 1]))}time leaps from {times[leap]:.6g} s to {times[leap + 1]:.6g} s")
     index = np.concatenate([[0.0], np.cumsum(np.maximum(np.rint(steps / step), 1.0))])
     line, off = _line(index, times)
     digits, rounding = 10, 0.0
