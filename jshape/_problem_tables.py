@@ -90,7 +90,7 @@ class Adapt(Strict):
     zeta: _Pair
     bands: Annotated[tuple[_Pair, _Pair], Field(strict=False)]
     points: int = Field(default=3000, ge=16, le=1_000_000)
-    thresholds: _Pair = (7.0, 10.0)
+    thresholds: _Pair = (150.0, 20.0)
     schedules: int = Field(default=0, ge=0, le=100_000)
     seed: int = Field(default=0, ge=0)
 

@@ -12,6 +12,7 @@ import jshape as js
 from jshape.adaptive import faults, judge, schedules
 from jshape.adaptive._numbers import NUMPY
 from jshape.adaptive.cases import CASES, case
+from jshape.adaptive.extremum_seeking import ExtremumSeeking
 from jshape.adaptive.increments import IncrementShaper
 from jshape.adaptive.least_squares import FilteredLeastSquares, Normal
 from jshape.adaptive.loop import run
@@ -214,7 +215,29 @@ def test_both_forms_of_a_strategy_agree(name):
     fast = scan(jnp.asarray(reference), jnp.asarray(readings))
     np.testing.assert_allclose([d.command for d in plain], fast.command, atol=1e-10)
     np.testing.assert_allclose(np.array([d.omega for d in plain]), fast.omega, rtol=1e-7)
+    np.testing.assert_allclose(np.array([d.zeta for d in plain]), fast.zeta, atol=1e-12)
     np.testing.assert_array_equal([d.doubted for d in plain], fast.doubted)
+
+
+def test_a_move_that_tells_nothing_of_the_damping_leaves_it_alone():
+    # Costs of five moves, the third of another load's: tenfold, and known to be (skipped).
+    seeking = ExtremumSeeking(1.0, 0.017, amplitude=1e-4, gain=-0.007)
+    costs, state, online = (0.1, 0.1, None, 1.0, 1.0), seeking.start(), seeking.online()
+    for cost in costs:
+        state = seeking.skip(state) if cost is None else seeking.step(state, cost)[0]
+        if cost is None:
+            online.skip()
+        else:
+            online.push(cost)
+        np.testing.assert_allclose(online.parameters, seeking.parameters(state), atol=1e-15)
+    assert float(state.centre[0]) == 0.017
+    # Five perturbations have passed, each as in one sequence.
+    assert float(seeking.parameters(state)[0]) == pytest.approx(0.017 + 1e-4 * np.sin(10.0), abs=1e-12)
+    # Not known to be, it counts as the damping's doing.
+    online = seeking.online()
+    for cost in (0.1, 0.1, 1.0):
+        online.push(cost)
+    assert abs(online.centre[0] - 0.017) > 1e-3
 
 
 @pytest.fixture(scope="module")
@@ -292,7 +315,8 @@ def test_the_papers_experiment(integral):
     whole = {name: values.sum() for name, values in gathered.items()}
     assert whole["unshaped"] > 5 * whole["I"]
     assert whole["I"] > 1.5 * whole["I-D"]
-    assert whole["I-D-E"] < 1.05 * whole["I-D"]
+    # No worse: on a linear link no damping ratio near the true one matters.
+    assert whole["I-D-E"] < 1.01 * whole["I-D"]
     assert whole["state-aware"] < whole["I-D"]
     for first, after, least in ((0, 10, 1 / 3), (30, 40, 1 / 3), (10, 20, 0.25)):
         reduction = 1 - gathered["I-D"][first:after].sum() / gathered["I"][first:after].sum()

@@ -3,6 +3,12 @@
 Three cases of one loop: input shaping alone (I), with the DFT for the frequencies (I-D), and with extremum seeking for
 the damping ratios beside it (I-D-E).
 
+Extremum seeking is that of the paper's Fig. 2, but its time counts in moves and not in seconds. A damping ratio enters
+with an edge, and what it was worth is known with the next, so that there is one perturbation a move and the cost of a
+move meets the perturbation it had; seconds would multiply it with that of a later moment, and the sign of the slope
+would hang on how long a move takes. Nor does a move count whose frequencies were wrong or whose shaper had not run out:
+its vibration is far larger than any damping ratio's share, and the next move's cost is then the first of a new series.
+
 *Source*: Chatlatanagulchai, Chotana and Prutthapong, Figs. 3 and 6.
 """
 
@@ -13,6 +19,8 @@ import numpy as np
 
 from jshape import _check
 from jshape._types import Scalar
+from jshape.adaptive._cascade import ShaperState
+from jshape.adaptive._numbers import JAX
 from jshape.adaptive.estimate import Estimate
 from jshape.adaptive.extremum_seeking import ExtremumSeeking
 from jshape.adaptive.sampled_link import Readings
@@ -20,12 +28,9 @@ from jshape.adaptive.shaper import AdaptiveShaper
 from jshape.adaptive.sliding_dft import SlidingDFT
 from jshape.adaptive.strategy import AbstractStrategy, Decision, OnlineStrategy
 
-
-class Cost(NamedTuple):
-    """∫ |a| dt over the movement under way, and over the one before."""
-
-    growing: Any = 0.0
-    last: Any = 0.0
+AGREE = 0.05
+"""By how much the frequencies that a movement showed may differ from those it was shaped for, as a fraction, if its
+vibration is to be judged: a ZVD shaper leaves 0.6 % then, and more than that is not the damping ratios' doing."""
 
 
 class DirectState(NamedTuple):
@@ -34,7 +39,8 @@ class DirectState(NamedTuple):
     shaper: Any
     dfts: tuple[Any, ...]
     seeking: Any
-    cost: Cost
+    cost: Any
+    """∫ |a| dt since the last edge, m/s; NaN before the first."""
     reference: Any
     steady: Any
     doubted: Any
@@ -44,12 +50,12 @@ class DirectAdaptive(AbstractStrategy):
     """An ``AdaptiveShaper`` of two modes; the tip's accelerometer tells the first, the one in the middle the second.
 
     ``shaper``: with bands, blanking and start. ``dfts``: one ``SlidingDFT`` for each mode, or none: then the
-    frequencies stay. ``seeking``: of the damping ratios, by the vibration accumulated over the preceding movement; or
-    ``None``. Its cost is ∫ |a| dt in units of ``cost_unit`` (m/s): with 75, this link leaves under the shaper alone,
-    with 20 coins, the 0.3 of the paper's Fig. 10, for which the paper's gains were chosen. The DFTs listen while the
-    shaper says that the reference is steady.
+    frequencies stay. ``seeking``: of the damping ratios, one step a move, by the vibration accumulated over the
+    preceding movement; or ``None``. Its cost is ∫ |a| dt in units of ``cost_unit`` (m/s): with 75, this link leaves
+    under the shaper alone, with 20 coins, the 0.3 of the paper's Fig. 10, for which the paper's gains were chosen. The
+    DFTs listen while the shaper says that the reference is steady.
 
-    *Raises* ``ValueError`` if the numbers of modes differ, or sample times do.
+    *Raises* ``ValueError`` if the numbers of modes differ, or sample times do, or the seeking's step is not one move.
     """
 
     shaper: AdaptiveShaper
@@ -78,10 +84,8 @@ class DirectAdaptive(AbstractStrategy):
                 raise ValueError(
                     f"dfts must have the shaper's sample time {shaper.sample_time}, not {part.sample_time}"
                 )
-        if seeking and seeking.step_time != shaper.sample_time:
-            raise ValueError(
-                f"seeking must have the shaper's sample time {shaper.sample_time}, not {seeking.step_time}"
-            )
+        if seeking and seeking.step_time != 1:
+            raise ValueError(f"seeking must count its time in moves, with a step_time of 1, not {seeking.step_time}")
 
     @property
     def sample_time(self) -> float:
@@ -90,12 +94,11 @@ class DirectAdaptive(AbstractStrategy):
 
     def start(self, reference: Any) -> DirectState:
         seeking = () if self.seeking is None else self.seeking.start()
-        zero = jnp.zeros_like(jnp.asarray(reference))
         return DirectState(
             self.shaper.start(reference),
             tuple(dft.start() for dft in self.dfts),
             seeking,
-            Cost(zero, zero),
+            jnp.full_like(jnp.asarray(reference), jnp.nan),
             jnp.asarray(reference),
             jnp.asarray(False),
             jnp.asarray(0, jnp.int32),
@@ -104,16 +107,18 @@ class DirectAdaptive(AbstractStrategy):
     def step(self, state: DirectState, reference: Any, readings: Readings) -> tuple[DirectState, Decision]:
         moved = jnp.isfinite(reference) & (reference != state.reference)
         tip = jnp.where(jnp.isfinite(readings.tip), jnp.abs(readings.tip), 0.0) * self.sample_time
-        cost = Cost(
-            jnp.where(moved, tip, state.cost.growing + tip), jnp.where(moved, state.cost.growing, state.cost.last)
-        )
         heard = [
             dft.step(memory, sample, state.steady)
             for dft, memory, sample in zip(self.dfts, state.dfts, (readings.tip, readings.middle), strict=False)
         ]
         seeking, zeta = state.seeking, None
         if self.seeking is not None:
-            seeking, zeta = self.seeking.step(state.seeking, cost.last / self.cost_unit)
+            told, _ = self.seeking.step(seeking, state.cost / self.cost_unit)
+            judged = state.steady & _agree(jnp, state.shaper)
+            over = JAX.select(judged, told, self.seeking.skip(seeking))
+            seeking = JAX.select(moved, over, seeking)
+            zeta = self.seeking.parameters(seeking)
+        cost = jnp.where(moved, 0.0, state.cost) + tip
         estimate = _together(jnp, [estimate for _, estimate in heard], zeta)
         shaper, shaped = self.shaper.step(state.shaper, reference, estimate)
         missed = ~jnp.isfinite(readings.tip) | ~jnp.isfinite(readings.middle)
@@ -126,6 +131,12 @@ class DirectAdaptive(AbstractStrategy):
 
     def online(self, reference: float = 0.0) -> OnlineStrategy:
         return _OnlineDirect(self, reference)
+
+
+def _agree(xp: Any, shaper: ShaperState) -> Any:
+    """Whether the filters were tuned to the frequencies that the movement has shown."""
+    wanted, tuned = xp.asarray(shaper.wanted_omega), xp.asarray(shaper.tuning.omega)
+    return xp.all(abs(wanted - tuned) <= AGREE * tuned)
 
 
 def _together(xp: Any, estimates: list[Estimate], zeta: Any) -> Estimate | None:
@@ -144,18 +155,21 @@ class _OnlineDirect:
         self._shaper = strategy.shaper.online(reference)
         self._dfts = [dft.online() for dft in strategy.dfts]
         self._seeking = strategy.seeking and strategy.seeking.online()
-        self._reference, self._steady, self._cost, self._missed = float(reference), False, Cost(), 0
+        self._reference, self._steady, self._cost, self._missed = float(reference), False, np.nan, 0
 
     def push(self, reference: float, readings: Readings) -> Decision:
         samples = (readings.tip, readings.middle)
         tip = abs(readings.tip) * self._time if np.isfinite(readings.tip) else 0.0
-        growing, last = self._cost
         moved = np.isfinite(reference) and reference != self._reference
-        self._cost = Cost(tip, growing) if moved else Cost(growing + tip, last)
+        if moved and self._seeking:
+            if self._steady and _agree(np, self._shaper.state):
+                self._seeking.push(self._cost / self._unit)
+            else:
+                self._seeking.skip()
+        self._cost = tip if moved else self._cost + tip
         self._reference = reference if moved else self._reference
         heard = [dft.push(float(sample), self._steady) for dft, sample in zip(self._dfts, samples, strict=False)]
-        zeta = None if self._seeking is None else self._seeking.push(self._cost.last / self._unit)
-        shaped = self._shaper.push(reference, _together(np, heard, zeta))
+        shaped = self._shaper.push(reference, _together(np, heard, self._seeking and self._seeking.parameters))
         self._steady = shaped.steady
         self._missed += not np.all(np.isfinite(samples))
         return Decision(shaped.command, shaped.omega, shaped.zeta, self._missed + int(np.sum(shaped.rejected)))

@@ -162,6 +162,13 @@ class ExtremumSeeking(eqx.Module):
         none = jnp.zeros_like(self.centre)
         return as_jax(SeekingState(self.centre, none, none, none, none > 0, none.astype(jnp.int32)))
 
+    def skip(self, state: SeekingState) -> SeekingState:
+        """The state after a step whose cost is something else's doing: on to the next perturbation.
+
+        What the cost was before is no measure of what it will be, so that the next one is like the first.
+        """
+        return like(state, _skip(self._constants(), state))
+
     def parameters(self, state: SeekingState) -> Array:
         """What to use now, perturbation and all, (parameters,)."""
         return state.centre + self.amplitude * jnp.sin(state.phase)
@@ -204,10 +211,19 @@ def _advance(select: Any, sin: Any, constants: Constants, state: SeekingState, c
         centre=select(known, centre, state.centre),
         low=select(known, state.low + (slope - state.low) * constants.settled, state.low),
         mean=select(known, mean + (value - mean) * constants.ahead, state.mean),
-        phase=(state.phase + constants.turn) % (2 * np.pi),
+        phase=_turned(constants, state),
         begun=state.begun | known,
         missing=select(known | (state.missing == np.iinfo(np.int32).max), state.missing, state.missing + 1),
     )
+
+
+def _skip(constants: Constants, state: SeekingState) -> SeekingState:
+    """The state after a step without a cost, as ``_advance``."""
+    return state._replace(low=0.0 * state.low, phase=_turned(constants, state), begun=state.begun & False)
+
+
+def _turned(constants: Constants, state: SeekingState) -> Any:
+    return (state.phase + constants.turn) % (2 * np.pi)
 
 
 def _spread(value: Any, name: str, like: Array, *rest: int) -> Array:
@@ -245,6 +261,10 @@ class OnlineSeeking:
         """What to use now, perturbation and all, (parameters,)."""
         both = zip(self._constants, self.state, strict=True)
         return np.array([one.centre + constants.amplitude * math.sin(one.phase) for constants, one in both])
+
+    def skip(self) -> None:
+        """Go on to the next perturbation; the cost that comes then is like the first."""
+        self.state = [_skip(*one) for one in zip(self._constants, self.state, strict=True)]
 
     def push(self, cost: Any) -> np.ndarray:
         """The parameters to use next, given the cost of those that were used last: one for all, or one a parameter."""
