@@ -1,6 +1,6 @@
 """The kernel beside its peers, in one run, on one thread: energies of many Duffing plants, and their gradients.
 
-    python experiments/benchmarks/kernel.py        # a few minutes; writes kernel.json and kernel.md beside this file
+    python -m experiments.benchmarks.kernel        # a few minutes; writes kernel.json and kernel.md beside this file
 
 Every method moves the papers' plant (m1 = 1, k1 = 10, k3 = 100) by 1 m with the same three impulses; the payload runs
 from 0.6 to 1.4 kg. Errors are the worst over all plants against this kernel with eight times the steps, which in turn
@@ -8,13 +8,9 @@ is held against SciPy's DOP853 at a tolerance of 1e-13. Times are the least of s
 Needs numba and casadi besides jshape.
 """
 
-import json
 import os
-import platform
 import time
 from collections.abc import Callable
-from importlib.metadata import version
-from pathlib import Path
 from typing import Any
 
 # One thread for everybody, before any library looks at the processors.
@@ -30,6 +26,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 import jshape as js
+from experiments.benchmarks.record import about, keep, processor
 
 jax.config.update("jax_enable_x64", True)
 
@@ -335,16 +332,6 @@ def one_design() -> dict[str, Any]:
 
 
 def write(forward, gradient, cost, reference_error: float) -> None:
-    names = ("jshape", "jax", "diffrax", "scipy", "numba", "casadi", "numpy")
-    about = dict(
-        machine=f"{platform.machine()}, one thread of {processor()}",
-        python=platform.python_version(),
-        versions={name: version(name) for name in names},
-        reference_error=reference_error,
-    )
-    here = Path(__file__).parent
-    record = dict(about=about, forward=forward, gradient=gradient, one_design=cost)
-    (here / "kernel.json").write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
     lines = [
         "| 10,000 plants, residual energy | µs a plant | over jshape's | worst error (J) |",
         "| --- | --- | --- | --- |",
@@ -359,16 +346,9 @@ def write(forward, gradient, cost, reference_error: float) -> None:
         lines.append(f"| {r['states']} states | {r['gradient_over_value']:.3g} | {r['best_diffrax_over_ours']:.3g} |")
     words = f"CasADi (RK4, {cost['casadi_steps']} steps) takes {cost['casadi_over_ours']:.2g} times as long"
     lines += ["", f"One cost and gradient of the force-driven Duffing shaper: {words} at the same error."]
-    lines += ["", f"{about['machine']}; " + ", ".join(f"{k} {v}" for k, v in about["versions"].items()) + "."]
-    (here / "kernel.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
-
-
-def processor() -> str:
-    try:
-        text = Path("/proc/cpuinfo").read_text(encoding="utf-8")
-        return next(line.split(":")[1].strip() for line in text.splitlines() if line.startswith("model name"))
-    except (OSError, StopIteration):
-        return platform.processor() or "an unnamed processor"
+    packages = ("jshape", "jax", "diffrax", "scipy", "numba", "casadi", "numpy")
+    ran = about(f"one thread of {processor()}", *packages) | dict(reference_error=reference_error)
+    keep(__file__, dict(about=ran, forward=forward, gradient=gradient, one_design=cost), lines)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Sweeps of a million plants: time, plants a second and peak memory; and what buckets of like frequency gain.
 
-    python experiments/benchmarks/sweep.py         # some minutes; writes sweep.json and sweep.md beside this file
+    python -m experiments.benchmarks.sweep         # some minutes; writes sweep.json and sweep.md beside this file
 
 The papers' plant (m1 = 1, k1 = 10, k3 = 100) moves by 1 m with three impulses; m2 and k1 are drawn evenly from ±40 %
 and ±20 %. In the last two rows an undamped mode's frequency runs from 3 to 30 rad/s, evenly in its logarithm. Each row
@@ -10,16 +10,15 @@ the whole process, JAX included.
 
 import json
 import os
-import platform
 import resource
 import subprocess
 import sys
 import time
-from importlib.metadata import version
-from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from experiments.benchmarks.record import about, keep
 
 PLANTS = 1_000_000
 DECADE = 100_000
@@ -36,9 +35,8 @@ CASES = {
 def main() -> None:
     rows = []
     for name, case in CASES.items():
-        run = subprocess.run(
-            [sys.executable, __file__, json.dumps(case)], check=True, stdout=subprocess.PIPE, text=True
-        )
+        again = [sys.executable, "-m", "experiments.benchmarks.sweep", json.dumps(case)]
+        run = subprocess.run(again, check=True, stdout=subprocess.PIPE, text=True)
         row = dict(case=name) | json.loads(run.stdout)
         rows.append(row)
         print(f"{name:55s} {row['seconds']:8.2f} s {row['plants_a_second']:12.0f} /s {row['peak_megabytes']:8.0f} MB")
@@ -84,12 +82,6 @@ def measure(derivatives: bool = False, shapers: int = 1, decade: bool = False, b
 
 
 def write(rows: list[dict[str, Any]]) -> None:
-    versions = {name: version(name) for name in ("jshape", "jax", "scipy", "numpy", "xarray")}
-    about = dict(
-        machine=f"{platform.machine()}, {os.cpu_count()} cores", python=platform.python_version(), versions=versions
-    )
-    here = Path(__file__).parent
-    (here / "sweep.json").write_text(json.dumps(dict(about=about, rows=rows), indent=2) + "\n", encoding="utf-8")
     lines = [
         "| sweep | plants × shapers | s | first, compiling (s) | a second | peak memory (MB) | steps | error (J) |",
         "| --- | --- | --- | --- | --- | --- | --- | --- |",
@@ -102,8 +94,8 @@ def write(rows: list[dict[str, Any]]) -> None:
         )
     bucketed, flat = rows[-2]["seconds"], rows[-1]["seconds"]
     lines += ["", f"Over a decade of frequencies, buckets make the sweep {flat / bucketed:.2g} times as fast."]
-    lines += ["", f"{about['machine']}; " + ", ".join(f"{k} {v}" for k, v in versions.items()) + "."]
-    (here / "sweep.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    ran = about(f"{os.cpu_count()} cores", "jshape", "jax", "scipy", "numpy", "xarray")
+    keep(__file__, dict(about=ran, rows=rows), lines)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,37 @@
+"""What all benchmarks share: what they ran on, and the table that is kept beside them."""
+
+import json
+import platform
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+
+def about(machine: str, *packages: str) -> dict[str, Any]:
+    """What the figures hold for. ``machine``: how much of it was used; versions are those of ``packages``."""
+    return dict(
+        machine=f"{platform.machine()}, {machine}",
+        python=platform.python_version(),
+        versions={name: version(name) for name in packages},
+    )
+
+
+def processor() -> str:
+    """The processor's name."""
+    try:
+        text = Path("/proc/cpuinfo").read_text(encoding="utf-8")
+        return next(line.split(":")[1].strip() for line in text.splitlines() if line.startswith("model name"))
+    except (OSError, StopIteration):
+        return platform.processor() or "an unnamed processor"
+
+
+def keep(benchmark: str, record: dict[str, Any], lines: list[str]) -> None:
+    """Write what a benchmark (its ``__file__``) measured beside it: everything as JSON, ``lines`` as Markdown.
+
+    ``record["about"]``, which ``about`` made, ends the table.
+    """
+    about, path = record["about"], Path(benchmark)
+    path.with_suffix(".json").write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
+    versions = ", ".join(f"{name} {number}" for name, number in about["versions"].items())
+    text = "\n".join([*lines, "", f"{about['machine']}; {versions}."])
+    path.with_suffix(".md").write_text(text + "\n", encoding="utf-8")
