@@ -155,6 +155,7 @@ def test_tracker_finds_the_links_slow_mode_and_leaves_the_fast_one_that_the_serv
     np.testing.assert_allclose(omega[:, 1], 70.0, rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_amplitude_aware_tracker_finds_the_payload_that_a_linear_one_mistakes(duffing):
     payloads = single([0.65, 0.8, 1.0, 1.2, 1.35])
     observations, distances = after_bare_moves(duffing, payloads)
@@ -200,15 +201,21 @@ def test_bank_of_models_finds_the_payload_where_hardly_anything_is_left(duffing)
 def test_a_quiet_window_changes_no_belief(duffing):
     size = len(reset(jax.random.key(0), duffing)[1])
     quiet = single(np.concatenate([0.003 * np.random.default_rng(1).normal(size=16), np.full(size - 16, 0.5)]))
-    for policy in (direct_adaptive(duffing), frequency_tracker(duffing)):
-        memory = policy.start(duffing)
-        if hasattr(memory, "made"):
-            memory = memory._replace(made=jnp.asarray(3))
-        after = policy.choose(memory, quiet, duffing, None)[2]
-        np.testing.assert_array_equal(getattr(after, "omega", after), policy.nominal)
-    aware = amplitude_aware(duffing)
-    memory = aware.start(duffing)._replace(payload=single(0.7), made=jnp.asarray(3))
-    assert float(aware.choose(memory, quiet, duffing, None)[2].payload) == pytest.approx(0.7)
+    direct, tracker, aware = direct_adaptive(duffing), frequency_tracker(duffing), amplitude_aware(duffing)
+
+    @jax.jit
+    def learn(*memories):
+        every = zip((direct, tracker, aware), memories, strict=True)
+        return tuple(policy.choose(memory, quiet, duffing, None)[2] for policy, memory in every)
+
+    made = jnp.asarray(3)
+    memories = (
+        direct.start(duffing)._replace(made=made, omega=single([4.0])),
+        single([4.0]),
+        aware.start(duffing)._replace(made=made, payload=single(0.7)),
+    )
+    after = learn(*memories)
+    assert [float(x) for x in (after[0].omega[0], after[1][0], after[2].payload)] == pytest.approx([4.0, 4.0, 0.7])
 
 
 def test_damping_is_sought_as_by_extremum_seeking_alone(duffing):

@@ -11,7 +11,9 @@ import pytest
 from jax.flatten_util import ravel_pytree
 from jshape_envs import observation_names, parameters
 from jshape_envs.apg import EVERY, Recipe, train
+from jshape_envs.baselines import Oracle
 from jshape_envs.core import reset, step
+from jshape_envs.evaluate import evaluate
 from jshape_envs.export_c import policy_to_c
 from jshape_envs.policy import POLICIES, GRUPolicy, Sizes, load_policy, rollout, save_policy, sizes_of
 
@@ -127,6 +129,17 @@ def test_policies_that_come_with_the_package_are_small_and_fit_their_environment
     policy = load_policy(name, preset, context)
     assert sizes_of(parameters(name, preset, context=context)) == policy.sizes
     assert path.stat().st_size < 300e3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["CranePayload", "DuffingPayload"])
+def test_policies_that_know_the_payload_leave_no_more_than_the_oracle_does(name):
+    """In the same episodes, where a move begins with what the last one left: the oracle's shapers are made for rest."""
+    params = parameters(name, context="observed")
+    policies = load_policy(name, context="observed"), Oracle()
+    mine, oracles = (float(evaluate(each, params, episodes=32, seeds=1).residual[0]) for each in policies)
+    assert mine < 1.1 * oracles
+    assert mine < 1e-4
 
 
 # --- training ---------------------------------------------------------------------------------------------------------

@@ -11,11 +11,11 @@ distance=...)``. The same environments as pure functions, for JAX: ``parameters`
 
 from gymnasium.envs.registration import register
 
-from jshape_envs.core import EnvState, Evaluation, Info, Params, move, observation_names, reset, rollout, step
+from jshape_envs.core import EnvState, Evaluation, Info, Params, move, observation_names, reset, step
 from jshape_envs.env import MoveEnv
 from jshape_envs.machine import AbstractMachine, HoistingMachine, Machine, RampProfile, StepProfile, TrapezoidProfile
 from jshape_envs.parameters import parameters
-from jshape_envs.policy import AbstractPolicy, GRUPolicy, load_policy, save_policy
+from jshape_envs.policy import AbstractPolicy, GRUPolicy, load_policy, rollout, save_policy
 from jshape_envs.presets import ENVIRONMENTS
 from jshape_envs.vector import MoveVectorEnv
 

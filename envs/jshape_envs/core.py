@@ -10,7 +10,7 @@ changes at moments that nobody tells::
 A whole episode is a ``scan`` over ``step``, and its return has exact derivatives with respect to every action.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -211,28 +211,6 @@ def bare_energy_and_oracle_cost(state: EnvState, params: Params) -> tuple[Scalar
     # A bare step takes no time, so that its energy is known without a simulation, exactly.
     at_once = len(schedule(plant, command).breaks) == 1
     return (greatest_energy(plant, command, params.steps) if at_once else table[0]), table[1]
-
-
-def rollout(key: PRNGKeyArray, policy: Any, memory: Any, params: Params, moves: int) -> tuple[Scalar, Info]:
-    """So many moves from a reset, by a policy ``(observation, memory) → (action, memory)``: rewards and infos.
-
-    An episode that ends before is begun anew, with the memory that it had at first.
-    """
-    first, key = jax.random.split(key)
-    state, observation = reset(first, params)
-
-    def advance(carry, key):
-        state, observation, held = carry
-        here, again = jax.random.split(key)
-        action, held = policy(observation, held)
-        state, observation, reward, terminated, truncated, info = step(here, state, action, params)
-        fresh = (*reset(again, params), memory)
-        done = terminated | truncated
-        carry = jax.tree.map(lambda new, old: jnp.where(done, new, old), fresh, (state, observation, held))
-        return carry, (reward, info)
-
-    _, kept = jax.lax.scan(advance, (state, observation, memory), jax.random.split(key, moves))
-    return kept
 
 
 def _draw(key: PRNGKeyArray, params: Params) -> tuple[Float[Array, "4"], Float[Array, " noise"]]:

@@ -24,6 +24,9 @@ STRICTNESS = 10.0
 """How much dearer residual energy counts in the search than in a move's cost. What one move leaves, the next ones keep,
 and a hardening spring makes it grow: the shaper that is cheapest for one move alone is not the cheapest for many."""
 
+IDLE = 1e-3
+"""An amplitude that hardly anything depends on: whatever it excites, a millionth of the bare move's energy."""
+
 
 def design_table(
     machine: AbstractMachine,
@@ -38,7 +41,8 @@ def design_table(
 
     ``weights``: of the normalised residual energy and of the shaper's duration in periods; ``grid``: how many payloads
     and sizes. Two impulses for one mode, four for two: BFGS (optimistix) on the cost, begun from linear shapers; the
-    best of several starts counts. Takes some seconds.
+    best of several starts counts. Takes some seconds. Shapers should change little from one payload to the next: two
+    modes, whose best shapers follow the ratio of their frequencies, need a finer grid.
 
     *Raises* ``ValueError`` where no shaper of finite cost is found.
     """
@@ -74,8 +78,7 @@ def _design(
         times = jnp.concatenate([zero, jnp.cumsum(jnp.exp(gaps))])
         return Shaper(jax.nn.softmax(jnp.concatenate([zero, logits])), times)
 
-    def cost(z: Array, strictness: float) -> Scalar:
-        trial = shaper(z)
+    def cost(trial: Shaper, strictness: float) -> Scalar:
         _, energy = run_move(plant, plan_move(plant, command, trial, jnp.zeros_like(size)), state, steps)
         return strictness * weights[0] * energy / reference + weights[1] * trial.duration / period
 
@@ -86,13 +89,22 @@ def _design(
             [jnp.log(linear.amplitudes[1:] / linear.amplitudes[0]), jnp.log(jnp.diff(linear.times))]
         )
         solver = optx.BFGS(rtol=1e-8, atol=1e-8)
-        found = optx.minimise(cost, solver, begin, STRICTNESS, max_steps=80, throw=False)
-        return found.value, cost(found.value, STRICTNESS)
+        strict = lambda z, strictness: cost(shaper(z), strictness)
+        found = optx.minimise(strict, solver, begin, STRICTNESS, max_steps=80, throw=False)
+        return found.value, strict(found.value, STRICTNESS)
 
     points, costs = jax.vmap(search)(jnp.asarray(_SCALES, size.dtype))
-    best = jnp.nanargmin(costs)
-    chosen = shaper(points[best])
-    return chosen.amplitudes, chosen.times, reference / size**2, cost(points[best], 1.0)
+    chosen = _tidied(shaper(points[jnp.nanargmin(costs)]))
+    return chosen.amplitudes, chosen.times, reference / size**2, cost(chosen, 1.0)
+
+
+def _tidied(shaper: Shaper) -> Shaper:
+    """The shaper with idle impulses where the one before them is: they may stand anywhere, but what is interpolated
+    between them and their neighbours in the table, which are not idle, may not. The last one is never idle: it would
+    cost time."""
+    amplitudes, times = shaper.amplitudes, shaper.times
+    idle = (amplitudes < IDLE).at[jnp.array([0, -1])].set(False)
+    return Shaper(amplitudes, jnp.where(idle, jnp.roll(times, 1), times))
 
 
 _over_cases = jax.vmap(_design, in_axes=(None, None, None, 0, 0, None, None, None))

@@ -1,6 +1,7 @@
-"""One move of a machine, integrated: through the shaped command, then through the window in which it stands still.
+"""One move of a machine: through the shaped command, then through the window in which it stands still.
 
-jshape's own schedule and fixed-step kernel do the work; nothing here knows of episodes.
+jshape's own schedule and fixed-step kernel do the work, or the plant's closed form where it has one; nothing here knows
+of episodes.
 """
 
 import equinox as eqx
@@ -15,6 +16,7 @@ from jshape.integrate import METHODS, runge_kutta_step
 from jshape.plants import AbstractPlant
 from jshape.schedule import Schedule, Segments, inputs_at, schedule
 from jshape.simulate import all_states
+from jshape_envs.closed_form import closed_form
 
 
 class Steps(eqx.Module):
@@ -28,14 +30,24 @@ class Steps(eqx.Module):
 
 def plan_move(plant: AbstractPlant, command: AbstractCommand, shaper: Shaper | None, position: Scalar) -> Schedule:
     """The schedule of a (shaped) command that begins at a position (m)."""
-    plan = schedule(plant, command, shaper)
+    plan = schedule(plant, command)
+    if shaper is not None and len(plan.breaks) == 1:
+        # A step becomes a stair. There are no pieces to merge, which would take a sixth of a move's time.
+        plan = Schedule(shaper.times, jnp.cumsum(shaper.amplitudes)[:, None] * plan.coefficients)
+    elif shaper is not None:
+        plan = schedule(plant, command, shaper)
     return Schedule(plan.breaks, plan.coefficients.at[:, 0].add(position))
 
 
 def run_move(plant: AbstractPlant, plan: Schedule, state: State, steps: Steps) -> tuple[State, Scalar]:
     """The state right after the last break, and the residual energy there, J."""
     if len(plan.breaks) > 1:
-        state, _ = _integrate(plant, plan.segments(), state, steps.move, steps.method)
+        advance, segments = closed_form(plant, plan), plan.segments()
+        if advance is None:
+            state, _ = _integrate(plant, segments, state, steps.move, steps.method)
+        else:
+            pieces = (segments.coefficients[:, 0], segments.duration)
+            state, _ = jax.lax.scan(lambda state, piece: (advance(state, *piece), None), state, pieces)
     return state, plant.residual_energy(state, plan.final_inputs(plant))
 
 
@@ -44,11 +56,18 @@ def run_window(
 ) -> tuple[State, Float[Array, " samples"], Bool[Array, ""]]:
     """The state at the end of the window (s), the deflections from rest at its samples (m), and whether the plant has
     escaped."""
-    last = Segments(plan.breaks[-1:], window[None], jnp.zeros_like(plan.breaks[-1:]), plan.coefficients[-1:])
     inputs, place = plan.final_inputs(plant), plan.coefficients[-1, 0]
-    end, states = _integrate(plant, last, state, samples * steps.window, steps.method)
+    advance = closed_form(plant, plan)
+    if advance is None:
+        last = Segments(plan.breaks[-1:], window[None], jnp.zeros_like(plan.breaks[-1:]), plan.coefficients[-1:])
+        end, states = _integrate(plant, last, state, samples * steps.window, steps.method)
+        states = states[:, steps.window - 1 :: steps.window]
+    else:
+        times = window * jnp.arange(1, samples + 1, dtype=window.dtype) / samples
+        states = jax.vmap(lambda time: advance(state, inputs, time), out_axes=1)(times)
+        end = states[:, -1]
     rest = plant.deflection(plant.rest_state(inputs), place)
-    deflection = jax.vmap(lambda y: plant.deflection(y, place), in_axes=1)(states[:, steps.window - 1 :: steps.window])
+    deflection = jax.vmap(lambda y: plant.deflection(y, place), in_axes=1)(states)
     return end, deflection - rest, plant.escaped(state, inputs) | plant.escaped(end, inputs)
 
 

@@ -15,7 +15,8 @@ from jshape_envs.machine import AbstractMachine, HoistingMachine, Machine, RampP
 class Preset:
     """What makes one preset: ``machine``: keywords of the environment's machine; ``payload``, ``distance``: least and
     greatest; ``change_rate``: probability a move; ``noise``, ``resolution``: of the sensor, over its reach; ``steps``:
-    see ``physics.Steps``, enough for 1e-4 of the bare move's energy with the longest gaps and the fastest payload."""
+    see ``physics.Steps``, enough for 1e-4 of the bare move's energy with the longest gaps and the fastest payload; a
+    plant with a closed form takes none."""
 
     machine: Mapping[str, float]
     payload: tuple[float, float]
@@ -86,7 +87,7 @@ ENVIRONMENTS: dict[str, Environment] = {
         duffing, 1.0, 2.0, 3, 1.1, (17, 17),
         {
             "easy": Preset(dict(k3=20.0), (0.8, 1.2), (0.4, 0.8), 0.05, 0.002, 0.001, (12, 1)),
-            "paper": Preset(dict(k3=100.0), (0.6, 1.4), (0.4, 1.0), 0.1, 0.005, 0.002, (20, 2)),
+            "paper": Preset(dict(k3=100.0), (0.6, 1.4), (0.4, 1.0), 0.1, 0.005, 0.002, (16, 2)),
             "hard": Preset(dict(k3=200.0), (0.5, 2.0), (0.3, 1.2), 0.2, 0.02, 0.01, (48, 4)),
             "out-of-distribution": Preset(dict(k3=150.0), (1.4, 2.2), (1.0, 1.4), 0.1, 0.01, 0.004, (40, 3)),
         },
@@ -101,7 +102,7 @@ ENVIRONMENTS: dict[str, Environment] = {
         },
     ),
     "FlexibleLinkPayload": Environment(
-        flexible_link, 1.5, 2.0, 4, 0.6, (17, 2),
+        flexible_link, 1.5, 2.0, 4, 0.6, (65, 2),
         {
             "easy": Preset(dict(servo=40.0), (0.0, 8.0), (0.5, 1.0), 0.05, 0.002, 0.001, (64, 10)),
             "paper": Preset(dict(servo=40.0), (0.0, 20.0), (0.3, 1.5), 0.1, 0.005, 0.002, (64, 10)),

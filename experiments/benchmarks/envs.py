@@ -5,8 +5,8 @@
 1,024 environments with random actions; every observation and reward is summed up, so that nothing can be left out of
 the computation. A step of the others is one Euler step of two or four equations; a step here is a whole move, so
 integration steps a second are told, too. The errors are the worst over 128 random moves against double precision with
-eight times the steps, over the energy of the bare move. Times are the least of several rounds. Needs gymnax for
-its row.
+eight times the steps (or the same closed form), over the energy of the bare move. Times are the least of several
+rounds. Needs gymnax for its row.
 """
 
 import json
@@ -24,7 +24,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jshape_envs import ENVIRONMENTS, Params, parameters, reset, step
+from jshape_envs.closed_form import closed_form
 from jshape_envs.physics import Steps
+
+from jshape.schedule import schedule
 
 ENVS, MOVES, ROUNDS, JUDGED = 1024, 32, 5, 128
 
@@ -133,10 +136,13 @@ def gymnax_rows() -> list[dict[str, Any]]:
 
 
 def integration_steps(params: Params) -> int:
-    """Runge–Kutta steps of one move and its window."""
+    """Runge–Kutta steps of one move and its window; 0 for a plant in closed form."""
     shaper = jax.eval_shape(params.action.shaper, jnp.zeros(params.action.size))
     plant = params.machine.plant(params.payload[0], jnp.zeros((), jnp.int32))
-    pieces, own = len(params.machine.command(params.distance[1]).pieces()[0]), plant.breaks()
+    command = params.machine.command(params.distance[1])
+    if closed_form(plant, schedule(plant, command)) is not None:
+        return 0
+    pieces, own = len(command.pieces()[0]), plant.breaks()
     segments = len(shaper.times) * pieces - 1 + (0 if own is None else len(own))
     return segments * params.steps.move + params.sensor.samples * params.steps.window
 
@@ -176,8 +182,8 @@ def write(rows: list[dict[str, Any]], errors: dict[str, float]) -> None:
     lines = ["| 1,024 environments | steps a second | µs of processor time | integration steps a second |"]
     lines += ["| --- | --- | --- | --- |"]
     for r in rows:
-        rate, fine = f"{r['rate']:,.0f}", f"{r['substeps'] / 1e6:.3g} million"
-        lines.append(f"| {r['what']} | {rate} | {r['processor_microseconds']:.2f} | {fine} |")
+        fine = f"{r['substeps'] / 1e6:.3g} million" if r["substeps"] else "closed form"
+        lines.append(f"| {r['what']} | {r['rate']:,.0f} | {r['processor_microseconds']:.2f} | {fine} |")
     lines += ["", "| residual energy | worst error over the bare move's energy |", "| --- | --- |"]
     lines += [f"| {name} | {value:.1e} |" for name, value in errors.items()]
     lines += ["", f"{about['machine']}; " + ", ".join(f"{k} {v}" for k, v in about["versions"].items()) + "."]

@@ -22,8 +22,6 @@ from jshape_envs.policy import AbstractPolicy
 
 PAYLOADS, SWINGS = 33, 24
 """Payloads and sizes of swing in the table."""
-PRECISION = 0.1
-"""Standard deviation of a frequency, relative to it, up to which it tells of the payload."""
 
 
 class Belief(NamedTuple):
@@ -38,7 +36,7 @@ class AmplitudeAware(AbstractPolicy):
     """The oracle's shaper, hedged, for the payload with which the last window's frequency and amplitude go together.
 
     ``amplitude`` (m), ``omega`` (rad/s): of the slowest mode, for ``payloads`` evenly over their range, each set to
-    swing more and more, after either kind of move. Windows that do not tell the frequency to a tenth leave the payload
+    swing more and more, after either kind of move. Windows that do not tell the frequency leave the payload
     as it is.
     """
 
@@ -59,7 +57,7 @@ class AmplitudeAware(AbstractPolicy):
         samples, distance = seen(observation, params)
         tones = fit_tones(samples, sample_times(params), self.bands, sensor_deviation(params))
         case = params.machine.case(memory.distance, memory.made - 1)
-        sure = (memory.made > 0) & (tones.deviation[0] < PRECISION * tones.omega[0])
+        sure = (memory.made > 0) & tones.told(self.bands)[0]
         payload = jnp.where(sure, self.payload(case, tones), memory.payload)
         shaper = self.hedge.shaper(tuned_shaper(params, payload, distance, memory.made))
         return shaper, no_action(params), Belief(payload, memory.made + 1, distance)

@@ -45,7 +45,7 @@ def _mean_rewards(keys: PRNGKeyArray, stacked: AbstractPolicy, params: Params) -
     return jax.lax.map(one, stacked)
 
 
-def scales(params: Params, count: int = 17) -> Float[np.ndarray, " scales"]:
+def scales(params: Params, count: int = 25) -> Float[np.ndarray, " scales"]:
     """Factors by which a shaper's frequency may differ from that of the middle payload at rest, evenly by ratio."""
     bands, nominal = np.asarray(frequency_bands(params)), np.asarray(modes_of(params, middle(params)))
     ratios = bands / nominal[:, None]

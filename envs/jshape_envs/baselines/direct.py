@@ -34,9 +34,6 @@ WINDOWS = 2
 """Windows that the Fourier transform's mean power is taken over."""
 CLEAR = 4.0
 """Amplitude, in standard deviations of a sample, from which a peak is believed."""
-PRECISION = 0.01
-"""Standard deviation of a frequency, relative to it, up to which a fit is believed. A looser bound would take for a
-fast mode what a sine leaves of the slow mode's decay."""
 
 
 class Windows(NamedTuple):
@@ -113,7 +110,7 @@ class FrequencyTracker(AbstractPolicy):
     """A linear shaper of a ``kind`` (ZV, ZVD …) for the frequencies of the sines that fit the last window best.
 
     ``bands``, ``nominal``, ``scale``: as in ``DirectAdaptive``; ``zeta``: damping ratio of the shaper. A frequency that
-    the samples do not tell to a hundredth is left as it is.
+    the samples do not tell is left as it is.
     """
 
     bands: Float[Array, "modes 2"]
@@ -137,7 +134,7 @@ class FrequencyTracker(AbstractPolicy):
         # Before the first move there is noise alone, which no fit is sure about.
         samples, _ = seen(observation, params)
         found = fit_tones(samples, sample_times(params), self.bands, sensor_deviation(params))
-        omega = jnp.where(found.deviation < PRECISION * found.omega, found.omega, memory)
+        omega = jnp.where(found.told(self.bands), found.omega, memory)
         return multi_mode([(self.scale * w, self.zeta) for w in omega], self.kind), no_action(params), omega
 
 

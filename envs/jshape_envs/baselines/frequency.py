@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from jshape._types import Scalar
 from jshape_envs.baselines.seen import evenly
@@ -17,6 +17,9 @@ GRID = 64
 """Frequencies that are tried in a band."""
 SWEEPS = 3
 """How often each of several modes is looked for anew, the others being as they were found last."""
+PRECISION = 0.05
+"""Standard deviation of a frequency, as a fraction of its band's width, up to which it tells anything. A looser bound
+would take for a fast mode what a sine leaves of a slow one's decay."""
 
 
 class Tones(NamedTuple):
@@ -25,6 +28,10 @@ class Tones(NamedTuple):
     omega: Float[Array, " modes"]
     amplitude: Float[Array, " modes"]
     deviation: Float[Array, " modes"]
+
+    def told(self, bands: Float[Array, "modes 2"]) -> Bool[Array, " modes"]:
+        """Which frequencies the samples tell to a twentieth of their bands."""
+        return self.deviation < PRECISION * (bands[:, 1] - bands[:, 0])
 
 
 def transform(
@@ -70,7 +77,7 @@ def fit_tones(
         columns = jnp.concatenate([jnp.cos(angle), jnp.sin(angle)])
         normal = columns @ columns.T
         ridge = 1e-5 * count * jnp.eye(2 * modes, dtype=samples.dtype)
-        weights = jnp.linalg.solve(normal + ridge, columns @ samples)
+        weights = _solve(normal + ridge, columns @ samples)
         return jnp.sum((samples - weights @ columns) ** 2), weights.reshape(2, modes).T
 
     omega = jnp.mean(bands, axis=1)
@@ -84,6 +91,18 @@ def fit_tones(
     tiny = jnp.finfo(samples.dtype).tiny
     spread = (24 / count) ** 0.5 * noise / jnp.maximum(amplitude * (times[-1] - times[0]), tiny)
     return Tones(omega, amplitude, spread)
+
+
+def _solve(matrix: Float[Array, "n n"], right: Float[Array, " n"]) -> Float[Array, " n"]:
+    """x of matrix x = right, for a small positive definite matrix.
+
+    Written out: no library is called once for each of thousands of fits side by side.
+    """
+    both = jnp.concatenate([matrix, right[:, None]], axis=1)
+    for i in range(len(right)):
+        row = both[i] / both[i, i]
+        both = (both - both[:, i : i + 1] * row).at[i].set(row)
+    return both[:, -1]
 
 
 def _at_peak(grid: Float[Array, " grid"], values: Float[Array, " grid"]) -> Scalar:

@@ -8,9 +8,9 @@ from jaxtyping import Array, Float
 from jshape._types import Scalar
 from jshape_envs.core import Params
 
-MARGIN = 1.05
-"""How far beyond the frequencies that the payloads have a band reaches, as a factor: with the flexible link's sensor a
-wider band of the fast mode would take in what the slow one looks like between two samples."""
+ALONE, BESIDE = 1.25, 1.05
+"""How far beyond the frequencies that the payloads have the band of a single mode reaches, as a factor, and those of
+several. A wider band of the flexible link's fast mode would take in what the slow one looks like to the samples."""
 
 
 class Seen(NamedTuple):
@@ -76,7 +76,8 @@ def frequency_bands(params: Params) -> Float[Array, "modes 2"]:
     if len(low) == 1:
         swings = jnp.pi / params.oracle.times[..., 1]
         low, high = jnp.minimum(low, jnp.min(swings)), jnp.maximum(high, jnp.max(swings))
+    margin = ALONE if len(low) == 1 else BESIDE
     half_rate = jnp.pi * params.sensor.samples / params.sensor.window
     fold = half_rate * jnp.floor((low + high) / 2 / half_rate)
-    low, high = jnp.maximum(low / MARGIN, fold), jnp.minimum(high * MARGIN, fold + half_rate)
+    low, high = jnp.maximum(low / margin, fold), jnp.minimum(high * margin, fold + half_rate)
     return jnp.stack([low, high], axis=1).astype(params.period.dtype)
