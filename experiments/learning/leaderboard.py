@@ -45,18 +45,19 @@ def main() -> None:
     for name in chosen.names:
         for preset in ENVIRONMENTS[name].presets:
             judge(name, preset, chosen.again)
-    (HERE / "leaderboard.md").write_text(table(read()), encoding="utf-8")
+            (HERE / "leaderboard.md").write_text(table(read()), encoding="utf-8")
 
 
 def judge(name: str, preset: str, again: list[str]) -> None:
     params, trained = parameters(name, preset), POLICIES / f"{name} paper hidden.npz"
     for policy in [*applicable(params), *(["trained"] if trained.exists() else [])]:
-        record = read()
-        if policy in record.get(f"{name} {preset}", {}) and policy not in again:
+        if policy in read().get(f"{name} {preset}", {}) and policy not in again:
             continue
         begin = time.process_time()
         made = named_policy(str(trained) if policy == "trained" else policy, params)
         row = {key: list(value) for key, value in summary(evaluate(made, params, EPISODES, SEEDS)).items()}
+        # Read again: another process may have judged a policy meanwhile.
+        record = read()
         record.setdefault(f"{name} {preset}", {})[policy] = row
         partial = RECORD.with_suffix(".partial")
         partial.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")

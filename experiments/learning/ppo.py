@@ -90,14 +90,19 @@ def main() -> None:
     chosen = parser.parse_args()
     for seed in range(chosen.seeds):
         for name in chosen.names:
-            record = json.loads(RECORD.read_text(encoding="utf-8")) if RECORD.exists() else {}
-            if f"{name} {seed}" in record:
+            if f"{name} {seed}" in read():
                 continue
             print(f"{name}, seed {seed}", flush=True)
-            record[f"{name} {seed}"] = run(name, seed)
+            found = run(name, seed)
+            # Read again: another process may have added a run meanwhile.
+            record = read() | {f"{name} {seed}": found}
             partial = RECORD.with_suffix(".partial")
             partial.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
             os.replace(partial, RECORD)
+
+
+def read() -> dict[str, Any]:
+    return json.loads(RECORD.read_text(encoding="utf-8")) if RECORD.exists() else {}
 
 
 if __name__ == "__main__":

@@ -145,7 +145,8 @@ def fixed_energy(table: ShaperTable) -> Policy:
 
 def closed_forms(params: Params) -> dict[str, ShaperTable]:
     """The papers' energy shapers with one and two rests, on the oracle's own grid."""
-    payloads, sizes = (jnp.linspace(ends[0], ends[1], 17) for ends in (params.payload, params.distance))
+    grid = zip((params.payload, params.distance), params.oracle.cost.shape, strict=False)
+    payloads, sizes = (jnp.linspace(ends[0], ends[1], count) for ends, count in grid)
     tables = {}
     for rests in (1, 2):
 
