@@ -7,7 +7,7 @@ uniform between 0.6 and 1.4 kg, changes once to another, and the damping with it
 or at a random moment of one. Measured: the deflection, every 40 ms, with 1 mm of noise and 0.5 mm of resolution.
 
 **Crane** that hoists 3 m of its cable (from 6 m) while it moves 4 to 6 m, and lets them out again on the way back. The
-load's middle hangs 0 to 2 m below the cable's end, unknown and another with every load; the load changes once.
+load's middle hangs 0.2 to 1.8 m below the cable's end, unknown and another with every load; the load changes once.
 Measured: the angle, every 0.1 s, with 2 mrad of noise and 1 mrad of resolution.
 
 Strategies are equal in what they may do: three impulses. ``fixed`` is designed for the nominal plant. The linear

@@ -134,7 +134,7 @@ def rows_of_adaption(run: report.Experiment) -> list[Row]:
             "adapted in the same way", f"{listed(zeta[:, 0], 4)}; {listed(zeta[:, 1], 4)}",
             None,
             "printed is one perturbation of 2 rad/s for both, which cannot but move them alike; here the second has "
-            "2.6 rad/s, so that each follows its own gradient",
+            "2.6, both in rad a move, so that each follows its own gradient and meets its own cost",
         ),
         Row(
             "accumulated vibration of case I in the unit that makes it 0.3 with 20 coins: 10 coins", "Fig. 10(c)",
@@ -162,11 +162,13 @@ def rows_of_adaption(run: report.Experiment) -> list[Row]:
         ),
         cannot(
             "amplitudes and gains of extremum seeking", "section 'applying'", "0.0001, 0.00015, −0.007, −0.01",
-            "chosen; used here as printed, with perturbations of 2 and 2.6 rad/s and the unit of 75 m/s for the cost",
+            "chosen; used here as printed, with perturbations of 2 and 2.6 rad a move and the unit of 75 m/s for the "
+            "cost",
         ),
         cannot(
             "magnitudes from which a peak counts", "section 'applying'", "7, 10",
-            "the unit of |A_p| and |A_m| is not given; in m/s², as taken here, every window with a vibration passes",
+            "the unit of |A_p| and |A_m| is not given; in m/s² the sensors' noise and the first mode's side lobes "
+            "pass, too, and put wrong frequencies in the place of right ones: 150 and 20 m/s² are used here",
         ),
     ]  # fmt: skip
 
