@@ -1,6 +1,6 @@
 """Nonlinear and time-varying plants that change unannounced: move by move, 200 random schedules each.
 
-    python experiments/adaptive/nonlinear.py       # some minutes; writes nonlinear.md and nonlinear.*.svg beside it
+    python -m experiments.adaptive.nonlinear       # some minutes; writes nonlinear.md and nonlinear.*.svg beside it
 
 **Duffing pair** (k1 = 10 N/m, k3 = 100 N/m³, c = 0.4 N s/m for 1 kg), steps of 1 m either way, 6 s apart. The payload,
 uniform between 0.6 and 1.4 kg, changes once to another, and the damping with it (0.2 to 0.8 N s/m): between two moves,
@@ -35,6 +35,7 @@ from jshape.adaptive.two_mass_moves import TwoMassMoves, random_payloads
 
 HERE = Path(__file__).parent
 SCHEDULES, CHANGE = 200, 2
+DRAWN = "Medians of all schedules; dotted, the quantiles that 95 % stay below."
 SHOWN = slice(0, 4)
 """The moves in the tables: 1 is the first that the changed plant makes as a whole."""
 
@@ -74,7 +75,11 @@ def two_mass() -> list[str]:
         "adapting, with cancelling": Adapting(truth, sensor, **believed),
         "oracle": Oracle(truth),
     }
-    lines = ["## Duffing pair", ""]
+    lines = ["## Duffing pair", "", f"![Residual vibration around a change](nonlinear.two_mass.svg) {DRAWN}", ""]
+    lines += [
+        "![Beliefs of one schedule](nonlinear.beliefs.svg) Believed after each move, with two standard deviations.",
+        "",
+    ]
     draw = jax.jit(jax.vmap(lambda key, within: random_payloads(key, truth, within=within), in_axes=(0, None)))
     for words, within in (("between two moves", False), ("within the move before move 1", True)):
         drawn = draw(jax.random.split(jax.random.key(0), SCHEDULES), within)
@@ -121,7 +126,8 @@ def crane() -> list[str]:
     figure.savefig(HERE / "nonlinear.crane.svg", metadata={"Date": None})
     ours = traces["adapting, with cancelling"].memory
     error = np.abs(np.asarray(ours.parameters - moves.after))[:, CHANGE:, 0]
-    lines = ["## Crane while hoisting", "", "Residual swing (°), median / 95 % quantile / largest", ""]
+    lines = ["## Crane while hoisting", "", f"![Residual swing around a change](nonlinear.crane.svg) {DRAWN}", ""]
+    lines += ["Residual swing (°), median / 95 % quantile / largest", ""]
     lines += [*table(found.vibration, 180 / np.pi, "{:.3g}"), "", *refusals(traces, found)]
     lines += [
         f"Error of the believed length after the moves with the new load: median {1000 * np.median(error):.1f} mm, "
