@@ -12,6 +12,8 @@ its vibration is far larger than any damping ratio's share, and the next move's 
 *Source*: Chatlatanagulchai, Chotana and Prutthapong, Figs. 3 and 6.
 """
 
+import math
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -119,7 +121,7 @@ class DirectAdaptive(AbstractStrategy):
             seeking = JAX.select(moved, over, seeking)
             zeta = self.seeking.parameters(seeking)
         cost = jnp.where(moved, 0.0, state.cost) + tip
-        estimate = _together(jnp, [estimate for _, estimate in heard], zeta)
+        estimate = _together(jnp.stack, [estimate for _, estimate in heard], zeta)
         shaper, shaped = self.shaper.step(state.shaper, reference, estimate)
         missed = ~jnp.isfinite(readings.tip) | ~jnp.isfinite(readings.middle)
         doubted = state.doubted + missed.astype(jnp.int32)
@@ -139,12 +141,12 @@ def _agree(xp: Any, shaper: ShaperState) -> Any:
     return xp.all(abs(wanted - tuned) <= AGREE * tuned)
 
 
-def _together(xp: Any, estimates: list[Estimate], zeta: Any) -> Estimate | None:
+def _together(pack: Callable[[Any], Any], estimates: list[Estimate], zeta: Any) -> Estimate | None:
     """One estimate of both modes: frequencies from the DFTs, damping ratios from the extremum seeking."""
     if not estimates:
         return None
-    both = Estimate(*(xp.stack([xp.asarray(part) for part in parts]) for parts in zip(*estimates, strict=True)))
-    return both if zeta is None else both._replace(zeta=zeta, zeta_std=xp.zeros_like(zeta))
+    both = Estimate(*map(pack, zip(*estimates, strict=True)))
+    return both if zeta is None else both._replace(zeta=zeta, zeta_std=0 * zeta)
 
 
 class _OnlineDirect:
@@ -159,8 +161,9 @@ class _OnlineDirect:
 
     def push(self, reference: float, readings: Readings) -> Decision:
         samples = (readings.tip, readings.middle)
-        tip = abs(readings.tip) * self._time if np.isfinite(readings.tip) else 0.0
-        moved = np.isfinite(reference) and reference != self._reference
+        heeded = [math.isfinite(sample) for sample in samples]
+        tip = abs(readings.tip) * self._time if heeded[0] else 0.0
+        moved = math.isfinite(reference) and reference != self._reference
         if moved and self._seeking:
             if self._steady and _agree(np, self._shaper.state):
                 self._seeking.push(self._cost / self._unit)
@@ -169,7 +172,7 @@ class _OnlineDirect:
         self._cost = tip if moved else self._cost + tip
         self._reference = reference if moved else self._reference
         heard = [dft.push(float(sample), self._steady) for dft, sample in zip(self._dfts, samples, strict=False)]
-        shaped = self._shaper.push(reference, _together(np, heard, self._seeking and self._seeking.parameters))
+        shaped = self._shaper.push(reference, _together(list, heard, self._seeking and self._seeking.parameters))
         self._steady = shaped.steady
-        self._missed += not np.all(np.isfinite(samples))
-        return Decision(shaped.command, shaped.omega, shaped.zeta, self._missed + int(np.sum(shaped.rejected)))
+        self._missed += not all(heeded)
+        return Decision(shaped.command, shaped.omega, shaped.zeta, self._missed + int(sum(shaped.rejected)))
