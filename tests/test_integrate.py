@@ -129,7 +129,8 @@ def test_segments_follow_each_other():
         state, local, _ = through(duration[None], state, push[None])
         np.testing.assert_allclose(states[i, -1], state, rtol=0, atol=1e-15)
         total = total + local
-    np.testing.assert_allclose(error, total, rtol=1e-10)
+    # Each of the 24 steps' errors is a difference of numbers of the order of 1, to rounding.
+    np.testing.assert_allclose(error, total, rtol=0, atol=24 * float(jnp.finfo(float).eps))
     assert through(durations)[2] is None
 
 
