@@ -13,11 +13,11 @@ from scipy.optimize import rosen
 
 import jshape as js
 from jshape.adaptive._levenberg_marquardt import least_squares
-from jshape.adaptive.moves import AbstractMoveStrategy, Moves, NoisySensor, run_moves
-from jshape.adaptive.moves_belief import believe, believed
-from jshape.adaptive.moves_strategies import Adapting, Oracle, Rule
-from jshape.adaptive.moves_study import residuals, run_many
-from jshape.adaptive.two_mass_moves import TwoMassMoves, random_payloads
+from jshape.adaptive.moves.belief import believe, believed
+from jshape.adaptive.moves.machine import AbstractMoveStrategy, Moves, NoisySensor, run_moves
+from jshape.adaptive.moves.strategies import Adapting, Oracle, Rule
+from jshape.adaptive.moves.study import residuals, run_many
+from jshape.adaptive.moves.two_mass import TwoMassMoves, random_payloads
 
 K1, K3, C = 10.0, 100.0, 0.4
 NOISE = 0.001

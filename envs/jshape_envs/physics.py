@@ -14,9 +14,9 @@ from jshape._types import Scalar, State
 from jshape.command import AbstractCommand, polynomial
 from jshape.integrate import METHODS, runge_kutta_step
 from jshape.plants import AbstractPlant
+from jshape.plants.base import Coast
 from jshape.schedule import Schedule, Segments, inputs_at, schedule
 from jshape.simulate import all_states
-from jshape_envs.closed_form import closed_form
 
 
 class Steps(eqx.Module):
@@ -42,12 +42,12 @@ def plan_move(plant: AbstractPlant, command: AbstractCommand, shaper: Shaper | N
 def run_move(plant: AbstractPlant, plan: Schedule, state: State, steps: Steps) -> tuple[State, Scalar]:
     """The state right after the last break, and the residual energy there, J."""
     if len(plan.breaks) > 1:
-        advance, segments = closed_form(plant, plan), plan.segments()
-        if advance is None:
+        coast, segments = _coast(plant, plan), plan.segments()
+        if coast is None:
             state, _ = _integrate(plant, segments, state, steps.move, steps.method)
         else:
             pieces = (segments.coefficients[:, 0], segments.duration)
-            state, _ = jax.lax.scan(lambda state, piece: (advance(state, *piece), None), state, pieces)
+            state, _ = jax.lax.scan(lambda state, piece: (coast(state, *piece), None), state, pieces)
     return state, plant.residual_energy(state, plan.final_inputs(plant))
 
 
@@ -57,14 +57,14 @@ def run_window(
     """The state at the end of the window (s), the deflections from rest at its samples (m), and whether the plant has
     escaped."""
     inputs, place = plan.final_inputs(plant), plan.coefficients[-1, 0]
-    advance = closed_form(plant, plan)
-    if advance is None:
+    coast = _coast(plant, plan)
+    if coast is None:
         last = Segments(plan.breaks[-1:], window[None], jnp.zeros_like(plan.breaks[-1:]), plan.coefficients[-1:])
         end, states = _integrate(plant, last, state, samples * steps.window, steps.method)
         states = states[:, steps.window - 1 :: steps.window]
     else:
         times = window * jnp.arange(1, samples + 1, dtype=window.dtype) / samples
-        states = jax.vmap(lambda time: advance(state, inputs, time), out_axes=1)(times)
+        states = jax.vmap(lambda time: coast(state, inputs, time), out_axes=1)(times)
         end = states[:, -1]
     rest = plant.deflection(plant.rest_state(inputs), place)
     deflection = jax.vmap(lambda y: plant.deflection(y, place), in_axes=1)(states)
@@ -103,6 +103,11 @@ def watch_move(
     states = all_states(plant, segments, state, steps)[:, 0][at]
     command = polynomial(segments.coefficients[at], segments.age[at])
     return times, command, jax.vmap(plant.payload)(states, command), states
+
+
+def _coast(plant: AbstractPlant, plan: Schedule) -> Coast | None:
+    """The plant's closed form, if there is one and the command is made of steps."""
+    return plant.coast() if plan.coefficients.shape[1] == 1 else None
 
 
 def _integrate(

@@ -26,12 +26,12 @@ import numpy as np
 import xarray as xr
 
 import jshape as js
-from jshape.adaptive import moves_figures
-from jshape.adaptive.hoisting_moves import HoistingMoves, random_loads
-from jshape.adaptive.moves import NoisySensor
-from jshape.adaptive.moves_strategies import Adapting, Oracle, Rule
-from jshape.adaptive.moves_study import residuals, run_many
-from jshape.adaptive.two_mass_moves import TwoMassMoves, random_payloads
+from jshape.adaptive.moves import figures
+from jshape.adaptive.moves.hoisting import HoistingMoves, random_loads
+from jshape.adaptive.moves.machine import NoisySensor
+from jshape.adaptive.moves.strategies import Adapting, Oracle, Rule
+from jshape.adaptive.moves.study import residuals, run_many
+from jshape.adaptive.moves.two_mass import TwoMassMoves, random_payloads
 
 HERE = Path(__file__).parent
 SCHEDULES, CHANGE = 200, 2
@@ -91,13 +91,13 @@ def two_mass() -> list[str]:
         lines += [*table(found.vibration, 100.0, "{:.3g}"), ""]
         lines += ["The same as residual energy (J)", "", *table(found.energy, 1.0, "{:.1e}"), ""]
         if not within:
-            figure = moves_figures.residuals(found, "% of the move", 100.0)
+            figure = figures.residuals(found, "% of the move", 100.0)
             figure.savefig(HERE / "nonlinear.two_mass.svg", metadata={"Date": None})
         lines += refusals(traces, found)
     ours = traces["adapting, with cancelling"].memory
     nominal, scale = np.array([10.0, 100.0, 0.4]), np.exp(np.asarray(ours.parameters[0]))
     std = np.sqrt(np.asarray(jax.vmap(jnp.diag)(ours.covariance[0])))
-    figure = moves_figures.beliefs(
+    figure = figures.beliefs(
         nominal * scale, nominal * scale * std, nominal * np.exp(np.asarray(drawn.moves.after[0])),
         ("k1/m2 (1/s²)", "k3/m2 (1/m²s²)", "c/m2 (1/s)"),
     )  # fmt: skip
@@ -122,7 +122,7 @@ def crane() -> list[str]:
     moves = jax.jit(jax.vmap(lambda key: random_loads(key, task)))(jax.random.split(jax.random.key(0), SCHEDULES))
     traces = run_many(task, strategies, moves, sensor, jax.random.key(1))
     found = residuals(traces, CHANGE)
-    figure = moves_figures.residuals(found, "°", 180 / np.pi)
+    figure = figures.residuals(found, "°", 180 / np.pi)
     figure.savefig(HERE / "nonlinear.crane.svg", metadata={"Date": None})
     ours = traces["adapting, with cancelling"].memory
     error = np.abs(np.asarray(ours.parameters - moves.after))[:, CHANGE:, 0]

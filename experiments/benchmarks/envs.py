@@ -1,6 +1,6 @@
 """Moves a second: the environments' functional core and Gymnasium face, beside CartPole's and Pendulum's.
 
-    python experiments/benchmarks/envs.py        # a minute; writes envs.json and envs.md beside this file
+    python -m experiments.benchmarks.envs        # a minute; writes envs.json and envs.md beside this file
 
 1,024 environments with random actions; every observation and reward is summed up, so that nothing can be left out of
 the computation. A step of the others is one Euler step of two or four equations; a step here is a whole move, so
@@ -9,13 +9,9 @@ eight times the steps (or the same closed form), over the energy of the bare mov
 rounds. Needs gymnax for its row.
 """
 
-import json
 import os
-import platform
 import time
 from collections.abc import Callable
-from importlib.metadata import version
-from pathlib import Path
 from typing import Any
 
 import equinox as eqx
@@ -24,9 +20,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jshape_envs import ENVIRONMENTS, Params, parameters, reset, step
-from jshape_envs.closed_form import closed_form
 from jshape_envs.physics import Steps
 
+from experiments.benchmarks.record import about, keep
 from jshape.schedule import schedule
 
 ENVS, MOVES, ROUNDS, JUDGED = 1024, 32, 5, 128
@@ -140,7 +136,7 @@ def integration_steps(params: Params) -> int:
     shaper = jax.eval_shape(params.action.shaper, jnp.zeros(params.action.size))
     plant = params.machine.plant(params.payload[0], jnp.zeros((), jnp.int32))
     command = params.machine.command(params.distance[1])
-    if closed_form(plant, schedule(plant, command)) is not None:
+    if plant.coast() is not None and schedule(plant, command).coefficients.shape[1] == 1:
         return 0
     pieces, own = len(command.pieces()[0]), plant.breaks()
     segments = len(shaper.times) * pieces - 1 + (0 if own is None else len(own))
@@ -168,17 +164,6 @@ def error(params: Params) -> float:
 
 
 def write(rows: list[dict[str, Any]], errors: dict[str, float]) -> None:
-    names = ["jax", "gymnasium", "numpy"] + (["gymnax"] if any("gymnax" in r["what"] for r in rows) else [])
-    device = jax.devices()[0]
-    about: dict[str, Any] = dict(
-        machine=f"{platform.machine()}, {os.cpu_count()} cores" + ("" if device.platform == "cpu" else f", {device}"),
-        python=platform.python_version(),
-        versions={name: version(name) for name in names},
-        environments=ENVS,
-    )
-    here = Path(__file__).parent
-    record = dict(about=about, rows=rows, errors=errors)
-    (here / "envs.json").write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
     lines = ["| 1,024 environments | steps a second | µs of processor time | integration steps a second |"]
     lines += ["| --- | --- | --- | --- |"]
     for r in rows:
@@ -186,8 +171,11 @@ def write(rows: list[dict[str, Any]], errors: dict[str, float]) -> None:
         lines.append(f"| {r['what']} | {r['rate']:,.0f} | {r['processor_microseconds']:.2f} | {fine} |")
     lines += ["", "| residual energy | worst error over the bare move's energy |", "| --- | --- |"]
     lines += [f"| {name} | {value:.1e} |" for name, value in errors.items()]
-    lines += ["", f"{about['machine']}; " + ", ".join(f"{k} {v}" for k, v in about["versions"].items()) + "."]
-    (here / "envs.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    device = jax.devices()[0]
+    where = f"{os.cpu_count()} cores" + ("" if device.platform == "cpu" else f", {device}")
+    gymnax = ["gymnax"] if any("gymnax" in r["what"] for r in rows) else []
+    ran = about(where, "jax", "gymnasium", "numpy", *gymnax) | dict(environments=ENVS)
+    keep(__file__, dict(about=ran, rows=rows, errors=errors), lines)
 
 
 if __name__ == "__main__":

@@ -164,7 +164,7 @@ def draw(ax: Any, name: str, mine: list[dict[str, Any]], others: list[dict[str, 
         moves, reward = np.array(row["history"]["moves"]), np.array(row["history"]["reward"])
         few = 20
         smooth = np.convolve(reward, np.ones(few) / few, "valid")
-        ax.semilogx(moves[few - 1 :], smooth, color=COLOURS[0], linewidth=0.8, label="analytic gradients")
+        ax.semilogx(moves[few - 1 :: few], smooth[::few], color=COLOURS[0], linewidth=0.8, label="analytic gradients")
     for row in others:
         ax.semilogx(row["moves"][1:], row["reward"][1:], color=COLOURS[1], linewidth=0.8, label="PPO")
     for row in mine[:1]:

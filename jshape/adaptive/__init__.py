@@ -6,8 +6,7 @@
 - ``extremum_seeking.py``, ``gradient_seeking.py``: parameters that improve from move to move.
 - ``strategy.py``: identifier and shaper together; ``direct.py`` is the paper's, ``state_aware.py`` ours.
 - ``loop.py``, ``schedules.py``, ``judge.py``, ``study.py``: strategies on a link whose load changes.
-- ``moves.py``, ``moves_strategies.py``, ``moves_study.py``: move by move, for plants that are nonlinear or vary in
-  time: ``two_mass_moves.py``, ``hoisting_moves.py``.
+- ``moves/``: move by move, for plants that are nonlinear or vary in time.
 """
 
 import lazy_loader

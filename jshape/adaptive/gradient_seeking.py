@@ -21,6 +21,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jshape import _check
 from jshape._types import Scalar, Times
+from jshape.adaptive._levenberg_marquardt import least_squares
 from jshape.command import AbstractCommand, as_command
 from jshape.plants import AbstractPlant
 from jshape.shaper import Shaper
@@ -177,18 +178,18 @@ def _fitted(
     before = state.covariance + jnp.diag(seeking.drift**2)
     root, limit = jnp.linalg.cholesky(before), jnp.log(seeking.factor)
 
-    def residuals(logs: Array) -> Array:
+    def residuals(logs: Array) -> tuple[Array, None]:
         signal = seeking.predict(jnp.clip(logs, -limit, limit), shaper, command, begin) / seeking.noise
         surprise = jax.scipy.linalg.solve_triangular(root, logs - state.logs, lower=True)
-        return jnp.concatenate([jnp.where(known, measured - signal, 0.0), surprise])
+        return jnp.concatenate([jnp.where(known, measured - signal, 0.0), surprise]), None
 
     # One parameter at a time, from one end of its range to the other, the others as they were.
     which, count = jnp.eye(len(state.logs))[:, None], len(state.logs)
     tried = (1 - which) * state.logs + which * (limit * jnp.linspace(-1.0, 1.0, _TRIED))[:, None]
     tried = jnp.concatenate([state.logs[None], tried.reshape(-1, count)])
-    costs = jax.vmap(lambda logs: jnp.sum(residuals(logs) ** 2))(tried)
+    costs = jax.vmap(lambda logs: jnp.sum(residuals(logs)[0] ** 2))(tried)
     nearest = tried[jnp.argmin(jnp.where(jnp.isfinite(costs), costs, jnp.inf))]
-    logs, jacobian, end = _least(residuals, nearest)
+    logs, jacobian, end, _ = least_squares(residuals, nearest, _STEPS)
     logs = jnp.clip(logs, -limit, limit)
     left, seen = jnp.sum(end[: len(measured)] ** 2), jnp.sum(known)
     believable = (left <= _NOISE * seen) | (left <= (1 - seeking.explained) * jnp.sum(measured**2))
@@ -200,33 +201,6 @@ def _fitted(
     )
     std, misfit = jnp.sqrt(jnp.diag(new.covariance)), jnp.sqrt(left / jnp.maximum(seen, 1))
     return new, Fit(seeking.nominal * jnp.exp(new.logs), std, misfit, accepted)
-
-
-def _least(residuals: Any, begin: Array) -> tuple[Array, Array, Array]:
-    """Levenberg–Marquardt: the least squares' place, their Jacobian and the residuals there.
-
-    One linearisation a step and one copy of the simulation in the program, which takes half as long to compile as with
-    optimistix's.
-    """
-    linearised = jax.jacfwd(lambda x: (residuals(x),) * 2, has_aux=True)
-
-    def step(carry: tuple, _: None) -> tuple[tuple, None]:
-        place, jacobian, here, damping, candidate = carry
-        there_jacobian, there = linearised(candidate)
-        better = jnp.sum(there**2) < jnp.sum(here**2)
-        new = (candidate, there_jacobian, there)
-        place, jacobian, here = (jnp.where(better, *both) for both in zip(new, (place, jacobian, here), strict=True))
-        damping = damping * jnp.where(better, 0.2, 5.0)
-        normal = jacobian.T @ jacobian
-        change = jnp.linalg.solve(normal + damping * jnp.diag(jnp.diag(normal)), jacobian.T @ here)
-        return (place, jacobian, here, damping, place - change), None
-
-    shape = jax.eval_shape(residuals, begin)
-    nowhere = jnp.full(shape.shape, jnp.inf, shape.dtype)
-    eye = jnp.eye(len(nowhere), len(begin), dtype=shape.dtype)
-    carry = (begin, eye, nowhere, jnp.asarray(1e-3, shape.dtype), begin)
-    (place, jacobian, here, *_), _ = jax.lax.scan(step, carry, length=_STEPS)
-    return place, jacobian, here
 
 
 _TRIED = 17

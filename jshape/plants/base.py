@@ -21,6 +21,7 @@ where it rests. Everything downstream (simulation, gradients, design by ``js.tun
 """
 
 import abc
+from collections.abc import Callable
 
 import equinox as eqx
 import jax
@@ -29,6 +30,9 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from jshape._types import Breaks, Inputs, Scalar, State
+
+Coast = Callable[[State, Inputs, Scalar], State]
+"""``coast(state, inputs, duration)``: the state after so many seconds at a constant input."""
 
 DRIVES = {"displacement": 0, "force": 0, "velocity": 1, "acceleration": 2}
 """What can drive a plant, and which derivative of the command it is."""
@@ -57,6 +61,11 @@ class AbstractPlant(eqx.Module):
     @abc.abstractmethod
     def rest_state(self, inputs: Inputs) -> State:
         """The state in which the plant stays for ever at this input."""
+
+    def coast(self) -> Coast | None:
+        """How the plant goes on at a constant input, in closed form: no steps in time, and exact. ``None`` where there
+        is no formula for it."""
+        return None
 
     def payload(self, state: State, position: Scalar) -> Scalar:
         """What is to arrive without vibrating, m: the first state unless a plant knows better.

@@ -7,7 +7,8 @@ from jaxtyping import Array, Float
 
 from jshape import _check
 from jshape._types import Inputs, Scalar, State
-from jshape.plants.base import AbstractPlant
+from jshape.plants._swing import swing
+from jshape.plants.base import AbstractPlant, Coast
 from jshape.plants.links import AbstractLink, LinkModes, TabulatedLink
 from jshape.plants.two_mass import check_part
 
@@ -140,3 +141,33 @@ class FlexibleLink(AbstractPlant):
         """The link's frequencies with this load, rad/s, ascending; a scalar where there is only one."""
         omega = self.modes().omega
         return omega[0] if self.link.count == 1 else jnp.sort(omega)
+
+    def coast(self) -> Coast | None:
+        """Without an integral: the servo swings by itself, and a mode is the sum of a free vibration and of what
+        follows the servo, which is a linear function of the servo's own state.
+
+        Digits are lost where the servo is as loose as a mode and has its frequency: there is no such function then.
+        """
+        if self.servo_integral is not None:
+            return None
+        omega, zeta, servo = self.modes().omega, self.zeta, self.servo_frequency
+        stiff, drag = servo**2, 2 * self.servo_damping * servo
+        # bend = a away + b speed obeys the servo's equation and the mode's. Their difference is
+        # softer bend + looser bend' = stiff away + drag speed, one equation for a and one for b.
+        softer, looser = omega**2 - stiff, 2 * zeta * omega - drag
+        both = softer**2 - drag * softer * looser + stiff * looser**2
+        a, b = stiff * softer / both, (drag * softer - stiff * looser) / both
+
+        def following(away: Scalar, speed: Scalar) -> tuple[Array, Array]:
+            return a * away + b * speed, a * speed - b * (stiff * away + drag * speed)
+
+        def coast(state: State, inputs: Inputs, duration: Scalar) -> State:
+            away, speed = state[0] - inputs, state[1]
+            bend, rate = self._split(state)
+            forced, change = following(away, speed)
+            bend, rate = swing(omega, zeta, bend - forced, rate - change, duration)
+            away, speed = swing(servo, self.servo_damping, away, speed, duration)
+            forced, change = following(away, speed)
+            return jnp.concatenate([jnp.stack([inputs + away, speed]), bend + forced, rate + change])
+
+        return coast

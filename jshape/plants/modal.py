@@ -10,7 +10,8 @@ from jaxtyping import Array, Float
 
 from jshape._types import Inputs, Scalar, State
 from jshape.plants._mode_lists import check_modes, mode_lists
-from jshape.plants.base import AbstractPlant
+from jshape.plants._swing import swing
+from jshape.plants.base import AbstractPlant, Coast
 
 
 class ModalPlant(AbstractPlant):
@@ -58,6 +59,16 @@ class ModalPlant(AbstractPlant):
     def natural_frequency(self) -> Float[Array, "..."]:
         """The modes' frequencies, rad/s, ascending; a scalar where there is only one."""
         return self.omega[0] if len(self.omega) == 1 else jnp.sort(self.omega)
+
+    def coast(self) -> Coast:
+        """Every mode swings by itself."""
+
+        def coast(state: State, inputs: Inputs, duration: Scalar) -> State:
+            q, v = jnp.split(state, 2)
+            q, v = swing(self.omega, self.zeta, q - inputs, v, duration)
+            return jnp.concatenate([inputs + q, v])
+
+        return coast
 
     def propagate(self, state: State, inputs: Inputs, duration: Scalar) -> State:
         """The exact state after ``duration`` (s) at a constant input, by the matrix exponential.

@@ -5,7 +5,7 @@ from jaxtyping import Array
 
 from jshape._types import State
 from jshape.adaptive._levenberg_marquardt import least_squares
-from jshape.adaptive.moves import AbstractMoves
+from jshape.adaptive.moves.machine import AbstractMoves
 from jshape.command import AbstractCommand
 from jshape.plants import AbstractPlant
 from jshape.schedule import schedule

@@ -18,7 +18,7 @@ def residuals(
 ) -> Figure:
     """The residual of the moves around a change: the median of all schedules, and a quantile above it (dotted).
 
-    ``found``: from ``moves_study.residuals``; ``unit``: what the variable times ``factor`` is in.
+    ``found``: from ``study.residuals``; ``unit``: what the variable times ``factor`` is in.
     """
     with mpl.rc_context(STYLE):
         figure, axis = plt.subplots(figsize=(WIDTH, 2.6))

@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jshape._types import Scalar, State, Times
 from jshape.adaptive._levenberg_marquardt import least_squares
-from jshape.adaptive.moves import AbstractMoves, Swing, along
+from jshape.adaptive.moves.machine import AbstractMoves, Swing, along
 from jshape.schedule import schedule
 from jshape.shaper import Shaper
 

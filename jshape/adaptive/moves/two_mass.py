@@ -16,8 +16,8 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from jshape import _check
 from jshape._types import Scalar, State, Times
-from jshape.adaptive.moves import AbstractMoves, Moves, Swing, steps_between
-from jshape.adaptive.moves_design import retuned
+from jshape.adaptive.moves.design import retuned
+from jshape.adaptive.moves.machine import AbstractMoves, Moves, Swing, steps_between
 from jshape.command import AbstractCommand, Step
 from jshape.design.energy import three_impulse
 from jshape.plants import AbstractPlant, TwoMass

@@ -8,8 +8,8 @@ from jaxtyping import Array, Bool, Float
 
 from jshape import _check
 from jshape._types import Scalar, Times
-from jshape.adaptive.moves import AbstractMoves, AbstractMoveStrategy, NoisySensor, Swing
-from jshape.adaptive.moves_belief import Belief, believe, believed
+from jshape.adaptive.moves.belief import Belief, believe, believed
+from jshape.adaptive.moves.machine import AbstractMoves, AbstractMoveStrategy, NoisySensor, Swing
 from jshape.shaper import Shaper
 
 
@@ -48,7 +48,7 @@ class Oracle(AbstractMoveStrategy):
 
 
 class Adapting(AbstractMoveStrategy):
-    """The shaper of the plant and of the swing that the samples of the last move tell (``moves_belief``).
+    """The shaper of the plant and of the swing that the samples of the last move tell (``belief.py``).
 
     ``model``: the plant and its moves as it is taken to be, which need not be the true kind. ``sensor``: as it is
     taken to be. ``spread``, ``drift``: the parameters' standard deviations before the first move, and from one move to

@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 from jaxtyping import PRNGKeyArray
 
-from jshape.adaptive.moves import AbstractMoves, AbstractMoveStrategy, Moves, MoveTrace, NoisySensor, run_moves
+from jshape.adaptive.moves.machine import AbstractMoves, AbstractMoveStrategy, Moves, MoveTrace, NoisySensor, run_moves
 
 
 def run_many(
