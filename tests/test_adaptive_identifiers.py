@@ -152,8 +152,8 @@ def test_rounding_errors_do_not_outlive_two_rounds():
     for sample in samples[:700]:
         clean.push(sample)
         spoilt.push(sample)
-    now = spoilt.state.now._replace(spectrum=spoilt.state.now.spectrum + np.nan, squares=1e30)
-    spoilt.state = spoilt.state._replace(now=now, before=now, phase=spoilt.state.phase * 2.0)
+    sums = spoilt.state.round._replace(spectrum=spoilt.state.round.spectrum + np.nan, squares=1e30)
+    spoilt.state = spoilt.state._replace(whole=sums, round=sums, phase=spoilt.state.phase * 2.0)
     with np.errstate(invalid="ignore"):
         for sample in samples[700:]:
             clean.push(sample)

@@ -54,6 +54,18 @@ class Tuning(NamedTuple):
     """How many samples of the cross-fade have passed."""
 
 
+class Wanted(NamedTuple):
+    """What the estimates so far ask for; each of shape (modes,)."""
+
+    omega: Any
+    """As last estimated, rad/s."""
+    zeta: Any
+    rejected: Any
+    """How many estimates said to be valid were no frequency."""
+    limited: Any
+    """How many lay outside what is allowed."""
+
+
 class ShaperState(NamedTuple):
     """An adaptive shaper after some samples: arrays for a scan, nested lists for a control loop."""
 
@@ -65,12 +77,8 @@ class ShaperState(NamedTuple):
     """What went into each filter with the last sample, (modes,)."""
     still: Any
     """For how many samples each filter's input has stood still, (modes,)."""
-    wanted_omega: Any
-    """As last estimated, (modes,)."""
-    wanted_zeta: Any
+    wanted: Wanted
     tuning: Tuning
-    rejected: Any
-    limited: Any
     missing: Any
 
 
@@ -102,11 +110,8 @@ class Cascade:
             place=np.int32(0),
             last=xp.full(modes, reference),
             still=np.full(modes, self._long, np.int32),
-            wanted_omega=omega,
-            wanted_zeta=zeta,
+            wanted=Wanted(omega, zeta, rejected=none, limited=none),
             tuning=Tuning(omega, zeta, gains, delays, reach, np.int32(self.fade)),
-            rejected=none,
-            limited=none,
             missing=np.int32(0),
         )
 
@@ -128,17 +133,16 @@ class Cascade:
         known = abs(reference) < np.inf  # false for a NaN
         value = select(known, reference, last[0])
         missing = _count(select, state.missing, known == 0)
-        if estimate is not None:
-            state = self._noted(numbers, pack, state, estimate)
+        wanted = state.wanted if estimate is None else self._noted(numbers, pack, state.wanted, estimate)
 
         fading = self.retune == "crossfade"
-        news = _differ(state.wanted_omega, tuning.omega) | _differ(state.wanted_zeta, tuning.zeta)
+        news = _differ(wanted.omega, tuning.omega) | _differ(wanted.zeta, tuning.zeta)
         if fading:
             due = news & (tuning.faded == self.fade)
         else:
             due = news & (value != last[0]) & _standing(state.still, tuning.reach)
-        wanted = state.wanted_omega, state.wanted_zeta, state.still
-        tuning = numbers.when(due, lambda t, w: self._retuned(numbers, t, *w), lambda t, _: t, tuning, wanted)
+        retuned = lambda tuning, *new: self._retuned(numbers, tuning, *new)
+        tuning = numbers.when(due, retuned, lambda t, *_: t, tuning, wanted.omega, wanted.zeta, state.still)
         shares: tuple = (1.0,)
         if fading:
             tuning = tuning._replace(faded=select(tuning.faded < self.fade, tuning.faded + 1, self.fade))
@@ -156,19 +160,11 @@ class Cascade:
             select(inputs[k] == last[k], select(state.still[k] < long, state.still[k] + 1, long), 0) for k in modes
         ]
         steady = (still[0] >= self.blank) & _standing(still, tuning.reach)
-        state = state._replace(
-            lines=lines,
-            place=place,
-            last=pack(inputs),
-            still=pack(still),
-            tuning=tuning,
-            missing=missing,
-        )
-        counts = state.rejected, state.limited, missing
-        return state, Shaped(command, steady, tuning.omega, tuning.zeta, *counts)
+        state = ShaperState(lines, place, pack(inputs), pack(still), wanted, tuning, missing)
+        return state, Shaped(command, steady, tuning.omega, tuning.zeta, wanted.rejected, wanted.limited, missing)
 
-    def _noted(self, numbers: Numbers, pack: Any, state: ShaperState, estimate: Estimate) -> ShaperState:
-        """The state with what the estimate wants; nothing of it is in use yet."""
+    def _noted(self, numbers: Numbers, pack: Any, wanted: Wanted, estimate: Estimate) -> Wanted:
+        """What is wanted with this estimate, too; nothing of it is in use yet."""
         select, modes = numbers.select, len(self.bands)
         names = ("omega", "zeta", "zeta_std", "valid")
         omega, zeta, deviation, valid = (_each(numbers, getattr(estimate, name), modes, name) for name in names)
@@ -179,15 +175,12 @@ class Cascade:
             near, out = _nearest(select, omega[k], self.bands[k])
             near_damping, out_damping = _nearest(select, zeta[k], self.filters.zeta_bounds)
             noted.append((
-                select(taken, near, state.wanted_omega[k]),
-                select(damping, near_damping, state.wanted_zeta[k]),
-                _count(select, state.rejected[k], valid[k] & (taken == 0)),
-                _count(select, state.limited[k], (taken & out) | (damping & out_damping)),
+                select(taken, near, wanted.omega[k]),
+                select(damping, near_damping, wanted.zeta[k]),
+                _count(select, wanted.rejected[k], valid[k] & (taken == 0)),
+                _count(select, wanted.limited[k], (taken & out) | (damping & out_damping)),
             ))  # fmt: skip
-        names = ("wanted_omega", "wanted_zeta", "rejected", "limited")
-        return state._replace(
-            **{name: pack(values) for name, values in zip(names, zip(*noted, strict=True), strict=True)}
-        )
+        return Wanted(*map(pack, zip(*noted, strict=True)))
 
     def _retuned(self, numbers: Numbers, tuning: Tuning, omega: Any, zeta: Any, still: Any) -> Tuning:
         """The tuning with new taps, as near to what is wanted as one retune may go, if there is no harm in it."""
@@ -253,7 +246,7 @@ def _each(numbers: Numbers, values: Any, modes: int, name: str) -> Any:
         values = jnp.asarray(values)
     elif isinstance(values, np.ndarray | np.generic):
         values = values.tolist()
-    if not hasattr(values, "__len__") or not getattr(values, "ndim", 1):
+    if not isinstance(values, list) and not getattr(values, "ndim", hasattr(values, "__len__")):
         return [values] * modes
     if len(values) != modes:
         raise ValueError(f"estimate.{name} must be of {modes} modes, not of {len(values)}")

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jshape.adaptive._numbers import Numbers
-from jshape.adaptive.estimate import Reason
+from jshape.adaptive.estimate import BLANKED, FOUND, FROZEN, MISSING
 
 
 def half_period(band: tuple[float, float], sample_time: float) -> int:
@@ -41,9 +41,9 @@ def look(
     more = select(sensor.same > patience, sensor.same, sensor.same + 1)
     same = select(value == sensor.last, more, 0)
     sensor = Sensor(select(active, value, sensor.last), select(active, same, sensor.same))
-    reason = select(sensor.same > patience, int(Reason.FROZEN), int(Reason.FOUND))
-    reason = select(believable, reason, int(Reason.MISSING))
-    return sensor, value, select(active, reason, int(Reason.BLANKED))
+    reason = select(sensor.same > patience, FROZEN, FOUND)
+    reason = select(believable, reason, MISSING)
+    return sensor, value, select(active, reason, BLANKED)
 
 
 class Block(NamedTuple):

@@ -28,9 +28,15 @@ from jshape.adaptive._sensor import (
     mean_gain,
 )
 from jshape.adaptive.estimate import (
+    BLANKED,
+    FOUND,
+    FROZEN,
+    OUTSIDE,
+    STARTING,
+    UNCERTAIN,
+    WEAK,
     AbstractIdentifier,
     Estimate,
-    Reason,
     check_band,
     check_level,
     check_time,
@@ -139,7 +145,7 @@ class DampedSinusoids(AbstractIdentifier):
 
     def initial(self) -> DecayState:
         start = [ignorance(band) for band in self.bands]
-        reasons = np.full(self.modes, int(Reason.STARTING))
+        reasons = np.full(self.modes, STARTING)
         return DecayState(
             ring=np.zeros(self.points // self.block),
             place=0,
@@ -156,9 +162,9 @@ class DampedSinusoids(AbstractIdentifier):
     def advance(own: Any, numbers: Numbers, state: DecayState, sample: Any, active: Any) -> DecayState:
         xp, select = numbers.xp, numbers.select
         sensor, value, trouble = look(numbers, state.sensor, sample, active, own.limit, own.patience)
-        gap = (trouble == Reason.BLANKED) | (trouble == Reason.FROZEN)
+        gap = (trouble == BLANKED) | (trouble == FROZEN)
         block, filled, fit = select(
-            gap, (BLOCK_AT_START, 0, state.fit * 0 + int(Reason.STARTING)), (state.block, state.filled, state.fit)
+            gap, (BLOCK_AT_START, 0, state.fit * 0 + STARTING), (state.block, state.filled, state.fit)
         )
         block, full, mean = gather(numbers, block, value, own.block)
         block, full = select(gap, (BLOCK_AT_START, False), (block, full))
@@ -175,21 +181,21 @@ class DampedSinusoids(AbstractIdentifier):
             low, high = np.array(own.bands).T
             reasons = first_reason(
                 numbers._replace(select=xp.where),
-                (found.magnitude <= own.threshold, int(Reason.WEAK)),
-                ((found.omega < low) | (found.omega > high), int(Reason.OUTSIDE)),
-                (~(found.omega_std <= own.precision * found.omega), int(Reason.UNCERTAIN)),
+                (found.magnitude <= own.threshold, WEAK),
+                ((found.omega < low) | (found.omega > high), OUTSIDE),
+                (~(found.omega_std <= own.precision * found.omega), UNCERTAIN),
             )
             return _settle(xp, last, found, reasons), xp.asarray(reasons, state.fit.dtype)
 
         estimate, fit = numbers.when(due, anew, lambda last, fit: (last, fit), state.estimate, fit)
-        reason = select(trouble != Reason.FOUND, 0 * fit + trouble, fit)
-        estimate = estimate._replace(valid=reason == Reason.FOUND)
+        reason = select(trouble != FOUND, 0 * fit + trouble, fit)
+        estimate = estimate._replace(valid=reason == FOUND)
         return DecayState(ring, place, filled, select(due, 0, waited), block, sensor, fit, estimate, reason)
 
 
 def _settle(xp: Any, last: Estimate, found: Estimate, reasons: Any) -> Estimate:
     """Mode by mode, ``found`` where there is no reason against it."""
-    good = reasons == Reason.FOUND
+    good = reasons == FOUND
     return Estimate(*(xp.where(good, new, old) for new, old in zip(found[:-1], last[:-1], strict=True)), valid=good)
 
 

@@ -26,9 +26,15 @@ from jshape.adaptive._sensor import (
     mean_gain,
 )
 from jshape.adaptive.estimate import (
+    BLANKED,
+    FOUND,
+    FROZEN,
+    OUTSIDE,
+    STARTING,
+    UNCERTAIN,
+    WEAK,
     AbstractIdentifier,
     Estimate,
-    Reason,
     check_band,
     check_level,
     check_time,
@@ -165,15 +171,13 @@ class Decrement(AbstractIdentifier):
         self.patience = half_period(self.band, self.sample_time)
 
     def initial(self) -> DecrementState:
-        return DecrementState(
-            BLOCK_AT_START, DECAY_AT_START, SENSOR_AT_START, ignorance(self.band), int(Reason.STARTING)
-        )
+        return DecrementState(BLOCK_AT_START, DECAY_AT_START, SENSOR_AT_START, ignorance(self.band), STARTING)
 
     @staticmethod
     def advance(own: Any, numbers: Numbers, state: DecrementState, sample: Any, active: Any) -> DecrementState:
         select = numbers.select
         sensor, value, trouble = look(numbers, state.sensor, sample, active, own.limit, own.patience)
-        gap = (trouble == Reason.BLANKED) | (trouble == Reason.FROZEN)
+        gap = (trouble == BLANKED) | (trouble == FROZEN)
         block, full, mean = gather(numbers, state.block, value, own.block)
         decay = select(full, _with_mean(own, numbers, state.decay, mean), state.decay)
         block, decay = select(gap, (BLOCK_AT_START, DECAY_AT_START), (block, decay))
@@ -182,11 +186,11 @@ class Decrement(AbstractIdentifier):
         low, high = own.band
         reason = first_reason(
             numbers,
-            (trouble != Reason.FOUND, trouble),
-            (decay.swings < SWINGS, int(Reason.STARTING)),
-            (decay.clock * own.block > 2 * own.patience, int(Reason.WEAK)),
-            ((found.omega < low) | (found.omega > high), int(Reason.OUTSIDE)),
-            (found.omega_std > own.precision * found.omega, int(Reason.UNCERTAIN)),
+            (trouble != FOUND, trouble),
+            (decay.swings < SWINGS, STARTING),
+            (decay.clock * own.block > 2 * own.patience, WEAK),
+            ((found.omega < low) | (found.omega > high), OUTSIDE),
+            (found.omega_std > own.precision * found.omega, UNCERTAIN),
         )
         return DecrementState(block, decay, sensor, settle(numbers, state.estimate, found, reason), reason)
 

@@ -137,7 +137,7 @@ class DirectAdaptive(AbstractStrategy):
 
 def _agree(xp: Any, shaper: ShaperState) -> Any:
     """Whether the filters were tuned to the frequencies that the movement has shown."""
-    wanted, tuned = xp.asarray(shaper.wanted_omega), xp.asarray(shaper.tuning.omega)
+    wanted, tuned = xp.asarray(shaper.wanted.omega), xp.asarray(shaper.tuning.omega)
     return xp.all(abs(wanted - tuned) <= AGREE * tuned)
 
 
@@ -145,8 +145,10 @@ def _together(pack: Callable[[Any], Any], estimates: list[Estimate], zeta: Any) 
     """One estimate of both modes: frequencies from the DFTs, damping ratios from the extremum seeking."""
     if not estimates:
         return None
-    both = Estimate(*map(pack, zip(*estimates, strict=True)))
-    return both if zeta is None else both._replace(zeta=zeta, zeta_std=0 * zeta)
+    omega, damping, omega_std, zeta_std, magnitude, valid = map(pack, zip(*estimates, strict=True))
+    if zeta is not None:
+        damping, zeta_std = pack(list(zeta)), pack([0.0 * each for each in zeta])
+    return Estimate(omega, damping, omega_std, zeta_std, magnitude, valid)
 
 
 class _OnlineDirect:
@@ -157,6 +159,7 @@ class _OnlineDirect:
         self._shaper = strategy.shaper.online(reference)
         self._dfts = [dft.online() for dft in strategy.dfts]
         self._seeking = strategy.seeking and strategy.seeking.online()
+        self._zeta = self._seeking and self._seeking.parameters.tolist()
         self._reference, self._steady, self._cost, self._missed = float(reference), False, np.nan, 0
 
     def push(self, reference: float, readings: Readings) -> Decision:
@@ -169,10 +172,11 @@ class _OnlineDirect:
                 self._seeking.push(self._cost / self._unit)
             else:
                 self._seeking.skip()
+            self._zeta = self._seeking.parameters.tolist()
         self._cost = tip if moved else self._cost + tip
         self._reference = reference if moved else self._reference
         heard = [dft.push(float(sample), self._steady) for dft, sample in zip(self._dfts, samples, strict=False)]
-        shaped = self._shaper.push(reference, _together(list, heard, self._seeking and self._seeking.parameters))
+        shaped = self._shaper.push(reference, _together(list, heard, self._zeta))
         self._steady = shaped.steady
         self._missed += not all(heeded)
         return Decision(shaped.command, shaped.omega, shaped.zeta, self._missed + int(sum(shaped.rejected)))

@@ -21,9 +21,14 @@ from jshape.adaptive._sensor import (
     look,
 )
 from jshape.adaptive.estimate import (
+    FOUND,
+    KNOCK,
+    OUTSIDE,
+    STARTING,
+    UNCERTAIN,
+    WEAK,
     AbstractIdentifier,
     Estimate,
-    Reason,
     check_band,
     check_level,
     check_time,
@@ -115,7 +120,7 @@ class FrequencyTracker(AbstractIdentifier):
 
     def initial(self) -> TrackState:
         # Lost, so that the filter begins with the first sample.
-        lost, starting = self.patience + 1, int(Reason.STARTING)
+        lost, starting = self.patience + 1, STARTING
         return TrackState(np.zeros(5), np.zeros((5, 5)), lost, SENSOR_AT_START, ignorance(self.band), starting)
 
     @staticmethod
@@ -136,14 +141,14 @@ class FrequencyTracker(AbstractIdentifier):
         variance = seen[0] + seen[4] + own.noise**2
         innovation = value - mean[0] - mean[4]
         knock = innovation**2 > GATE * variance
-        use = (trouble == Reason.FOUND) & (knock == 0)
+        use = (trouble == FOUND) & (knock == 0)
         weight = select(use, 1 / variance, 0.0)
         mean = mean + weight * innovation * seen
         covariance = covariance - weight * xp.outer(seen, seen)
         omega, zeta = xp.clip(mean[2], low, high), xp.clip(mean[3], 0.0, DAMPING)
         mean = xp.array([mean[0], mean[1], omega, zeta, mean[4]])
 
-        knocks = select(trouble == Reason.FOUND, select(knock, knocks + 1, 0), knocks)
+        knocks = select(trouble == FOUND, select(knock, knocks + 1, 0), knocks)
 
         deviation = xp.sqrt(xp.maximum(covariance[2, 2], 0.0))
         found = Estimate(
@@ -156,11 +161,11 @@ class FrequencyTracker(AbstractIdentifier):
         )
         reason = first_reason(
             numbers,
-            (trouble != Reason.FOUND, trouble),
-            (knock, int(Reason.KNOCK)),
-            (found.magnitude <= own.threshold, int(Reason.WEAK)),
-            ((found.omega <= low) | (found.omega >= high), int(Reason.OUTSIDE)),
-            (deviation > own.precision * found.omega, int(Reason.UNCERTAIN)),
+            (trouble != FOUND, trouble),
+            (knock, KNOCK),
+            (found.magnitude <= own.threshold, WEAK),
+            ((found.omega <= low) | (found.omega >= high), OUTSIDE),
+            (deviation > own.precision * found.omega, UNCERTAIN),
         )
         return TrackState(mean, covariance, knocks, sensor, settle(numbers, state.estimate, found, reason), reason)
 

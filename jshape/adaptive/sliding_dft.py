@@ -1,9 +1,9 @@
 """The point-by-point DFT: the spectrum of the last N samples after every sample, for a few operations a bin.
 
-Samples lie in a ring of N places. A sample that comes is added to the sum of this round, turned by the phase of its
-place; the one that lay there is taken off the sum of the round before. Together they are the DFT of the window. At the
-end of a round the older sum, by then nothing but rounding errors, is thrown away. Errors thus live for two rounds at
-most, however long the machine runs, and no damping factor falsifies the spectrum.
+Samples lie in a ring of N places. A sample that comes is added to the sum of the window, turned by the phase of its
+place, and the one that lay there is taken off. A second sum is only ever added to: it begins anew with every round of
+the ring, at whose end it is the sum of the window and takes its place. Errors thus live for two rounds at most, however
+long the machine runs, and no damping factor falsifies the spectrum.
 """
 
 from typing import Any, NamedTuple
@@ -24,9 +24,12 @@ from jshape.adaptive._sensor import (
     look,
 )
 from jshape.adaptive.estimate import (
+    FOUND,
+    OUTSIDE,
+    STARTING,
+    WEAK,
     AbstractIdentifier,
     Estimate,
-    Reason,
     check_band,
     check_level,
     check_time,
@@ -43,7 +46,7 @@ FLOOR = 1e-14
 
 
 class Sums(NamedTuple):
-    """Over those of the window's samples that came in one round of the ring."""
+    """Over some samples."""
 
     spectrum: Any
     """Σ x e^(−jω·place), of shape (offsets, bins)."""
@@ -51,6 +54,9 @@ class Sums(NamedTuple):
     """Σ x."""
     squares: Any
     """Σ x²."""
+
+
+NOTHING = Sums(0.0, 0.0, 0.0)
 
 
 class SpectrumState(NamedTuple):
@@ -67,10 +73,10 @@ class SpectrumState(NamedTuple):
     """How many samples are in the window."""
     phase: Any
     """e^(−jω·place) of the next sample, of shape (offsets, bins); 1 at the beginning of a round."""
-    now: Sums
-    """Over this round's samples."""
-    before: Sums
-    """Over the samples of the round before."""
+    whole: Sums
+    """Over the samples of the window."""
+    round: Sums
+    """Over those of this round of the ring."""
     sensor: Sensor
     estimate: Estimate
     reason: Any
@@ -169,23 +175,23 @@ class SlidingDFT(AbstractIdentifier):
             oldest=0.0,
             filled=0,
             phase=np.ones(self.frequencies.shape, complex),
-            now=nothing,
-            before=nothing,
+            whole=nothing,
+            round=nothing,
             sensor=SENSOR_AT_START,
             estimate=ignorance(self.band),
-            reason=int(Reason.STARTING),
+            reason=STARTING,
         )
 
     def forget(self, state: SpectrumState) -> SpectrumState:
         """The state with an empty window; the last estimate stays. What lies in the ring is filled before it counts."""
-        nothing = jax.tree.map(lambda sum: 0 * sum, state.now)
+        nothing = jax.tree.map(lambda sum: 0 * sum, state.round)
         start = dict(place=0 * state.place, filled=0 * state.filled, phase=0 * state.phase + 1)
-        return state._replace(**start, now=nothing, before=nothing)
+        return state._replace(**start, whole=nothing, round=nothing)
 
     def spectrum(self, state: SpectrumState) -> tuple[Any, Any]:
         """Frequencies (rad/s) and magnitudes of the window, both of shape (bins,)."""
         numbers, own = (NUMPY, plain(self)) if isinstance(state.ring, np.ndarray) else (JAX, self)
-        return own.frequencies[0], abs(_windowed(own, numbers, state))
+        return own.frequencies[0], abs(_windowed(own, numbers, state.place, state.whole, state.round))
 
     @staticmethod
     def advance(own: Any, numbers: Numbers, state: SpectrumState, sample: Any, active: Any) -> SpectrumState:
@@ -194,46 +200,48 @@ class SlidingDFT(AbstractIdentifier):
 
         place, there, full = state.place, state.oldest, state.filled == points
         comes, goes, one = select(active, (value, select(full, there, 0.0), 1), (0.0, 0.0, 0))
-        now, before, turned = state.now, state.before, state.phase
-        now = Sums(now.spectrum + comes * turned, now.total + comes, now.squares + comes * comes)
-        before = Sums(before.spectrum - goes * turned, before.total - goes, before.squares - goes * goes)
+        whole, round, turned, change = state.whole, state.round, state.phase, comes - goes
+        squares = whole.squares + (comes * comes - goes * goes)
+        whole = Sums(whole.spectrum + change * turned, whole.total + change, squares)
+        round = Sums(round.spectrum + comes * turned, round.total + comes, round.squares + comes * comes)
         ring = numbers.put(state.ring, place, select(active, value, there))
         around = place + one == points
         phase = select(active, turned * own.rotation, turned)
-        now, before, phase = select(around, (Sums(0.0, 0.0, 0.0), now, 1.0), (now, before, phase))
+        whole, round, phase = select(around, (round, NOTHING, 1.0), (whole, round, phase))
         place, filled = select(around, 0, place + one), select(full, points, state.filled + one)
         oldest = numbers.get(ring, place)
-        state = SpectrumState(ring, place, oldest, filled, phase, now, before, sensor, state.estimate, state.reason)
 
-        found, outside = _peak(own, numbers, state)
+        found, outside = _peak(own, numbers, place, whole, round)
         reason = first_reason(
             numbers,
-            (trouble != Reason.FOUND, trouble),
-            (filled < points, Reason.STARTING),
-            (found.magnitude <= own.threshold, Reason.WEAK),
-            (outside, Reason.OUTSIDE),
+            (trouble != FOUND, trouble),
+            (filled < points, STARTING),
+            (found.magnitude <= own.threshold, WEAK),
+            (outside, OUTSIDE),
         )
-        return state._replace(estimate=settle(numbers, state.estimate, found, reason), reason=reason)
+        estimate = settle(numbers, state.estimate, found, reason)
+        return SpectrumState(ring, place, oldest, filled, phase, whole, round, sensor, estimate, reason)
 
 
-def _peak(own: Any, numbers: Numbers, state: SpectrumState) -> tuple[Estimate, Any]:
+def _peak(own: Any, numbers: Numbers, place: Any, whole: Sums, round: Sums) -> tuple[Estimate, Any]:
     """The highest bin of the band, interpolated, and whether a neighbour is higher."""
     math, select, (first, last), bins = numbers.math, numbers.select, own.allowed, own.frequencies[0]
-    values = _windowed(own, numbers, state)
+    values = _windowed(own, numbers, place, whole, round)
     magnitudes = abs(values)
     highest = first + magnitudes[first:last].argmax()
     middle = select(highest < 1, 1, select(highest > len(bins) - 2, len(bins) - 2, highest))
     left, peak, right = numbers.three(magnitudes, middle)
-    bin_below, bin_peak, bin_above = numbers.three(bins, middle)
+    bin_peak = numbers.get(bins, middle)
 
     if own.interpolation == "jacobsen":
-        turn = _turn(own, numbers, state)
+        turn = _turn(own, numbers, place)
         below, centre, above = numbers.three(values, middle)
         below, above = below / turn, above * turn
         bend = 2 * centre - below - above
         off = ((below - above) / select(bend == 0, 1.0, bend)).real
         off = 2 * off if own.window == "hann" else off
     elif own.interpolation == "parabolic":
+        bin_below, _, bin_above = numbers.three(bins, middle)
         down, up = bin_peak - bin_below, bin_above - bin_peak
         fall, rise = up * (peak - left), down * (peak - right)
         off = (up * fall - down * rise) / (2 * own.apart * select(fall + rise == 0, 1.0, fall + rise))
@@ -254,30 +262,30 @@ def _peak(own: Any, numbers: Numbers, state: SpectrumState) -> tuple[Estimate, A
     fitted = fitted / (sinc * (shape[0] ** 2 + shape[1] ** 2 + shape[2] ** 2))
     tone = 2 * fitted**2 / own.points
     tone = select(tone > 0, tone, 1.0)
-    total, energy = state.now.total + state.before.total, state.now.squares + state.before.squares
-    energy = energy - total * total / own.points
+    energy = whole.squares - whole.total * whole.total / own.points
     noise = select(energy - tone > FLOOR * energy, energy - tone, FLOOR * abs(energy))
     variance = own.apart**2 * spread * noise / (2 * sinc**2 * tone * own.points)
     if own.interpolation == "none":
+        bin_below, _, bin_above = numbers.three(bins, middle)
         variance = variance + ((bin_above - bin_below) / 2) ** 2 / 12
     omega = bin_peak + own.apart * off
     return Estimate(omega, 0.0, math.sqrt(variance), np.inf, peak, True), (left > peak) | (right > peak)
 
 
-def _windowed(own: Any, numbers: Numbers, state: SpectrumState) -> Any:
+def _windowed(own: Any, numbers: Numbers, place: Any, whole: Sums, round: Sums) -> Any:
     """The window's DFT at the bins, but for the phase of the window's beginning."""
-    before = state.before.spectrum
+    sums = whole.spectrum
     if not own.own_bins:
-        # A round of samples lies between: whole periods of the DFT's own bins.
-        before = before * numbers.xp.exp(1j * (own.points * own.sample_time) * own.frequencies[0])
-    sums = state.now.spectrum + before
+        # Samples of the round before lie N places back: whole periods of the DFT's own bins.
+        turn = numbers.xp.exp(1j * (own.points * own.sample_time) * own.frequencies[0])
+        sums = round.spectrum + (sums - round.spectrum) * turn
     if own.window == "rectangular":
         return sums[0]
-    turn = _turn(own, numbers, state)
+    turn = _turn(own, numbers, place)
     return sums[0] - (sums[1] / turn + sums[2] * turn) / 2
 
 
-def _turn(own: Any, numbers: Numbers, state: SpectrumState) -> Any:
+def _turn(own: Any, numbers: Numbers, place: Any) -> Any:
     """What the phase of the window's beginning differs by between two bins of the DFT."""
-    angle = 2 * np.pi / own.points * state.place
+    angle = 2 * np.pi / own.points * place
     return numbers.math.cos(angle) + 1j * numbers.math.sin(angle)

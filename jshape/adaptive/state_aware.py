@@ -13,7 +13,7 @@ import numpy as np
 from jshape import _check
 from jshape.adaptive._numbers import NUMPY, Numbers
 from jshape.adaptive._sensor import LIMIT, SENSOR_AT_START, Sensor, half_period, look
-from jshape.adaptive.estimate import Reason, check_band, check_time
+from jshape.adaptive.estimate import FOUND, check_band, check_time
 from jshape.adaptive.increments import IncrementShaper, Queue
 from jshape.adaptive.least_squares import FilteredLeastSquares, Normal
 from jshape.adaptive.sampled_link import Readings
@@ -119,7 +119,7 @@ class StateAware(FormulaStrategy):
         select, xp = numbers.select, numbers.xp
         patience = half_period(self.band, self.sample_time)
         strain, sample, reason = look(numbers, state.strain, readings.strain, True, LIMIT, patience)
-        believed = (reason == int(Reason.FOUND)) & xp.isfinite(readings.motor)
+        believed = (reason == FOUND) & xp.isfinite(readings.motor)
         normal = self.identifier.advance(numbers, state.normal, select(believed, sample, np.nan), readings.motor)
         belief = _believe(self, numbers, state.belief, normal)
 
