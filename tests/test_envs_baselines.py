@@ -9,6 +9,7 @@ from jshape_envs import Params, move, parameters, reset
 from jshape_envs.baselines import (
     Fixed,
     FixedPayload,
+    FullOracle,
     Hedge,
     Oracle,
     amplitude_aware,
@@ -247,6 +248,16 @@ def test_oracle_regrets_nothing_and_a_fixed_shaper_for_the_right_payload_is_the_
     assert np.all(wrong.regret > fixed.regret + 0.02)
     best = best_of([FixedPayload(single(p), no_hedge(duffing)) for p in (0.6, 0.9, 1.3)], params, episodes=2)
     assert float(best.payload) == pytest.approx(0.9)
+
+
+@pytest.mark.slow
+def test_an_oracle_that_sees_the_vibration_leaves_none_where_the_other_one_lets_it_grow():
+    hard = parameters("DuffingPayload", "hard")
+    plain, full = (evaluate(policy, hard, episodes=8, seeds=2) for policy in (Oracle(), FullOracle()))
+    assert np.all(full.residual < 1e-4)
+    assert np.all(plain.residual > 0.1)
+    # From rest, moves cost what the table says, and nobody who leaves next to nothing pays much less.
+    np.testing.assert_allclose(full.regret, 0.0, atol=5e-4)
 
 
 def test_what_does_not_apply_is_refused(duffing, link):

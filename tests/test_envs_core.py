@@ -153,6 +153,13 @@ def test_params_are_vmapped_over_and_everything_stays_in_single_precision(duffin
         assert leaf.dtype != jnp.float64
 
 
+@pytest.mark.parametrize("name", list(ENVIRONMENTS))
+def test_a_machines_plant_has_its_own_precision(name):
+    params = parameters(name)
+    plant = params.machine.plant(params.payload[0], jnp.zeros((), jnp.int32))
+    assert plant.rest_state(plant.zero_inputs()).dtype == params.period.dtype == jnp.float32
+
+
 def test_payload_changes_as_often_as_asked_and_moves_stay_on_the_track(duffing):
     params = eqx.tree_at(lambda p: p.change_rate, duffing, jnp.asarray(0.25, jnp.float32))
 

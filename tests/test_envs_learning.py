@@ -289,5 +289,17 @@ def test_the_adapter_gives_stable_baselines3_what_the_environments_give(params):
         np.testing.assert_allclose(told["episode"]["r"], total[lane] / 3, rtol=1e-6)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["ppo", "jax-ppo", "sac", "jax-sac"])
+def test_recipes_for_other_trainers_run_and_are_judged(params, name):
+    pytest.importorskip("stable_baselines3")
+    pytest.importorskip("sbx")
+    from experiments.learning.trainers import RECIPES, run
+
+    found = run(RECIPES[name]._replace(moves=4_096), params, seed=0)
+    assert found["moves"][-1] >= 4_096
+    assert np.all(np.isfinite(found["reward"]))
+
+
 def test_sizes_are_told_by_name(params):
     assert sizes_of(params) == Sizes(observation=20, sensed=16, action=3)

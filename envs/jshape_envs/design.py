@@ -1,6 +1,7 @@
 """The oracle's table, designed: for every payload and move the cheapest positive shaper that leaves next to nothing."""
 
 import functools
+from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
@@ -23,6 +24,9 @@ _SCALES = (0.35, 0.5, 0.7, 0.85, 1.0, 1.15)
 STRICTNESS = 10.0
 """How much dearer residual energy counts in the search than in a move's cost. What one move leaves, the next ones keep,
 and a hardening spring makes it grow: the shaper that is cheapest for one move alone is not the cheapest for many."""
+
+_LEAST = 1e-4
+"""Least amplitude, and least gap over the duration, that a search begins with: their logarithms are searched."""
 
 IDLE = 1e-3
 """An amplitude that hardly anything depends on: whatever it excites, a millionth of the bare move's energy."""
@@ -72,30 +76,44 @@ def _design(
     state = plant.rest_state(plant.zero_inputs())
     reference = greatest_energy(plant, command, steps)
 
-    def shaper(z: Array) -> Shaper:
-        logits, gaps = jnp.split(z, 2)
-        zero = jnp.zeros_like(z[:1])
-        times = jnp.concatenate([zero, jnp.cumsum(jnp.exp(gaps))])
-        return Shaper(jax.nn.softmax(jnp.concatenate([zero, logits])), times)
-
     def cost(trial: Shaper, strictness: float) -> Scalar:
         _, energy = run_move(plant, plan_move(plant, command, trial, jnp.zeros_like(size)), state, steps)
         return strictness * weights[0] * energy / reference + weights[1] * trial.duration / period
 
     def search(scale: Scalar) -> tuple[Array, Scalar]:
         parts = [zv(omega / scale) for omega in jnp.atleast_1d(plant.natural_frequency())]
-        linear = functools.reduce(Shaper.convolve, parts)
-        begin = jnp.concatenate(
-            [jnp.log(linear.amplitudes[1:] / linear.amplitudes[0]), jnp.log(jnp.diff(linear.times))]
-        )
-        solver = optx.BFGS(rtol=1e-8, atol=1e-8)
-        strict = lambda z, strictness: cost(shaper(z), strictness)
-        found = optx.minimise(strict, solver, begin, STRICTNESS, max_steps=80, throw=False)
-        return found.value, strict(found.value, STRICTNESS)
+        return cheapest(lambda trial: cost(trial, STRICTNESS), functools.reduce(Shaper.convolve, parts), 80)
 
     points, costs = jax.vmap(search)(jnp.asarray(_SCALES, size.dtype))
-    chosen = _tidied(shaper(points[jnp.nanargmin(costs)]))
+    chosen = _tidied(_shaper(points[jnp.nanargmin(costs)]))
     return chosen.amplitudes, chosen.times, reference / size**2, cost(chosen, 1.0)
+
+
+def cheapest(cost: Callable[[Shaper], Scalar], begin: Shaper, most: int) -> tuple[Float[Array, " point"], Scalar]:
+    """The positive shaper of least cost near ``begin``, as a point for ``_shaper``, and its cost: BFGS (optimistix), at
+    most so many steps."""
+    ratios = jnp.maximum(begin.amplitudes, _LEAST) / jnp.maximum(begin.amplitudes[0], _LEAST)
+    gaps = jnp.maximum(jnp.diff(begin.times), _LEAST * begin.duration)
+    point = jnp.concatenate([jnp.log(ratios[1:]), jnp.log(gaps)])
+    price = lambda point, _: cost(_shaper(point))
+    found = optx.minimise(price, optx.BFGS(rtol=1e-8, atol=1e-8), point, max_steps=most, throw=False)
+    return found.value, price(found.value, None)
+
+
+def retuned(begin: Shaper, cost: Callable[[Shaper], Scalar], most: int) -> Shaper:
+    """The positive shaper of least cost near ``begin``, in at most so many steps of BFGS; ``begin`` if none is
+    cheaper."""
+    point, price = cheapest(cost, begin, most)
+    better = price < cost(begin)
+    return jax.tree.map(lambda new, old: jnp.where(better, new, old), _shaper(point), begin)
+
+
+def _shaper(point: Float[Array, " point"]) -> Shaper:
+    """Any point is a valid shaper: logarithms of the amplitudes over the first one's, then of the gaps in s."""
+    logits, gaps = jnp.split(point, 2)
+    zero = jnp.zeros_like(point[:1])
+    times = jnp.concatenate([zero, jnp.cumsum(jnp.exp(gaps))])
+    return Shaper(jax.nn.softmax(jnp.concatenate([zero, logits])), times)
 
 
 def _tidied(shaper: Shaper) -> Shaper:

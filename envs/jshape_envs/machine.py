@@ -186,8 +186,10 @@ class HoistingMachine(AbstractMachine):
         hook = jnp.where(hoisting, self.low, self.high)
         way = jnp.where(hoisting, self.high - self.low, self.low - self.high)
         hoist = js.Trapezoid(way, self.hoist_speed, self.hoist_acceleration)
+        # Every leaf of the machine's own type: one of double precision would make all that is computed double.
         one = jnp.ones_like(self.low)
-        return HoistingCrane(hook + payload, hoist, payload_mass=one, gravity=9.81 * one, damping=self.damping)
+        trolley = js.plants.Trolley(mass=one, damping=0.0 * one)
+        return HoistingCrane(hook + payload, hoist, one, 9.81 * one, self.damping, trolley)
 
     def command(self, distance: Scalar) -> AbstractCommand:
         return self.profile(distance)

@@ -5,8 +5,8 @@
 "Fixed" is one payload, assumed once and for all: the linear shaper (ZV or ZVD of one frequency, whatever the move's
 size) and the energy shaper (which knows the size; the oracle's own shaper for the assumed payload and, for a mass on a
 spring, the closed forms with one and two rests) that cost least on average. The linear oracle knows the payload but has
-one frequency for it whatever the size; the nonlinear oracle is the environment's own. Each choice is made on other
-episodes than those it is judged on. Intervals: 95 %, over episodes.
+one frequency for it whatever the size; the nonlinear oracle knows payload and state (``FullOracle``). Each choice is
+made on other episodes than those it is judged on. Intervals: 95 %, over episodes.
 """
 
 import json
@@ -23,6 +23,7 @@ import numpy as np
 jax.config.update("jax_enable_x64", True)
 
 from jshape_envs import ENVIRONMENTS, Params, move, parameters, reset  # noqa: E402
+from jshape_envs.baselines import FullOracle  # noqa: E402
 from jshape_envs.oracle import ShaperTable  # noqa: E402
 
 import jshape as js  # noqa: E402
@@ -115,8 +116,7 @@ def unshaped(state, params: Params, candidate) -> js.Shaper:
 
 
 def nonlinear(state, params: Params, candidate) -> js.Shaper:
-    case = params.machine.case(state.distance, state.moves)
-    return params.oracle.shaper(state.payload, jnp.abs(state.distance), case)
+    return FullOracle().choose((), params.payload, params, state)[0]
 
 
 def fixed_linear(kind: str) -> Policy:

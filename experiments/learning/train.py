@@ -5,7 +5,7 @@
     python -m experiments.learning.train DuffingPayload --seeds 1
 
 What is done is kept, in ``learning.json`` and in checkpoints under ``out/learning``; interrupted, it goes on there.
-PPO's side is made by ``experiments.learning.ppo``. Everything is judged on episodes that no training sees.
+PPO's side is made by ``experiments.learning.trainers``. Everything is judged on episodes that no training sees.
 
 Policies that know the payload are trained, as the oracle is searched for, with residual energy ``STRICTNESS`` times as
 dear as the environment has it, so that they may be held against the oracle by what they leave.
@@ -136,6 +136,8 @@ def report() -> None:
             lines.append(f"| {name}, {context} | {cells} | {left} | {100 * row['recovered']:.1f} % |")
     lines += [
         "",
+        *other_trainers(),
+        "",
         "Mean over seeds, least and greatest in brackets. Processor time: of all cores, compilation included.",
         "Residuals: of the same episodes. The oracle's shapers are for rest; moves begin with what the last one left.",
     ]
@@ -145,7 +147,22 @@ def report() -> None:
         figure, axes = plt.subplots(1, len(names), figsize=(2.4 * len(names) + 0.6, 2.2), squeeze=False)
         for ax, name in zip(axes[0], names, strict=True):
             draw(ax, name, rows(record, name), rows(ppo, name))
+        handles = dict(zip(*reversed(axes[0, 0].get_legend_handles_labels()), strict=True))
+        figure.legend(handles.values(), handles.keys(), loc="outside upper center", ncols=len(handles))
         figure.savefig(HERE / "learning.svg", metadata={"Date": None})
+
+
+def other_trainers() -> list[str]:
+    """What ``experiments.learning.trainers`` has made besides PPO on all environments, a line for each."""
+    lines = ["| other trainers | moves | reward | processor time, s |", "| --- | --- | --- | --- |"]
+    for path in sorted(HERE.glob("*sac.json")) + sorted(HERE.glob("jax-ppo.json")):
+        record = read(path)
+        for name in sorted({key.rpartition(" ")[0] for key in record}):
+            runs = rows(record, name)
+            words = spread([r["reward"][-1] for r in runs])
+            spent = np.mean([r["processor_seconds"] for r in runs])
+            lines.append(f"| {path.stem}, {name} | {runs[0]['moves'][-1]:,} | {words} | {spent:.0f} |")
+    return lines
 
 
 def rows(record: dict[str, Any], name: str) -> list[dict[str, Any]]:
@@ -172,8 +189,6 @@ def draw(ax: Any, name: str, mine: list[dict[str, Any]], others: list[dict[str, 
     ax.set_title(name)
     ax.set_xlabel("moves")
     ax.set_ylabel("mean reward of a move")
-    handles = dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True))
-    ax.legend(handles.values(), handles.keys())
 
 
 if __name__ == "__main__":

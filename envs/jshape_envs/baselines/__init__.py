@@ -16,7 +16,7 @@ import numpy as np
 from jshape import _check
 from jshape.plants import AbstractOscillator
 from jshape_envs.baselines.amplitude_aware import AmplitudeAware, amplitude_aware
-from jshape_envs.baselines.believed import FixedPayload, Hedge, Oracle, hedges
+from jshape_envs.baselines.believed import FixedPayload, FullOracle, Hedge, Oracle, hedges
 from jshape_envs.baselines.best import best_of, mean_rewards, scales
 from jshape_envs.baselines.direct import DirectAdaptive, FrequencyTracker, direct_adaptive, frequency_tracker
 from jshape_envs.baselines.fixed import Fixed, FixedEnergy, fixed_energy, fixed_linear
@@ -33,6 +33,7 @@ __all__ = [
     "FixedEnergy",
     "FixedPayload",
     "FrequencyTracker",
+    "FullOracle",
     "Hedge",
     "ModelBased",
     "Oracle",
@@ -115,10 +116,12 @@ BASELINES: dict[str, Callable[[Params], AbstractPolicy]] = {
     "amplitude-aware": lambda params: _hedged(amplitude_aware(params), params),
     "model-bank": lambda params: _hedged(model_based(params), params),
     "oracle": lambda params: Oracle(),
+    "full-oracle": lambda params: FullOracle(),
 }
 """What each name stands for. Fixed: ``zv``, ``zvd``, ``ei`` for the middle payload at rest; ``best-fixed``, the best
 of them at any frequency and damping; ``energy``, the three-impulse energy shaper for the middle payload and the move's
 size; ``best-energy``, the best of the energy shapers and the oracle's own, hedged, for any one payload. Adaptive:
 ``i-d``, ``i-d-e``, the paper's; ``i-d-e-scaled``, with the best factor between the measured frequency and the shaper's;
 ``tracker``, a fit of sines, the best factor and kind of shaper; ``amplitude-aware`` and ``model-bank``, which know the
-plant's model, with the hedge that serves them best. And ``oracle``, which knows the payload."""
+plant's model, with the hedge that serves them best. And two that know the truth: ``oracle`` the payload, with shapers
+for rest; ``full-oracle`` the plant's state, too."""
