@@ -22,7 +22,7 @@ from jshape_envs.evaluate import (
     summary,
     survival,
 )
-from jshape_envs.policy import GRUPolicy, rollout, save_policy, sizes_of
+from jshape_envs.policy import GRUPolicy, load_policy, rollout, save_policy, sizes_of
 from typer.testing import CliRunner
 
 from jshape.cli.evaluate import evaluate as command
@@ -125,7 +125,7 @@ def invoke(*arguments: str):
 def test_command_writes_what_evaluate_finds(tmp_path):
     out = tmp_path / "out"
     small = ("--episodes", "2", "--seeds", "2", "--out", str(out))
-    done = invoke("DuffingPayload", "--policy", "zvd", "--policy", "ei", *small)
+    done = invoke("DuffingPayload", "--policy", "zvd", "--policy", "ei", "--policy", "trained", *small)
     assert done.exit_code == 0, done.output
     assert {p.name for p in out.iterdir()} == {"results.json", "regret.png", "regret.pdf"}
     assert "regret" in done.output
@@ -134,6 +134,8 @@ def test_command_writes_what_evaluate_finds(tmp_path):
     found = summary(evaluate(fixed_linear(params, "zvd"), params, episodes=2, seeds=2))
     np.testing.assert_allclose(record["policies"]["zvd"]["regret"], found["regret"], rtol=1e-4)
     assert record["policies"]["ei"]["regret"][0] != record["policies"]["zvd"]["regret"][0]
+    found = summary(evaluate(load_policy("DuffingPayload"), params, episodes=2, seeds=2))
+    np.testing.assert_allclose(record["policies"]["trained"]["regret"], found["regret"], rtol=1e-3, atol=1e-5)
 
 
 @pytest.mark.parametrize(
@@ -143,6 +145,7 @@ def test_command_writes_what_evaluate_finds(tmp_path):
         (("DuffingPayload", "--preset", "soft"), "preset"),
         (("DuffingPayload", "--policy", "pid"), "baseline must be one of"),
         (("DuffingPayload", "--policy", "none.npz"), "there is no policy"),
+        (("DuffingPayload", "--context", "noisy", "--policy", "trained"), "no trained policy"),
         (("DuffingPayload", "--seeds", "0"), "--seeds"),
     ],
 )

@@ -188,6 +188,12 @@ def load_policy(name: str | Path, preset: str = "paper", context: str = "hidden"
         raise ValueError(f"name: {path} holds no policy ({error})") from None
 
 
+def shipped_policy(name: str, preset: str = "paper", context: str = "hidden") -> Path | None:
+    """The file of the policy that comes with the package for an environment, if there is one."""
+    path = POLICIES / f"{name} {preset} {context}.npz"
+    return path if path.exists() else None
+
+
 def _weight(found: dict[str, np.ndarray], at: Any, blank: Any) -> Any:
     """The weight at a place in the policy; what is no array stays as it is."""
     if not isinstance(blank, jax.ShapeDtypeStruct):

@@ -21,7 +21,7 @@ jax.config.update("jax_enable_x64", True)
 from jshape_envs import ENVIRONMENTS, parameters  # noqa: E402
 from jshape_envs.baselines import applicable  # noqa: E402
 from jshape_envs.evaluate import evaluate, named_policy, summary  # noqa: E402
-from jshape_envs.policy import POLICIES  # noqa: E402
+from jshape_envs.policy import shipped_policy  # noqa: E402
 
 HERE = Path(__file__).parent
 RECORD = HERE / "leaderboard.json"
@@ -33,7 +33,7 @@ Written by `python -m experiments.learning.leaderboard`: hidden payload, {episod
 {seeds} seeds, the same for every policy. Interquartile means over the seeds, 95 % intervals (bootstrap) in brackets.
 *Residual*: energy left over the greatest of the bare move; *recovered*: moves until one leaves less than 5 % after the
 payload has changed, and the changes in which one of the first two does; *regret*: cost of a move beyond the oracle's
-from rest. The oracle itself pays some, because what one move leaves the next begins with.
+from rest. The oracle itself pays some, because what one move leaves the next begins with; the full oracle sees that.
 """
 
 
@@ -49,8 +49,8 @@ def main() -> None:
 
 
 def judge(name: str, preset: str, again: list[str]) -> None:
-    params, trained = parameters(name, preset), POLICIES / f"{name} paper hidden.npz"
-    for policy in [*applicable(params), *(["trained"] if trained.exists() else [])]:
+    params, trained = parameters(name, preset), shipped_policy(name)
+    for policy in [*applicable(params), *(["trained"] if trained else [])]:
         if policy in read().get(f"{name} {preset}", {}) and policy not in again:
             continue
         begin = time.process_time()
@@ -91,7 +91,8 @@ def verdict(rows: dict[str, Any]) -> str:
     """Whether the trained policy beats every baseline, by intervals that do not overlap."""
     if "trained" not in rows:
         return ""
-    others = {policy: row["regret"] for policy, row in rows.items() if policy not in ("trained", "oracle")}
+    apart = ("trained", "oracle", "full-oracle")
+    others = {policy: row["regret"] for policy, row in rows.items() if policy not in apart}
     trained, best = rows["trained"]["regret"], min(others, key=lambda policy: others[policy][0])
     words = "as good as" if trained[1] <= others[best][2] and others[best][1] <= trained[2] else "worse than"
     words = "better than" if trained[2] < others[best][1] else words

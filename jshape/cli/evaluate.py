@@ -30,7 +30,10 @@ def evaluate(
     context: Annotated[str, typer.Option(help="Is the payload hidden, observed or noisy?")] = "hidden",
     policy: Annotated[
         list[str],
-        typer.Option(help="A baseline's name or a policy's file (.npz); several times. All baselines unless given."),
+        typer.Option(
+            help="A baseline's name, 'trained' (the policy that comes with jshape) or a policy's file (.npz); several "
+            "times. All baselines and the trained policy unless given."
+        ),
     ] = [],  # noqa: B006
     episodes: Annotated[int, typer.Option(help="Of 64 moves, for each seed.")] = 64,
     seeds: Annotated[int, typer.Option(help="Sets of episodes, which the intervals are over.")] = 5,
@@ -42,6 +45,7 @@ def evaluate(
         from jshape_envs.baselines import applicable
         from jshape_envs.evaluate import evaluate, named_policy, summary
         from jshape_envs.parameters import parameters
+        from jshape_envs.policy import shipped_policy
 
         from jshape import _check
         from jshape._folder import check_writable
@@ -53,12 +57,16 @@ def evaluate(
         _check.count(seeds, "--seeds")
         params = parameters(environment, preset, context=context)
         chosen = dict(environment=environment, preset=preset, context=context, episodes=episodes, seeds=seeds)
-        names = list(dict.fromkeys(policy)) or applicable(params)
+        shipped = shipped_policy(environment, context=context)
+        files = {"trained": str(shipped)} if shipped else {}
+        names = list(dict.fromkeys(policy)) or [*applicable(params), *files]
+        if "trained" in names and not shipped:
+            raise ValueError(f"--policy: no trained policy comes with jshape for {environment}, payload {context}")
         found: dict[str, dict[str, Interval]] = {}
         with progress() as (step, tell):
             for done, name in enumerate(names):
                 tell(name, done, len(names), float("inf"))
-                found[name] = summary(evaluate(named_policy(name, params), params, episodes, seeds))
+                found[name] = summary(evaluate(named_policy(files.get(name, name), params), params, episodes, seeds))
                 # What is judged is kept, whatever happens to the others.
                 write(chosen, found, folder)
             step("figure")
