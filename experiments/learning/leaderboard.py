@@ -45,6 +45,8 @@ def main() -> None:
     for name in chosen.names:
         for preset in ENVIRONMENTS[name].presets:
             judge(name, preset, chosen.again)
+            # Too many programs would not fit into the system's table of memory maps.
+            jax.clear_caches()
             (HERE / "leaderboard.md").write_text(table(read()), encoding="utf-8")
 
 

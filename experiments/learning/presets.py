@@ -6,7 +6,8 @@
 size) and the energy shaper (which knows the size; the oracle's own shaper for the assumed payload and, for a mass on a
 spring, the closed forms with one and two rests) that cost least on average. The linear oracle knows the payload but has
 one frequency for it whatever the size; the nonlinear oracle knows payload and state (``FullOracle``). Each choice is
-made on other episodes than those it is judged on. Intervals: 95 %, over episodes.
+made on other episodes than those it is judged on. Intervals: 95 %, over episodes. What is done is kept in presets.json:
+interrupted, it goes on from there.
 """
 
 import json
@@ -29,6 +30,7 @@ from jshape_envs.oracle import ShaperTable  # noqa: E402
 import jshape as js  # noqa: E402
 from jshape.plants import AbstractOscillator  # noqa: E402
 
+RECORD = Path(__file__).with_suffix(".json")
 EPISODES, MOVES = 256, 32
 TRIALS = 32
 SCALES = np.geomspace(0.75, 1.9, 16)
@@ -39,15 +41,17 @@ Policy = Callable[..., js.Shaper]
 
 
 def main(names: list[str]) -> None:
-    here = Path(__file__).parent
-    record = {}
     for name in names or list(ENVIRONMENTS):
         for preset in ENVIRONMENTS[name].presets:
+            record = json.loads(RECORD.read_text(encoding="utf-8")) if RECORD.exists() else {}
+            if f"{name} {preset}" in record:
+                continue
             record[f"{name} {preset}"] = row = judge(parameters(name, preset))
+            RECORD.write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
+            RECORD.with_suffix(".md").write_text(table(record), encoding="utf-8")
             print(name, preset, {k: (round(v["cost"], 4), round(v["residual"], 4)) for k, v in row.items()}, flush=True)
-    if not names:
-        (here / "presets.json").write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
-        (here / "presets.md").write_text(table(record), encoding="utf-8")
+            # The programs of sixteen presets would not fit into the system's table of memory maps.
+            jax.clear_caches()
 
 
 def judge(params: Params) -> dict[str, dict[str, Any]]:
