@@ -58,9 +58,11 @@ def _fence(states: int) -> AbstractContextManager:
     """Around a stage of a plant with many states: that XLA neither merges it with the next one nor repeats it there.
 
     On four and eight states this halves the time to compile a gradient and takes a third off its run (measured with
-    jax 0.10 on a processor); on two, where a stage is a handful of operations, merging is what makes it fast.
+    jax 0.10 on a processor); on two, where a stage is a handful of operations, merging is what makes it fast, and so it
+    is on a card, where every stage apart would be a program of its own to launch.
     """
-    return set_xla_metadata(inlineable="false") if states > 2 else nullcontext()
+    fenced = states > 2 and jax.default_backend() == "cpu"
+    return set_xla_metadata(inlineable="false") if fenced else nullcontext()
 
 
 def _moved(weights: np.ndarray, slopes: list[list[Array]], component: int, step: Scalar) -> Array:
