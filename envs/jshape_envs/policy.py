@@ -30,9 +30,10 @@ FORMAT = "jshape-policy"
 class AbstractPolicy(eqx.Module):
     """How the shaper of the next move is chosen from what was observed."""
 
-    @abc.abstractmethod
     def start(self, params: Params) -> Any:
-        """The memory at the beginning of an episode, a pytree of arrays."""
+        """The memory at the beginning of an episode, a pytree of arrays; none unless a policy has one."""
+        del params
+        return ()
 
     @abc.abstractmethod
     def choose(

@@ -1,4 +1,4 @@
-"""Shapers tuned for a payload that is assumed, estimated or known: what policies with a belief share, and the oracle.
+"""Shapers tuned for a payload that is assumed or estimated: what policies with a belief share.
 
 For the payload that is believed the shaper is the one that the oracle has for it, hedged against what is not known. So
 these policies differ in what they believe, not in what they make of it.
@@ -7,16 +7,13 @@ these policies differ in what they believe, not in what they make of it.
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from jshape import Shaper
 from jshape._types import Scalar
 from jshape_envs.baselines.seen import no_action, seen
-from jshape_envs.core import LOST, EnvState, Params, bare_energy_and_oracle_cost
-from jshape_envs.design import STRICTNESS, retuned
-from jshape_envs.physics import plan_move, run_move
+from jshape_envs.core import EnvState, Params
 from jshape_envs.policy import AbstractPolicy
 
 
@@ -74,52 +71,3 @@ class FixedPayload(AbstractPolicy):
         del state
         shaper = tuned_shaper(params, self.payload, seen(observation, params).distance, memory)
         return self.hedge.shaper(shaper), no_action(params), memory + 1
-
-
-class Oracle(AbstractPolicy):
-    """The shaper tuned for the true payload, which it reads from the true state: what nobody else may.
-
-    It takes every move to begin at rest. Where the moves before leave a vibration, ``FullOracle`` does better.
-    """
-
-    def start(self, params: Params) -> tuple[()]:
-        del params
-        return ()
-
-    def choose(
-        self, memory: tuple[()], observation: Float[Array, " observation"], params: Params, state: EnvState
-    ) -> tuple[Shaper, Float[Array, " size"], tuple[()]]:
-        del observation
-        return tuned_shaper(params, state.payload, state.distance, state.moves), no_action(params), memory
-
-
-class FullOracle(AbstractPolicy):
-    """The oracle's shaper, tuned anew for the vibration with which the move begins: it reads payload and state.
-
-    Least is, as in the search for the oracle's table, the move's cost with residual energy ``STRICTNESS`` times as
-    dear, in at most ``steps`` steps of BFGS.
-    """
-
-    steps: int = eqx.field(static=True, default=30)
-
-    def start(self, params: Params) -> tuple[()]:
-        del params
-        return ()
-
-    def choose(
-        self, memory: tuple[()], observation: Float[Array, " observation"], params: Params, state: EnvState
-    ) -> tuple[Shaper, Float[Array, " size"], tuple[()]]:
-        del observation
-        machine = params.machine
-        plant, command = machine.plant(state.payload, state.moves), machine.command(state.distance)
-        begin = machine.taken_over(state.plant, plant)
-        reference, _ = bare_energy_and_oracle_cost(state, params)
-
-        def cost(shaper: Shaper) -> Scalar:
-            plan = plan_move(plant, command, shaper, state.position)
-            _, energy = run_move(plant, plan, begin, params.steps)
-            residual = jnp.where(jnp.isfinite(energy), jnp.minimum(energy / reference, LOST), LOST)
-            return STRICTNESS * params.energy_weight * residual + params.time_weight * shaper.duration / params.period
-
-        shaper = retuned(tuned_shaper(params, state.payload, state.distance, state.moves), cost, self.steps)
-        return shaper, no_action(params), memory

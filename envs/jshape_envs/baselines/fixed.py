@@ -24,10 +24,6 @@ class Fixed(AbstractPolicy):
 
     shaper: Shaper
 
-    def start(self, params: Params) -> tuple[()]:
-        del params
-        return ()
-
     def choose(
         self, memory: tuple[()], observation: Float[Array, " observation"], params: Params, state: EnvState
     ) -> tuple[Shaper, Float[Array, " size"], tuple[()]]:
@@ -55,10 +51,6 @@ class FixedEnergy(AbstractPolicy):
 
     amplitudes: Float[Array, "sizes impulses"]
     times: Float[Array, "sizes impulses"]
-
-    def start(self, params: Params) -> tuple[()]:
-        del params
-        return ()
 
     def choose(
         self, memory: tuple[()], observation: Float[Array, " observation"], params: Params, state: EnvState
