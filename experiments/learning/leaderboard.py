@@ -8,8 +8,6 @@ What is done is kept in leaderboard.json: interrupted, it goes on from there; ``
 """
 
 import argparse
-import json
-import os
 import time
 from pathlib import Path
 from typing import Any
@@ -22,6 +20,8 @@ from jshape_envs import ENVIRONMENTS, parameters  # noqa: E402
 from jshape_envs.baselines import applicable  # noqa: E402
 from jshape_envs.evaluate import evaluate, named_policy, summary  # noqa: E402
 from jshape_envs.policy import shipped_policy  # noqa: E402
+
+from experiments.learning.record import keep, read  # noqa: E402
 
 HERE = Path(__file__).parent
 RECORD = HERE / "leaderboard.json"
@@ -47,30 +47,22 @@ def main() -> None:
             judge(name, preset, chosen.again)
             # Too many programs would not fit into the system's table of memory maps.
             jax.clear_caches()
-            (HERE / "leaderboard.md").write_text(table(read()), encoding="utf-8")
+            (HERE / "leaderboard.md").write_text(table(read(RECORD)), encoding="utf-8")
 
 
 def judge(name: str, preset: str, again: list[str]) -> None:
     params, trained = parameters(name, preset), shipped_policy(name)
     for policy in [*applicable(params), *(["trained"] if trained else [])]:
-        if policy in read().get(f"{name} {preset}", {}) and policy not in again:
+        if policy in read(RECORD).get(f"{name} {preset}", {}) and policy not in again:
             continue
         begin = time.process_time()
         made = named_policy(str(trained) if policy == "trained" else policy, params)
         row = {key: list(value) for key, value in summary(evaluate(made, params, EPISODES, SEEDS)).items()}
-        # Read again: another process may have judged a policy meanwhile.
-        record = read()
-        record.setdefault(f"{name} {preset}", {})[policy] = row
-        partial = RECORD.with_suffix(".partial")
-        partial.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
-        os.replace(partial, RECORD)
+        rows = read(RECORD).get(f"{name} {preset}", {})
+        keep(RECORD, f"{name} {preset}", rows | {policy: row})
         print(
             f"{name} {preset} {policy}: regret {row['regret'][0]:.4f}, {time.process_time() - begin:.0f} s", flush=True
         )
-
-
-def read() -> dict[str, Any]:
-    return json.loads(RECORD.read_text(encoding="utf-8")) if RECORD.exists() else {}
 
 
 def table(record: dict[str, Any]) -> str:

@@ -10,7 +10,6 @@ made on other episodes than those it is judged on. Intervals: 95 %, over episode
 interrupted, it goes on from there.
 """
 
-import json
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -28,6 +27,7 @@ from jshape_envs.baselines import FullOracle  # noqa: E402
 from jshape_envs.oracle import ShaperTable  # noqa: E402
 
 import jshape as js  # noqa: E402
+from experiments.learning.record import keep, read  # noqa: E402
 from jshape.plants import AbstractOscillator  # noqa: E402
 
 RECORD = Path(__file__).with_suffix(".json")
@@ -43,12 +43,11 @@ Policy = Callable[..., js.Shaper]
 def main(names: list[str]) -> None:
     for name in names or list(ENVIRONMENTS):
         for preset in ENVIRONMENTS[name].presets:
-            record = json.loads(RECORD.read_text(encoding="utf-8")) if RECORD.exists() else {}
-            if f"{name} {preset}" in record:
+            if f"{name} {preset}" in read(RECORD):
                 continue
-            record[f"{name} {preset}"] = row = judge(parameters(name, preset))
-            RECORD.write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
-            RECORD.with_suffix(".md").write_text(table(record), encoding="utf-8")
+            row = judge(parameters(name, preset))
+            keep(RECORD, f"{name} {preset}", row, indent=2)
+            RECORD.with_suffix(".md").write_text(table(read(RECORD)), encoding="utf-8")
             print(name, preset, {k: (round(v["cost"], 4), round(v["residual"], 4)) for k, v in row.items()}, flush=True)
             # The programs of sixteen presets would not fit into the system's table of memory maps.
             jax.clear_caches()

@@ -12,8 +12,6 @@ dear as the environment has it, so that they may be held against the oracle by w
 """
 
 import argparse
-import json
-import os
 import time
 from pathlib import Path
 from typing import Any
@@ -29,6 +27,7 @@ from jshape_envs.design import STRICTNESS
 from jshape_envs.evaluate import evaluate
 from jshape_envs.policy import POLICIES, load_policy, save_policy
 
+from experiments.learning.record import keep, read
 from jshape.plot import COLOURS, STYLE
 
 HERE = Path(__file__).parent
@@ -55,7 +54,7 @@ def main() -> None:
         for name in chosen.names:
             for seed in range(chosen.seeds):
                 if f"{name} {seed}" not in read(RECORD):
-                    keep(f"{name} {seed}", curve(name, seed))
+                    done(f"{name} {seed}", curve(name, seed))
     report()
 
 
@@ -63,7 +62,7 @@ def ship(name: str, context: str) -> None:
     """The policy that comes with the package, unless it is there already."""
     path, params = POLICIES / f"{name} paper {context}.npz", parameters(name, context=context)
     if (oracle := f"oracle of {name}") not in read(RECORD):
-        keep(oracle, judged(Oracle(), params))
+        done(oracle, judged(Oracle(), params))
     key, begin = f"{name} {context} shipped", time.process_time()
     if path.exists() and key in read(RECORD):
         return
@@ -71,7 +70,7 @@ def ship(name: str, context: str) -> None:
     found = train(price, SHIP, checkpoint=CHECKPOINTS / f"{key}.npz", progress=tell(key))
     made = SHIP.updates * SHIP.batch
     save_policy(found.policy, path, dict(environment=name, preset="paper", context=context, action="modal", moves=made))
-    keep(key, {"moves": made, "processor_seconds": time.process_time() - begin, **judged(load_policy(path), params)})
+    done(key, {"moves": made, "processor_seconds": time.process_time() - begin, **judged(load_policy(path), params)})
 
 
 def strict(params: Params) -> Params:
@@ -102,15 +101,8 @@ def tell(what: str) -> Any:
     return progress
 
 
-def read(path: Path) -> dict[str, Any]:
-    return json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
-
-
-def keep(key: str, row: dict[str, Any]) -> None:
-    record = read(RECORD) | {key: row}
-    partial = RECORD.with_suffix(".partial")
-    partial.write_text(json.dumps(record) + "\n", encoding="utf-8")
-    os.replace(partial, RECORD)
+def done(key: str, row: dict[str, Any]) -> None:
+    keep(RECORD, key, row, indent=None)
     print(key, {k: v for k, v in row.items() if k != "history"}, flush=True)
 
 

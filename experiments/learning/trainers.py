@@ -11,8 +11,6 @@ episodes of 64 moves that no training sees. What is done is kept: a run that sta
 
 import argparse
 import importlib
-import json
-import os
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -23,6 +21,8 @@ from jshape_envs import ENVIRONMENTS, Params, parameters
 from jshape_envs.sb3 import MoveVecEnv
 from stable_baselines3.common.callbacks import BaseCallback  # pyright: ignore[reportMissingImports]
 from stable_baselines3.common.vec_env import VecFrameStack  # pyright: ignore[reportMissingImports]
+
+from experiments.learning.record import keep, read
 
 HERE = Path(__file__).parent
 STACK, EPISODES, HORIZON = 8, 128, 64
@@ -124,15 +124,7 @@ def main() -> None:
                 continue
             print(f"{chosen.recipe}, {name}, seed {seed}", flush=True)
             found = run(RECIPES[chosen.recipe], parameters(name), seed)
-            # Read again: another process may have added a run meanwhile.
-            record = read(path) | {f"{name} {seed}": found}
-            partial = path.with_suffix(".partial")
-            partial.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
-            os.replace(partial, path)
-
-
-def read(path: Path) -> dict[str, Any]:
-    return json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+            keep(path, f"{name} {seed}", found)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,19 @@
+"""What has been made so far: rows by their keys in a JSON file, so that an interrupted script goes on from there."""
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+
+def read(path: Path) -> dict[str, Any]:
+    """All rows; none where there is no file yet."""
+    return json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+
+
+def keep(path: Path, key: str, row: Any, indent: int | None = 1) -> None:
+    """Add a row. The file is read again first, since another process may have added one, and is never half written."""
+    record = read(path) | {key: row}
+    partial = path.with_suffix(".partial")
+    partial.write_text(json.dumps(record, indent=indent) + "\n", encoding="utf-8")
+    os.replace(partial, path)
