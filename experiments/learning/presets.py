@@ -141,7 +141,8 @@ def _linear(kind: str, state, params: Params, payload, scale, zeta) -> js.Shaper
 def fixed_energy(table: ShaperTable) -> Policy:
     def policy(state, params: Params, candidate) -> js.Shaper:
         case = params.machine.case(state.distance, state.moves)
-        return table.shaper(*candidate, jnp.abs(state.distance), case)
+        (payload,) = candidate
+        return table.shaper(payload, jnp.abs(state.distance), case)
 
     return policy
 
