@@ -181,3 +181,35 @@ def test_wrong_arguments():
             integrate(*arguments, steps)
     with pytest.raises(ValueError, match="method must be one of"):
         WrittenOut("euler")
+
+
+def jerk(t, y, push):
+    """Position, velocity and acceleration in a chain, a state that grows by itself, and two with the same rate."""
+    position, velocity, acceleration, growth, copy = y
+    return jnp.stack([velocity, acceleration, push - 0.5 * acceleration - position, growth, acceleration + 0 * copy])
+
+
+def test_states_whose_rate_is_a_state():
+    # However rates are chained: diffrax's own constant steps, and jshape's with every stage written out, agree.
+    begin, push = jnp.asarray([0.2, -0.1, 0.4, 1.0, -0.1]), jnp.asarray(0.7)
+    loop = diffrax.diffeqsolve(
+        diffrax.ODETerm(jerk),
+        diffrax.Dopri8(),
+        0.0,
+        2.0,
+        0.25,
+        begin,
+        push,
+        stepsize_controller=diffrax.ConstantStepSize(),
+    )
+    run = lambda begin, push: integrate(jerk, begin, jnp.asarray([2.0]), push[None], 8)[0]
+    np.testing.assert_allclose(run(begin, push), loop.ys[-1], rtol=0, atol=1e-14)
+    assert float(run(begin, push)[1] - begin[1]) == pytest.approx(float(run(begin, push)[4] - begin[4]), abs=1e-15)
+
+
+def test_second_derivatives_of_a_step():
+    # Forward over reverse against central differences of the exact gradient.
+    cost = lambda p: jnp.sum(integrate(duffing, BEGIN * p[0], p[1:], jnp.asarray([0.7, -0.2]), 4)[0] ** 2)
+    gradient, point, width = jax.jit(jax.grad(cost)), jnp.asarray([1.0, 0.5, 0.9]), 1e-5
+    columns = [(gradient(point + width * e) - gradient(point - width * e)) / (2 * width) for e in jnp.eye(3)]
+    np.testing.assert_allclose(jax.hessian(cost)(point), jnp.stack(columns), rtol=0, atol=1e-8)

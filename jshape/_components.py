@@ -1,0 +1,115 @@
+"""A function of a vector as a function of its components.
+
+``x, v = state`` and ``jnp.stack([v, a])`` take numbers apart and join them, and a loop that is written out on
+components takes them apart again; under differentiation every such cut becomes a padded vector. Here a traced function
+runs anew on the components, which stay apart for as long as they are only cut out, joined, turned and reshaped.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.extend import core
+from jaxtyping import Array
+
+
+class Components:
+    """``function(*others, vector)``, a vector too, by components: ``components(captured, *others, parts)``.
+
+    ``others`` and ``vector``: examples. ``captured``: the arrays that the function holds besides its arguments, as
+    arguments, so that it can be differentiated with respect to them. ``same``: which components of the result are
+    components of the vector, untouched.
+    """
+
+    captured: list[Array]
+    same: dict[int, int]
+
+    def __init__(self, function: Callable[..., Array], *others: Array, vector: Array):
+        traced = jax.make_jaxpr(function)(*others, vector)
+        self.captured = traced.consts
+
+        def run(captured, *arguments):
+            *others, parts = arguments
+            (result,) = _run(traced.jaxpr, [*captured, *others, _objects(parts)])
+            return list(_apart(result))
+
+        self._program = jax.make_jaxpr(run)(traced.consts, *others, parts_of(vector))
+        given, results = self._program.jaxpr.invars[-vector.size :], self._program.jaxpr.outvars
+        self.same = {i: given.index(result) for i, result in enumerate(results) if result in given}
+
+    def __call__(self, captured: list[Array], *arguments: Any) -> list[Array]:
+        *others, parts = arguments
+        return core.jaxpr_as_fun(self._program)(*captured, *others, *parts)
+
+
+def parts_of(vector: Array) -> list[Array]:
+    """The components of a vector."""
+    return [jax.lax.index_in_dim(vector, i, keepdims=False) for i in range(len(vector))]
+
+
+def _run(jaxpr: core.Jaxpr, given: list[Any]) -> list[Any]:
+    """The results of a traced program; what is known by component is an array of objects, there and here."""
+    known: dict[Any, Any] = dict(zip([*jaxpr.constvars, *jaxpr.invars], given, strict=True))
+    read = lambda variable: variable.val if isinstance(variable, core.Literal) else known[variable]
+    for equation in jaxpr.eqns:
+        name, parameters = equation.primitive.name, equation.params
+        inputs = list(map(read, equation.invars))
+        components = any(map(_is_apart, inputs))
+        if components and name == "jit":
+            results = _run(parameters["jaxpr"].jaxpr, [*parameters["jaxpr"].consts, *inputs])
+        elif components and name in _MOVES:
+            results = _MOVES[name](*map(_apart, inputs), **parameters)
+        else:
+            with equation.ctx.manager:
+                bound = equation.primitive.get_bind_params(parameters)
+                results = equation.primitive.bind(*map(_joined, inputs), **bound)
+        results = results if isinstance(results, list | tuple) else [results]
+        known.update(zip(equation.outvars, results, strict=True))
+    return list(map(read, jaxpr.outvars))
+
+
+def _objects(parts: list[Any]) -> np.ndarray:
+    kept = np.empty(len(parts), dtype=object)
+    for i, part in enumerate(parts):
+        kept[i] = part
+    return kept
+
+
+def _is_apart(value: Any) -> bool:
+    return isinstance(value, np.ndarray) and value.dtype == object
+
+
+def _apart(value: Any) -> np.ndarray:
+    return value if _is_apart(value) else _objects(parts_of(jnp.ravel(value))).reshape(jnp.shape(value))
+
+
+def _joined(value: Any) -> Any:
+    if not _is_apart(value):
+        return value
+    return jnp.stack(list(value.flat)).reshape(value.shape) if value.ndim else value.item()
+
+
+def _slice(x, start_indices, limit_indices, strides):
+    return x[tuple(map(slice, start_indices, limit_indices, strides or [1] * x.ndim))]
+
+
+def _broadcast(x, shape, broadcast_dimensions, **_):
+    sizes = np.ones(len(shape), dtype=int)
+    sizes[list(broadcast_dimensions)] = x.shape
+    return np.broadcast_to(x.reshape(sizes), shape)
+
+
+_MOVES = {
+    "slice": _slice,
+    "squeeze": lambda x, dimensions: np.asarray(np.squeeze(x, dimensions)),
+    "reshape": lambda x, new_sizes, **_: x.reshape(new_sizes),
+    "broadcast_in_dim": _broadcast,
+    "rev": lambda x, dimensions: np.flip(x, dimensions),
+    "transpose": lambda x, permutation: x.transpose(permutation),
+    "concatenate": lambda *parts, dimension: np.concatenate(parts, dimension),
+    "stack": lambda *parts, axis: np.stack(parts, axis),
+    "split": lambda x, sizes, axis: np.split(x, np.cumsum(sizes)[:-1], axis),
+}
+"""The operations that move numbers and change none, on arrays of any kind."""

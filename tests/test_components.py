@@ -1,0 +1,84 @@
+"""A function run on the components of its vector: the same numbers, the same derivatives, and what it only hands on."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jshape._components import Components
+
+STATE = jnp.asarray([0.3, -0.7, 1.1, 0.4])
+OMEGA = jnp.asarray([4.0, 6.0])
+
+
+def by_index(t, y):
+    return jnp.stack([y[2], y[-1], jnp.sin(y[0]) * t, -(y[1] ** 3)])
+
+
+def by_halves(t, y):
+    q, v = y[:2], y[2:]
+    return jnp.concatenate([v, OMEGA**2 * (t - q) - v])
+
+
+def by_split(t, y):
+    q, v = jnp.split(y, 2)
+    return jnp.concatenate([v[::-1], t * q])
+
+
+def in_a_function(t, y):
+    return jnp.concatenate([jax.jit(lambda z: z[2:])(y), jnp.array([y[3] * t, jnp.dot(y, y)])])
+
+
+def by_matrix(t, y):
+    return jnp.array([[0.0, 1.0], [-t, -0.1]]).repeat(2, 0).repeat(2, 1) @ y
+
+
+def by_rows(t, y):
+    pairs = y.reshape(2, 2)
+    return jnp.concatenate([pairs[1], jax.nn.relu(pairs[0]) * t])
+
+
+def unchanged(t, y):
+    return jnp.concatenate([y[:1], t + y[1:]])
+
+
+CASES = {
+    by_index: {0: 2, 1: 3},
+    by_halves: {0: 2, 1: 3},
+    by_split: {0: 3, 1: 2},
+    in_a_function: {0: 2, 1: 3},
+    by_matrix: {},
+    by_rows: {0: 2, 1: 3},
+    unchanged: {0: 0},
+}
+
+
+@pytest.mark.parametrize("function", CASES, ids=lambda f: f.__name__)
+def test_same_numbers_and_derivatives(function):
+    # Beside the function itself, on the whole vector: values, Jacobians in both arguments, second derivatives.
+    def apart(t, y):
+        components = Components(function, t, vector=y)
+        return jnp.stack(components(components.captured, t, list(y)))
+
+    assert Components(function, jnp.asarray(0.6), vector=STATE).same == CASES[function]
+    both = (jnp.asarray(0.6), STATE)
+    np.testing.assert_allclose(jax.jit(apart)(*both), function(*both), rtol=1e-15)
+    for derive in (jax.jacfwd, jax.jacrev, lambda f, n: jax.jacfwd(jax.jacrev(f, n), n)):
+        ours, plain = derive(apart, (0, 1))(*both), derive(function, (0, 1))(*both)
+        jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=0, atol=1e-14), ours, plain)
+
+
+def test_what_a_function_holds_is_differentiated_and_batched():
+    # A field closes over its plant: its derivative in what it holds, one by one and in a batch, is the function's own.
+    def held(run):
+        def energy(omega):
+            field = lambda t, y: jnp.concatenate([y[2:], omega**2 * (t - y[:2])])
+            return jnp.sum(run(field, jnp.asarray(0.6), STATE) ** 2)
+
+        return jax.vmap(jax.grad(energy))(jnp.stack([OMEGA, 2 * OMEGA]))
+
+    def apart(field, t, y):
+        components = Components(field, t, vector=y)
+        return jnp.stack(components(components.captured, t, list(y)))
+
+    np.testing.assert_allclose(held(apart), held(lambda field, t, y: field(t, y)), rtol=1e-14)
