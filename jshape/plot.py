@@ -1,11 +1,12 @@
 """Figures for papers and reports: column width, units, colours that everybody can tell apart.
 
-Each function draws one figure and returns it; nothing is shown or saved here.
+Each function draws one figure from numbers and returns it; ``save`` and ``draw`` write it. Nothing here computes, or
+loads JAX, so that a process of its own can draw.
 """
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import matplotlib as mpl
 import matplotlib.pyplot as plt
@@ -14,8 +15,9 @@ import xarray as xr
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 
-from jshape.metrics import EnergyProfile
-from jshape.simulate import Response
+if TYPE_CHECKING:
+    from jshape.metrics import EnergyProfile
+    from jshape.simulate import Response
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 """Okabe and Ito's palette (2008), which people with any kind of colour vision can tell apart."""
@@ -54,9 +56,14 @@ def save(figure: Figure, path: Path) -> None:
     plt.close(figure)
 
 
+def draw(path: Path, kind: str, *values: Any, **options: Any) -> None:
+    """Draw the figure of that name here (``"response"``, …) and save it: numbers in, files out."""
+    save(globals()[kind](*values, **options), path)
+
+
 def response(
-    nominal: Mapping[str, Response],
-    extremes: Mapping[str, list[Response]] | None = None,
+    nominal: "Mapping[str, Response]",
+    extremes: "Mapping[str, list[Response]] | None" = None,
     names: tuple[str, str] = ("", ""),
     label: str = "position (m)",
 ) -> Figure:
@@ -86,7 +93,7 @@ def response(
     return figure
 
 
-def energy(profiles: Mapping[str, EnergyProfile]) -> Figure:
+def energy(profiles: "Mapping[str, EnergyProfile]") -> Figure:
     """Kinetic and potential energy against the payload's position, one panel a shaper."""
     with mpl.rc_context(STYLE):
         figure, axes = plt.subplots(

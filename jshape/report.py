@@ -3,14 +3,14 @@ away."""
 
 import dataclasses
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from importlib.metadata import version
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
-from jshape import plot
 from jshape._folder import MARKER
 from jshape.command import as_command
 from jshape.design import closed_forms as forms
@@ -21,7 +21,7 @@ from jshape.plants import AbstractOscillator
 from jshape.problem import Problem
 from jshape.robustness import sweep
 from jshape.shaper import Shaper
-from jshape.simulate import Response, simulate
+from jshape.simulate import simulate
 from jshape.uncertain import leaf, with_leaves
 
 
@@ -70,6 +70,9 @@ class Report:
 
 Step = Callable[[str], None]
 """Called with the name of what is being done."""
+
+Draw = Callable[..., None]
+"""``draw(path, kind, *numbers)``: draws the figure of that kind (a function of ``jshape.plot``) and saves it."""
 
 
 def closed_forms(problem: Problem) -> tuple[dict[str, Shaper], dict[str, str]]:
@@ -125,9 +128,14 @@ def _wide(values: Any) -> np.ndarray:
     return np.linspace(max(ends[0], 0.2), ends[1], 121)
 
 
-def write(report: Report, folder: Path, step: Step = lambda _: None) -> list[Path]:
-    """Write the shapers, the numbers, the problem and the figures into a folder; returns the figures' paths."""
+def write(report: Report, folder: Path, step: Step = lambda _: None, draw: Draw | None = None) -> list[Path]:
+    """Write the shapers, the numbers, the problem and the figures into a folder; returns the figures' paths.
+
+    ``draw``: who draws and saves a figure, ``jshape.plot.draw`` unless given; without it matplotlib is not even loaded.
+    """
     step("files")
+    if draw is None:
+        from jshape.plot import draw
     (folder / "shapers").mkdir(parents=True, exist_ok=True)
     (folder / "figures").mkdir(exist_ok=True)
     for row in report.rows:
@@ -139,9 +147,9 @@ def write(report: Report, folder: Path, step: Step = lambda _: None) -> list[Pat
         dataset.to_dataframe().to_csv(folder / f"sensitivity_{name}.csv")
     (folder / "results.json").write_text(json.dumps(numbers(report), indent=2) + "\n", encoding="utf-8")
     paths = []
-    for name, figure in figures(report, step):
+    for name, kind, values in figures(report, step):
         path = folder / "figures" / f"{name}.png"
-        plot.save(figure, path)
+        draw(path, kind, *values)
         paths.append(path)
     return paths
 
@@ -187,8 +195,8 @@ def numbers(report: Report) -> dict[str, Any]:
     }
 
 
-def figures(report: Report, step: Step = lambda _: None):
-    """The report's figures, by name, one at a time."""
+def figures(report: Report, step: Step = lambda _: None) -> Iterator[tuple[str, str, tuple]]:
+    """The report's figures one at a time: name, kind, and the numbers to draw."""
     problem = report.problem
     shown = _shown(report)
     step("responses")
@@ -197,34 +205,41 @@ def figures(report: Report, step: Step = lambda _: None):
     period = 2 * np.pi / natural if natural > 0 else max(float(row.shaper.duration) for row in shown)
     move = as_command(problem.distance)
     horizon = max(float(row.shaper.duration) for row in shown) + float(move.duration) + 1.2 * period
-    # The kernel that tuned and judged the shapers; its error is far below a line's width, and it compiles soonest.
-    run = lambda plant, row: simulate(
-        plant, move, row.shaper.pad(longest), horizon=horizon, samples=600, method="fixed"
-    )
+
+    def run(plant, row: Row) -> SimpleNamespace:
+        # The kernel that tuned and judged the shapers; its error is far below a line's width, and it compiles soonest.
+        found = simulate(plant, move, row.shaper.pad(longest), horizon=horizon, samples=600, method="fixed")
+        return _numbers(found, "times", "command", "payload")
+
     nominal = {row.name: run(problem.plant, row) for row in shown}
     ends = [
         with_leaves(problem.plant, {name: values[at] * leaf(problem.plant, name)})
         for name, values in problem.over.items()
         for at in (0, -1)
     ]
-    extremes: dict[str, list[Response]] = {row.name: [run(plant, row) for plant in ends] for row in shown}
+    extremes = {row.name: [run(plant, row) for plant in ends] for row in shown}
     drive = problem.plant.drives()[0]
     names = {"displacement": ("base $x_1$", "payload $x_2$"), "force": ("force", "payload")}.get(drive, ("", ""))
     label = "position (m), force (N)" if drive == "force" else "position (m)"
-    yield "response", plot.response(nominal, extremes, names, label)
+    yield "response", "response", (nominal, extremes, names, label)
     if isinstance(problem.plant, AbstractOscillator):
         step("energies")
         step_rows = [row for row in shown if len(row.shaper.times) > 1]
         profile = lambda row: energy_profile(problem.plant, row.shaper.pad(longest), problem.distance)
-        profiles = {row.name: profile(row) for row in step_rows}
-        yield "energy", plot.energy(profiles)
+        drawn = ("position", "kinetic", "potential", "total")
+        yield "energy", "energy", ({row.name: _numbers(profile(row), *drawn) for row in step_rows},)
     for name, dataset in report.curves.items():
         step(f"sensitivity to {name}")
         stated = (float(min(problem.over[name])), float(max(problem.over[name])))
-        yield f"sensitivity_{name}", plot.sensitivity(dataset.sel(shaper=_steadiest(report)), name, band=stated)
+        yield f"sensitivity_{name}", "sensitivity", (dataset.sel(shaper=_steadiest(report)), name, 5.0, stated)
     if report.solution is not None and len(report.solution.history) > 1:
         objective = "nominal" if not report.solution.samples else problem.objective
-        yield "convergence", plot.convergence(report.solution.history, objective)
+        yield "convergence", "convergence", (np.asarray(report.solution.history), objective)
+
+
+def _numbers(result: Any, *names: str) -> SimpleNamespace:
+    """What is drawn of a result, as plain arrays."""
+    return SimpleNamespace(**{name: np.asarray(getattr(result, name)) for name in names})
 
 
 def _steadiest(report: Report) -> list[str]:

@@ -3,9 +3,14 @@
 Nothing here imports JAX before a command runs, so that help comes at once.
 """
 
+import gc
 import importlib.util
+import multiprocessing
 import os
+import signal
 import sys
+from collections.abc import Iterator
+from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -43,15 +48,46 @@ def prepare_jax() -> None:
         jax.config.update("jax_compilation_cache_dir", str(Path(base) / "jshape"))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
-    import matplotlib as mpl
-
-    mpl.use("Agg")
+    # Traces are hundreds of thousands of small objects; by default the collector would walk through all of JAX for
+    # every few hundred of them, which takes a tenth of a command's time.
+    gc.set_threshold(100_000, 50, 50)
+    # Figures are written, never shown.
+    os.environ["MPLBACKEND"] = "Agg"
 
 
 def need_environments() -> None:
     """*Raises* ``ValueError`` where Gymnasium, which the environments need, is not installed."""
     if importlib.util.find_spec("gymnasium") is None:
         raise ValueError("this command needs the environments: pip install 'jshape[envs]'")
+
+
+@contextmanager
+def artist() -> Iterator[Any]:
+    """Somebody to draw figures beside the computation, in a process of its own: ``draw(path, kind, *numbers)``.
+
+    That process loads matplotlib in the meantime, which this one then need not; at the end all figures are on disk.
+    """
+    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), initializer=_undisturbed) as process:
+        figures: list[Future] = [process.submit(_draw)]
+        try:
+            yield lambda *figure: figures.append(process.submit(_draw, *figure))
+        except BaseException:
+            process.shutdown(wait=False, cancel_futures=True)
+            raise
+        for figure in figures:
+            figure.result()
+
+
+def _undisturbed() -> None:
+    # An interrupt is the other process's business.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _draw(*figure: Any) -> None:
+    from jshape import plot
+
+    if figure:
+        plot.draw(*figure)
 
 
 @contextmanager

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from jshape.cli._shared import Out, ProblemFile, begin, explained, prepare_jax, progress
+from jshape.cli._shared import Out, ProblemFile, artist, begin, explained, prepare_jax, progress
 
 
 def tune(
@@ -28,7 +28,7 @@ def tune(
         design = read.design
         first = None if start is None else read_shaper(start)
         # The closed forms are compiled beside the search: with two cores that saves some seconds of a first run.
-        with progress() as (step, tell), ThreadPoolExecutor(1) as beside:
+        with progress() as (step, tell), artist() as draw, ThreadPoolExecutor(1) as beside:
             closed = beside.submit(report.closed_forms, read)
             step("tuning")
             given = design.model_dump(exclude={"objective", "starts", "seed"})
@@ -44,7 +44,7 @@ def tune(
                 **given,
             )
             result = report.build(read, solution, step, closed.result())
-            figures = report.write(result, folder, step)
+            figures = report.write(result, folder, step, draw)
         show_report(result, folder, figures)
 
 
@@ -56,7 +56,7 @@ def compare(problem: ProblemFile, out: Out = None) -> None:
         from jshape.tables import show_report
 
         read, folder = begin(problem, out)
-        with progress() as (step, _):
+        with progress() as (step, _), artist() as draw:
             result = report.build(read, None, step)
-            figures = report.write(result, folder, step)
+            figures = report.write(result, folder, step, draw)
         show_report(result, folder, figures)
