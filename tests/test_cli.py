@@ -9,6 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from jshape.cli import app
+from jshape.cli._shared import artist
 from jshape.export import read_shaper
 
 run = CliRunner().invoke
@@ -43,6 +44,17 @@ def test_foreign_files_are_not_written_over(tmp_path):
     assert result.exit_code == 2
     assert "holds files that are not jshape's" in result.output
     assert [p.name for p in tmp_path.iterdir()] == ["precious.txt"]
+
+
+def test_figures_are_drawn_in_a_process_of_their_own(tmp_path):
+    # They are on disk when the block ends, and what goes wrong there is raised here.
+    history = np.array([3.0, 1.0, 0.5])
+    with artist() as draw:
+        draw(tmp_path / "a.png", "convergence", history, "worst")
+        draw(tmp_path / "b.png", "convergence", history, "mean")
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.pdf", "a.png", "b.pdf", "b.png"]
+    with pytest.raises(FileNotFoundError), artist() as draw:
+        draw(tmp_path / "nowhere" / "a.png", "convergence", history, "worst")
 
 
 def test_new_writes_once(tmp_path):
