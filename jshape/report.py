@@ -196,8 +196,17 @@ def numbers(report: Report) -> dict[str, Any]:
 
 
 def figures(report: Report, step: Step = lambda _: None) -> Iterator[tuple[str, str, tuple]]:
-    """The report's figures one at a time: name, kind, and the numbers to draw."""
+    """The report's figures one at a time: name, kind, and the numbers to draw.
+
+    Those whose numbers are there already come first, so that they can be drawn while the others are computed.
+    """
     problem = report.problem
+    for name, dataset in report.curves.items():
+        stated = (float(min(problem.over[name])), float(max(problem.over[name])))
+        yield f"sensitivity_{name}", "sensitivity", (dataset.sel(shaper=_steadiest(report)), name, 5.0, stated)
+    if report.solution is not None and len(report.solution.history) > 1:
+        objective = "nominal" if not report.solution.samples else problem.objective
+        yield "convergence", "convergence", (np.asarray(report.solution.history), objective)
     shown = _shown(report)
     step("responses")
     longest = max(len(row.shaper.times) for row in shown)
@@ -228,13 +237,6 @@ def figures(report: Report, step: Step = lambda _: None) -> Iterator[tuple[str, 
         profile = lambda row: energy_profile(problem.plant, row.shaper.pad(longest), problem.distance)
         drawn = ("position", "kinetic", "potential", "total")
         yield "energy", "energy", ({row.name: _numbers(profile(row), *drawn) for row in step_rows},)
-    for name, dataset in report.curves.items():
-        step(f"sensitivity to {name}")
-        stated = (float(min(problem.over[name])), float(max(problem.over[name])))
-        yield f"sensitivity_{name}", "sensitivity", (dataset.sel(shaper=_steadiest(report)), name, 5.0, stated)
-    if report.solution is not None and len(report.solution.history) > 1:
-        objective = "nominal" if not report.solution.samples else problem.objective
-        yield "convergence", "convergence", (np.asarray(report.solution.history), objective)
 
 
 def _numbers(result: Any, *names: str) -> SimpleNamespace:

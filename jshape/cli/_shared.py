@@ -63,16 +63,17 @@ def need_environments() -> None:
 
 @contextmanager
 def artist() -> Iterator[Any]:
-    """Somebody to draw figures beside the computation, in a process of its own: ``draw(path, kind, *numbers)``.
+    """Somebody to draw figures beside the computation, in processes of their own: ``draw(path, kind, *numbers)``.
 
-    That process loads matplotlib in the meantime, which this one then need not; at the end all figures are on disk.
+    They load matplotlib in the meantime, which this one then need not; at the end all figures are on disk. Two, since
+    the last figures come together.
     """
-    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), initializer=_undisturbed) as process:
-        figures: list[Future] = [process.submit(_draw)]
+    with ProcessPoolExecutor(2, multiprocessing.get_context("spawn"), initializer=_undisturbed) as processes:
+        figures: list[Future] = [processes.submit(_draw) for _ in range(2)]
         try:
-            yield lambda *figure: figures.append(process.submit(_draw, *figure))
+            yield lambda *figure: figures.append(processes.submit(_draw, *figure))
         except BaseException:
-            process.shutdown(wait=False, cancel_futures=True)
+            processes.shutdown(wait=False, cancel_futures=True)
             raise
         for figure in figures:
             figure.result()
