@@ -20,7 +20,7 @@ class Components:
 
     ``others`` and ``vector``: examples. ``captured``: the arrays that the function holds besides its arguments, as
     arguments, so that it can be differentiated with respect to them. ``same``: which components of the result are
-    components of the vector, untouched.
+    components of the vector, untouched. Traced, and transformed, once, however often it is called.
     """
 
     captured: list[Array]
@@ -35,13 +35,13 @@ class Components:
             (result,) = _run(traced.jaxpr, [*captured, *others, _objects(parts)])
             return list(_apart(result))
 
-        self._program = jax.make_jaxpr(run)(traced.consts, *others, parts_of(vector))
-        given, results = self._program.jaxpr.invars[-vector.size :], self._program.jaxpr.outvars
-        self.same = {i: given.index(result) for i, result in enumerate(results) if result in given}
+        self._run = jax.jit(run)
+        program = self._run.trace(traced.consts, *others, parts_of(vector)).jaxpr.jaxpr
+        given = program.invars[-vector.size :]
+        self.same = {i: given.index(result) for i, result in enumerate(program.outvars) if result in given}
 
     def __call__(self, captured: list[Array], *arguments: Any) -> list[Array]:
-        *others, parts = arguments
-        return core.jaxpr_as_fun(self._program)(*captured, *others, *parts)
+        return self._run(captured, *arguments)
 
 
 def parts_of(vector: Array) -> list[Array]:

@@ -43,13 +43,11 @@ def runge_kutta_step(
     the difference between the tableau's two solutions.
 
     A state whose rate is another state (x' = v) needs no stages of its own: they follow from those of v'. To rounding
-    that is the same step, with a third less to compute. Derivatives are taken of the step with all its stages, which
-    is cheaper to differentiate.
+    that is the same step, with a third less to compute. With derivatives all stages are taken, which are cheaper to
+    differentiate.
     """
-    apart = Components(slope, jnp.zeros_like(step), vector=state)
-    # As a function of its own, so that it is traced, and transformed, once for all stages.
-    field = jax.jit(apart)
-    rates = {i: j for i, j in apart.same.items() if j not in apart.same}
+    field = Components(slope, jnp.zeros_like(step), vector=state)
+    rates = {i: j for i, j in field.same.items() if j not in field.same}
     whole = lambda state, step, values: _stages(tableau, {}, functools.partial(field, values), state, step, fenced=True)
 
     @jax.custom_jvp
@@ -59,9 +57,9 @@ def runge_kutta_step(
 
     @advance.defjvp
     def _(primals, tangents):
-        return advance(*primals), jax.jvp(whole, primals, tangents)[1]
+        return jax.jvp(whole, primals, tangents)
 
-    return advance(state, step, apart.captured)
+    return advance(state, step, field.captured)
 
 
 def _stages(tableau, rates: dict[int, int], slope, state: State, step: Scalar, fenced: bool) -> tuple[State, State]:
