@@ -35,13 +35,13 @@ class Components:
             (result,) = _run(traced.jaxpr, [*captured, *others, _objects(parts)])
             return list(_apart(result))
 
-        self._run = jax.jit(run)
-        program = self._run.trace(traced.consts, *others, parts_of(vector)).jaxpr.jaxpr
-        given = program.invars[-vector.size :]
-        self.same = {i: given.index(result) for i, result in enumerate(program.outvars) if result in given}
+        self._program = jax.jit(run)
+        inside = self._program.trace(traced.consts, *others, parts_of(vector)).jaxpr.jaxpr
+        given = inside.invars[-vector.size :]
+        self.same = {i: given.index(result) for i, result in enumerate(inside.outvars) if result in given}
 
     def __call__(self, captured: list[Array], *arguments: Any) -> list[Array]:
-        return self._run(captured, *arguments)
+        return self._program(captured, *arguments)
 
 
 def parts_of(vector: Array) -> list[Array]:

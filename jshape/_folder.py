@@ -1,7 +1,11 @@
-"""Folders for results: which may be written to."""
+"""Folders and files of results: which may be written to, and how nothing in them is ever half written."""
 
 import json
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import BinaryIO
 
 MARKER = "jshape-results"
 """What results.json says it is; a folder that holds another one's files is not written to."""
@@ -21,3 +25,12 @@ def check_writable(folder: Path) -> None:
         ours = False
     if not ours:
         raise ValueError(f"{folder}: holds files that are not jshape's results; name another folder")
+
+
+@contextmanager
+def whole(path: Path) -> Iterator[BinaryIO]:
+    """A file to write to, under another name until the block ends: what bears the right name is whole."""
+    partial = path.with_name(path.name + ".partial")
+    with partial.open("wb") as file:
+        yield file
+    os.replace(partial, path)

@@ -2,11 +2,12 @@
 
 import hashlib
 import json
-import os
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
+
+from jshape._folder import whole
 
 MARKER = "jshape-pieces"
 
@@ -37,11 +38,8 @@ def in_pieces(
         progress(done, pieces)
     for index, result in compute(missing) if missing else ():
         if folder is not None:
-            # Under another name first: what bears the right name is whole.
-            partial = _path(folder, index).with_suffix(".partial")
-            with partial.open("wb") as file:
+            with whole(_path(folder, index)) as file:
                 np.save(file, result, allow_pickle=False)
-            os.replace(partial, _path(folder, index))
         yield index, result
         done += 1
         if progress is not None:

@@ -63,6 +63,8 @@ def runge_kutta_step(
 
 
 def _stages(tableau, rates: dict[int, int], slope, state: State, step: Scalar, fenced: bool) -> tuple[State, State]:
+    """The step and its error, stage by stage. ``rates``: states without stages of their own, and which one each one's
+    rate is; ``slope(c, components)``: the derivative's components; ``fenced``: whether XLA leaves stages apart."""
     count = len(tableau.c) + 1
     pad = lambda weights: np.pad(weights, (0, count - len(weights)))
     rows = np.stack([pad(row) for row in [np.zeros(0), *tableau.a_lower]])
@@ -90,7 +92,8 @@ def _fence() -> AbstractContextManager:
 
     On four and eight states this halves the time to compile and takes a third off the run, and so it does for
     derivatives (measured with jax 0.10 on a processor). The values of two states, where a stage is a handful of
-    operations, are fastest merged; and on a card every stage apart would be a program of its own to launch.
+    operations, are fastest merged; and on a card every stage apart would be a program of its own to launch. A single
+    plant's gradient, with no batch to work on, pays for it: 180 µs instead of 130 on two states.
     """
     return set_xla_metadata(inlineable="false") if jax.default_backend() == "cpu" else nullcontext()
 

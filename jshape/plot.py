@@ -56,9 +56,9 @@ def save(figure: Figure, path: Path) -> None:
     plt.close(figure)
 
 
-def draw(path: Path, kind: str, *values: Any, **options: Any) -> None:
+def draw(path: Path, kind: str, *values: Any) -> None:
     """Draw the figure of that name here (``"response"``, …) and save it: numbers in, files out."""
-    save(globals()[kind](*values, **options), path)
+    save(globals()[kind](*values), path)
 
 
 def response(

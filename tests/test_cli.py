@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from jshape.cli import app
-from jshape.cli._shared import artist
+from jshape.cli._artist import artist
 from jshape.export import read_shaper
 
 run = CliRunner().invoke
@@ -46,7 +46,7 @@ def test_foreign_files_are_not_written_over(tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["precious.txt"]
 
 
-def test_figures_are_drawn_in_a_process_of_their_own(tmp_path):
+def test_figures_are_drawn_in_processes_of_their_own(tmp_path):
     # They are on disk when the block ends, and what goes wrong there is raised here.
     history = np.array([3.0, 1.0, 0.5])
     with artist() as draw:

@@ -17,7 +17,6 @@ Adam on the gradient clipped in norm; the learning rate falls along half a cosin
 
 import dataclasses
 import hashlib
-import os
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -31,6 +30,7 @@ import optax
 from jaxtyping import Array, Float, Int, PRNGKeyArray, UInt32
 
 from jshape import _check
+from jshape._folder import whole
 from jshape_envs.core import EnvState, Params, reset
 from jshape_envs.policy import GRUPolicy, advance_policy, sizes_of
 
@@ -207,11 +207,8 @@ def _digest(params: Params, recipe: Recipe) -> str:
 def _save(path: Path, training: Training, records: list[np.ndarray], digest: str) -> None:
     leaves = jax.tree.leaves(eqx.filter(training, eqx.is_array))
     arrays: dict[str, Any] = {f"leaf_{i:03d}": np.asarray(leaf) for i, leaf in enumerate(leaves)}
-    # Under another name first: what bears the right name is whole.
-    partial = path.with_name(path.name + ".partial")
-    with partial.open("wb") as file:
+    with whole(path) as file:
         np.savez(file, allow_pickle=False, digest=digest, records=np.reshape(records, (-1, 3)), **arrays)
-    os.replace(partial, path)
 
 
 def _load(path: Path, like: Training, digest: str) -> tuple[Training, list[np.ndarray]]:

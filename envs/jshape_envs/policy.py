@@ -8,7 +8,6 @@ A policy has a memory, a pytree of arrays that begins anew with every episode::
 
 import abc
 import json
-import os
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,6 +18,7 @@ import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from jshape import Shaper, _check
+from jshape._folder import whole
 from jshape_envs.core import EnvState, Info, Params, move, observation_names, reset
 
 POLICIES = Path(__file__).parent / "policies"
@@ -159,11 +159,8 @@ def save_policy(policy: GRUPolicy, path: str | Path, about: dict[str, Any]) -> N
     header = json.dumps(dict(format=FORMAT, version=1, sizes=policy.sizes._asdict(), made=made, about=about))
     leaves = jax.tree_util.tree_leaves_with_path(eqx.filter(policy, eqx.is_array))
     named = {jax.tree_util.keystr(at): np.asarray(x) for at, x in leaves}
-    # Under another name first: what bears the right name is whole.
-    partial = path.with_name(path.name + ".partial")
-    with partial.open("wb") as file:
+    with whole(path) as file:
         np.savez_compressed(file, allow_pickle=False, header=np.asarray(header), **named)
-    os.replace(partial, path)
 
 
 def load_policy(name: str | Path, preset: str = "paper", context: str = "hidden") -> GRUPolicy:

@@ -1,9 +1,10 @@
 """What has been made so far: rows by their keys in a JSON file, so that an interrupted script goes on from there."""
 
 import json
-import os
 from pathlib import Path
 from typing import Any
+
+from jshape._folder import whole
 
 
 def read(path: Path) -> dict[str, Any]:
@@ -14,6 +15,5 @@ def read(path: Path) -> dict[str, Any]:
 def keep(path: Path, key: str, row: Any, indent: int | None = 1) -> None:
     """Add a row. The file is read again first, since another process may have added one, and is never half written."""
     record = read(path) | {key: row}
-    partial = path.with_suffix(".partial")
-    partial.write_text(json.dumps(record, indent=indent) + "\n", encoding="utf-8")
-    os.replace(partial, path)
+    with whole(path) as file:
+        file.write((json.dumps(record, indent=indent) + "\n").encode())

@@ -5,12 +5,8 @@ Nothing here imports JAX before a command runs, so that help comes at once.
 
 import gc
 import importlib.util
-import multiprocessing
 import os
-import signal
 import sys
-from collections.abc import Iterator
-from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -59,36 +55,6 @@ def need_environments() -> None:
     """*Raises* ``ValueError`` where Gymnasium, which the environments need, is not installed."""
     if importlib.util.find_spec("gymnasium") is None:
         raise ValueError("this command needs the environments: pip install 'jshape[envs]'")
-
-
-@contextmanager
-def artist() -> Iterator[Any]:
-    """Somebody to draw figures beside the computation, in processes of their own: ``draw(path, kind, *numbers)``.
-
-    They load matplotlib in the meantime, which this one then need not; at the end all figures are on disk. Two, since
-    the last figures come together.
-    """
-    with ProcessPoolExecutor(2, multiprocessing.get_context("spawn"), initializer=_undisturbed) as processes:
-        figures: list[Future] = [processes.submit(_draw) for _ in range(2)]
-        try:
-            yield lambda *figure: figures.append(processes.submit(_draw, *figure))
-        except BaseException:
-            processes.shutdown(wait=False, cancel_futures=True)
-            raise
-        for figure in figures:
-            figure.result()
-
-
-def _undisturbed() -> None:
-    # An interrupt is the other process's business.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-
-def _draw(*figure: Any) -> None:
-    from jshape import plot
-
-    if figure:
-        plot.draw(*figure)
 
 
 @contextmanager

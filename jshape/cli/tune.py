@@ -6,7 +6,8 @@ from typing import Annotated
 
 import typer
 
-from jshape.cli._shared import Out, ProblemFile, artist, begin, explained, prepare_jax, progress
+from jshape.cli._artist import artist
+from jshape.cli._shared import Out, ProblemFile, begin, explained, prepare_jax, progress
 
 
 def tune(
