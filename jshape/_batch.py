@@ -3,7 +3,7 @@
 A ``Task`` says what is computed for a plant; ``evaluate`` does so for all of them.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ from jaxtyping import Array, Float
 
 from jshape import metrics
 from jshape._cluster import on_cluster
+from jshape._kept import kept
 from jshape._pieces import Piece
 from jshape._store import in_pieces
 from jshape.command import AbstractCommand
@@ -89,9 +90,16 @@ def task(
     plant, command, shapers: list[Shaper], metrics: tuple[str | Metric, ...], slopes: tuple[str, ...] = ()
 ) -> Task:
     """A task with plain NumPy leaves, which any device and any process can take."""
-    stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *shapers)
+    stacked = jax.tree.map(lambda *leaves: np.stack(leaves), *shapers)
     made = Task(plant, command, stacked, metrics, slopes)
     return jax.tree.map(lambda leaf: np.asarray(leaf) if isinstance(leaf, jax.Array) else leaf, made)
+
+
+def padded_shapers(shapers: Iterable[Shaper | None]) -> list[Shaper]:
+    """All with the same number of impulses, so that one compiled program runs them; ``None`` is the bare command."""
+    some = [Shaper([1.0], [0.0]) if shaper is None else shaper for shaper in shapers]
+    longest = max(len(shaper.times) for shaper in some)
+    return [shaper.pad(longest) for shaper in some]
 
 
 def evaluate(
@@ -138,11 +146,12 @@ def side_by_side(of: Task, points: Mapping[str, np.ndarray], steps: int) -> Floa
     padded = -(-count // (lanes * len(devices))) * lanes * len(devices)
     at = np.minimum(np.arange(padded), count - 1)
     filled = {name: values[at] for name, values in points.items()}
-    return np.asarray(_many(of, filled, steps, lanes, Mesh(np.array(devices), ("plants",))))[..., :count]
+    return np.asarray(_many(of, filled, steps, lanes))[..., :count]
 
 
-@eqx.filter_jit
-def _many(of: Task, points: Mapping[str, Any], steps: int, lanes: int, mesh: Mesh) -> Array:
+@kept
+def _many(of: Task, points: Mapping[str, Any], steps: int, lanes: int) -> Array:
+    mesh = Mesh(np.array(jax.local_devices()), ("plants",))
     arrays, rest = eqx.partition(of, eqx.is_array)
 
     def share(arrays: Task, points: Mapping[str, Any]) -> Array:

@@ -24,6 +24,13 @@ def numerics(*trees: Any) -> Any:
     return np if is_concrete(*trees) else jnp
 
 
+def on_device(value: Any) -> Array:
+    """``value`` as a JAX array. A few plain numbers go there as they are: ``jnp.asarray`` compiles a program for each
+    shape of them.
+    """
+    return jax.device_put(value) if isinstance(value, np.ndarray | np.generic) else jnp.asarray(value)
+
+
 def as_array(value: Any, name: str) -> Array:
     """``value`` as an array of floats: its own float type if it has one, JAX's default otherwise.
 
@@ -34,7 +41,9 @@ def as_array(value: Any, name: str) -> Array:
     try:
         dtype = getattr(value, "dtype", None)
         if dtype is not None and jnp.issubdtype(dtype, jnp.floating):
-            return jnp.asarray(value)
+            return on_device(value)
+        if not isinstance(value, jax.Array) and is_concrete(value) and (plain := np.asarray(value)).dtype.kind in "iuf":
+            return on_device(plain.astype(float))
         return jnp.asarray(value, dtype=float)
     except (TypeError, ValueError):
         raise ValueError(f"{name} must be numeric, not {value!r}") from None

@@ -7,12 +7,13 @@ much, each octave gets a program of its own, so that slow plants do not run at t
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from jshape import _check
+from jshape._kept import kept
 from jshape.command import AbstractCommand
 from jshape.plants import AbstractPlant
 from jshape.schedule import Schedule, schedule
@@ -47,7 +48,7 @@ def cut(
     need = lambda plant: max(steps_for(plant, plan) for plan in plans)
     # Where a plant rests, and how far it is bent, is the same for every shaper: the bare command tells the frequencies.
     bare = schedule(plant, command)
-    corners = grid({name: jnp.asarray([values.min(), values.max()]) for name, values in points.items()})
+    corners = grid({name: _check.on_device(np.array([values.min(), values.max()])) for name, values in points.items()})
     number = min(2 ** len(points), _CORNERS)
     plants = [plant, *(with_leaves(plant, {name: v[i] for name, v in corners.items()}) for i in range(number))]
     rates = np.array([fastest(one, bare) for one in plants])
@@ -95,6 +96,6 @@ def _eigenvalues(matrices: np.ndarray) -> np.ndarray:
     return np.stack([half + root, half - root], axis=-1)
 
 
-@eqx.filter_jit
+@kept
 def _jacobians(plant, plan: Schedule, points: Mapping[str, Any]) -> Float[Array, "plants places state state"]:
     return jax.vmap(lambda values: _frequencies(with_leaves(plant, values), plan))(points)

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from jshape import _check
+from jshape._kept import kept
 from jshape._types import Scalar
 from jshape.command import polynomial
 from jshape.schedule import Schedule, Segments, inputs_at
@@ -41,7 +42,7 @@ def tail(plant, plan: Schedule, periods: float) -> Scalar:
     return periods * jnp.where(lowest > 0, 2 * jnp.pi / jnp.where(lowest > 0, lowest, 1.0), plan.breaks[-1])
 
 
-@eqx.filter_jit
+@kept
 def track(plant, plan: Schedule, state, periods: float, name: str, steps: int, parts: int = 1) -> Track:
     """The named quantity over the move and that many periods of the slowest mode after it, the latter in ``parts``."""
     after = jnp.full(parts, tail(plant, plan, periods) / parts)

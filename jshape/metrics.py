@@ -20,6 +20,7 @@ from jaxtyping import Array, Float
 from scipy.optimize import brentq
 
 from jshape import _check
+from jshape._kept import kept
 from jshape._track import extremes, fine_steps, first_above, last_above, track
 from jshape._types import Scalar, State
 from jshape.integrate import METHODS
@@ -242,7 +243,7 @@ def energy_profile(plant: AbstractPlant, shaper: Shaper, distance: Any, points: 
     return _energy_profile(oscillator, plan, state, points, -(-steps_for(oscillator, plan) // (points - 1)))
 
 
-@eqx.filter_jit
+@kept
 def _energy_profile(
     plant: AbstractOscillator, plan: Schedule, state: State, points: int, between: int
 ) -> EnergyProfile:
@@ -338,7 +339,7 @@ def _end(plant, plan: Schedule, state: State, steps: int | None, method: str = "
     return *final_state(plant, plan, state, steps, method), jnp.asarray(True)
 
 
-@eqx.filter_jit
+@kept
 def _residual_energy(plant, plan: Schedule, state, steps: int | None, method: str) -> tuple[Scalar, Scalar]:
     end, error, known = _end(plant, plan, state, steps, method)
     inputs = plan.final_inputs(plant)
@@ -349,7 +350,7 @@ def _residual_energy(plant, plan: Schedule, state, steps: int | None, method: st
     return jnp.where(known, energy, jnp.nan), jnp.where(known, error, jnp.inf)
 
 
-@eqx.filter_jit
+@kept
 def _residual_vibration(plant, plan: Schedule, state, steps: int | None, fine: int) -> Scalar:
     end, _, known = _end(plant, plan, state, steps)
     inputs = plan.final_inputs(plant)

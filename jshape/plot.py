@@ -1,7 +1,7 @@
 """Figures for papers and reports: column width, units, colours that everybody can tell apart.
 
 Each function draws one figure from numbers and returns it; ``save`` and ``draw`` write it. Nothing here computes, or
-loads JAX, so that a process of its own can draw.
+loads JAX or xarray, so that a process of its own can draw.
 """
 
 from collections.abc import Mapping
@@ -11,11 +11,15 @@ from typing import TYPE_CHECKING, Any
 import matplotlib as mpl
 import matplotlib.pyplot as plt
 import numpy as np
-import xarray as xr
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_pdf import FigureCanvasPdf
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogFormatter
 
 if TYPE_CHECKING:
+    import xarray as xr
+
     from jshape.metrics import EnergyProfile
     from jshape.simulate import Response
 
@@ -49,10 +53,15 @@ WIDTH = 3.5
 
 def save(figure: Figure, path: Path) -> None:
     """The figure as PNG (300 dpi) and, beside it, as PDF; then it is closed."""
-    figure.savefig(path, dpi=300)
-    # Laid out once: what holds for the one holds for the other.
-    figure.set_layout_engine("none")
-    figure.savefig(path.with_suffix(".pdf"))
+    # Laid out once, what holds for the one holds for the other; ``savefig`` would go through it four times.
+    figure.set_dpi(300)
+    layout = figure.get_layout_engine()
+    if layout is not None:
+        layout.execute(figure)
+        figure.set_layout_engine("none")
+    FigureCanvasAgg(figure).print_png(path)
+    figure.set_dpi(72)
+    FigureCanvasPdf(figure).print_pdf(path.with_suffix(".pdf"))
     plt.close(figure)
 
 
@@ -117,32 +126,34 @@ def energy(profiles: "Mapping[str, EnergyProfile]") -> Figure:
 
 
 def sensitivity(
-    dataset: xr.Dataset, leaf: str, limit: float | None = 5.0, band: tuple[float, float] | None = None
+    leaf: str,
+    ratios: np.ndarray,
+    vibrations: Mapping[str, np.ndarray],
+    limit: float | None = 5.0,
+    band: tuple[float, float] | None = None,
 ) -> Figure:
-    """Residual vibration (%) of each shaper against one leaf, the others as they are in the dataset's middle.
+    """Residual vibration (a fraction; drawn in %) of each shaper against a leaf, actual over nominal.
 
     ``limit``: a level to mark, %. ``band``: the stated uncertainty, shaded.
     """
-    data = dataset["residual_vibration"]
-    middle = {name: data.sizes[name] // 2 for name in data.dims if name not in ("shaper", leaf)}
-    data = 100 * data.isel(middle)
+    percent = {name: 100 * np.asarray(values) for name, values in vibrations.items()}
     with mpl.rc_context(STYLE):
         figure, axis = plt.subplots(figsize=(WIDTH, 3.0))
-        labelled_lines(figure, axis, [(str(name), data[leaf], data.sel(shaper=name)) for name in data["shaper"].values])
+        labelled_lines(figure, axis, [(name, ratios, values) for name, values in percent.items()])
         if limit is not None:
             axis.axhline(limit, color="0.5", linewidth=0.6)
             place = ("axes fraction", "data")
             axis.annotate(f" {limit:g} %", (1, limit), xycoords=place, fontsize=7, va="center", ha="left")
         if band is not None:
             axis.axvspan(*band, color="0.5", alpha=0.12, linewidth=0, zorder=0)
-        finite = data.values[np.isfinite(data.values)]
-        axis.set_ylim(0, 1.05 * np.max(finite, initial=limit or 1.0))
+        finite = [values[np.isfinite(values)] for values in percent.values()]
+        axis.set_ylim(0, 1.05 * np.max(np.concatenate(finite), initial=limit or 1.0))
         axis.set_xlabel(f"{leaf}, actual over nominal")
         axis.set_ylabel("residual vibration (%)")
     return figure
 
 
-def pareto(dataset: xr.Dataset) -> Figure:
+def pareto(dataset: "xr.Dataset") -> Figure:
     """The least objective (J, logarithmic) against the duration, a line a design, the closed forms as points."""
     with mpl.rc_context(STYLE):
         figure, axis = plt.subplots(figsize=(WIDTH, 3.2))
@@ -158,6 +169,7 @@ def pareto(dataset: xr.Dataset) -> Figure:
             marker = "osD^vP*Xh<>p"[i % 12]
             axis.plot(at, value, marker=marker, linestyle="", color="0.4", markersize=4.5, label=str(name))
         axis.set_yscale("log")
+        powers(axis)
         axis.set_xlim(left=0)
         axis.set_xlabel("duration of the shaper (s)")
         axis.set_ylabel(f"{dataset['objective'].attrs['long_name']} (J)")
@@ -175,6 +187,7 @@ def convergence(history: np.ndarray, objective: str) -> Figure:
         if many:
             # Most is won by the first few of hundreds.
             axis.set_xscale("log")
+        powers(axis)
         axis.set_xlabel("iteration" if objective == "nominal" else "shapers looked at")
         words = {"nominal": "residual energy", "worst": "worst residual energy", "mean": "mean residual energy"}
         axis.set_ylabel(f"{words.get(objective, 'tail mean of the energy')} (J)")
@@ -182,7 +195,7 @@ def convergence(history: np.ndarray, objective: str) -> Figure:
     return figure
 
 
-def sweep(dataset: xr.Dataset, metric: str | None = None) -> Figure:
+def sweep(dataset: "xr.Dataset", metric: str | None = None) -> Figure:
     """A metric of a ``js.sweep``: what depends on the set that was swept.
 
     One leaf: a curve for each shaper. Two: a panel for each shaper, with one colour scale. Samples: the share of the
@@ -204,13 +217,13 @@ def sweep(dataset: xr.Dataset, metric: str | None = None) -> Figure:
         return _curves(data, leaves[0]) if len(leaves) == 1 else _panels(data, *leaves)
 
 
-def _label(data: xr.DataArray) -> str:
+def _label(data: "xr.DataArray") -> str:
     """What an axis bears: the long name, and the unit where there is one."""
     words, unit = str(data.attrs.get("long_name", data.name)), data.attrs.get("units", "1")
     return words if unit == "1" else f"{words} ({unit})"
 
 
-def _curves(data: xr.DataArray, leaf: str) -> Figure:
+def _curves(data: "xr.DataArray", leaf: str) -> Figure:
     figure, axis = plt.subplots(figsize=(WIDTH, 2.6))
     labelled_lines(figure, axis, [(str(name), data[leaf], data.sel(shaper=name)) for name in data["shaper"].values])
     axis.set_xlabel(_label(data[leaf]))
@@ -220,7 +233,7 @@ def _curves(data: xr.DataArray, leaf: str) -> Figure:
     return figure
 
 
-def _exceedance(data: xr.DataArray) -> Figure:
+def _exceedance(data: "xr.DataArray") -> Figure:
     figure, axis = plt.subplots(figsize=(WIDTH, 2.6))
     count = data.sizes["sample"]
     # Of a million samples a thousand draw the same curve; the last, rare ones are all kept.
@@ -230,10 +243,33 @@ def _exceedance(data: xr.DataArray) -> Figure:
     curves = [(str(name), np.sort(data.sel(shaper=name).values)[rank], 1 - rank / count) for name in data.shaper.values]
     labelled_lines(figure, axis, curves)
     axis.set_yscale("log")
+    powers(axis)
     axis.set_ylim(1 / count, 1)
     axis.set_xlabel(_label(data))
     axis.set_ylabel("share of plants at or above")
     return figure
+
+
+class Powers(LogFormatter):
+    """10⁻³ in plain characters: as a formula each such label takes matplotlib ten milliseconds."""
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        if not super().__call__(x, pos):
+            return ""
+        exponent = int(np.floor(np.log10(x) + 1e-9))
+        factor = x / 10.0**exponent
+        power = "10" + str(exponent).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+        if np.isclose(factor, 1):
+            return power
+        return f"{x:g}" if -1 <= exponent <= 2 else f"{factor:g}×{power}"
+
+
+def powers(axes: Any) -> None:
+    """Label the logarithmic ones of the axes by powers of ten."""
+    for axis in (axes.xaxis, axes.yaxis):
+        if axis.get_scale() == "log":
+            axis.set_major_formatter(Powers())
+            axis.set_minor_formatter(Powers(labelOnlyBase=False, minor_thresholds=(1, 0.4)))
 
 
 def labelled_lines(figure: Figure, axis: Any, curves: list[tuple[str, Any, Any]]) -> None:
@@ -254,7 +290,7 @@ def labelled_lines(figure: Figure, axis: Any, curves: list[tuple[str, Any, Any]]
         figure.legend(loc="outside upper center", ncols=2)
 
 
-def _panels(data: xr.DataArray, vertical: str, across: str) -> Figure:
+def _panels(data: "xr.DataArray", vertical: str, across: str) -> Figure:
     shapers = data["shaper"].values
     columns = min(len(shapers), 2)
     rows = -(-len(shapers) // columns)

@@ -1,6 +1,7 @@
 """One problem, every shaper that applies, side by side: the table, the numbers and the figures that people take
 away."""
 
+import csv
 import dataclasses
 import json
 from collections.abc import Callable, Iterator
@@ -11,7 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from jshape._batch import evaluate, padded_shapers, task
 from jshape._folder import MARKER
+from jshape._pieces import cut
 from jshape.command import as_command
 from jshape.design import closed_forms as forms
 from jshape.design.solution import Solution
@@ -19,10 +22,9 @@ from jshape.export import write_csv, write_json
 from jshape.metrics import energy_profile, residual_energy
 from jshape.plants import AbstractOscillator
 from jshape.problem import Problem
-from jshape.robustness import sweep
 from jshape.shaper import Shaper
-from jshape.simulate import simulate
-from jshape.uncertain import leaf, with_leaves
+from jshape.simulate import simulate, with_arrays
+from jshape.uncertain import check_over, grid, leaf, with_leaves
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,13 +39,25 @@ class Row:
 
 
 @dataclasses.dataclass(frozen=True)
+class Curves:
+    """How each shaper's residual vibration (over the distance) depends on a leaf.
+
+    ``ratios``: the leaf's values over nominal; ``values``: in its own unit.
+    """
+
+    ratios: np.ndarray
+    values: np.ndarray
+    vibrations: dict[str, np.ndarray]
+
+
+@dataclasses.dataclass(frozen=True)
 class Report:
     """All rows, the sensitivity data, what did not apply and why, and the tuned solution, if there is one."""
 
     problem: Problem
     rows: list[Row]
     left_out: dict[str, str]
-    curves: dict[str, Any]
+    curves: dict[str, "Curves"]
     solution: Solution | None
 
     def move_time(self, row: Row) -> float:
@@ -94,7 +108,7 @@ def build(
     shapers, left_out = closed_forms(problem) if closed is None else closed
     if solution is not None:
         shapers["tuned"] = solution.shaper
-    curves: dict[str, Any] = {}
+    curves: dict[str, Curves] = {}
     energies: Any = [None] * len(shapers)
     vibrations: Any = [None] * len(shapers)
     if not problem.over:
@@ -104,22 +118,33 @@ def build(
     else:
         # The nominal plant rides along as the last value of every leaf; with a single leaf, its curve before it, so
         # that one program computes all.
-        metrics = ("residual_energy", "residual_vibration")
-        run = lambda over, names: sweep(problem.plant, shapers, problem.distance, over, names, estimate_error=False)
         widths = {name: _wide(values) for name, values in problem.over.items()}
         alone = len(widths) == 1
         step("residual energies and vibrations over the uncertainty")
         over = {name: [*values, *(widths[name] if alone else ()), 1.0] for name, values in problem.over.items()}
-        data = run(over, metrics)
-        nominal = data["residual_energy"].isel(dict.fromkeys(over, -1)).values.tolist()
-        stated = data.isel({name: slice(0, len(values)) for name, values in problem.over.items()})
-        energies, vibrations = (stated[metric].max(dim=list(over)).values.tolist() for metric in metrics)
+        energy, vibration = _swept(problem, shapers, over, "residual_energy", "residual_vibration")
+        nominal = energy[(slice(None), *(-1 for _ in over))].tolist()
+        stated = (slice(None), *(slice(len(values)) for values in problem.over.values()))
+        leaves = tuple(range(1, 1 + len(over)))
+        energies, vibrations = (data[stated].max(axis=leaves).tolist() for data in (energy, vibration))
         for name, values in problem.over.items():
             step(f"sensitivity to {name}")
-            wide = data.isel({name: slice(len(values), -1)}) if alone else run({name: widths[name]}, metrics[1])
-            curves[name] = wide[["residual_vibration"]]
+            wide, along = widths[name], vibration[:, len(values) : -1]
+            if not alone:
+                (along,) = _swept(problem, shapers, {name: wide}, "residual_vibration")
+            curves[name] = Curves(wide, wide * float(leaf(problem.plant, name)), dict(zip(shapers, along, strict=True)))
     rows = [Row(*values) for values in zip(shapers, shapers.values(), nominal, energies, vibrations, strict=True)]
     return Report(problem, rows, left_out, curves, solution)
+
+
+def _swept(problem: Problem, shapers: dict[str, Shaper], over: dict[str, Any], *metrics: str) -> list[np.ndarray]:
+    """Each metric of every shaper (its first axis) over a grid of multiples of the leaves (the others)."""
+    plant, command = with_arrays(problem.plant), as_command(problem.distance)
+    absolute = check_over(plant, over)
+    points = {name: np.asarray(values) for name, values in grid(absolute).items()}
+    alike = padded_shapers(shapers.values())
+    found = evaluate(task(plant, command, alike, metrics), points, cut(plant, command, alike, points))
+    return [values.reshape(len(shapers), *(len(v) for v in absolute.values())) for values in found]
 
 
 def _wide(values: Any) -> np.ndarray:
@@ -143,8 +168,13 @@ def write(report: Report, folder: Path, step: Step = lambda _: None, draw: Draw 
         write_json(row.shaper, folder / "shapers" / f"{stem}.json", row.name)
         write_csv(row.shaper, folder / "shapers" / f"{stem}.csv")
     (folder / "problem.toml").write_text(report.problem.text, encoding="utf-8")
-    for name, dataset in report.curves.items():
-        dataset.to_dataframe().to_csv(folder / f"sensitivity_{name}.csv")
+    for name, curves in report.curves.items():
+        with (folder / f"sensitivity_{name}.csv").open("w", newline="", encoding="utf-8") as file:
+            table = csv.writer(file, lineterminator="\n")
+            table.writerow(["shaper", name, f"{name}_absolute", "residual_vibration"])
+            for shaper, values in curves.vibrations.items():
+                columns = (part.tolist() for part in (curves.ratios, curves.values, values))
+                table.writerows([shaper, *row] for row in zip(*columns, strict=True))
     (folder / "results.json").write_text(json.dumps(numbers(report), indent=2) + "\n", encoding="utf-8")
     paths = []
     for name, kind, values in figures(report, step):
@@ -201,9 +231,10 @@ def figures(report: Report, step: Step = lambda _: None) -> Iterator[tuple[str, 
     Those whose numbers are there already come first, so that they can be drawn while the others are computed.
     """
     problem = report.problem
-    for name, dataset in report.curves.items():
+    for name, curves in report.curves.items():
         stated = (float(min(problem.over[name])), float(max(problem.over[name])))
-        yield f"sensitivity_{name}", "sensitivity", (dataset.sel(shaper=_steadiest(report)), name, 5.0, stated)
+        steadiest = {shaper: curves.vibrations[shaper] for shaper in _steadiest(report)}
+        yield f"sensitivity_{name}", "sensitivity", (name, curves.ratios, steadiest, 5.0, stated)
     if report.solution is not None and len(report.solution.history) > 1:
         objective = "nominal" if not report.solution.samples else problem.objective
         yield "convergence", "convergence", (np.asarray(report.solution.history), objective)
@@ -228,7 +259,7 @@ def figures(report: Report, step: Step = lambda _: None) -> Iterator[tuple[str, 
     ]
     extremes = {row.name: [run(plant, row) for plant in ends] for row in shown}
     drive = problem.plant.drives()[0]
-    names = {"displacement": ("base $x_1$", "payload $x_2$"), "force": ("force", "payload")}.get(drive, ("", ""))
+    names = {"displacement": ("base x₁", "payload x₂"), "force": ("force", "payload")}.get(drive, ("", ""))
     label = "position (m), force (N)" if drive == "force" else "position (m)"
     yield "response", "response", (nominal, extremes, names, label)
     if isinstance(problem.plant, AbstractOscillator):

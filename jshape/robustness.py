@@ -21,7 +21,7 @@ import xarray as xr
 from jaxtyping import Array
 
 from jshape import _check, metrics
-from jshape._batch import STEPPED, Metric, evaluate, side_by_side, task
+from jshape._batch import STEPPED, Metric, evaluate, padded_shapers, side_by_side, task
 from jshape._cluster import check_client
 from jshape._pieces import cut, slices
 from jshape.command import as_command
@@ -106,7 +106,7 @@ def sweep(
     plant = with_arrays(plant)
     absolute = check_over(plant, over if samples is None else draw(over, samples, sampling, seed), relative)
     points = {name: np.asarray(v) for name, v in (grid(absolute) if samples is None else absolute).items()}
-    padded = padded_shapers(names)
+    padded = padded_shapers(names.values())
     of = task(plant, command, padded, tuple(asked.values()), tuple(absolute) if derivatives else ())
     pieces = cut(plant, command, padded, points) if of.stepped else slices(np.arange(len(next(iter(points.values())))))
     folder = None if store is None else Path(store)
@@ -160,12 +160,6 @@ def named_shapers(shapers: Shaper | Mapping[str, Shaper | None]) -> dict[str, Sh
     if not names or any(not (s is None or isinstance(s, Shaper)) for s in names.values()):
         raise ValueError(f"shapers must be one shaper or a mapping of names to shapers, not {shapers!r}")
     return names
-
-
-def padded_shapers(names: Mapping[str, Shaper | None]) -> list[Shaper]:
-    """All with the same number of impulses, so that they run through one compiled program."""
-    longest = max(1 if s is None else len(s.times) for s in names.values())
-    return [(Shaper([1.0], [0.0]) if s is None else s).pad(longest) for s in names.values()]
 
 
 def as_metrics(metric: str | Metric | Sequence[str | Metric]) -> dict[str, str | Metric]:

@@ -9,9 +9,11 @@ from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int
 
 from jshape import _check
+from jshape._kept import kept
 from jshape._types import Breaks, Coefficients, Inputs, Scalar, Times
 from jshape.command import AbstractCommand, as_command, polynomial, taylor_shift
 from jshape.plants import AbstractPlant
@@ -87,12 +89,12 @@ def schedule(plant: AbstractPlant, command: AbstractCommand | Any, shaper: Shape
             "gives only as impulses; use a smoother command, such as Trapezoid"
         )
     breaks, coefficients = _pieces(command, shaper, plant.breaks())
-    if _check.is_concrete(coefficients) and bool(jnp.any(coefficients[-1, 1:] != 0)):
+    if _check.is_concrete(coefficients) and np.any(np.asarray(coefficients)[-1, 1:] != 0):
         raise ValueError("distance: the command does not come to rest: its last piece is not constant")
     return Schedule(breaks, coefficients)
 
 
-@eqx.filter_jit
+@kept
 def _pieces(command: AbstractCommand, shaper: Shaper | None, own: Breaks | None) -> tuple[Breaks, Coefficients]:
     breaks, coefficients = command.pieces() if shaper is None else shaper.shape(command).pieces()
     if own is None:

@@ -15,11 +15,11 @@ import xarray as xr
 from scipy.stats import bootstrap, sobol_indices
 
 from jshape import _check
-from jshape._batch import Metric, evaluate, task
+from jshape._batch import Metric, evaluate, padded_shapers, task
 from jshape._pieces import cut, slices
 from jshape.command import as_command
 from jshape.plants import AbstractPlant
-from jshape.robustness import METRICS, as_metrics, named_shapers, padded_shapers
+from jshape.robustness import METRICS, as_metrics, named_shapers
 from jshape.sampling import draw_sets
 from jshape.shaper import Shaper
 from jshape.simulate import with_arrays
@@ -76,7 +76,7 @@ def sensitivity_indices(
     mixed = [a, b, *({**a, leaf: b[leaf]} for leaf in leaves)]
     values = {leaf: np.concatenate([part[leaf] for part in mixed]) for leaf in leaves}
     points = {leaf: np.asarray(v) for leaf, v in check_over(plant, values, relative).items()}
-    padded = padded_shapers(names)
+    padded = padded_shapers(names.values())
     of = task(plant, command, padded, (asked,))
     pieces = cut(plant, command, padded, points) if of.stepped else slices(np.arange(samples * len(mixed)))
     found = evaluate(of, points, pieces, progress=progress)[0]

@@ -64,7 +64,8 @@ class Shaper(eqx.Module):
     @property
     def duration(self) -> Scalar:
         """Time of the last impulse, s: what the shaper adds to a move."""
-        return jnp.asarray(_check.numerics(self.times).max(self.times))
+        xp = _check.numerics(self.times)
+        return _check.on_device(xp.max(xp.asarray(self.times)))
 
     def convolve(self, other: "Shaper") -> "Shaper":
         """Both shapers one after the other: impulses at every ``t_i + t_j`` with amplitudes ``A_i A_j``, sorted."""

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from jshape import _check
+from jshape._kept import kept
 from jshape._types import Inputs, Scalar, State, Times
 from jshape.command import polynomial
 from jshape.integrate import integrate
@@ -247,7 +248,7 @@ def _jacobians(plant: AbstractPlant, plan: Schedule) -> Float[Array, "places sta
     return jnp.stack([jacobian(*place) for place in places])
 
 
-_frequencies: Any = eqx.filter_jit(_jacobians)
+_frequencies: Any = kept(_jacobians)
 
 
 def fastest(plant: AbstractPlant, plan: Schedule) -> float:
@@ -258,7 +259,7 @@ def fastest(plant: AbstractPlant, plan: Schedule) -> float:
     return float(np.max(np.abs(np.linalg.eigvals(matrices))))
 
 
-@eqx.filter_jit
+@kept
 def _simulate_adaptive(plant, plan, state, horizon, samples, rtol, atol, adjoint, steps) -> Response:
     times = horizon * jnp.linspace(0.0, 1.0, samples, dtype=state.dtype)
     segments, at = plan.sampled(times)
@@ -312,7 +313,7 @@ def _fixed_states(plant, segments: Segments, state: State, at, steps: int) -> tu
     return jnp.concatenate([state[None], states[:, -1]])[at], jnp.max(error)
 
 
-@eqx.filter_jit
+@kept
 def _simulate_fixed(plant, plan, state, horizon, samples, steps) -> Response:
     times = horizon * jnp.linspace(0.0, 1.0, samples, dtype=state.dtype)
     segments, at = plan.sampled(times)

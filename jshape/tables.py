@@ -3,16 +3,16 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import xarray as xr
 from rich import box
 from rich.console import Console
 from rich.table import Table
 
 from jshape.problem import Problem
 from jshape.report import Report
-from jshape.robustness import summary
 
 if TYPE_CHECKING:
+    import xarray as xr
+
     from jshape.adaptive.report import Experiment
 
 
@@ -76,8 +76,11 @@ def show_adaptation(found: "Experiment") -> None:
         console.print("move 1 is the first that begins after the change, 0 the one under way", style="dim")
 
 
-def show_sweep(problem: Problem, found: xr.Dataset, left_out: dict[str, str]) -> None:
+def show_sweep(problem: Problem, found: "xr.Dataset", left_out: dict[str, str]) -> None:
     """Mean, 95 % quantile and worst of every shaper, a table a metric."""
+    # Half a second of loading xarray, which those who only tune a shaper do without.
+    from jshape.robustness import summary
+
     console = new_console()
     for metric in found.data_vars:
         data = found[metric]
@@ -98,7 +101,7 @@ def show_sweep(problem: Problem, found: xr.Dataset, left_out: dict[str, str]) ->
         console.print(f"left out: {name}: {reason}", style="dim", highlight=False)
 
 
-def show_front(problem: Problem, front: xr.Dataset) -> None:
+def show_front(problem: Problem, front: "xr.Dataset") -> None:
     """The least objective for every duration, a column a design, then the closed forms."""
     console = new_console()
     title = f"{problem.title}: {front['objective'].attrs['long_name']} (J) for each duration"

@@ -64,7 +64,7 @@ def check_over(plant: AbstractPlant, over: Mapping[str, Any], relative: bool = T
         if relative and _check.is_concrete(nominal) and float(nominal) == 0:
             raise ValueError(f"over[{name!r}]: {name} is 0, of which there are no multiples; give relative=False")
         xp = _check.numerics(values, nominal)
-        absolute[name] = jnp.asarray(xp.asarray(values) * xp.asarray(nominal)) if relative else values
+        absolute[name] = _check.on_device(xp.asarray(values) * xp.asarray(nominal)) if relative else values
         _check_construction(plant, name, absolute[name])
     return absolute
 
@@ -73,7 +73,7 @@ def grid(absolute: Mapping[str, Array]) -> dict[str, Array]:
     """All combinations of the leaves' values, one entry a plant, the last leaf changing fastest."""
     xp = _check.numerics(absolute)
     mesh = xp.meshgrid(*(xp.asarray(values) for values in absolute.values()), indexing="ij")
-    return {name: jnp.asarray(values.reshape(-1)) for name, values in zip(absolute, mesh, strict=True)}
+    return {name: _check.on_device(values.reshape(-1)) for name, values in zip(absolute, mesh, strict=True)}
 
 
 def map_plants(function: Callable[[AbstractPlant], Any], plant: AbstractPlant, samples: Mapping[str, Array]) -> Any:
@@ -101,7 +101,7 @@ def _check_construction(plant: AbstractPlant, name: str, values: Array) -> None:
     """The checks of construction, which a leaf that is put in place later does not pass through, at both ends."""
     if not _check.is_concrete(plant, values):
         return
-    for value in map(jnp.asarray, (np.min(np.asarray(values)), np.max(np.asarray(values)))):
+    for value in map(_check.on_device, (np.min(np.asarray(values)), np.max(np.asarray(values)))):
         try:
             _recheck(with_leaves(plant, {name: value}))
         except ValueError as error:

@@ -10,6 +10,8 @@ from hypothesis import settings  # noqa: E402
 from problems import two_mass  # noqa: E402
 from scipy.integrate import solve_ivp  # noqa: E402
 
+from jshape import _kept  # noqa: E402
+
 # The first example compiles; how long that takes is no property of the code.
 settings.register_profile("jshape", deadline=None)
 settings.load_profile("jshape")
@@ -20,6 +22,8 @@ def forget_programs():
     """Each file's compiled programs go when it is done: a thousand tests' worth of them takes gigabytes."""
     yield
     jax.clear_caches()
+    # A command that was run here keeps its programs; the tests after it shall compile their own.
+    _kept._shelf = None
 
 
 @pytest.fixture(scope="session")

@@ -1,6 +1,7 @@
 """The command line as its user meets it."""
 
 import json
+import os
 import subprocess
 import sys
 
@@ -85,6 +86,22 @@ def test_tune_the_uncertain_payload(tmp_path):
     shaper = read_shaper(out / "shapers" / "tuned.json")
     assert shaper.amplitudes.tolist() == tuned["amplitudes"]
     assert read_shaper(out / "shapers" / "tuned.csv").times.tolist() == tuned["times"]
+
+
+@pytest.mark.slow
+def test_another_process_finds_the_programs_and_tells_the_same(tmp_path):
+    environment = {**os.environ, "JAX_COMPILATION_CACHE_DIR": str(tmp_path / "cache")}
+    told, programs = [], []
+    for name in ("first", "second"):
+        arguments = ["-m", "jshape", "tune", "paper_000", "--out", str(tmp_path / name)]
+        subprocess.run([sys.executable, *arguments], check=True, env=environment, capture_output=True)
+        told.append((tmp_path / name / "results.json").read_bytes())
+        programs.append({path.name: path.stat().st_mtime_ns for path in (tmp_path / "cache").rglob("programs/*/*")})
+    assert told[0] == told[1]
+    # The second one has written none; the search, the kernel and the closed forms are among them.
+    assert programs[0] == programs[1]
+    kept = {name.partition("-")[0] for name in programs[0]}
+    assert {"jshape.design._nominal._run", "jshape.design._energies.look", "jshape._batch._many"} <= kept
 
 
 @pytest.mark.slow

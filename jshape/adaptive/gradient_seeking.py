@@ -20,6 +20,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from jshape import _check
+from jshape._kept import kept
 from jshape._types import Scalar, Times
 from jshape.adaptive._levenberg_marquardt import least_squares
 from jshape.command import AbstractCommand, as_command
@@ -164,7 +165,7 @@ class GradientSeeking(eqx.Module):
         return _fitted(self, state, shaper, as_command(distance), measured, initial_state)
 
 
-@eqx.filter_jit
+@kept
 def _fitted(
     seeking: GradientSeeking,
     state: GradientState,

@@ -3,11 +3,15 @@
 Nothing here imports matplotlib, or JAX: those processes do the one, and nobody needs the other to draw.
 """
 
+import gc
 import multiprocessing
+import os
 import signal
+import tempfile
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 
@@ -15,11 +19,11 @@ from typing import Any
 def artist() -> Iterator[Callable[..., None]]:
     """Somebody to draw, as ``draw(path, kind, *numbers)`` of ``jshape.report.write``.
 
-    While the command computes, two processes load matplotlib and draw; two, since the last figures come together. At
-    the end all figures are on disk. *Raises* what went wrong with one of them.
+    While the command loads its libraries and computes, two processes load matplotlib and draw; two, since the last
+    figures come together. At the end all figures are on disk. *Raises* what went wrong with one of them.
     """
-    with ProcessPoolExecutor(2, multiprocessing.get_context("spawn"), initializer=_undisturbed) as processes:
-        figures: list[Future] = [processes.submit(_draw) for _ in range(2)]
+    with ProcessPoolExecutor(2, multiprocessing.get_context("spawn"), initializer=_begin) as processes:
+        figures: list[Future] = [processes.submit(_warm_up) for _ in range(2)]
         try:
             yield lambda *figure: figures.append(processes.submit(_draw, *figure))
         except BaseException:
@@ -29,13 +33,25 @@ def artist() -> Iterator[Callable[..., None]]:
             figure.result()
 
 
-def _undisturbed() -> None:
-    # An interrupt is the other process's business.
+def _begin() -> None:
+    # An interrupt is the other process's business, and so is most of the machine.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if hasattr(os, "nice"):
+        os.nice(19)
+    os.environ["MPLBACKEND"] = "Agg"
+    # A process that ends after a few figures has nothing to collect.
+    gc.disable()
+
+
+def _warm_up() -> None:
+    """Draw something, so that all that drawing needs (fonts, formulas, formats) is loaded."""
+    from jshape import plot
+
+    with tempfile.TemporaryDirectory() as folder:
+        plot.draw(Path(folder) / "first.png", "convergence", [1.0, 0.1], "nominal")
 
 
 def _draw(*figure: Any) -> None:
     from jshape import plot
 
-    if figure:
-        plot.draw(*figure)
+    plot.draw(*figure)

@@ -18,7 +18,7 @@ def tune(
     start: Annotated[Path | None, typer.Option(help="Go on from this shaper (JSON or CSV) alone.")] = None,
 ) -> None:
     """Tune a shaper for a problem and set it beside every closed form that applies."""
-    with explained():
+    with explained(), artist() as draw:
         prepare_jax()
         from jshape import report
         from jshape.design.tune import tune as tune_shaper
@@ -29,7 +29,7 @@ def tune(
         design = read.design
         first = None if start is None else read_shaper(start)
         # The closed forms are compiled beside the search: with two cores that saves some seconds of a first run.
-        with progress() as (step, tell), artist() as draw, ThreadPoolExecutor(1) as beside:
+        with progress() as (step, tell), ThreadPoolExecutor(1) as beside:
             closed = beside.submit(report.closed_forms, read)
             step("tuning")
             given = design.model_dump(exclude={"objective", "starts", "seed"})
@@ -51,13 +51,13 @@ def tune(
 
 def compare(problem: ProblemFile, out: Out = None) -> None:
     """Set the closed-form shapers that apply to a problem side by side, without tuning."""
-    with explained():
+    with explained(), artist() as draw:
         prepare_jax()
         from jshape import report
         from jshape.tables import show_report
 
         read, folder = begin(problem, out)
-        with progress() as (step, _), artist() as draw:
+        with progress() as (step, _):
             result = report.build(read, None, step)
             figures = report.write(result, folder, step, draw)
         show_report(result, folder, figures)

@@ -6,12 +6,12 @@ epigraph nor a linear solve with the polishing, and needs one derivative only.
 
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from jshape._kept import kept
 from jshape.design._energies import energies, limits_kept
 from jshape.design._objective import TAIL, Objective
 from jshape.design._rules import Rules
@@ -39,7 +39,7 @@ def descend(
     return Point(*(np.asarray(part) for part in found)), np.asarray(values)
 
 
-@eqx.filter_jit
+@kept
 def _run(task: Task, bounds, durations: Array, objective: Objective, starts: Point, iterations: int, time_cost):
     import optax  # Loaded here: half a second that most designs do not need.
 

@@ -3,12 +3,12 @@
 from collections.abc import Callable
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
+from jshape._kept import kept
 from jshape.design._limits import of_command, of_plant
 from jshape.design._task import Point, Task, join
 from jshape.plants import AbstractPlant
@@ -37,19 +37,19 @@ def energy(task: Task, plant: AbstractPlant, point: Point) -> Array:
     return jnp.where(lost, LOST, value)
 
 
-@eqx.filter_jit
+@kept
 def energies(task: Task, point: Point) -> Float[Array, " plants"]:
     """The residual energies of all plants, J; of the nominal one alone where there are no samples."""
     return _each(task, lambda plant: energy(task, plant, point))
 
 
-@eqx.filter_jit
+@kept
 def energies_of_many(task: Task, points: Point) -> Float[Array, "designs plants"]:
     """The residual energies for each of many designs (a leading axis) on all plants, J."""
     return jax.lax.map(lambda point: energies(task, Point(*point)), tuple(points))
 
 
-@eqx.filter_jit
+@kept
 def look(
     task: Task, point: Point
 ) -> tuple[

@@ -66,7 +66,7 @@ def check(limits: Limits, command: AbstractCommand) -> None:
 
 def fine(plant: AbstractPlant, command: AbstractCommand, longest: float, impulses: int) -> int:
     """Fixed steps a segment, fine enough for the peaks between them: to 3e-6 of themselves, at 0.2 rad a step."""
-    sample = join(jnp.full(impulses, 1 / impulses), jnp.full(impulses - 1, longest / (impulses - 1)))
+    sample = join(np.full(impulses, 1 / impulses), np.full(impulses - 1, longest / (impulses - 1)))
     plan = schedule(plant, command, sample)
     stretches = np.append(np.diff(np.asarray(plan.breaks)), float(tail(plant, plan, 1.0)) / AFTER)
     angle = fastest(plant, plan) * 1.5 * float(stretches.max())

@@ -7,6 +7,7 @@ import lineax as lx
 import numpy as np
 import optimistix as optx
 
+from jshape._kept import kept
 from jshape.design._energies import energy, residual
 from jshape.design._rules import Rules
 from jshape.design._task import Point, Task
@@ -23,7 +24,7 @@ def levenberg_marquardt(task: Task, rules: Rules, starts: Point, iterations: int
     return Point(*(np.asarray(part) for part in found)), np.asarray(values)
 
 
-@eqx.filter_jit
+@kept
 def _run(task: Task, starts: Point, fixed_duration: bool, fixed_amplitudes: bool, iterations: int):
     def one(start: Point):
         amplitudes, gaps, leaves = start

@@ -78,7 +78,7 @@ def finer_set(task: Task, absolute: Mapping[str, Any], along: bool = False) -> T
     if not task.samples:
         return dataclasses.replace(task, steps=4 * task.steps)
     dense = grid(_refine(absolute))
-    both = {name: jnp.concatenate([task.samples[name], dense[name]]) for name in dense}
+    both = {name: _check.on_device(np.concatenate([task.samples[name], dense[name]])) for name in dense}
     return dataclasses.replace(task, steps=4 * task.steps, samples=both if along else dense)
 
 
@@ -92,7 +92,7 @@ def _refine(absolute: Mapping[str, Any], most: int = 20_000) -> dict[str, Any]:
     for name, values in absolute.items():
         values = np.sort(np.asarray(values))
         at = np.arange((len(values) - 1) * times + 1) / times
-        finer[name] = jnp.asarray(np.interp(at, np.arange(len(values)), values))
+        finer[name] = _check.on_device(np.interp(at, np.arange(len(values)), values))
     return finer
 
 
@@ -117,5 +117,5 @@ def _steps(plant: AbstractPlant, command: AbstractCommand, allowed: Rules) -> in
     """Fixed steps a segment, for the whole duration shared evenly and half as much again."""
     longest = 1.5 * allowed.longest / (allowed.impulses - 1)
     amplitudes = np.full(allowed.impulses, 1 / allowed.impulses)
-    sample = join(jnp.asarray(amplitudes), jnp.full(allowed.impulses - 1, longest))
+    sample = join(amplitudes, np.full(allowed.impulses - 1, longest))
     return steps_for(plant, schedule(plant, command, sample))

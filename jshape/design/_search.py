@@ -168,7 +168,7 @@ class Search:
 
     def solution(self, found: Found, absolute: Mapping[str, Any]) -> Solution:
         """What was found, judged: by a finer set, by finer steps, by the conditions of an optimum."""
-        task, point = self.task, Point(*(jnp.asarray(part) for part in found.point))
+        task, point = self.task, Point(*(np.asarray(part) for part in found.point))
         values, _, kept, _ = (np.asarray(part) for part in look(task, point))
         # The given plants come first, so that one program tells the error and the finer set's value.
         again = np.asarray(energies(finer_set(task, absolute, along=True), point))
@@ -180,7 +180,7 @@ class Search:
         samples = {name: np.asarray(v) for name, v in task.samples.items()}
         active = {name: v[heaviest] for name, v in samples.items()}
         return Solution(
-            shaper=join(point.amplitudes / jnp.sum(point.amplitudes), point.gaps),
+            shaper=join(point.amplitudes / point.amplitudes.sum(), point.gaps),
             objective=value_of(self.objective, values),
             history=found.history,
             result=found.result,

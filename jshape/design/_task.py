@@ -4,10 +4,10 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import equinox as eqx
-import jax.numpy as jnp
 from jaxtyping import Array
 
-from jshape._types import Impulses, State
+from jshape import _check
+from jshape._types import State
 from jshape.command import AbstractCommand
 from jshape.plants import AbstractPlant
 from jshape.shaper import Shaper
@@ -65,6 +65,8 @@ class Task(eqx.Module):
         return with_leaves(plant, {name: point.leaves[i] for i, name in enumerate(self.also)})
 
 
-def join(amplitudes: Impulses, gaps: Array) -> Shaper:
+def join(amplitudes: Any, gaps: Any) -> Shaper:
     """A shaper from amplitudes and the gaps between the impulses, s."""
-    return Shaper(amplitudes, jnp.concatenate([jnp.zeros_like(gaps[:1]), jnp.cumsum(gaps)]))
+    xp = _check.numerics(gaps)
+    gaps = xp.asarray(gaps)
+    return Shaper(amplitudes, xp.concatenate([xp.zeros_like(gaps[:1]), xp.cumsum(gaps)]))

@@ -77,8 +77,7 @@ class Polish:
     def look(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Energies (J), their slopes, limits and their slopes, the slopes in the search's units."""
         if x.tobytes() != self._key or self._seen is None:
-            point = Point(*(jnp.asarray(part) for part in self.point(x)))
-            values, slopes, kept, kept_slopes = (np.asarray(part) for part in look(self.task, point))
+            values, slopes, kept, kept_slopes = (np.asarray(part) for part in look(self.task, self.point(x)))
             self._key, self._seen = x.tobytes(), (values, slopes * self.units, kept, kept_slopes * self.units)
             self.report(
                 value_of(self.objective, values) + self.time_cost * self.rules.longest * float(self.duration @ x)
@@ -157,7 +156,7 @@ class Polish:
             slope = lambda x: weights_of(objective, scale * energies(x)) @ slopes(x) + slope_of_paid
 
         finite = [(None if np.isinf(b) else b, None if np.isinf(c) else c) for b, c in bounds]
-        options = dict(maxiter=iterations, ftol=max(1e-13, float(jnp.finfo(jnp.zeros(0).dtype).eps)))
+        options = dict(maxiter=iterations, ftol=max(1e-13, float(jnp.finfo(jnp.result_type(float)).eps)))
         end = minimize(goal, begin, jac=slope, bounds=finite, constraints=constraints, method="SLSQP", options=options)
         found = self.point(full(end.x))
         clean = rules.clean(found)

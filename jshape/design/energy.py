@@ -18,7 +18,6 @@ or ``"ignore"``. Without a damper they are one and the same; the two approximati
 
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import lineax as lx
@@ -27,6 +26,7 @@ import optimistix as optx
 from jaxtyping import Array, Float
 
 from jshape import _check
+from jshape._kept import kept
 from jshape._root import bracketed_root, integral
 from jshape._types import Scalar
 from jshape.design._swing import half_period, time_from_turn
@@ -152,7 +152,7 @@ def _swings(plant: AbstractOscillator, distance: Any, shares: Float[Array, " swi
     return _checked(*_assemble(bases, ways, times, size), size)
 
 
-@eqx.filter_jit
+@kept
 def _approximate_swings(
     plant: AbstractOscillator, size: Scalar, shares: Array, damping: str
 ) -> tuple[Array, Array, Array]:
@@ -174,7 +174,7 @@ def _assemble(bases: Array, ways: Array, times: Array, size: Scalar) -> tuple[Ar
     return xp.diff(levels) / size, xp.concatenate([xp.zeros_like(times[:1]), xp.cumsum(times)])
 
 
-@eqx.filter_jit
+@kept
 def _first_order_shares(plant: AbstractOscillator, size: Scalar, swings: int) -> Array:
     def shares(s: Scalar) -> Array:
         ends = 2 if swings % 2 else 1
@@ -195,7 +195,7 @@ def _first_order_shares(plant: AbstractOscillator, size: Scalar, swings: int) ->
     return shares(bracketed_root(lag, lower, upper, rising=bool(swings % 2)))
 
 
-@eqx.filter_jit
+@kept
 def _fast(plant: AbstractOscillator, size: Scalar, first: Scalar | None, damping: str) -> tuple[Array, Array]:
     potential = lambda share: plant.spring.potential(share * size)
     if first is None:
@@ -219,7 +219,7 @@ def _fast(plant: AbstractOscillator, size: Scalar, first: Scalar | None, damping
     return jnp.stack([a1, a2, 1 - a1 - a2]), jnp.stack([jnp.zeros_like(t2), t2, t3])
 
 
-@eqx.filter_jit
+@kept
 def _negative(plant: AbstractOscillator, size: Scalar, damping: str) -> tuple[Array, Array]:
     potential = lambda share: plant.spring.potential(share * size)
     balance = lambda p: potential(-1.0) - potential(p - 1) + potential(p) - potential(1.0)
@@ -275,7 +275,7 @@ def _loss_orbit(plant: AbstractOscillator, base: Scalar, way: Scalar, time: Scal
     return integral(integrand, -jnp.pi / 2, jnp.pi / 2)
 
 
-@eqx.filter_jit
+@kept
 def _exact_swing(plant: AbstractOscillator, base: Scalar, way: Scalar, time: Scalar) -> tuple[Scalar, Scalar]:
     """The base position and time for which the damped payload comes to rest exactly at the end of its way."""
 

@@ -2,12 +2,12 @@
 
 from collections.abc import Mapping
 
-import equinox as eqx
 import jax
 import numpy as np
 import xarray as xr
 from jaxtyping import PRNGKeyArray
 
+from jshape._kept import kept
 from jshape.adaptive.moves.machine import AbstractMoves, AbstractMoveStrategy, Moves, MoveTrace, NoisySensor, run_moves
 
 
@@ -26,7 +26,7 @@ def run_many(
     return {name: _many(truth, strategy, moves, sensor, keys) for name, strategy in strategies.items()}
 
 
-@eqx.filter_jit
+@kept
 def _many(
     truth: AbstractMoves, strategy: AbstractMoveStrategy, moves: Moves, sensor: NoisySensor, keys: PRNGKeyArray
 ) -> MoveTrace:

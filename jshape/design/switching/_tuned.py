@@ -4,7 +4,6 @@ import dataclasses
 import functools
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,6 +11,7 @@ from jaxtyping import Array, Float
 from scipy.optimize import least_squares
 
 from jshape import _check
+from jshape._kept import kept
 from jshape._types import Scalar, State
 from jshape.command import PiecewisePolynomial
 from jshape.design.switching._task import numbers
@@ -202,7 +202,7 @@ def _base(order: int, gaps: Array, levels: Array) -> Float[Array, "breaks order"
     return jnp.column_stack([position, speed])
 
 
-@eqx.filter_jit
+@kept
 def _conditions(
     plant: AbstractPlant,
     gaps: Array,

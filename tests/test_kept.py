@@ -1,0 +1,167 @@
+"""Programs kept from one process to the next: the same numbers, found again, and only where they may be."""
+
+import os
+import time
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from problems import two_mass
+
+import jshape as js
+from jshape import _kept
+from jshape._kept import kept
+from jshape.plants import TwoMass
+from jshape.schedule import schedule
+from jshape.simulate import final_state, initial
+
+runs: list[str] = []
+"""What has been traced, in this process."""
+
+
+class Pair(NamedTuple):
+    total: jax.Array
+    scaled: jax.Array
+
+
+class Lamp(eqx.Module):
+    """A piece of somebody else's code."""
+
+    power: jax.Array
+
+
+def both(x, factor: float, names: tuple[str, ...] = ()):
+    runs.append("both")
+    return {"pair": Pair(jnp.sum(x), factor * x), "count": jnp.asarray(len(names))}
+
+
+def lit(lamp: Lamp, x):
+    runs.append("lit")
+    return lamp.power * x
+
+
+def energy(plant: TwoMass, times):
+    """The whole way through the kernel, an eigenvalue decomposition (LAPACK) at its end."""
+    runs.append("energy")
+    plan = schedule(plant, 1.0, js.Shaper(jnp.full(3, 1 / 3), times))
+    end, error = final_state(plant, plan, initial(plant), 32)
+    return plant.residual_energy(end, plan.final_inputs(plant)), error, jnp.linalg.eigh(jnp.outer(end, end))
+
+
+@pytest.fixture
+def shelf(tmp_path, monkeypatch):
+    """A folder of its own, and nothing traced so far."""
+    runs.clear()
+    monkeypatch.setattr(_kept, "_shelf", None)
+    _kept.keep_in(tmp_path)
+    (folder,) = tmp_path.iterdir()
+    return folder
+
+
+def same(found, expected) -> bool:
+    equal = jax.tree.map(lambda a, b: bool(np.array_equal(a, b)), found, expected)
+    return jax.tree.structure(found) == jax.tree.structure(expected) and all(jax.tree.leaves(equal))
+
+
+def test_another_process_finds_the_program_and_the_same_numbers(shelf):
+    x = jnp.arange(3.0)
+    first = kept(both)(x, 2.0)
+    assert same(first, eqx.filter_jit(both)(x, 2.0))
+    assert len(list(shelf.iterdir())) == 1
+    runs.clear()
+    # A new wrapper knows as little as a new process.
+    assert same(kept(both)(x, 2.0), first)
+    assert runs == []
+
+
+def test_the_kernel_and_lapack_go_through(shelf):
+    plant, times = two_mass(), jnp.array([0.0, 0.5, 1.1])
+    kept(energy)(plant, times)
+    runs.clear()
+    found = kept(energy)(plant, times)
+    assert runs == []
+    assert same(found, jax.jit(energy)(plant, times))
+    # What is traced is not part of the program: another plant runs through the same one.
+    other = kept(energy)(eqx.tree_at(lambda p: p.m2, plant, jnp.array(1.3, plant.m2.dtype)), times)
+    assert float(other[0]) != float(found[0])
+    assert len(list(shelf.iterdir())) == 1
+
+
+def test_a_program_is_one_of_its_arguments(shelf):
+    function, x = kept(both), jnp.arange(3.0)
+    function(x, 2.0)
+    for args in [(jnp.arange(4.0), 2.0), (x.astype(jnp.float32), 2.0), (x, 3.0), (x, 2), (x, 2.0, ("a",))]:
+        before = len(list(shelf.iterdir()))
+        assert same(function(*args), eqx.filter_jit(both)(*args))
+        assert len(list(shelf.iterdir())) == before + 1
+    with jax.enable_x64(False):
+        before = len(list(shelf.iterdir()))
+        assert function(np.arange(3.0), 2.0)["pair"].scaled.dtype == jnp.float32
+        assert len(list(shelf.iterdir())) == before + 1
+
+
+def test_code_that_is_not_ours_is_not_kept(shelf):
+    x = jnp.arange(3.0)
+    assert np.array_equal(kept(lit)(Lamp(jnp.asarray(2.0)), x), 2 * x)
+    assert np.array_equal(kept(both)(x, 2.0, (lambda: 0,))["pair"].scaled, 2 * x)
+    assert list(shelf.iterdir()) == []
+
+
+def test_traced_arguments_are_traced_on(shelf):
+    total = lambda x: kept(both)(x, 3.0)["pair"].scaled.sum()
+    assert np.array_equal(jax.grad(total)(jnp.arange(3.0)), np.full(3, 3.0))
+    assert np.array_equal(jax.vmap(total)(jnp.ones((2, 3))), np.full(2, 9.0))
+    assert list(shelf.iterdir()) == []
+
+
+def test_a_damaged_file_is_written_anew(shelf):
+    x = jnp.arange(3.0)
+    first = kept(both)(x, 2.0)
+    (path,) = shelf.iterdir()
+    whole = path.read_bytes()
+    for damaged in (b"", whole[: len(whole) // 2], b"something else"):
+        path.write_bytes(damaged)
+        assert same(kept(both)(x, 2.0), first)
+        runs.clear()
+        assert same(kept(both)(x, 2.0), first)
+        assert runs == []
+
+
+def test_errors_come_through(shelf):
+    with pytest.raises(TypeError, match="unsupported"):
+        kept(both)(jnp.arange(3.0), None)
+    with pytest.raises(ValueError, match="same length"):
+        kept(energy)(two_mass(), jnp.ones((2, 2)))
+    assert list(shelf.iterdir()) == []
+
+
+def test_other_code_or_settings_have_a_folder_of_their_own(tmp_path, monkeypatch):
+    monkeypatch.setattr(_kept, "_shelf", None)
+    _kept.keep_in(tmp_path)
+    monkeypatch.setenv("XLA_FLAGS", "--xla_cpu_enable_fast_math=true")
+    _kept.keep_in(tmp_path)
+    assert len(list(tmp_path.iterdir())) == 2
+    monkeypatch.delenv("XLA_FLAGS")
+    monkeypatch.setattr(_kept, "version", lambda name: "0")
+    _kept.keep_in(tmp_path)
+    assert len(list(tmp_path.iterdir())) == 3
+
+
+def test_what_nobody_uses_any_more_is_deleted(tmp_path, monkeypatch):
+    monkeypatch.setattr(_kept, "_shelf", None)
+    for name, days in (("old", 31), ("recent", 29)):
+        (tmp_path / name).mkdir()
+        os.utime(tmp_path / name, (time.time() - days * 86400,) * 2)
+    _kept.keep_in(tmp_path)
+    assert not (tmp_path / "old").exists()
+    assert (tmp_path / "recent").exists()
+
+
+def test_a_folder_that_cannot_be_written_to_keeps_nothing(tmp_path, monkeypatch):
+    monkeypatch.setattr(_kept, "_shelf", None)
+    (tmp_path / "file").write_text("")
+    _kept.keep_in(tmp_path / "file" / "programs")
+    assert same(kept(both)(jnp.arange(3.0), 2.0), eqx.filter_jit(both)(jnp.arange(3.0), 2.0))
