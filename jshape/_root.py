@@ -6,7 +6,6 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optimistix as optx
 
 from jshape._types import Scalar
 
@@ -20,25 +19,31 @@ def bracketed_root(function: Callable[[Scalar], Scalar], lower: Any, upper: Any,
     function closes over.
     """
     lower, upper = jnp.asarray(lower, dtype=float), jnp.asarray(upper, dtype=float)
-    solver = optx.Bisection(rtol=0.0, atol=1e-300, flip=not rising)
+    solver = dict(rtol=0.0, atol=1e-300, flip=not rising)
     options = jax.lax.stop_gradient(dict(lower=lower, upper=upper))
-    return _differentiable(function, solver, (lower + upper) / 2, options=options, max_steps=64)
+    return _differentiable(function, "Bisection", solver, (lower + upper) / 2, options=options, max_steps=64)
 
 
 def newton_root(function: Callable[[Scalar], Scalar], start: Any) -> Scalar:
     """The root that Newton's method finds from ``start``; NaN where it finds none in 256 steps."""
     start = jnp.asarray(start, dtype=float)
-    root = _differentiable(function, optx.Newton(rtol=1e-13, atol=1e-13), start, max_steps=256)
+    root = _differentiable(function, "Newton", dict(rtol=1e-13, atol=1e-13), start, max_steps=256)
     found = jnp.abs(function(root)) <= 1e-9 * (1 + jnp.abs(function(start)))
     return jnp.where(found, root, jnp.nan)
 
 
-def _differentiable(function: Callable[[Scalar], Scalar], solver: Any, start: Scalar, **given: Any) -> Scalar:
-    """The solver's root, found with everything held fixed, then two Newton steps that are differentiated.
+def _differentiable(
+    function: Callable[[Scalar], Scalar], method: str, settings: dict[str, Any], start: Scalar, **given: Any
+) -> Scalar:
+    """The root by a method of optimistix, found with all else held fixed, and two Newton steps that are differentiated.
 
     At a root one such step has the derivative that the implicit function theorem gives, two have all up to the third
     order. Unlike a linear solve for the derivative they cannot fail, and leave no check in the compiled program.
     """
+    # Loaded here, like diffrax: a process that finds its programs kept does without.
+    import optimistix as optx
+
+    solver = getattr(optx, method)(**settings)
     fixed, constants = jax.closure_convert(function, start)
     constants = jax.lax.stop_gradient(constants)
     solution = optx.root_find(

@@ -6,17 +6,15 @@ on an array of them: under ``vmap`` every component is then one long vector, and
 Reverse mode stores one state a step and computes its stages again on the way back.
 
 ``integrate`` runs a chain of segments, each in a time of its own that is divided into the same number of steps, so
-that segment durations enter as smooth factors and every derivative with respect to them is exact. ``WrittenOut`` is
-the same step as a diffrax solver, for ``diffeqsolve``.
+that segment durations enter as smooth factors and every derivative with respect to them is exact.
+``jshape.solver.WrittenOut`` is the same step as a diffrax solver, for ``diffeqsolve``.
 """
 
 import functools
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
-import diffrax
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -27,15 +25,27 @@ from jshape import _check
 from jshape._components import Components, parts_of
 from jshape._types import Scalar, State
 
-METHODS = {"dopri8": diffrax.Dopri8.tableau, "tsit5": diffrax.Tsit5.tableau}
-"""The tableaus by name: order 8 for accuracy, order 5 where a few digits are enough."""
+if TYPE_CHECKING:
+    import diffrax
+
+METHODS = ("dopri8", "tsit5")
+"""Tableaus by name: order 8 for accuracy, order 5 where a few digits are enough."""
 
 Field = Callable[[Scalar, State, Any], State]
 """``field(time since the segment began, state, the segment's data)``: the state's derivative."""
 
 
+def tableau_of(method: str) -> "diffrax.ButcherTableau":
+    """The tableau of that name. *Raises* ``ValueError`` for another one."""
+    # Here, and not above: a process that finds its programs kept runs without a third of a second's worth of diffrax.
+    import diffrax
+
+    _check.one_of(method, "method", METHODS)
+    return {"dopri8": diffrax.Dopri8.tableau, "tsit5": diffrax.Tsit5.tableau}[method]
+
+
 def runge_kutta_step(
-    tableau: diffrax.ButcherTableau, slope: Callable[[Array, Array], Array], state: State, step: Scalar
+    tableau: "diffrax.ButcherTableau", slope: Callable[[Array, Array], Array], state: State, step: Scalar
 ) -> tuple[State, State]:
     """One step and its embedded error estimate.
 
@@ -127,9 +137,8 @@ def integrate(
     lower-order solution: an upper bound in practice) and, with ``save``, the state after every step. *Raises*
     ``ValueError`` for an unknown method or no steps.
     """
-    _check.one_of(method, "method", tuple(METHODS))
+    tableau = tableau_of(method)
     steps = _check.count(steps, "steps")
-    tableau = METHODS[method]
 
     # One flat loop over segments and steps: one body to compile, one state a step to store. It carries the state's
     # components apart, so that under vmap each stays one long vector from step to step, too.
@@ -151,36 +160,3 @@ def integrate(
     if saved is not None:
         saved = saved.reshape(len(durations), steps, -1)
     return jnp.stack(end), jnp.stack(error), saved
-
-
-class WrittenOut(diffrax.AbstractAdaptiveSolver):
-    """A tableau of this module as a diffrax solver: adaptive steps, dense output, everything ``diffeqsolve`` offers.
-
-    Takes a single ``ODETerm`` on a one-dimensional array. *Raises* ``ValueError`` for an unknown method.
-    """
-
-    method: str = eqx.field(static=True, default="dopri8")
-
-    term_structure: ClassVar = diffrax.ODETerm
-    interpolation_cls: ClassVar = diffrax.ThirdOrderHermitePolynomialInterpolation.from_k
-
-    def __check_init__(self):
-        _check.one_of(self.method, "method", tuple(METHODS))
-
-    def order(self, terms) -> int:
-        del terms
-        return {"dopri8": 8, "tsit5": 5}[self.method]
-
-    def init(self, terms, t0, t1, y0, args) -> None:
-        del terms, t0, t1, y0, args
-
-    def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
-        del solver_state, made_jump
-        step = terms.contr(t0, t1)
-        slope = lambda fraction, y: terms.vf(t0 + fraction * step, y, args)
-        y1, error = runge_kutta_step(METHODS[self.method], slope, y0, step)
-        ends = jnp.stack([step * slope(jnp.zeros_like(step), y0), step * slope(jnp.ones_like(step), y1)])
-        return y1, error, dict(y0=y0, y1=y1, k=ends), None, diffrax.RESULTS.successful
-
-    def func(self, terms, t0, y0, args):
-        return terms.vf(t0, y0, args)

@@ -71,7 +71,7 @@ def residual_energy_and_error(
     With a tolerance, the estimate is the last change when the steps were doubled; without, the state's embedded
     estimate (that of the lower order: well above the true error) through the energy's slope.
     """
-    _check.one_of(method, "method", tuple(METHODS))
+    _check.one_of(method, "method", METHODS)
     plan, plant, state = _prepare(plant, shaper, distance, initial_state)
     if tolerance is not None:
         if steps is not None:

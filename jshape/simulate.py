@@ -6,9 +6,8 @@ instants.
 derivatives of every order. Both run segment by segment in a time that is rescaled to [0, 1] on each of them.
 """
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -23,6 +22,9 @@ from jshape.integrate import integrate
 from jshape.plants import AbstractPlant
 from jshape.schedule import Schedule, Segments, inputs_at, schedule
 from jshape.shaper import Shaper
+
+if TYPE_CHECKING:
+    import diffrax
 
 TRACED_STEPS = (16, 128)
 """Steps a segment to choose from at run time, where durations or frequencies are traced; see ``settled_state``."""
@@ -80,7 +82,7 @@ def simulate(
     method: str = "adaptive",
     rtol: float = 1e-10,
     atol: float = 1e-12,
-    adjoint: diffrax.AbstractAdjoint | None = None,
+    adjoint: "diffrax.AbstractAdjoint | None" = None,
 ) -> Response:
     """Run a plant through a command.
 
@@ -105,6 +107,8 @@ def simulate(
     horizon = _check.scalar(horizon, "horizon")
     _check.positive(horizon, "horizon")
     if method == "adaptive":
+        import diffrax
+
         adjoint = diffrax.RecursiveCheckpointAdjoint() if adjoint is None else adjoint
         # No tighter than the arithmetic can tell, which in single precision is not tight.
         floor = 20 * float(jnp.finfo(state.dtype).eps)
@@ -261,6 +265,8 @@ def fastest(plant: AbstractPlant, plan: Schedule) -> float:
 
 @kept
 def _simulate_adaptive(plant, plan, state, horizon, samples, rtol, atol, adjoint, steps) -> Response:
+    import diffrax
+
     times = horizon * jnp.linspace(0.0, 1.0, samples, dtype=state.dtype)
     segments, at = plan.sampled(times)
     field = _field(plant)

@@ -8,7 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jshape.integrate import METHODS, WrittenOut, integrate, runge_kutta_step
+from jshape.integrate import METHODS, integrate, runge_kutta_step, tableau_of
+from jshape.solver import WrittenOut
 
 ORDERS = {"dopri8": 8, "tsit5": 5}
 
@@ -29,7 +30,7 @@ def march(method, begin, end, steps):
 
     def advance(i, carry):
         y, total = carry
-        y, error = runge_kutta_step(METHODS[method], lambda c, y: slope(begin + (i + c) * size, y), y, size)
+        y, error = runge_kutta_step(tableau_of(method), lambda c, y: slope(begin + (i + c) * size, y), y, size)
         return y, total + error
 
     start = jnp.stack([jnp.exp(jnp.sin(begin)), jnp.exp(-(begin**2))])

@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float
 from jshape import Shaper
 from jshape._types import Scalar, State
 from jshape.command import AbstractCommand, polynomial
-from jshape.integrate import METHODS, runge_kutta_step
+from jshape.integrate import runge_kutta_step, tableau_of
 from jshape.plants import AbstractPlant
 from jshape.plants.base import Coast
 from jshape.schedule import Schedule, Segments, inputs_at, schedule
@@ -118,7 +118,7 @@ def _integrate(
     ``jshape.integrate`` with a loop that carries the state's components apart: in single precision, and with a batch of
     environments, a quarter of the time. What nobody reads is not computed.
     """
-    tableau = METHODS[method]
+    tableau = tableau_of(method)
 
     @jax.checkpoint
     def advance(carry, item):

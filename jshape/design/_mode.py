@@ -9,7 +9,6 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import optimistix as optx
 from jaxtyping import Array, Bool, Complex, Float
 
 from jshape import _check
@@ -56,6 +55,8 @@ def follow(residual, start: Float[Array, " unknowns"], begin: tuple, args: tuple
 
     Derivatives come from the implicit function theorem at the end; the way there has none.
     """
+    import optimistix as optx
+
     begin, end = jax.lax.stop_gradient((begin, args))
     eps = float(jnp.finfo(start.dtype).eps)
     solver = optx.Newton(rtol=64 * eps, atol=64 * eps)

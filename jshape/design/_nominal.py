@@ -3,9 +3,7 @@
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import lineax as lx
 import numpy as np
-import optimistix as optx
 
 from jshape._kept import kept
 from jshape.design._energies import energy, residual
@@ -26,6 +24,9 @@ def levenberg_marquardt(task: Task, rules: Rules, starts: Point, iterations: int
 
 @kept
 def _run(task: Task, starts: Point, fixed_duration: bool, fixed_amplitudes: bool, iterations: int):
+    import lineax as lx
+    import optimistix as optx
+
     def one(start: Point):
         amplitudes, gaps, leaves = start
         total = jnp.sum(gaps)

@@ -20,9 +20,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-import lineax as lx
 import numpy as np
-import optimistix as optx
 from jaxtyping import Array, Float
 
 from jshape import _check
@@ -297,6 +295,9 @@ def _after(plant: AbstractOscillator, size: Scalar, amplitudes: Array, times: Ar
 
 
 def _newton(conditions: Any, start: Array) -> Array:
+    import lineax as lx
+    import optimistix as optx
+
     tolerance = max(1e-11, 20 * float(jnp.finfo(start.dtype).eps))
     solver = optx.Newton(rtol=tolerance, atol=tolerance, linear_solver=lx.LU())
     solution = optx.root_find(lambda x, _: conditions(x), solver, start, max_steps=32, throw=False)
