@@ -25,6 +25,7 @@ from .metrics import residual_vibration as residual_vibration
 from .metrics import rise_time as rise_time
 from .metrics import settling_time as settling_time
 from .pareto import pareto as pareto
+from .programs import keep_programs as keep_programs
 from .robustness import sweep as sweep
 from .sensitivity import sensitivity_indices as sensitivity_indices
 from .shaper import Shaper as Shaper

@@ -17,11 +17,11 @@ from jaxtyping import Array, Float
 
 from jshape import metrics
 from jshape._cluster import on_cluster
-from jshape._kept import kept
 from jshape._pieces import Piece
 from jshape._store import in_pieces
 from jshape.command import AbstractCommand
 from jshape.plants import AbstractOscillator, AbstractPlant
+from jshape.programs import kept
 from jshape.shaper import Shaper
 from jshape.uncertain import with_leaves
 

@@ -13,9 +13,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jshape import _check
-from jshape._kept import kept
 from jshape.command import AbstractCommand
 from jshape.plants import AbstractPlant
+from jshape.programs import kept
 from jshape.schedule import Schedule, schedule
 from jshape.shaper import Shaper
 from jshape.simulate import _frequencies, fastest, steps_for

@@ -7,9 +7,9 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from jshape import _check
-from jshape._kept import kept
 from jshape._types import Scalar
 from jshape.command import polynomial
+from jshape.programs import kept
 from jshape.schedule import Schedule, Segments, inputs_at
 from jshape.simulate import all_states, fastest
 

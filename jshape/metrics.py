@@ -20,12 +20,12 @@ from jaxtyping import Array, Float
 from scipy.optimize import brentq
 
 from jshape import _check
-from jshape._kept import kept
 from jshape._track import extremes, fine_steps, first_above, last_above, track
 from jshape._types import Scalar, State
 from jshape.integrate import METHODS
 from jshape.plants import AbstractOscillator, AbstractPlant
 from jshape.plants.springs import safe_sqrt
+from jshape.programs import kept
 from jshape.schedule import Schedule, Segments, inputs_at, schedule
 from jshape.shaper import Shaper
 from jshape.simulate import all_states, final_state, initial, settled_state, steps_for, with_arrays

@@ -13,11 +13,11 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from jshape import _check
-from jshape._kept import kept
 from jshape._types import Breaks, Coefficients, Inputs, Scalar, Times
 from jshape.command import AbstractCommand, as_command, polynomial, taylor_shift
 from jshape.plants import AbstractPlant
 from jshape.plants.base import DRIVES
+from jshape.programs import kept
 from jshape.shaper import Shaper
 
 

@@ -15,11 +15,11 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from jshape import _check
-from jshape._kept import kept
 from jshape._types import Inputs, Scalar, State, Times
 from jshape.command import polynomial
 from jshape.integrate import integrate
 from jshape.plants import AbstractPlant
+from jshape.programs import kept
 from jshape.schedule import Schedule, Segments, inputs_at, schedule
 from jshape.shaper import Shaper
 

@@ -10,7 +10,7 @@ from hypothesis import settings  # noqa: E402
 from problems import two_mass  # noqa: E402
 from scipy.integrate import solve_ivp  # noqa: E402
 
-from jshape import _kept  # noqa: E402
+from jshape import programs  # noqa: E402
 
 # The first example compiles; how long that takes is no property of the code.
 settings.register_profile("jshape", deadline=None)
@@ -23,7 +23,7 @@ def forget_programs():
     yield
     jax.clear_caches()
     # A command that was run here keeps its programs; the tests after it shall compile their own.
-    _kept._shelf = None
+    programs._shelf = None
 
 
 @pytest.fixture(scope="session")

@@ -20,11 +20,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from jshape import _check
-from jshape._kept import kept
 from jshape._types import Scalar, Times
 from jshape.adaptive._levenberg_marquardt import least_squares
 from jshape.command import AbstractCommand, as_command
 from jshape.plants import AbstractPlant
+from jshape.programs import kept
 from jshape.shaper import Shaper
 from jshape.simulate import simulate, with_arrays
 from jshape.uncertain import leaf, with_leaves

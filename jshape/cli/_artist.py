@@ -37,7 +37,7 @@ def _begin() -> None:
     # An interrupt is the other process's business, and so is most of the machine.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(os, "nice"):
-        os.nice(19)
+        os.nice(5)
     os.environ["MPLBACKEND"] = "Agg"
     # A process that ends after a few figures has nothing to collect.
     gc.disable()

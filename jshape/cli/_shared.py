@@ -7,7 +7,6 @@ import atexit
 import gc
 import importlib.util
 import os
-import sys
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -37,21 +36,10 @@ def begin(name: str, out: Path | None) -> tuple["Problem", Path]:
 def prepare_jax() -> None:
     import jax
 
-    from jshape._kept import keep_in
+    from jshape.programs import keep_programs
 
     jax.config.update("jax_enable_x64", True)
-    cache = os.environ.get("JAX_COMPILATION_CACHE_DIR")
-    if cache is None:
-        base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-        if sys.platform == "win32":
-            base = os.environ.get("LOCALAPPDATA") or base
-        cache = str(Path(base) / "jshape")
-        jax.config.update("jax_compilation_cache_dir", cache)
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
-    jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
-    # JAX takes addresses, and nothing for "keep nothing", too.
-    if cache and "://" not in cache:
-        keep_in(Path(cache) / "programs")
+    keep_programs()
     # Traces are hundreds of thousands of small objects; by default the collector would walk through all of JAX for
     # every few hundred of them, which takes a tenth of a command's time.
     gc.set_threshold(100_000, 50, 50)

@@ -11,11 +11,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from jshape._kept import kept
 from jshape.design._energies import energies, limits_kept
 from jshape.design._objective import TAIL, Objective
 from jshape.design._rules import Rules
 from jshape.design._task import Point, Task
+from jshape.programs import kept
 
 RATE = 0.02
 """Adam's step at the beginning, for amplitudes and for gaps as shares of the duration; it falls to a hundredth."""

@@ -8,10 +8,10 @@ import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
-from jshape._kept import kept
 from jshape.design._limits import of_command, of_plant
 from jshape.design._task import Point, Task, join
 from jshape.plants import AbstractPlant
+from jshape.programs import kept
 from jshape.schedule import schedule
 from jshape.simulate import final_state, initial
 from jshape.uncertain import map_plants

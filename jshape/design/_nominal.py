@@ -5,10 +5,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jshape._kept import kept
 from jshape.design._energies import energy, residual
 from jshape.design._rules import Rules
 from jshape.design._task import Point, Task
+from jshape.programs import kept
 
 
 def levenberg_marquardt(task: Task, rules: Rules, starts: Point, iterations: int) -> tuple[Point, np.ndarray]:

@@ -24,11 +24,11 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jshape import _check
-from jshape._kept import kept
 from jshape._root import bracketed_root, integral
 from jshape._types import Scalar
 from jshape.design._swing import half_period, time_from_turn
 from jshape.plants import AbstractOscillator
+from jshape.programs import kept
 from jshape.schedule import Schedule
 from jshape.shaper import Shaper
 from jshape.simulate import all_states

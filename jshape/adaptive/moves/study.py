@@ -7,8 +7,8 @@ import numpy as np
 import xarray as xr
 from jaxtyping import PRNGKeyArray
 
-from jshape._kept import kept
 from jshape.adaptive.moves.machine import AbstractMoves, AbstractMoveStrategy, Moves, MoveTrace, NoisySensor, run_moves
+from jshape.programs import kept
 
 
 def run_many(

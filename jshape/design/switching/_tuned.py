@@ -11,12 +11,12 @@ from jaxtyping import Array, Float
 from scipy.optimize import least_squares
 
 from jshape import _check
-from jshape._kept import kept
 from jshape._types import Scalar, State
 from jshape.command import PiecewisePolynomial
 from jshape.design.switching._task import numbers
 from jshape.plants import AbstractPlant
 from jshape.plants.base import DRIVES
+from jshape.programs import kept
 from jshape.schedule import Schedule
 from jshape.simulate import final_state, initial, steps_for, with_arrays
 

@@ -1,9 +1,9 @@
-"""Programs that are kept from one process to the next.
+"""Programs that are kept from one process to the next: ``js.keep_programs()``, which the command line does by itself.
 
 JAX keeps what it has compiled in a folder, but to look there it has to trace the function and lower it again, which
 for a command that computes for two seconds takes three more. Functions marked ``kept`` are exported into a folder
-beside that (``keep_in``), after which another process finds them without running a line of them. Nothing is kept where
-no folder was named, or of code that is not jshape's own: nobody could tell whether that has changed.
+beside that, after which another process finds them without running a line of them. Nothing is kept where nobody asked
+for it, or of code that is not jshape's own: nobody could tell whether that has changed.
 """
 
 import contextlib
@@ -44,10 +44,36 @@ _DAYS = 30
 """Programs of another version that nobody has used for so long are deleted."""
 
 _shelf: Path | None = None
+"""Where programs are kept, if they are."""
 
 
-def keep_in(folder: Path) -> None:
-    """Keep the programs of this process, and find those of earlier ones, in that folder."""
+def keep_programs(folder: str | Path | None = None) -> None:
+    """Keep this process's programs for the next ones, and find those of earlier ones; call it before anything else.
+
+    ``folder``: where; unless given, where JAX keeps its own (``JAX_COMPILATION_CACHE_DIR``), or else the user's cache
+    folder. There JAX keeps what it compiles, and jshape in ``programs`` what it has traced: for a process that computes
+    little, three quarters of its time. A folder that cannot be written to keeps nothing; programs of other versions go
+    when nobody has used them for 30 days.
+    """
+    if folder is None:
+        settled = jax.config.jax_compilation_cache_dir  # pyright: ignore[reportAttributeAccessIssue]
+        folder = _users_cache() if settled is None else settled
+    jax.config.update("jax_compilation_cache_dir", str(folder))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+    jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
+    # JAX takes addresses, and an empty name for "keep nothing", too.
+    if str(folder) and "://" not in str(folder):
+        _open(Path(folder) / "programs")
+
+
+def _users_cache() -> Path:
+    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    if sys.platform == "win32":
+        base = os.environ.get("LOCALAPPDATA") or base
+    return Path(base) / "jshape"
+
+
+def _open(folder: Path) -> None:
     global _shelf
     _shelf = folder / _stamp()
     try:

@@ -12,9 +12,9 @@ import pytest
 from problems import two_mass
 
 import jshape as js
-from jshape import _kept
-from jshape._kept import kept
+from jshape import programs
 from jshape.plants import TwoMass
+from jshape.programs import kept
 from jshape.schedule import schedule
 from jshape.simulate import final_state, initial
 
@@ -55,8 +55,8 @@ def energy(plant: TwoMass, times):
 def shelf(tmp_path, monkeypatch):
     """A folder of its own, and nothing traced so far."""
     runs.clear()
-    monkeypatch.setattr(_kept, "_shelf", None)
-    _kept.keep_in(tmp_path)
+    monkeypatch.setattr(programs, "_shelf", None)
+    programs._open(tmp_path)
     (folder,) = tmp_path.iterdir()
     return folder
 
@@ -139,29 +139,54 @@ def test_errors_come_through(shelf):
 
 
 def test_other_code_or_settings_have_a_folder_of_their_own(tmp_path, monkeypatch):
-    monkeypatch.setattr(_kept, "_shelf", None)
-    _kept.keep_in(tmp_path)
+    monkeypatch.setattr(programs, "_shelf", None)
+    programs._open(tmp_path)
     monkeypatch.setenv("XLA_FLAGS", "--xla_cpu_enable_fast_math=true")
-    _kept.keep_in(tmp_path)
+    programs._open(tmp_path)
     assert len(list(tmp_path.iterdir())) == 2
     monkeypatch.delenv("XLA_FLAGS")
-    monkeypatch.setattr(_kept, "version", lambda name: "0")
-    _kept.keep_in(tmp_path)
+    monkeypatch.setattr(programs, "version", lambda name: "0")
+    programs._open(tmp_path)
     assert len(list(tmp_path.iterdir())) == 3
 
 
 def test_what_nobody_uses_any_more_is_deleted(tmp_path, monkeypatch):
-    monkeypatch.setattr(_kept, "_shelf", None)
+    monkeypatch.setattr(programs, "_shelf", None)
     for name, days in (("old", 31), ("recent", 29)):
         (tmp_path / name).mkdir()
         os.utime(tmp_path / name, (time.time() - days * 86400,) * 2)
-    _kept.keep_in(tmp_path)
+    programs._open(tmp_path)
     assert not (tmp_path / "old").exists()
     assert (tmp_path / "recent").exists()
 
 
 def test_a_folder_that_cannot_be_written_to_keeps_nothing(tmp_path, monkeypatch):
-    monkeypatch.setattr(_kept, "_shelf", None)
+    monkeypatch.setattr(programs, "_shelf", None)
     (tmp_path / "file").write_text("")
-    _kept.keep_in(tmp_path / "file" / "programs")
+    programs._open(tmp_path / "file" / "programs")
     assert same(kept(both)(jnp.arange(3.0), 2.0), eqx.filter_jit(both)(jnp.arange(3.0), 2.0))
+
+
+def test_where_programs_are_kept(tmp_path, monkeypatch):
+    settled = jax.config.jax_compilation_cache_dir
+    monkeypatch.setattr(programs, "_shelf", None)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "user"))
+    monkeypatch.setenv("LOCALAPPDATA", str(tmp_path / "user"))
+    try:
+        jax.config.update("jax_compilation_cache_dir", None)
+        js.keep_programs()
+        assert programs._shelf.parent == tmp_path / "user" / "jshape" / "programs"
+        # What JAX was told, by a variable or in the script, holds.
+        jax.config.update("jax_compilation_cache_dir", str(tmp_path / "jax"))
+        js.keep_programs()
+        assert programs._shelf.parent == tmp_path / "jax" / "programs"
+        js.keep_programs(tmp_path / "mine")
+        assert programs._shelf.parent == tmp_path / "mine" / "programs"
+        assert jax.config.jax_compilation_cache_dir == str(tmp_path / "mine")
+        for nowhere in ("", "gs://bucket"):
+            programs._shelf = None
+            jax.config.update("jax_compilation_cache_dir", nowhere)
+            js.keep_programs()
+            assert programs._shelf is None
+    finally:
+        jax.config.update("jax_compilation_cache_dir", settled)
