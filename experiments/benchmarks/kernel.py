@@ -24,18 +24,12 @@ import jax
 import jax.numpy as jnp
 import numba
 import numpy as np
-from scipy.integrate import solve_ivp
 
 import jshape as js
+from experiments.benchmarks.duffing import AMPLITUDES, GAPS, K1, K3, LEVELS, TIMES, energies, energy, scipy_energy
 from experiments.benchmarks.record import about, keep, processor
 
 jax.config.update("jax_enable_x64", True)
-
-K1, K3 = 10.0, 100.0
-AMPLITUDES = np.array([0.25, 0.5, 0.25])
-TIMES = np.array([0.0, 0.8214899715396663, 1.6429799430793326])
-LEVELS = np.cumsum(AMPLITUDES)[:-1]
-GAPS = np.diff(TIMES)
 
 
 def main() -> None:
@@ -65,35 +59,6 @@ def main() -> None:
 
 
 # --- residual energies of many plants ---------------------------------------------------------------------------------
-
-
-def energies(masses, steps: int, method: str = "dopri8"):
-    """What a user writes: ``vmap`` of ``js.residual_energy``."""
-    return _energies(jnp.asarray(masses), steps, method)
-
-
-def _energy(mass, amplitudes, times, steps, method="dopri8"):
-    plant = js.plants.TwoMass(m2=mass, spring=js.plants.Duffing(K1, K3))
-    return js.residual_energy(plant, js.Shaper(amplitudes, times), 1.0, steps=steps, method=method)
-
-
-_energies = jax.jit(
-    lambda masses, steps, method: jax.vmap(lambda m: _energy(m, AMPLITUDES, TIMES, steps, method))(masses),
-    static_argnums=(1, 2),
-)
-
-
-def scipy_energy(mass: float, method: str, tolerance: float) -> float:
-    state = np.zeros(2)
-    for level, gap in zip(LEVELS, GAPS, strict=True):
-
-        def field(t, y, level=level):
-            x = y[0] - level
-            return [y[1], -(K1 * x + K3 * x**3) / mass]
-
-        state = solve_ivp(field, (0, gap), state, method=method, rtol=tolerance, atol=tolerance).y[:, -1]
-    x = state[0] - 1
-    return mass * state[1] ** 2 / 2 + K1 * x**2 / 2 + K3 * x**4 / 4
 
 
 def _diffrax_energy(mass, amplitudes, times, tolerance, solver, adjoint):
@@ -241,7 +206,7 @@ def gradients() -> list[dict[str, Any]]:
     }
     for states, constant in ((2, True), (2, False), (4, True), (8, True)):
         if states == 2:
-            ours = lambda r, a, t: _energy(r, a, t, 16)
+            ours = lambda r, a, t: energy(r, a, t, 16)
             theirs = lambda s, j: lambda r, a, t: _diffrax_energy(r, a, t, 1e-8, s, j)
         else:
             ours = modal(states // 2)
