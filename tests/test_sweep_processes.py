@@ -113,12 +113,12 @@ if __name__ == "__main__":
         killed = []
 
         def kill(done, pieces):
-            if done >= 3 and not killed:
-                # One that has pieces to compute, so that some are lost with it.
-                busy = {worker: tasks for worker, tasks in client.processing().items() if tasks}
-                worker = next(iter(busy))
-                killed.append(workers[worker])
-                os.kill(workers[worker], signal.SIGKILL)
+            # One that has pieces to compute, so that some are lost with it: with each of the first two results another
+            # piece has just been sent out.
+            busy = [] if killed else [worker for worker, tasks in client.processing().items() if tasks]
+            if busy:
+                killed.append(workers[busy[0]])
+                os.kill(killed[0], signal.SIGKILL)
 
         ds = sweep(client=client, store=sys.argv[3], progress=kill)
         assert killed and workers and os.getpid() not in workers.values()
