@@ -254,8 +254,9 @@ class Powers(LogFormatter):
     """10⁻³ in plain characters: as a formula each such label takes matplotlib ten milliseconds."""
 
     def __call__(self, x: float, pos: int | None = None) -> str:
-        if not super().__call__(x, pos):
-            return ""
+        label = super().__call__(x, pos)
+        if not label or x <= 0:
+            return label
         exponent = int(np.floor(np.log10(x) + 1e-9))
         factor = x / 10.0**exponent
         power = "10" + str(exponent).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jshape import _check
 from jshape.design import _digital, _limits, _objective, _starts
 from jshape.design._descent import descend
 from jshape.design._energies import LOST, energies, look
@@ -168,7 +169,8 @@ class Search:
 
     def solution(self, found: Found, absolute: Mapping[str, Any]) -> Solution:
         """What was found, judged: by a finer set, by finer steps, by the conditions of an optimum."""
-        task, point = self.task, Point(*(np.asarray(part) for part in found.point))
+        amplitudes, gaps, leaves = (np.asarray(part) for part in found.point)
+        task, point = self.task, Point(amplitudes, gaps, _check.on_device(leaves))
         values, _, kept, _ = (np.asarray(part) for part in look(task, point))
         # The given plants come first, so that one program tells the error and the finer set's value.
         again = np.asarray(energies(finer_set(task, absolute, along=True), point))
@@ -180,7 +182,7 @@ class Search:
         samples = {name: np.asarray(v) for name, v in task.samples.items()}
         active = {name: v[heaviest] for name, v in samples.items()}
         return Solution(
-            shaper=join(point.amplitudes / point.amplitudes.sum(), point.gaps),
+            shaper=join(amplitudes / amplitudes.sum(), gaps),
             objective=value_of(self.objective, values),
             history=found.history,
             result=found.result,
@@ -191,7 +193,7 @@ class Search:
             active={**active, "weight": balance.weights[heaviest]} if active else {},
             optimality=balance.residual,
             plant=task.changed(task.plant, point),
-            leaves={name: float(point.leaves[i]) for i, name in enumerate(task.also)},
+            leaves={name: float(leaves[i]) for i, name in enumerate(task.also)},
             limits=float(kept.min()) if len(kept) else 1.0,
         )
 
