@@ -131,6 +131,7 @@ def test_least_squares_with_missing_samples_and_without_a_signal(ringing):
     assert np.isfinite(silent[-1].omega)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("integral", [None, 0.5], ids=["P", "PI"])
 def test_sampled_link_is_exact(integral):
     # Against matrix exponentials over the whole command at once, and the plant's own sensors.

@@ -47,6 +47,7 @@ def test_foreign_files_are_not_written_over(tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["precious.txt"]
 
 
+@pytest.mark.slow
 def test_figures_are_drawn_in_processes_of_their_own(tmp_path):
     # They are on disk when the block ends, and what goes wrong there is raised here.
     history = np.array([3.0, 1.0, 0.5])

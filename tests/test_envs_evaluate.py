@@ -74,6 +74,7 @@ def test_interval_is_that_of_a_bootstrap_by_hand():
 # --- policies ---------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_scores_are_the_means_of_rollouts(duffing):
     policy = fixed_linear(duffing, "zvd")
     scores = evaluate(policy, duffing, episodes=2, seeds=2, seed=11)
@@ -94,6 +95,7 @@ def test_scores_are_the_means_of_rollouts(duffing):
         evaluate(policy, duffing, episodes=0)
 
 
+@pytest.mark.slow
 def test_a_policy_abroad_acts_as_at_home(duffing, tmp_path):
     policy = GRUPolicy(sizes_of(duffing), jax.random.key(0))
     save_policy(
@@ -122,6 +124,7 @@ def invoke(*arguments: str):
     return CliRunner().invoke(app, [*arguments])
 
 
+@pytest.mark.slow
 def test_command_writes_what_evaluate_finds(tmp_path):
     out = tmp_path / "out"
     small = ("--episodes", "2", "--seeds", "2", "--out", str(out))

@@ -97,6 +97,7 @@ def judge(close, covered, counted):
     assert counted >= 0.95
 
 
+@pytest.mark.slow
 def test_ring_downs():
     close, covered, counted = trial(25, seed=0)
     assert close >= 0.95
@@ -263,6 +264,7 @@ def shaken(random):
     return 2 * np.pi * hertz[1:], density[1:]
 
 
+@pytest.mark.slow
 def test_power_spectrum():
     axis, density = shaken(np.random.default_rng(0))
     found = identify(axis, density, kind="spectrum")

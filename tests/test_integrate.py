@@ -208,6 +208,7 @@ def test_states_whose_rate_is_a_state():
     assert float(run(begin, push)[1] - begin[1]) == pytest.approx(float(run(begin, push)[4] - begin[4]), abs=1e-15)
 
 
+@pytest.mark.slow
 def test_second_derivatives_of_a_step():
     # Forward over reverse against central differences of the exact gradient.
     cost = lambda p: jnp.sum(integrate(duffing, BEGIN * p[0], p[1:], jnp.asarray([0.7, -0.2]), 4)[0] ** 2)

@@ -224,6 +224,7 @@ def papers():
     return Papers()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("id", ids("000.", "001.", "ell.", "lin.", "first_order."))
 def test_answer(id, papers):
     ANSWERS[id].check(COMPUTED[id](papers))

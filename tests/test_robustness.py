@@ -17,6 +17,7 @@ TWO = js.Shaper([0.5, 0.5], [0.0, 0.591240537428156])
 THREE = js.Shaper([0.25, 0.5, 0.25], [0.0, 0.8214899715396663, 1.6429799430793326])
 
 
+@pytest.mark.slow
 def test_grid_equals_one_plant_at_a_time():
     over = {"m2": jnp.linspace(0.8, 1.2, 5), "spring.k1": [0.9, 1.1]}
     ds = js.sweep(PLANT, {"two": TWO, "three": THREE}, 1.0, over, metric="residual_energy")
@@ -188,6 +189,7 @@ def test_wrong_metrics():
             js.sweep(PLANT, TWO, 1.0, {"m2": [0.8, 1.2]}, metric)
 
 
+@pytest.mark.slow
 def test_plants_of_like_frequency_run_together(monkeypatch, tmp_path):
     """Frequencies from 1 to 12 of the slowest: each plant gets its own need, in its own place, piece by piece."""
     monkeypatch.setattr(_pieces, "FEW", 100)
