@@ -103,11 +103,12 @@ def kept(function: Callable[P, R]) -> Callable[P, R]:
         leaves, tree = jax.tree.flatten((args, kwargs))
         if not _check.is_concrete(leaves):
             return plain(*args, **kwargs)
-        wide = bool(jax.config.jax_enable_x64)  # pyright: ignore[reportAttributeAccessIssue]
+        # Precision and the like, as they hold here and now.
+        settings = tuple(getattr(jax.config, name, None) for name in jax.config.values)
         kinds = tuple(_Array.of(leaf) if eqx.is_array(leaf) else (type(leaf), leaf) for leaf in leaves)
-        if (tree, kinds, wide) not in programs:
-            programs[tree, kinds, wide] = _program(function, leaves, tree, wide, _shelf)
-        program = programs[tree, kinds, wide]
+        if (tree, kinds, settings) not in programs:
+            programs[tree, kinds, settings] = _program(function, leaves, tree, settings, _shelf)
+        program = programs[tree, kinds, settings]
         return plain(*args, **kwargs) if program is None else program([leaf for leaf in leaves if eqx.is_array(leaf)])
 
     return call
@@ -126,11 +127,11 @@ class _Array(NamedTuple):
         return cls(kind.shape, kind.dtype, kind.weak_type)
 
 
-def _program(function: Callable, leaves: list, tree: Any, wide: bool, shelf: Path) -> Callable[[list], Any] | None:
+def _program(function: Callable, leaves: list, tree: Any, settings: Any, shelf: Path) -> Callable[[list], Any] | None:
     """What computes the function of the arrays among the leaves; ``None`` where it cannot be kept."""
     named = jax.tree.unflatten(tree, [_Array.of(leaf) if eqx.is_array(leaf) else leaf for leaf in leaves])
     name = f"{function.__module__}.{function.__qualname__}"
-    words = _words((name, named, wide, jax.default_backend(), jax.local_device_count()))
+    words = _words((name, named, repr(settings), jax.default_backend(), jax.local_device_count()))
     if words is None:
         return None
     path = shelf / f"{name}-{hashlib.sha256(words).hexdigest()[:32]}"
@@ -140,6 +141,9 @@ def _program(function: Callable, leaves: list, tree: Any, wide: bool, shelf: Pat
     except Exception:  # It is not there, or no longer readable.
         try:
             result, exported = _export(function, leaves, tree)
+            if exported.nr_devices > 1:
+                # It could be called from among as many devices only.
+                return None
             with contextlib.suppress(OSError), whole(path) as file:
                 pickle.dump((result, bytes(exported.serialize())), file)
         except Exception:  # What stands in the way, if it is an error at all, the plain call tells.
@@ -196,9 +200,9 @@ class _Pickler(pickle.Pickler):
 
 
 def _stamp() -> str:
-    """A name for everything that a program depends on besides its arguments: code, versions, settings."""
-    stamp = hashlib.sha256(f"{sys.version} {[(name, version(name)) for name in _LIBRARIES]}".encode())
-    stamp.update(repr(sorted(pair for pair in os.environ.items() if pair[0].startswith(("JAX_", "XLA_")))).encode())
+    """A name for the code that programs come from: Python's, the libraries', jshape's own; and XLA's flags."""
+    versions = [(name, version(name)) for name in _LIBRARIES]
+    stamp = hashlib.sha256(f"{sys.version} {versions} {os.environ.get('XLA_FLAGS')}".encode())
     root = Path(__file__).parent
     for file in sorted(root.rglob("*.py")):
         stamp.update(str(file.relative_to(root)).encode() + file.read_bytes())

@@ -97,10 +97,13 @@ def test_a_program_is_one_of_its_arguments(shelf):
         before = len(list(shelf.iterdir()))
         assert same(function(*args), eqx.filter_jit(both)(*args))
         assert len(list(shelf.iterdir())) == before + 1
-    with jax.enable_x64(False):
-        before = len(list(shelf.iterdir()))
-        assert function(np.arange(3.0), 2.0)["pair"].scaled.dtype == jnp.float32
-        assert len(list(shelf.iterdir())) == before + 1
+    # So is a setting, for as long as it holds.
+    for setting in (jax.enable_x64(False), jax.default_matmul_precision("float32")):
+        with setting:
+            before = len(list(shelf.iterdir()))
+            found = function(np.arange(3.0), 2.0)["pair"].scaled
+            assert found.dtype == (jnp.float64 if jax.config.jax_enable_x64 else jnp.float32)
+            assert len(list(shelf.iterdir())) == before + 1
 
 
 def test_code_that_is_not_ours_is_not_kept(shelf):
