@@ -7,8 +7,8 @@ import jax.numpy as jnp
 import matplotlib as mpl
 
 import jshape as js
-from jshape import plot
-from jshape.uncertain import with_leaves
+from jshape.reports import plot
+from jshape.sweeps.leaves import with_leaves
 
 
 def main(path: str) -> None:

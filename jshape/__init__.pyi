@@ -7,8 +7,10 @@ from .command import Sampled as Sampled
 from .command import SCurve as SCurve
 from .command import Step as Step
 from .command import Trapezoid as Trapezoid
-from .design.solution import Solution as Solution
-from .design.tune import tune as tune
+from .compilation_cache import keep_programs as keep_programs
+from .design.tuning.pareto import pareto as pareto
+from .design.tuning.solution import Solution as Solution
+from .design.tuning.tune import tune as tune
 from .identification import Identified as Identified
 from .identification import IdentifiedDuffing as IdentifiedDuffing
 from .identification import identify as identify
@@ -24,10 +26,8 @@ from .metrics import residual_energy_and_error as residual_energy_and_error
 from .metrics import residual_vibration as residual_vibration
 from .metrics import rise_time as rise_time
 from .metrics import settling_time as settling_time
-from .pareto import pareto as pareto
-from .programs import keep_programs as keep_programs
-from .robustness import sweep as sweep
-from .sensitivity import sensitivity_indices as sensitivity_indices
 from .shaper import Shaper as Shaper
-from .simulate import Response as Response
-from .simulate import simulate as simulate
+from .simulation.simulate import Response as Response
+from .simulation.simulate import simulate as simulate
+from .sweeps.sobol import sensitivity_indices as sensitivity_indices
+from .sweeps.sweep import sweep as sweep

@@ -20,15 +20,15 @@ from jaxtyping import Array, Float
 from scipy.optimize import brentq
 
 from jshape import _check
-from jshape._track import extremes, fine_steps, first_above, last_above, track
 from jshape._types import Scalar, State
-from jshape.integrate import METHODS
+from jshape.compilation_cache import kept
 from jshape.plants import AbstractOscillator, AbstractPlant
 from jshape.plants.springs import safe_sqrt
-from jshape.programs import kept
-from jshape.schedule import Schedule, Segments, inputs_at, schedule
 from jshape.shaper import Shaper
-from jshape.simulate import all_states, final_state, initial, settled_state, steps_for, with_arrays
+from jshape.simulation.integrate import METHODS
+from jshape.simulation.schedule import Schedule, Segments, inputs_at, schedule
+from jshape.simulation.simulate import all_states, final_state, initial, settled_state, steps_for, with_arrays
+from jshape.simulation.trajectory import extremes, fine_steps, first_above, last_above, track
 
 
 def residual_energy(

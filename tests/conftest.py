@@ -10,7 +10,7 @@ from hypothesis import settings  # noqa: E402
 from problems import two_mass  # noqa: E402
 from scipy.integrate import solve_ivp  # noqa: E402
 
-from jshape import programs  # noqa: E402
+from jshape import compilation_cache as programs  # noqa: E402
 
 # The first example compiles; how long that takes is no property of the code.
 settings.register_profile("jshape", deadline=None)

@@ -5,11 +5,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jshape.adaptive.damped_sinusoids import DampedSinusoids, fit_window
-from jshape.adaptive.decrement import Decrement
-from jshape.adaptive.estimate import JAX, Reason
-from jshape.adaptive.frequency_tracker import FrequencyTracker
-from jshape.adaptive.sliding_dft import SlidingDFT
+from jshape.adaptive.identifiers.damped_sinusoids import DampedSinusoids, fit_window
+from jshape.adaptive.identifiers.decrement import Decrement
+from jshape.adaptive.identifiers.estimate import JAX, Reason
+from jshape.adaptive.identifiers.frequency_tracker import FrequencyTracker
+from jshape.adaptive.identifiers.sliding_dft import SlidingDFT
 
 TIME = 0.005
 IDENTIFIERS = {

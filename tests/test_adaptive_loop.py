@@ -9,17 +9,17 @@ import pytest
 from scipy import signal
 
 import jshape as js
-from jshape.adaptive import faults, judge, schedules
-from jshape.adaptive._numbers import NUMPY
-from jshape.adaptive.cases import CASES, case
-from jshape.adaptive.extremum_seeking import ExtremumSeeking
-from jshape.adaptive.increments import IncrementShaper
-from jshape.adaptive.least_squares import FilteredLeastSquares, Normal
-from jshape.adaptive.loop import run
-from jshape.adaptive.sampled_link import Readings, SampledLink, Sensors
-from jshape.adaptive.state_aware import StateAware
-from jshape.adaptive.study import recovered, study
-from jshape.adaptive.transition import transition_zvd
+from jshape.adaptive.closed_loop import faults, judge, schedules
+from jshape.adaptive.closed_loop.loop import run
+from jshape.adaptive.closed_loop.sampled_link import Readings, SampledLink, Sensors
+from jshape.adaptive.closed_loop.study import recovered, study
+from jshape.adaptive.identifiers.least_squares import FilteredLeastSquares, Normal
+from jshape.adaptive.numbers import NUMPY
+from jshape.adaptive.shapers.increments import IncrementShaper
+from jshape.adaptive.shapers.transition import transition_zvd
+from jshape.adaptive.strategies.cases import CASES, case
+from jshape.adaptive.strategies.extremum_seeking import ExtremumSeeking
+from jshape.adaptive.strategies.state_aware import StateAware
 from jshape.plants import FlexibleLink, Linearised
 
 TIME = 0.005

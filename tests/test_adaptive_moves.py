@@ -12,7 +12,7 @@ from scipy.optimize import least_squares as scipy_least_squares
 from scipy.optimize import rosen
 
 import jshape as js
-from jshape.adaptive._levenberg_marquardt import least_squares
+from jshape.adaptive.least_squares_fit import least_squares
 from jshape.adaptive.moves.belief import believe, believed
 from jshape.adaptive.moves.machine import AbstractMoveStrategy, Moves, NoisySensor, run_moves
 from jshape.adaptive.moves.strategies import Adapting, Oracle, Rule

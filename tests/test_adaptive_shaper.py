@@ -10,9 +10,9 @@ import pytest
 from scipy.signal import lfilter
 
 import jshape as js
-from jshape.adaptive._taps import Filters
-from jshape.adaptive.estimate import Estimate
-from jshape.adaptive.shaper import AdaptiveShaper
+from jshape.adaptive.identifiers.estimate import Estimate
+from jshape.adaptive.shapers.adaptive_shaper import AdaptiveShaper
+from jshape.adaptive.shapers.taps import Filters
 from jshape.design import linear
 
 TICK = 0.005

@@ -14,7 +14,7 @@ from jshape.calibration.recommend import cost
 from jshape.calibration.score import Rated, vibration
 from jshape.calibration.smoothing import rounded, smoothing_slopes
 from jshape.calibration.spectrum import normalised
-from jshape.design.klipper import KINDS, impulses, klipper_shaper
+from jshape.klipper import KINDS, impulses, klipper_shaper
 
 GOLDEN = {  # at 50 Hz and zeta 0.1: amplitudes, times (ms), smoothing (mm), max_accel (mm/s²), as Klipper prints them
     "zv": ([0.578286, 0.421714], [0, 10.0504], 0.067696, 9742.8),

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from jshape import calibration
 from jshape.calibration.score import Bins
 from jshape.calibration.spectrum import normalised
-from jshape.design.klipper import impulses
+from jshape.klipper import impulses
 
 
 @pytest.fixture

@@ -13,7 +13,7 @@ import jshape as js
 from jshape import calibration
 from jshape.calibration.modes import Mode, identify, remaining, remaining_of, step_response
 from jshape.calibration.score import vibration
-from jshape.design.klipper import klipper_shaper
+from jshape.klipper import klipper_shaper
 
 
 @pytest.fixture(scope="module")

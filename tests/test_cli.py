@@ -102,7 +102,11 @@ def test_another_process_finds_the_programs_and_tells_the_same(tmp_path):
     # The second one has written none; the search, the kernel and the closed forms are among them.
     assert programs[0] == programs[1]
     kept = {name.partition("-")[0] for name in programs[0]}
-    assert {"jshape.design._nominal._run", "jshape.design._energies.look", "jshape._batch._many"} <= kept
+    assert {
+        "jshape.design.tuning.levenberg_marquardt._run",
+        "jshape.design.tuning.evaluate.look",
+        "jshape.sweeps.evaluate._many",
+    } <= kept
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ from test_identification_files import DAMPING, FREQUENCY, edited, text
 from typer.testing import CliRunner
 
 from jshape.cli.identify import identify
-from jshape.problem import load
+from jshape.problems.problem import load
 
 app = typer.Typer()
 app.command()(identify)

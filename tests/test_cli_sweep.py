@@ -7,8 +7,8 @@ import pytest
 import xarray as xr
 from typer.testing import CliRunner
 
-from jshape import robustness
 from jshape.cli import app
+from jshape.sweeps import sweep as robustness
 
 run = CliRunner().invoke
 

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jshape._components import Components
+from jshape.simulation.components import Components
 
 STATE = jnp.asarray([0.3, -0.7, 1.1, 0.4])
 OMEGA = jnp.asarray([4.0, 6.0])

@@ -22,9 +22,9 @@ from jshape_envs.baselines import (
     frequency_tracker,
     model_based,
 )
-from jshape_envs.baselines.believed import no_hedge, tuned_shaper
 from jshape_envs.baselines.frequency import fit_tones, peaks, transform
-from jshape_envs.baselines.seen import frequency_bands
+from jshape_envs.baselines.observed import frequency_bands
+from jshape_envs.baselines.posterior import no_hedge, tuned_shaper
 from jshape_envs.evaluate import evaluate
 from scipy.optimize import curve_fit
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import jshape as js
-from jshape.design.klipper import KINDS, klipper_shaper
 from jshape.export import export
+from jshape.klipper import KINDS, klipper_shaper
 
 # Klipper's own numbers at 50 Hz, zeta 0.1: amplitudes and times in ms, to the six digits that it prints.
 GOLDEN = {

@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.signal import cont2discrete
 
-from jshape.adaptive.extremum_seeking import ExtremumSeeking
+from jshape.adaptive.strategies.extremum_seeking import ExtremumSeeking
 
 PAPER: dict[str, Any] = dict(frequency=2.0, high_pass=1.0, low_pass=2.0)
 

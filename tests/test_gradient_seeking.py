@@ -7,7 +7,7 @@ import pytest
 from conftest import scipy_staircase
 
 import jshape as js
-from jshape.adaptive.gradient_seeking import GradientSeeking
+from jshape.adaptive.strategies.gradient_seeking import GradientSeeking
 
 NOISE = 0.005
 

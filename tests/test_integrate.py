@@ -8,8 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jshape.integrate import METHODS, integrate, runge_kutta_step, tableau_of
-from jshape.solver import WrittenOut
+from jshape.simulation.integrate import METHODS, integrate, runge_kutta_step, tableau_of
+from jshape.simulation.solver import WrittenOut
 
 ORDERS = {"dopri8": 8, "tsit5": 5}
 

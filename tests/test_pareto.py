@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import jshape as js
-from jshape import plot
+from jshape.reports import plot
 
 OVER = {"m2": np.linspace(0.8, 1.2, 9)}
 TIMES = [0.4, 0.591241, 0.926330]

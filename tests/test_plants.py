@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 
 import jshape as js
 from jshape import plants
-from jshape.uncertain import leaf_names
+from jshape.sweeps.leaves import leaf_names
 
 # Each spring with its force in NumPy (the independent side) and the range in which it pulls back.
 SPRINGS = {

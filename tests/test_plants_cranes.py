@@ -12,10 +12,11 @@ from scipy.optimize import brentq, fsolve, minimize_scalar
 from scipy.special import ellipk
 
 import jshape as js
-from jshape import plants, problem
+from jshape import plants
 from jshape.command import PiecewisePolynomial
 from jshape.plants.trolley import peaks
-from jshape.uncertain import leaf_names
+from jshape.problems import problem
+from jshape.sweeps.leaves import leaf_names
 
 GRAVITY = 9.81
 HEAVY = plants.Trolley(mass=2.5)

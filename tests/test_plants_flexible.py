@@ -9,9 +9,10 @@ from scipy import signal
 from scipy.linalg import eigh
 
 import jshape as js
-from jshape import plants, problem
+from jshape import plants
 from jshape.command import PiecewisePolynomial
-from jshape.uncertain import leaf_names
+from jshape.problems import problem
+from jshape.sweeps.leaves import leaf_names
 
 
 def levels(times, values):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from jshape import plot
+from jshape.reports import plot
 
 
 @pytest.fixture(autouse=True)

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from jshape import plants, problem
+from jshape import plants
+from jshape.problems import problem
 
 BASE = """\
 title = "test"

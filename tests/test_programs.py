@@ -12,11 +12,11 @@ import pytest
 from problems import two_mass
 
 import jshape as js
-from jshape import programs
+from jshape import compilation_cache as programs
+from jshape.compilation_cache import kept
 from jshape.plants import TwoMass
-from jshape.programs import kept
-from jshape.schedule import schedule
-from jshape.simulate import final_state, initial
+from jshape.simulation.schedule import schedule
+from jshape.simulation.simulate import final_state, initial
 
 runs: list[str] = []
 """What has been traced, in this process."""

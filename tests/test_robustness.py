@@ -7,10 +7,10 @@ import pytest
 import xarray as xr
 
 import jshape as js
-from jshape import _pieces
-from jshape.robustness import summary
-from jshape.sampling import draw
-from jshape.uncertain import with_leaves
+from jshape.sweeps import chunks as _pieces
+from jshape.sweeps.leaves import with_leaves
+from jshape.sweeps.sampling import draw
+from jshape.sweeps.sweep import summary
 
 PLANT = js.plants.TwoMass(spring=js.plants.Duffing(10.0, 100.0))
 TWO = js.Shaper([0.5, 0.5], [0.0, 0.591240537428156])

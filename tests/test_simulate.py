@@ -15,8 +15,8 @@ from scipy.linalg import expm
 import jshape as js
 from jshape import plants
 from jshape.command import PiecewisePolynomial
-from jshape.schedule import schedule
-from jshape.simulate import TRACED_STEPS, default_horizon, final_state, initial, steps_for
+from jshape.simulation.schedule import schedule
+from jshape.simulation.simulate import TRACED_STEPS, default_horizon, final_state, initial, steps_for
 
 SHAPER = js.Shaper([0.3, 0.2, 0.5], [0.0, 0.375, 0.875])
 LEVELS = [0.3, 0.5, 1.0]

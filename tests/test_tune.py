@@ -12,9 +12,9 @@ from problems import ANSWERS, two_mass
 
 import jshape as js
 from jshape import plants
-from jshape.design._objective import value_of
-from jshape.design._rules import rules
-from jshape.design._task import Point
+from jshape.design.tuning.bounds import rules
+from jshape.design.tuning.objective import value_of
+from jshape.design.tuning.task import Point
 
 energy, linear = js.design.energy, js.design.linear
 

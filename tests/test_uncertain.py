@@ -9,7 +9,7 @@ from problems import two_mass
 
 import jshape as js
 from jshape import plants
-from jshape.uncertain import check_over, grid, leaf, leaf_names, map_plants, with_leaves
+from jshape.sweeps.leaves import check_over, grid, leaf, leaf_names, map_plants, with_leaves
 
 MODES = plants.ModalPlant([9.0, 70.0], [0.02, 0.03], [0.8, 0.2])
 

@@ -30,7 +30,7 @@ import optax
 from jaxtyping import Array, Float, Int, PRNGKeyArray, UInt32
 
 from jshape import _check
-from jshape._folder import whole
+from jshape._files import whole
 from jshape_envs.core import EnvState, Params, reset
 from jshape_envs.policy import GRUPolicy, advance_policy, sizes_of
 

@@ -20,7 +20,7 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 from jshape import Shaper
 from jshape._types import Scalar
 from jshape._types import State as PlantState
-from jshape.schedule import schedule
+from jshape.simulation.schedule import schedule
 from jshape_envs.actions import AbstractAction
 from jshape_envs.machine import AbstractMachine
 from jshape_envs.oracle import ShaperTable

@@ -20,8 +20,8 @@ from jshape._types import Scalar, State
 from jshape.command import AbstractCommand, PiecewisePolynomial
 from jshape.plants import AbstractPlant, HoistingCrane
 from jshape.plants.springs import as_leaf
-from jshape.schedule import schedule
-from jshape.uncertain import leaf, with_leaves
+from jshape.simulation.schedule import schedule
+from jshape.sweeps.leaves import leaf, with_leaves
 
 CASES = 2
 """Kinds of move that differ in more than their size; see ``AbstractMachine.case``."""

@@ -12,8 +12,8 @@ from jshape import Shaper, _check
 from jshape._types import Scalar
 from jshape.design.linear import multi_mode
 from jshape.plants import AbstractPlant
-from jshape.schedule import Schedule, schedule
-from jshape.simulate import steps_for
+from jshape.simulation.schedule import Schedule, schedule
+from jshape.simulation.simulate import steps_for
 from jshape_envs.actions import AbstractAction, ImpulseAction, ModalAction, ResidualAction
 from jshape_envs.core import CONTEXTS, Params
 from jshape_envs.design import design_table

@@ -12,16 +12,16 @@ from jaxtyping import Array, Bool, Float
 from jshape import Shaper
 from jshape._types import Scalar, State
 from jshape.command import AbstractCommand, polynomial
-from jshape.integrate import runge_kutta_step, tableau_of
 from jshape.plants import AbstractPlant
 from jshape.plants.base import Coast
-from jshape.schedule import Schedule, Segments, inputs_at, schedule
-from jshape.simulate import all_states
+from jshape.simulation.integrate import runge_kutta_step, tableau_of
+from jshape.simulation.schedule import Schedule, Segments, inputs_at, schedule
+from jshape.simulation.simulate import all_states
 
 
 class Steps(eqx.Module):
     """How finely moves are integrated: ``move`` steps from one break of the shaped command to the next, ``window``
-    steps from one sample of the sensor to the next, both by ``method`` (of ``jshape.integrate.METHODS``)."""
+    steps from one sample of the sensor to the next, both by ``method`` (of ``jshape.simulation.integrate.METHODS``)."""
 
     move: int = eqx.field(static=True)
     window: int = eqx.field(static=True)
@@ -115,8 +115,8 @@ def _integrate(
 ) -> tuple[State, Float[Array, "state steps"]]:
     """Through the segments, ``steps`` steps in each: the last state, and the state after every step.
 
-    ``jshape.integrate`` with a loop that carries the state's components apart: in single precision, and with a batch of
-    environments, a quarter of the time. What nobody reads is not computed.
+    ``jshape.simulation.integrate`` with a loop that carries the state's components apart: in single precision, and with
+    a batch of environments, a quarter of the time. What nobody reads is not computed.
     """
     tableau = tableau_of(method)
 

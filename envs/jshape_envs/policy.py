@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from jshape import Shaper, _check
-from jshape._folder import whole
+from jshape._files import whole
 from jshape_envs.core import EnvState, Info, Params, move, observation_names, reset
 
 POLICIES = Path(__file__).parent / "policies"

@@ -26,7 +26,7 @@ import numpy as np
 import xarray as xr
 
 import jshape as js
-from jshape.adaptive.moves import figures
+from jshape.adaptive.moves import move_figures as figures
 from jshape.adaptive.moves.hoisting import HoistingMoves, random_loads
 from jshape.adaptive.moves.machine import NoisySensor
 from jshape.adaptive.moves.strategies import Adapting, Oracle, Rule

@@ -16,8 +16,9 @@ import jax
 import numpy as np
 
 import jshape as js
-from jshape.adaptive import figures, judge
-from jshape.adaptive.faults import KINDS
+from jshape.adaptive.closed_loop import judge
+from jshape.adaptive.closed_loop import loop_figures as figures
+from jshape.adaptive.closed_loop.faults import KINDS
 
 HERE = Path(__file__).parent
 TIME = 0.005

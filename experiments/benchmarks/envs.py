@@ -23,7 +23,7 @@ from jshape_envs import ENVIRONMENTS, Params, parameters, reset, step
 from jshape_envs.physics import Steps
 
 from experiments.benchmarks.record import about, keep
-from jshape.schedule import schedule
+from jshape.simulation.schedule import schedule
 
 ENVS, MOVES, ROUNDS, JUDGED = 1024, 32, 5, 128
 

@@ -49,7 +49,7 @@ def measure(derivatives: bool = False, shapers: int = 1, decade: bool = False, b
 
     jax.config.update("jax_enable_x64", True)
     import jshape as js
-    from jshape import _pieces
+    from jshape.sweeps import chunks as _pieces
 
     plant = js.plants.TwoMass(spring=js.plants.Duffing(10.0, 100.0))
     times = np.array([0.0, 0.8214899715396663, 1.6429799430793326])

@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from jshape._folder import whole
+from jshape._files import whole
 
 
 def read(path: Path) -> dict[str, Any]:

@@ -28,7 +28,7 @@ from jshape_envs.evaluate import evaluate
 from jshape_envs.policy import POLICIES, load_policy, save_policy
 
 from experiments.learning.record import keep, read
-from jshape.plot import COLOURS, STYLE
+from jshape.reports.plot import COLOURS, STYLE
 
 HERE = Path(__file__).parent
 RECORD, PPO = HERE / "learning.json", HERE / "ppo.json"

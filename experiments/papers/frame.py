@@ -31,7 +31,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 from scipy.integrate import solve_ivp
 
-from jshape import plot
+from jshape.reports import plot
 
 # Before any script makes a plant: double precision; figures in jshape's style, to files only, their text as text, the
 # same picture always the same file.
@@ -201,7 +201,7 @@ def after(
 
 
 def figure(rows: int = 1, columns: int = 1, height: float = 2.4, **options: Any) -> tuple[Figure, Any]:
-    """A figure and its axes in the style of ``jshape.plot``; ``height``: inches a row. Axes: always an array."""
+    """A figure and its axes (always an array) in the style of ``jshape.reports.plot``; ``height``: inches a row."""
     return plt.subplots(rows, columns, figsize=(plot.WIDTH * min(columns, 2), height * rows), squeeze=False, **options)
 
 

@@ -17,7 +17,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
 
 import jshape as js
-from jshape.plot import COLOURS
+from jshape.reports.plot import COLOURS
 
 K1, K2, C = 10.0, 100.0, 0.1
 SPRING = js.plants.Duffing(K1, K2)

@@ -8,7 +8,7 @@ from paper_001_designs import DAMPINGS, LONGEST, MASSES, PLANT, PRESENTED, RATIO
 from scipy.optimize import brentq
 
 import jshape as js
-from jshape.plot import COLOURS, LINES
+from jshape.reports.plot import COLOURS, LINES
 
 
 def pictures(

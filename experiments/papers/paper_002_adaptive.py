@@ -14,8 +14,9 @@ from frame import Row, Surpassed, cannot
 from paper_002_link import TICK
 
 import jshape as js
-from jshape import problem
-from jshape.adaptive import figures, report
+from jshape.adaptive.closed_loop import loop_figures as figures
+from jshape.adaptive.closed_loop import report
+from jshape.problems import problem
 
 SCHEDULES, SEED = 50, 0
 """Of the random schedules; experiments/adaptive has 500."""

@@ -9,8 +9,9 @@ from paper_002_judge import STEP, ZETAS, modes
 from paper_002_link import BANDS, TICK, fixed, gain, link
 
 import jshape as js
-from jshape.adaptive import figures, report
-from jshape.plot import COLOURS, LINES
+from jshape.adaptive.closed_loop import loop_figures as figures
+from jshape.adaptive.closed_loop import report
+from jshape.reports.plot import COLOURS, LINES
 
 
 def pictures(paper: js.Shaper, calm: js.Shaper, rounded: js.Shaper, run: report.Experiment) -> list[Picture]:

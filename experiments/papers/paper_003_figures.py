@@ -7,7 +7,7 @@ from paper_003_pendulum import BAND, DISTANCE, HERTZ, bob_at, on_off, pendulum, 
 
 import jshape as js
 from jshape.design import insensitive
-from jshape.plot import COLOURS, LINES
+from jshape.reports.plot import COLOURS, LINES
 
 
 def pictures(paper: insensitive.Specified, place: float, top: float, bottom: float) -> list[Picture]:

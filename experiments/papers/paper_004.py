@@ -14,7 +14,7 @@ from frame import Paper, Picture, Row, Surpassed, after, cannot, compare, figure
 import jshape as js
 from jshape.design import switching
 from jshape.design.switching import Switched
-from jshape.plot import COLOURS, LINES
+from jshape.reports.plot import COLOURS, LINES
 
 X0 = [0.1, -0.1]
 CABLE, GRAVITY, WAY = 1.15, 9.81, 0.30

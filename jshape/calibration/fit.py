@@ -8,7 +8,7 @@ from jshape import _check
 from jshape.calibration.score import CEILING, DAMPINGS, Bins, Rated, rate
 from jshape.calibration.smoothing import CORNER_SPEED
 from jshape.calibration.spectrum import Spectrum
-from jshape.design.klipper import DAMPING, VERSIONS, impulses
+from jshape.klipper import DAMPING, VERSIONS, impulses
 
 LOWEST = {"zv": 21.0, "mzv": 23.0, "zvd": 29.0, "ei": 29.0, "2hump_ei": 39.0, "3hump_ei": 48.0}
 """Hz, where the search for each shaper's frequency begins."""

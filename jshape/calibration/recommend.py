@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from jshape import _check
 from jshape.calibration.score import Rated
-from jshape.design.klipper import VERSIONS
+from jshape.klipper import VERSIONS
 
 
 @dataclasses.dataclass(frozen=True)

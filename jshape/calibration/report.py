@@ -9,19 +9,20 @@ from typing import Any
 
 import numpy as np
 
-from jshape import _check, plot
-from jshape._folder import MARKER
-from jshape.calibration.figures import figures
+from jshape import _check
+from jshape._files import MARKER
 from jshape.calibration.fit import HIGHEST, fit_all
 from jshape.calibration.modes import Mode, identify, remaining_of
 from jshape.calibration.recommend import Choice, cost, percent, recommend
 from jshape.calibration.score import CEILING, DAMPINGS, Bins, Rated
 from jshape.calibration.smoothing import CORNER_SPEED, rounded
 from jshape.calibration.spectrum import Spectrum
+from jshape.calibration.spectrum_figures import figures
 from jshape.calibration.tuned import Tuned, tune
-from jshape.design.klipper import DAMPING
 from jshape.export import write_csv, write_json
 from jshape.export.firmware import REPRAP, klipper, reprapfirmware
+from jshape.klipper import DAMPING
+from jshape.reports import plot
 
 
 @dataclasses.dataclass(frozen=True)

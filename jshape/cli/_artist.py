@@ -17,7 +17,7 @@ from typing import Any
 
 @contextmanager
 def artist() -> Iterator[Callable[..., None]]:
-    """Somebody to draw, as ``draw(path, kind, *numbers)`` of ``jshape.report.write``.
+    """Somebody to draw, as ``draw(path, kind, *numbers)`` of ``jshape.reports.report.write``.
 
     While the command loads its libraries and computes, two processes load matplotlib and draw; two, since the last
     figures come together. At the end all figures are on disk. *Raises* what went wrong with one of them.
@@ -45,13 +45,13 @@ def _begin() -> None:
 
 def _warm_up() -> None:
     """Draw something, so that all that drawing needs (fonts, formulas, formats) is loaded."""
-    from jshape import plot
+    from jshape.reports import plot
 
     with tempfile.TemporaryDirectory() as folder:
         plot.draw(Path(folder) / "first.png", "convergence", [1.0, 0.1], "nominal")
 
 
 def _draw(*figure: Any) -> None:
-    from jshape import plot
+    from jshape.reports import plot
 
     plot.draw(*figure)

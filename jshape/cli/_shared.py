@@ -14,15 +14,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 if TYPE_CHECKING:
-    from jshape.problem import Problem
+    from jshape.problems.problem import Problem
 
 ProblemFile = Annotated[str, typer.Argument(help="A problem file (TOML), or the name of one that comes with jshape.")]
 Out = Annotated[Path | None, typer.Option(help="Folder for the results; NAME-results unless given.")]
 
 
 def begin(name: str, out: Path | None) -> tuple["Problem", Path]:
-    from jshape._folder import check_writable
-    from jshape.problem import find, load
+    from jshape._files import check_writable
+    from jshape.problems.problem import find, load
 
     path = find(name)
     folder = out or Path(f"{path.stem}-results")
@@ -36,7 +36,7 @@ def begin(name: str, out: Path | None) -> tuple["Problem", Path]:
 def prepare_jax() -> None:
     import jax
 
-    from jshape.programs import keep_programs
+    from jshape.compilation_cache import keep_programs
 
     jax.config.update("jax_enable_x64", True)
     keep_programs()

@@ -18,8 +18,8 @@ def adapt(
     """Try adaptive strategies on a problem whose load changes unannounced, as its adapt table says."""
     with explained():
         prepare_jax()
-        from jshape.adaptive.report import experiment, write
-        from jshape.tables import show_adaptation
+        from jshape.adaptive.closed_loop.report import experiment, write
+        from jshape.reports.tables import show_adaptation
 
         read, folder = begin(problem, out)
         given = {"schedules": schedules, "seed": seed}

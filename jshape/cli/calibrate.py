@@ -48,7 +48,7 @@ def calibrate(
         spectra = read(data, component)
         which = axis or _axis(data[0])
         prepare_jax()
-        from jshape._folder import check_writable
+        from jshape._files import check_writable
         from jshape.calibration.report import calibrate as calibrate_printer
         from jshape.calibration.report import lines, write
 
@@ -94,7 +94,7 @@ def _show(found: "Calibration") -> None:
 
     from jshape.calibration.recommend import percent
     from jshape.calibration.smoothing import rounded
-    from jshape.tables import new_console
+    from jshape.reports.tables import new_console
 
     console = new_console()
     say: Any = lambda words: console.print(words, highlight=False, markup=False)

@@ -48,7 +48,7 @@ def evaluate(
         from jshape_envs.policy import shipped_policy
 
         from jshape import _check
-        from jshape._folder import check_writable
+        from jshape._files import check_writable
 
         folder = out or Path(f"{environment}-results")
         check_writable(folder)
@@ -77,7 +77,7 @@ def evaluate(
 
 def write(chosen: dict[str, Any], found: dict[str, dict[str, "Interval"]], folder: Path) -> None:
     """The intervals of all scores of all policies, (middle, low, high)."""
-    from jshape._folder import MARKER
+    from jshape._files import MARKER
 
     folder.mkdir(parents=True, exist_ok=True)
     # JSON knows no NaN.
@@ -90,7 +90,7 @@ def draw(found: dict[str, dict[str, "Interval"]], folder: Path) -> None:
     """The regret of each policy, a point with its interval, the least at the top."""
     import matplotlib.pyplot as plt
 
-    from jshape.plot import COLOURS, STYLE, WIDTH, save
+    from jshape.reports.plot import COLOURS, STYLE, WIDTH, save
 
     names = sorted(found, key=lambda name: -found[name]["regret"].middle)
     with plt.style.context(STYLE):
@@ -109,7 +109,7 @@ def show(title: str, found: dict[str, dict[str, "Interval"]]) -> None:
     from rich import box
     from rich.table import Table
 
-    from jshape.tables import new_console
+    from jshape.reports.tables import new_console
 
     table = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False)
     table.add_column("policy", min_width=12)

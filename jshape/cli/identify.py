@@ -34,7 +34,7 @@ def identify(
     """Find a machine's frequencies and dampings, with their uncertainty, and write a problem file to tune for it."""
     with explained():
         prepare_jax()
-        from jshape._folder import check_writable
+        from jshape._files import check_writable
         from jshape.identification.files import write
         from jshape.identification.from_csv import identify_csv
 

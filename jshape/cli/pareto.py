@@ -18,9 +18,9 @@ def pareto(
     """How much residual a shaper's duration buys: the front for each number of impulses, the closed forms beside it."""
     with explained():
         prepare_jax()
-        from jshape.pareto import pareto as front_of
-        from jshape.results import write_front
-        from jshape.tables import show_front
+        from jshape.design.tuning.pareto import pareto as front_of
+        from jshape.reports.results import write_front
+        from jshape.reports.tables import show_front
 
         read, folder = begin(problem, out)
         with progress() as (step, tell):

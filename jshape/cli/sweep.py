@@ -28,11 +28,11 @@ def sweep(
     """Sweep a problem's uncertainty: every closed form that applies and shapers of yours, on every plant."""
     with explained():
         prepare_jax()
-        from jshape import robustness
         from jshape.export import read_shaper
-        from jshape.report import closed_forms
-        from jshape.results import write_sweep
-        from jshape.tables import show_sweep
+        from jshape.reports.report import closed_forms
+        from jshape.reports.results import write_sweep
+        from jshape.reports.tables import show_sweep
+        from jshape.sweeps import sweep as robustness
 
         read, folder = begin(problem, out)
         if not read.over:

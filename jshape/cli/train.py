@@ -37,7 +37,7 @@ def train(
         from jshape_envs.parameters import parameters
         from jshape_envs.policy import save_policy
 
-        from jshape._folder import MARKER, check_writable
+        from jshape._files import MARKER, check_writable
 
         folder = out or Path(f"{environment}-policy")
         check_writable(folder)
@@ -86,7 +86,7 @@ def write_history(history: "History", folder: Path) -> None:
     import matplotlib.pyplot as plt
     import numpy as np
 
-    from jshape.plot import COLOURS, STYLE, WIDTH, save
+    from jshape.reports.plot import COLOURS, STYLE, WIDTH, save
 
     columns: dict[str, Any] = history._asdict()
     rows = np.stack(list(columns.values()), axis=1)

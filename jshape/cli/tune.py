@@ -20,10 +20,10 @@ def tune(
     """Tune a shaper for a problem and set it beside every closed form that applies."""
     with explained(), artist() as draw:
         prepare_jax()
-        from jshape import report
-        from jshape.design.tune import tune as tune_shaper
+        from jshape.design.tuning.tune import tune as tune_shaper
         from jshape.export import read_shaper
-        from jshape.tables import show_report
+        from jshape.reports import report
+        from jshape.reports.tables import show_report
 
         read, folder = begin(problem, out)
         design = read.design
@@ -53,8 +53,8 @@ def compare(problem: ProblemFile, out: Out = None) -> None:
     """Set the closed-form shapers that apply to a problem side by side, without tuning."""
     with explained(), artist() as draw:
         prepare_jax()
-        from jshape import report
-        from jshape.tables import show_report
+        from jshape.reports import report
+        from jshape.reports.tables import show_report
 
         read, folder = begin(problem, out)
         with progress() as (step, _):

@@ -2,6 +2,7 @@
 frequencies (``insensitive``) and for inputs that can only be switched (``switching``); what Klipper would choose from
 (``klipper``)."""
 
-from jshape.design import energy, insensitive, klipper, linear, switching
+from jshape import klipper
+from jshape.design import energy, insensitive, linear, switching
 
 __all__ = ["energy", "insensitive", "klipper", "linear", "switching"]

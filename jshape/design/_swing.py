@@ -2,7 +2,7 @@
 
 import jax.numpy as jnp
 
-from jshape._root import complete_elliptic_k, integral
+from jshape._roots import complete_elliptic_k, integral
 from jshape._types import Scalar
 from jshape.plants import AbstractOscillator, Duffing
 

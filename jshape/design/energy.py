@@ -24,14 +24,14 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jshape import _check
-from jshape._root import bracketed_root, integral
+from jshape._roots import bracketed_root, integral
 from jshape._types import Scalar
+from jshape.compilation_cache import kept
 from jshape.design._swing import half_period, time_from_turn
 from jshape.plants import AbstractOscillator
-from jshape.programs import kept
-from jshape.schedule import Schedule
 from jshape.shaper import Shaper
-from jshape.simulate import all_states
+from jshape.simulation.schedule import Schedule
+from jshape.simulation.simulate import all_states
 
 DAMPING = ("exact", "orbit", "harmonic", "ignore")
 

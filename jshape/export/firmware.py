@@ -11,8 +11,8 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from jshape import _check
-from jshape.design.klipper import KINDS, VERSIONS, impulses
 from jshape.export._text import about, numbers
+from jshape.klipper import KINDS, VERSIONS, impulses
 from jshape.shaper import Shaper
 
 REPRAP = ("3.6", "3.4")

@@ -24,7 +24,7 @@ from jshape.command import Sampled
 from jshape.identification._uncertainty import covariance, is_white
 from jshape.identification.records import RecordError, Where, check_record, longest_stretch, row
 from jshape.plants import AbstractPlant, Duffing, ForcedMass, LinearDamper, PowerDamper, TwoMass
-from jshape.simulate import simulate
+from jshape.simulation.simulate import simulate
 
 DRIVES = ("displacement", "force")
 

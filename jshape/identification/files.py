@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from jshape import plot
-from jshape._folder import MARKER
-from jshape.identification.figures import prediction
+from jshape._files import MARKER
+from jshape.identification.prediction_figure import prediction
 from jshape.identification.result import Identified
+from jshape.reports import plot
 
 
 def write(found: Identified, folder: Path, name: str) -> list[str]:

@@ -5,7 +5,7 @@ from typing import Any, ClassVar
 import jax.numpy as jnp
 
 from jshape import _check
-from jshape._root import newton_root
+from jshape._roots import newton_root
 from jshape._types import Inputs, Scalar
 from jshape.plants.dampers import AbstractDamper, LinearDamper
 from jshape.plants.oscillator import AbstractOscillator

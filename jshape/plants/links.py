@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jshape import _check
-from jshape._root import bracketed_root, integral
+from jshape._roots import bracketed_root, integral
 from jshape._types import Scalar
 
 _TIP_GAINS = (1.13765149, -0.18153357)

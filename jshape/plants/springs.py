@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jshape import _check
-from jshape._root import bracketed_root, integral
+from jshape._roots import bracketed_root, integral
 from jshape._types import Scalar
 
 

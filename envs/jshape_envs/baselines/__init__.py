@@ -16,13 +16,13 @@ import numpy as np
 from jshape import _check
 from jshape.plants import AbstractOscillator
 from jshape_envs.baselines.amplitude_aware import AmplitudeAware, amplitude_aware
-from jshape_envs.baselines.believed import FixedPayload, Hedge, hedges
 from jshape_envs.baselines.best import best_of, mean_rewards, scales
 from jshape_envs.baselines.direct import DirectAdaptive, FrequencyTracker, direct_adaptive, frequency_tracker
 from jshape_envs.baselines.fixed import Fixed, FixedEnergy, fixed_energy, fixed_linear
 from jshape_envs.baselines.model_based import ModelBased, model_based
+from jshape_envs.baselines.observed import evenly, middle
 from jshape_envs.baselines.oracles import FullOracle, Oracle
-from jshape_envs.baselines.seen import evenly, middle
+from jshape_envs.baselines.posterior import FixedPayload, Hedge, hedges
 from jshape_envs.core import Params
 from jshape_envs.policy import AbstractPolicy
 

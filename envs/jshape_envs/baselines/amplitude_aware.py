@@ -12,9 +12,17 @@ from jaxtyping import Array, Float, Int
 
 from jshape import Shaper
 from jshape._types import Scalar
-from jshape_envs.baselines.believed import Hedge, no_hedge, tuned_shaper
 from jshape_envs.baselines.frequency import Tones, fit_tones
-from jshape_envs.baselines.seen import evenly, frequency_bands, middle, no_action, sample_times, seen, sensor_deviation
+from jshape_envs.baselines.observed import (
+    evenly,
+    frequency_bands,
+    middle,
+    no_action,
+    sample_times,
+    seen,
+    sensor_deviation,
+)
+from jshape_envs.baselines.posterior import Hedge, no_hedge, tuned_shaper
 from jshape_envs.core import EnvState, Params
 from jshape_envs.machine import CASES
 from jshape_envs.physics import plan_move, run_move, run_window

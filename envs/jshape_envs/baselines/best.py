@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from jshape_envs.baselines.seen import frequency_bands, middle, modes_of
+from jshape_envs.baselines.observed import frequency_bands, middle, modes_of
 from jshape_envs.core import Params
 from jshape_envs.policy import AbstractPolicy, rollout
 

@@ -15,10 +15,10 @@ from jaxtyping import Array, Float, Int
 from jshape import Shaper, _check
 from jshape._types import Scalar
 from jshape.adaptive import ExtremumSeeking
-from jshape.adaptive.extremum_seeking import SeekingState
+from jshape.adaptive.strategies.extremum_seeking import SeekingState
 from jshape.design.linear import multi_mode
 from jshape_envs.baselines.frequency import fit_tones, peaks
-from jshape_envs.baselines.seen import (
+from jshape_envs.baselines.observed import (
     frequency_bands,
     middle,
     modes_of,

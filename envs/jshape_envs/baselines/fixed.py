@@ -11,7 +11,7 @@ import jshape as js
 from jshape import Shaper, _check
 from jshape.design.linear import multi_mode
 from jshape.plants import AbstractOscillator
-from jshape_envs.baselines.seen import evenly, middle, modes_of, no_action, seen
+from jshape_envs.baselines.observed import evenly, middle, modes_of, no_action, seen
 from jshape_envs.core import EnvState, Params
 from jshape_envs.policy import AbstractPolicy
 

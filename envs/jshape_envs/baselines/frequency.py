@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from jshape._types import Scalar
-from jshape_envs.baselines.seen import evenly
+from jshape_envs.baselines.observed import evenly
 
 GRID = 64
 """Frequencies that are tried in a band."""

@@ -6,8 +6,8 @@ from jaxtyping import Array, Float
 
 from jshape import Shaper
 from jshape._types import Scalar
-from jshape_envs.baselines.believed import tuned_shaper
-from jshape_envs.baselines.seen import no_action
+from jshape_envs.baselines.observed import no_action
+from jshape_envs.baselines.posterior import tuned_shaper
 from jshape_envs.core import LOST, EnvState, Params, bare_energy_and_oracle_cost
 from jshape_envs.design import STRICTNESS, retuned
 from jshape_envs.physics import plan_move, run_move

@@ -12,10 +12,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from jshape._types import Scalar, State, Times
-from jshape.adaptive._levenberg_marquardt import least_squares
+from jshape.adaptive.least_squares_fit import least_squares
 from jshape.adaptive.moves.machine import AbstractMoves, Swing, along
-from jshape.schedule import schedule
 from jshape.shaper import Shaper
+from jshape.simulation.schedule import schedule
 
 STEPS = 8
 """Of Levenberg–Marquardt, in each of the growing windows."""

@@ -4,13 +4,13 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from jshape._types import State
-from jshape.adaptive._levenberg_marquardt import least_squares
+from jshape.adaptive.least_squares_fit import least_squares
 from jshape.adaptive.moves.machine import AbstractMoves
 from jshape.command import AbstractCommand
 from jshape.plants import AbstractPlant
-from jshape.schedule import schedule
 from jshape.shaper import Shaper
-from jshape.simulate import final_state
+from jshape.simulation.schedule import schedule
+from jshape.simulation.simulate import final_state
 
 ITERATIONS = 30
 """Of Levenberg–Marquardt; from rest three are enough, a swing half as large as the move may take all of them."""

@@ -25,9 +25,9 @@ from jshape import _check
 from jshape._types import Scalar, State, Times
 from jshape.command import AbstractCommand, polynomial
 from jshape.plants import AbstractPlant
-from jshape.schedule import Schedule, schedule
 from jshape.shaper import Shaper
-from jshape.simulate import all_states
+from jshape.simulation.schedule import Schedule, schedule
+from jshape.simulation.simulate import all_states
 
 Swing = Float[Array, " 2"]
 """How far a plant is from rest, and how fast: in the units of its state."""

@@ -8,7 +8,7 @@ import xarray as xr
 from jaxtyping import PRNGKeyArray
 
 from jshape.adaptive.moves.machine import AbstractMoves, AbstractMoveStrategy, Moves, MoveTrace, NoisySensor, run_moves
-from jshape.programs import kept
+from jshape.compilation_cache import kept
 
 
 def run_many(

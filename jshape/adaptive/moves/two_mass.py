@@ -22,7 +22,7 @@ from jshape.command import AbstractCommand, Step
 from jshape.design.energy import three_impulse
 from jshape.plants import AbstractPlant, TwoMass
 from jshape.shaper import Shaper
-from jshape.uncertain import leaf, with_leaves
+from jshape.sweeps.leaves import leaf, with_leaves
 
 STEPS = 16
 """Fixed steps between two impulses: half a period of the payload."""

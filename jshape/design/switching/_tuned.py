@@ -13,12 +13,12 @@ from scipy.optimize import least_squares
 from jshape import _check
 from jshape._types import Scalar, State
 from jshape.command import PiecewisePolynomial
+from jshape.compilation_cache import kept
 from jshape.design.switching._task import numbers
 from jshape.plants import AbstractPlant
 from jshape.plants.base import DRIVES
-from jshape.programs import kept
-from jshape.schedule import Schedule
-from jshape.simulate import final_state, initial, steps_for, with_arrays
+from jshape.simulation.schedule import Schedule
+from jshape.simulation.simulate import final_state, initial, steps_for, with_arrays
 
 _MET = 1e-9
 """A departure, relative to what the bare input would leave, that counts as none."""

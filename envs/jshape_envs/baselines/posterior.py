@@ -1,0 +1,73 @@
+"""Shapers tuned for a payload that is assumed or estimated: what policies with a belief share.
+
+For the payload that is believed the shaper is the one that the oracle has for it, hedged against what is not known. So
+these policies differ in what they believe, not in what they make of it.
+"""
+
+from collections.abc import Iterable
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from jshape import Shaper
+from jshape._types import Scalar
+from jshape_envs.baselines.observed import no_action, seen
+from jshape_envs.core import EnvState, Params
+from jshape_envs.policy import AbstractPolicy
+
+
+class Hedge(NamedTuple):
+    """How a shaper is made more robust. ``scale``: its times are multiplied by; ``robustness``: from 0, which leaves it
+    as it is, to 1: it is convolved with a pair of impulses whose delay is that share of its slow mode's (a ZV becomes a
+    ZVD), as ``actions.ModalAction`` does it."""
+
+    scale: Scalar
+    robustness: Scalar
+
+    def shaper(self, shaper: Shaper) -> Shaper:
+        """The shaper, hedged: with twice as many impulses."""
+        # Two modes' four impulses come as two pairs of the fast mode, the slow mode's delay apart.
+        half = len(shaper.times) // 2
+        amplitudes, times = shaper.amplitudes, self.scale * shaper.times
+        ratio = (jnp.sum(amplitudes[half:]) / jnp.sum(amplitudes[:half])) ** self.robustness
+        pair = jnp.stack([jnp.ones_like(ratio), ratio]) / (1 + ratio)
+        delays = jnp.stack([jnp.zeros_like(ratio), self.robustness * times[half]])
+        return Shaper(amplitudes, times).convolve(Shaper(pair, delays))
+
+
+def no_hedge(params: Params) -> Hedge:
+    """The shaper as it is."""
+    return Hedge(jnp.ones_like(params.period), jnp.zeros_like(params.period))
+
+
+def hedges(
+    params: Params, scales: Iterable[float] = (0.9, 1.0, 1.1, 1.2), robustness: Iterable[float] = (0.0, 0.25, 0.5, 1.0)
+) -> list[Hedge]:
+    """Every combination, to choose from."""
+    as_leaf: Any = lambda x: jnp.asarray(x, params.period.dtype)
+    return [Hedge(as_leaf(s), as_leaf(r)) for s in scales for r in robustness]
+
+
+def tuned_shaper(params: Params, payload: Scalar, distance: Scalar, moves: Int[Array, ""]) -> Shaper:
+    """The oracle's shaper for a payload and a move of that distance (m, signed), ``moves`` having been made before."""
+    case = params.machine.case(distance, moves)
+    return params.oracle.shaper(payload, jnp.abs(distance), case)
+
+
+class FixedPayload(AbstractPolicy):
+    """The shaper tuned for one assumed ``payload`` and the size of each move, hedged. Its memory counts the moves."""
+
+    payload: Scalar
+    hedge: Hedge
+
+    def start(self, params: Params) -> Int[Array, ""]:
+        del params
+        return jnp.zeros((), jnp.int32)
+
+    def choose(
+        self, memory: Int[Array, ""], observation: Float[Array, " observation"], params: Params, state: EnvState
+    ) -> tuple[Shaper, Float[Array, " size"], Int[Array, ""]]:
+        del state
+        shaper = tuned_shaper(params, self.payload, seen(observation, params).distance, memory)
+        return self.hedge.shaper(shaper), no_action(params), memory + 1

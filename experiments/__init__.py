@@ -1,0 +1,1 @@
+"""Papers, benchmarks and studies that use jshape as anyone would."""

@@ -1,0 +1,43 @@
+"""What a run was worth: residual vibration, settling time and accumulated vibration, move by move."""
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from jshape import _check
+from jshape._types import Scalar
+from jshape.adaptive.closed_loop.loop import Trace
+from jshape.adaptive.closed_loop.schedules import Schedule
+
+
+def residual(trace: Trace, schedule: Schedule, settle: Scalar | float = 1.9) -> Float[Array, " moves"]:
+    """The largest deflection of the payload from ``settle`` seconds after each edge to the next, over the move's size.
+
+    ``settle`` is to cover the longest shaper and the servo. A move that ends before that counts as 0.
+    """
+    _check.not_negative(settle, "settle")
+    late = (schedule.since >= settle) & (schedule.move >= 0)
+    return _worst(jnp.where(late, jnp.abs(trace.deflection), 0.0), schedule) / schedule.sizes
+
+
+def settling_time(trace: Trace, schedule: Schedule, band: Scalar | float = 0.02) -> Float[Array, " moves"]:
+    """How long after each edge the payload is last off its reference by more than ``band`` times the move's size, s.
+
+    The time between edges, about, where it is not settled when the next comes.
+    """
+    _check.positive(band, "band")
+    away = jnp.abs(trace.payload - schedule.reference) > band * schedule.sizes[schedule.move]
+    return _worst(jnp.where(away & (schedule.move >= 0), schedule.since, 0.0), schedule)
+
+
+def accumulated_vibration(trace: Trace, schedule: Schedule, sample_time: Scalar | float) -> Float[Array, " moves"]:
+    """∫ |a| dt over each move, a the acceleration at the tip, m/s.
+
+    *Source*: Chatlatanagulchai, Chotana and Prutthapong, Eq. 6 and Fig. 10.
+    """
+    there = jnp.where(schedule.move >= 0, jnp.abs(trace.tip), 0.0) * sample_time
+    return jax.ops.segment_sum(there, jnp.maximum(schedule.move, 0), len(schedule.sizes))
+
+
+def _worst(values: Float[Array, " samples"], schedule: Schedule) -> Float[Array, " moves"]:
+    return jax.ops.segment_max(values, jnp.maximum(schedule.move, 0), len(schedule.sizes))

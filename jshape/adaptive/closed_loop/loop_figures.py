@@ -1,0 +1,146 @@
+"""What the figures of the paper show, for any run: spectra over time, estimates, accumulated vibration, one move."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import matplotlib as mpl
+import matplotlib.pyplot as plt
+import numpy as np
+import xarray as xr
+from matplotlib.figure import Figure
+
+from jshape.adaptive.closed_loop.loop import Trace
+from jshape.adaptive.closed_loop.schedules import Schedule
+from jshape.reports.plot import COLOURS, STYLE, WIDTH
+
+EVERY = 1.0
+"""Between two spectra, s."""
+
+
+def _colours(traces: Mapping[str, Any]) -> dict[str, str]:
+    """One for each run, the same in every figure."""
+    return {name: COLOURS[i % len(COLOURS)] for i, name in enumerate(traces)}
+
+
+def spectra(
+    samples: Any, sample_time: float, points: int, band: tuple[float, float]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Times (s), frequencies (rad/s) and magnitudes (times, frequencies) of the DFT over the last ``points``
+    samples."""
+    samples = np.concatenate([np.zeros(points - 1), np.asarray(samples)])
+    apart = 2 * np.pi / points / sample_time
+    bins = np.arange(int(np.ceil(band[0] / apart)), int(band[1] / apart) + 1)
+    windows = np.lib.stride_tricks.sliding_window_view(samples, points)[:: round(EVERY / sample_time)]
+    magnitude = np.abs(np.fft.rfft(windows, axis=1)[:, bins])
+    return np.arange(len(windows)) * EVERY, bins * apart, magnitude
+
+
+def spectrogram(
+    traces: Mapping[str, Trace], sample_time: float, points: int, bands: Any, surface: bool = False
+) -> Figure:
+    """DFT magnitudes over time, a row a run, the tip's accelerometer left and the middle's right; from above, or as a
+    ``surface``. Figs. 8 and 7 of the paper, which leaves the unshaped run out: beside it nothing is seen."""
+    with mpl.rc_context(STYLE):
+        figure, axes = plt.subplots(
+            len(traces), 2, figsize=(2 * WIDTH, 0.5 + (2.4 if surface else 1.5) * len(traces)), squeeze=False,
+            subplot_kw={"projection": "3d"} if surface else None,
+        )  # fmt: skip
+        shown = [
+            [
+                spectra(samples, sample_time, points, band)
+                for samples, band in zip((t.tip, t.middle), bands, strict=True)
+            ]
+            for t in traces.values()
+        ]
+        for column, letter in enumerate(("p", "m")):
+            top = max(float(row[column][2].max()) for row in shown)
+            for row, (name, axis) in enumerate(zip(traces, axes[:, column], strict=True)):
+                time, omega, magnitude = shown[row][column]
+                if surface:
+                    axis.plot_surface(
+                        time[None, :], omega[:, None], magnitude.T, cmap="viridis", vmax=top, rcount=60, ccount=120
+                    )
+                    axis.set_zlim(0, top)
+                    axis.set_zlabel(f"|A$_{letter}$|")
+                else:
+                    axis.pcolormesh(time, omega, magnitude.T, vmin=0, vmax=top, rasterized=True)
+                    axis.grid(False)
+                axis.set_title(f"{name}: {'tip' if column == 0 else 'middle'}", loc="left")
+                axis.set_ylabel("ω (rad/s)")
+                if surface or row == len(traces) - 1:
+                    axis.set_xlabel("time (s)")
+            if not surface:
+                figure.colorbar(axes[0, column].collections[0], ax=axes[:, column], label=f"|A$_{letter}$| (m/s²)")
+        return figure
+
+
+def adaptation(traces: Mapping[str, Trace], schedule: Schedule, true: Any, sample_time: float) -> Figure:
+    """The frequencies and damping ratios that the shapers are tuned to, the true frequencies behind them. Fig. 9.
+
+    ``true``: of each load, rad/s, (loads, modes).
+    """
+    colours = _colours(traces)
+    traces = {name: trace for name, trace in traces.items() if trace.omega.shape[1]}
+    with mpl.rc_context(STYLE):
+        figure, axes = plt.subplots(2, 2, figsize=(2 * WIDTH, 3.4), sharex=True)
+        time = np.arange(len(schedule.which)) * sample_time
+        for mode in range(2):
+            axes[0, mode].plot(time, np.asarray(true)[np.asarray(schedule.which), mode], color="0.6", label="true")
+            for name, trace in traces.items():
+                line = dict(color=colours[name], label=name, linewidth=0.9)
+                axes[0, mode].step(time[::20], trace.omega[::20, mode], where="post", **line)
+                axes[1, mode].step(time[::20], trace.zeta[::20, mode], where="post", **line)
+            axes[0, mode].set_title(f"mode {mode + 1}", loc="left")
+            axes[0, mode].set_ylabel("ω (rad/s)")
+            axes[1, mode].set_ylabel("ζ")
+            axes[1, mode].set_xlabel("time (s)")
+        axes[0, 1].legend(loc="best")
+        return figure
+
+
+def accumulated(values: Mapping[str, Any]) -> Figure:
+    """The vibration accumulated over each move, ∫ |a| dt, of every run. Fig. 10."""
+    with mpl.rc_context(STYLE):
+        figure, axis = plt.subplots(figsize=(2 * WIDTH, 2.2))
+        for name, value in values.items():
+            axis.plot(range(1, len(value) + 1), value, color=_colours(values)[name], marker="o", ms=2, label=name)
+        axis.set_yscale("log")
+        axis.set_xlabel("move")
+        axis.set_ylabel("∫ |a$_p$| dt (m/s)")
+        figure.legend(ncols=len(values), loc="outside upper center")
+        return figure
+
+
+def moves(traces: Mapping[str, Trace], schedule: Schedule, sample_time: float, first: int, count: int = 2) -> Figure:
+    """The payload's angle over a few moves, its reference behind it. Fig. 11."""
+    with mpl.rc_context(STYLE):
+        figure, axes = plt.subplots(
+            len(traces), 1, figsize=(2 * WIDTH, 0.4 + 1.1 * len(traces)), sharex=True, sharey=True, squeeze=False
+        )
+        there = (np.asarray(schedule.move) >= first) & (np.asarray(schedule.move) < first + count)
+        time = np.arange(len(there))[there] * sample_time
+        for axis, (name, trace) in zip(axes[:, 0], traces.items(), strict=True):
+            axis.plot(
+                time, np.degrees(np.asarray(schedule.reference)[there]), color="0.35", linestyle="--", linewidth=0.8
+            )
+            axis.plot(time, np.degrees(np.asarray(trace.payload)[there]), color=_colours(traces)[name])
+            axis.set_title(name, loc="left")
+            axis.set_ylabel("θ$_p$ (°)")
+        axes[-1, 0].set_xlabel("time (s)")
+        return figure
+
+
+def recovery(found: xr.Dataset) -> Figure:
+    """The residual of the moves around a change of load, all random schedules: median and 95 % quantile."""
+    with mpl.rc_context(STYLE):
+        figure, axis = plt.subplots(figsize=(WIDTH, 2.4))
+        for name, colour in _colours(dict.fromkeys(found.strategy.values)).items():
+            part = 100 * found.residual.sel(strategy=name)
+            axis.plot(found.move, part.median("schedule"), color=colour, marker="o", ms=3, label=name)
+            axis.plot(found.move, part.quantile(0.95, "schedule"), color=colour, linestyle=":")
+        axis.axhline(5.0, color="0.5", linewidth=0.6)
+        axis.set_yscale("log")
+        axis.set_xlabel("move after the change")
+        axis.set_ylabel("residual (% of move)")
+        figure.legend(ncols=3, loc="outside upper center")
+        return figure

@@ -1,0 +1,271 @@
+"""The logarithmic decrement, as it is taken by hand from a decaying vibration: from swing to swing.
+
+Every turning point of the signal is found as it passes; half the way between two of them is a swing, free of any
+offset. The logarithms of the swings lie on a line whose slope is −ζω, their times on one whose slope is half a period.
+Both lines are fitted recursively, so that a sample costs a few operations and nothing is stored.
+"""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Array, Float
+
+from jshape import _check
+from jshape.adaptive.identifiers.estimate import (
+    BLANKED,
+    FOUND,
+    FROZEN,
+    OUTSIDE,
+    STARTING,
+    UNCERTAIN,
+    WEAK,
+    AbstractIdentifier,
+    Estimate,
+    check_band,
+    check_level,
+    check_time,
+    first_reason,
+    ignorance,
+    settle,
+)
+from jshape.adaptive.identifiers.sensor import (
+    BLOCK_AT_START,
+    LIMIT,
+    SENSOR_AT_START,
+    Block,
+    Sensor,
+    block_size,
+    gather,
+    half_period,
+    look,
+    mean_gain,
+)
+from jshape.adaptive.numbers import Numbers
+
+MEANS = 24
+"""Least number of block means in the shortest period, so that a parabola finds a turning point to a ten-thousandth."""
+SWINGS = 4
+"""Fewest swings that make an estimate."""
+FAR = 1e30
+"""An extreme that any sample exceeds."""
+
+
+class Line(NamedTuple):
+    """Weighted sums over the points (x, y) of a straight line."""
+
+    weight: Any = 0.0
+    x: Any = 0.0
+    y: Any = 0.0
+    xx: Any = 0.0
+    xy: Any = 0.0
+    yy: Any = 0.0
+
+    def with_point(self, weight: Any, x: Any, y: Any) -> "Line":
+        point = Line(weight, weight * x, weight * y, weight * x * x, weight * x * y, weight * y * y)
+        return Line(*(old + new for old, new in zip(self, point, strict=True)))
+
+    def slope(self, numbers: Numbers, points: Any) -> tuple[Any, Any]:
+        """The slope and its variance, by the scatter about the line."""
+        weight = numbers.select(self.weight > 0, self.weight, 1.0)
+        xx, xy, yy = (
+            self.xx - self.x**2 / weight,
+            self.xy - self.x * self.y / weight,
+            self.yy - self.y**2 / weight,
+        )
+        xx = numbers.select(xx > 0, xx, 1.0)
+        slope, free = xy / xx, numbers.select(points > 2, points - 2, 1)
+        scatter = yy - slope * xy
+        return slope, numbers.select(scatter > 0, scatter, 0.0) / free / xx
+
+
+class Decay(NamedTuple):
+    """The vibration so far; times in blocks."""
+
+    older: Any
+    """The last mean but one."""
+    newer: Any
+    """The last mean."""
+    clock: Any
+    """Time since the last turn."""
+    rising: Any
+    """1 on the way up, −1 on the way down."""
+    extreme: Any
+    """The farthest turning point on this way."""
+    reached: Any
+    """When, since the last turn."""
+    turned: Any
+    """Where the last turn was."""
+    turns: Any
+    """How many turns there were, counted to 2. The first may be none: the signal began there."""
+    swing: Any
+    """Size of the last swing."""
+    first: Any
+    """Size of the decay's first swing."""
+    since: Any
+    """Time from the decay's first swing to the last one."""
+    swings: Any
+    """How many swings the decay has had."""
+    sizes: Line
+    """Logarithms of the swings, over time."""
+    times: Line
+    """Times of the swings, over their number."""
+
+
+DECAY_AT_START = Decay(0.0, 0.0, 0.0, 1.0, -FAR, 0.0, 0.0, 0, 0.0, 1.0, 0.0, 0, Line(), Line())
+
+
+class DecrementState(NamedTuple):
+    """A logarithmic decrement after some samples."""
+
+    block: Block
+    decay: Decay
+    sensor: Sensor
+    estimate: Estimate
+    reason: Any
+
+
+class Decrement(AbstractIdentifier):
+    """Damping and frequency of a free decay by its logarithmic decrement.
+
+    ``sample_time``: s. ``band``: allowed frequencies, rad/s. ``threshold``: least half swing that counts
+    (``magnitude``), in the unit of the samples; how far the signal must come back from a turning point before that is
+    believed, so choose it above the noise. ``precision``: greatest standard deviation of the frequency that counts,
+    relative to it. ``limit``: greatest believable |sample|.
+
+    Samples are averaged in blocks, 24 or more to the shortest period. After a swing that is larger than the one before
+    by more than the threshold a new decay begins; a blanked sample or a sensor that stood still begins everything anew.
+    Standard deviations come from the scatter of the swings about their lines, so the first few are rough. One
+    vibration must stand out; for two at once there is ``DampedSinusoids``.
+
+    *Raises* ``ValueError`` for a band that is no band or a threshold that is not positive.
+
+    *Source*: Rayleigh, *The theory of sound*, 1877, §46; every textbook of vibration since.
+    """
+
+    threshold: Float[Array, ""]
+    precision: Float[Array, ""]
+    limit: Float[Array, ""]
+    sample_time: float = eqx.field(static=True)
+    band: tuple[float, float] = eqx.field(static=True)
+    block: int = eqx.field(static=True)
+    """Samples in a block."""
+    patience: int = eqx.field(static=True)
+    """How many samples the sensor may stand still, or the signal go without a turn."""
+
+    def __init__(
+        self,
+        sample_time: float,
+        threshold: Any,
+        band: Any = (4.0, 14.0),
+        precision: Any = 0.05,
+        limit: Any = LIMIT,
+    ):
+        self.sample_time = check_time(sample_time)
+        self.band = check_band(band, self.sample_time)
+        _check.positive(threshold, "threshold")
+        self.threshold = check_level(threshold, "threshold")
+        self.precision = check_level(precision, "precision")
+        self.limit = check_level(limit, "limit")
+        self.block = block_size(self.band, self.sample_time, MEANS)
+        self.patience = half_period(self.band, self.sample_time)
+
+    def initial(self) -> DecrementState:
+        return DecrementState(BLOCK_AT_START, DECAY_AT_START, SENSOR_AT_START, ignorance(self.band), STARTING)
+
+    @staticmethod
+    def advance(own: Any, numbers: Numbers, state: DecrementState, sample: Any, active: Any) -> DecrementState:
+        select = numbers.select
+        sensor, value, trouble = look(numbers, state.sensor, sample, active, own.limit, own.patience)
+        gap = (trouble == BLANKED) | (trouble == FROZEN)
+        block, full, mean = gather(numbers, state.block, value, own.block)
+        decay = select(full, _with_mean(own, numbers, state.decay, mean), state.decay)
+        block, decay = select(gap, (BLOCK_AT_START, DECAY_AT_START), (block, decay))
+
+        found = _estimate(own, numbers, decay)
+        low, high = own.band
+        reason = first_reason(
+            numbers,
+            (trouble != FOUND, trouble),
+            (decay.swings < SWINGS, STARTING),
+            (decay.clock * own.block > 2 * own.patience, WEAK),
+            ((found.omega < low) | (found.omega > high), OUTSIDE),
+            (found.omega_std > own.precision * found.omega, UNCERTAIN),
+        )
+        return DecrementState(block, decay, sensor, settle(numbers, state.estimate, found, reason), reason)
+
+
+def _with_mean(own: Any, numbers: Numbers, decay: Decay, mean: Any) -> Decay:
+    """The decay after one more block."""
+    select, up = numbers.select, decay.rising
+    clock = decay.clock + 1.0
+    # Upwards, whatever the way: did the mean before this one lie on a peak?
+    older, newer, latest = up * decay.older, up * decay.newer, up * mean
+    bend = older - 2 * newer + latest
+    aside = (older - latest) / (2 * select(bend < 0, bend, -1.0))
+    peak = newer - (older - latest) * aside / 4
+    higher = (newer >= older) & (newer > latest) & (peak > up * decay.extreme)
+    extreme, reached = select(higher, (up * peak, clock - 1 + aside), (decay.extreme, decay.reached))
+    passed = decay._replace(older=decay.newer, newer=mean, clock=clock, extreme=extreme, reached=reached)
+    turns = up * extreme - latest > own.threshold
+    return select(turns, _with_turn(own, numbers, passed), passed)
+
+
+def _with_turn(own: Any, numbers: Numbers, decay: Decay) -> Decay:
+    """The decay after the extreme has been left behind by more than the threshold."""
+    select = numbers.select
+    swing = abs(decay.extreme - decay.turned) / 2
+    # A swing that has grown was pushed on its way, and where it ends may be the push: the decay begins afterwards.
+    grown = (decay.swings > 0) & (swing > decay.swing + own.threshold)
+    whole = (decay.turns > 1) & (swing > own.threshold) & numbers.xp.logical_not(grown)
+    begins = decay.swings == 0
+    first, since, swings, sizes, times = select(
+        begins,
+        (swing, 0.0, 0, Line(), Line()),
+        (decay.first, decay.since + decay.reached, decay.swings, decay.sizes, decay.times),
+    )
+    ratio = select(whole, swing / select(first > 0, first, 1.0), 1.0)
+    # A logarithm's error grows as the swing becomes smaller.
+    sizes = sizes.with_point(ratio**2, since, numbers.xp.log(ratio))
+    times = times.with_point(ratio**2, 1.0 * swings, since)
+    line = (swing, first, since, swings + 1, sizes, times)
+    kept = (0.0 * swing, 0.0 * swing + 1.0, 0.0 * swing, 0, Line(), Line())
+    swing, first, since, swings, sizes, times = select(whole, line, kept)
+    return Decay(
+        older=decay.older,
+        newer=decay.newer,
+        clock=decay.clock - decay.reached,
+        rising=-decay.rising,
+        extreme=decay.rising * FAR,
+        reached=0.0 * decay.reached,
+        turned=decay.extreme,
+        turns=select(grown, 1, select(decay.turns > 1, 2, decay.turns + 1)),
+        swing=swing,
+        first=first,
+        since=since,
+        swings=swings,
+        sizes=sizes,
+        times=times,
+    )
+
+
+def _estimate(own: Any, numbers: Numbers, decay: Decay) -> Estimate:
+    """Frequency and damping of the two lines."""
+    xp, select = numbers.xp, numbers.select
+    spacing = own.block * own.sample_time
+    falling, falling_variance = decay.sizes.slope(numbers, decay.swings)
+    half, half_variance = decay.times.slope(numbers, decay.swings)
+    half = select(half > 0, half, np.inf)
+    damped, sigma = np.pi / (half * spacing), -falling / spacing
+    omega = xp.hypot(damped, sigma)
+    omega = select(omega > 0, omega, 1.0)
+    damped_std, sigma_std = damped * xp.sqrt(half_variance) / half, xp.sqrt(falling_variance) / spacing
+    zeta = sigma / omega
+    return Estimate(
+        omega,
+        select(zeta > 0, zeta, 0.0),
+        xp.hypot(damped * damped_std, sigma * sigma_std) / omega,
+        xp.hypot(damped * sigma_std, sigma * damped_std) * damped / omega**3,
+        decay.swing / mean_gain(numbers, omega, own.sample_time, own.block),
+        True,
+    )

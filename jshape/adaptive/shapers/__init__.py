@@ -1,0 +1,1 @@
+"""Shapers that change while they run, without a jump in the command."""

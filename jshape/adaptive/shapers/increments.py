@@ -1,0 +1,83 @@
+"""Shaping by increments: each change of the reference is shaped by the shaper of its own moment.
+
+A filter whose taps change makes its output jump, for the samples within it meet taps that were not there when they
+came. Here every increment of the reference is spread over the future by the shaper that holds when it arrives, and is
+never touched again: the command ends where the reference ends, whatever shapers came in between.
+"""
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jshape import _check
+from jshape.adaptive.identifiers.estimate import check_time
+from jshape.adaptive.numbers import Numbers
+
+
+class Queue(NamedTuple):
+    """Increments still to come, next first, for how many samples there are any, the command and the reference."""
+
+    coming: Any
+    left: Any
+    command: Any
+    reference: Any
+
+
+@dataclasses.dataclass(frozen=True)
+class IncrementShaper:
+    """A shaper for references sampled every ``sample_time`` (s) whose impulses lie within ``longest`` (s).
+
+    An impulse between two samples is shared between them so that its mean time stays. Once nothing is coming, the
+    command is the reference to the last bit: rounding does not gather.
+
+    *Raises* ``ValueError`` for numbers that are not positive.
+    """
+
+    sample_time: float
+    longest: float
+
+    def __post_init__(self):
+        check_time(self.sample_time)
+        _check.positive(self.longest, "longest")
+
+    @property
+    def size(self) -> int:
+        """How many samples the queue holds."""
+        return int(self.longest / self.sample_time) + 3
+
+    def initial(self, reference: Any) -> Queue:
+        """At rest at that reference."""
+        return Queue(np.zeros(self.size), 0, reference, reference)
+
+    def advance(
+        self, numbers: Numbers, queue: Queue, reference: Any, shaper: Callable[[Any], tuple[Any, Any]]
+    ) -> Queue:
+        """The queue a sample later, with the next sample of the command. ``shaper``: gives, for a change of the
+        reference, the amplitudes (their sum is 1) and times (s) to shape it by; asked where there is a change alone.
+        Times beyond ``longest`` count as ``longest``. A reference that is not finite counts as the one before."""
+        xp = numbers.xp
+        reference = numbers.select(xp.isfinite(reference), reference, queue.reference)
+        change = reference - queue.reference
+
+        def add(coming: Any, left: Any) -> tuple[Any, Any]:
+            amplitudes, times = shaper(change)
+            position = xp.clip(times / self.sample_time, 0.0, self.size - 2.0)
+            below = xp.floor(position)
+            late = amplitudes * (position - below)
+            index = below.astype(np.int32)
+            index, values = xp.concatenate([index, index + 1]), xp.concatenate([amplitudes - late, late]) * change
+            return _add(xp, coming, index, values), xp.maximum(left, 1 + xp.max(index))
+
+        coming, left = numbers.when(change != 0, add, lambda coming, left: (coming, left), queue.coming, queue.left)
+        left = xp.maximum(left - 1, 0)
+        command = numbers.select(left > 0, queue.command + coming[0], reference)
+        return Queue(xp.concatenate([coming[1:], xp.zeros(1, coming.dtype)]), left, command, reference)
+
+
+def _add(xp: Any, array: Any, index: Any, values: Any) -> Any:
+    """The array with values added at an index each; several may meet."""
+    if xp is np:
+        return array + np.bincount(index, values, len(array))
+    return array.at[index].add(values)

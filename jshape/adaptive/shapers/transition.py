@@ -1,0 +1,33 @@
+"""A robust shaper that also takes away the vibration that is there when the move begins.
+
+Five impulses, a quarter of the damped period apart, are as many as the conditions: they sum to 1, they leave the mode
+the phasor ρ that cancels what it swings already, and what they leave does not change with the frequency to first order.
+With ρ = 0 the second and fourth vanish, and it is the ZVD shaper.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from jshape.adaptive.numbers import Numbers
+
+
+def transition_zvd(numbers: Numbers, omega: Any, zeta: Any, rest: Any) -> tuple[Any, Any]:
+    """Amplitudes and times (s), (5,), with Σ A = 1, Σ A exp(−p t) = ρ and Σ A t exp(−p t) = 0; p the mode's pole.
+
+    ``rest``: ρ, what is to be left by the impulses alone: minus the phasor that the mode has at the time of the first
+    impulse, over the one that a full step would give it. Amplitudes are positive for small ρ.
+
+    *Source*: Singer and Seering's (1990) ZVD with the initial state of Dhanda, Vaughan and Singhose; the five equations
+    are solved by hand.
+    """
+    xp = numbers.xp
+    root = xp.sqrt(1 - zeta * zeta)
+    quarter = np.pi / (2 * omega * root)
+    # Σ B_i (−j)^i = ρ and Σ B_i i (−j)^i = 0 for B_i = A_i q^i.
+    q = xp.exp(zeta * np.pi / (2 * root))
+    real, imaginary = rest.real, rest.imag
+    fourth = (1 - real + imaginary * (3 / q + 1 / q**3) / 2) / (1 + 2 / q**2 + 1 / q**4)
+    scaled = (real + fourth, -1.5 * imaginary, 2 * fourth, -0.5 * imaginary, fourth)
+    amplitudes = xp.stack([part / q**i for i, part in enumerate(scaled)])
+    return amplitudes, quarter * np.arange(5.0)

@@ -1,0 +1,1 @@
+"""Strategies: what is identified, when, and how the shaper follows."""

@@ -1,0 +1,106 @@
+"""What drives the loop: a strategy takes the reference and the sensors' readings and gives the command, every sample.
+
+``start`` and ``step`` are pure JAX, for a scan of hours or for a thousand machines side by side; ``online`` is the same
+as a plain object for a control loop.
+"""
+
+import abc
+import dataclasses
+from types import SimpleNamespace
+from typing import Any, NamedTuple, Protocol
+
+import equinox as eqx
+
+from jshape.adaptive.arrays import as_jax, as_numpy, like
+from jshape.adaptive.closed_loop.sampled_link import Readings
+from jshape.adaptive.numbers import JAX, NUMPY, Numbers
+
+
+class Decision(NamedTuple):
+    """What a strategy gives after every sample."""
+
+    command: Any
+    """In the unit of the reference."""
+    omega: Any
+    """Frequencies that its shaper is tuned to, rad/s, (modes,)."""
+    zeta: Any
+    """Their damping ratios, (modes,)."""
+    doubted: Any
+    """How many samples and estimates it did not believe so far."""
+
+
+class OnlineStrategy(Protocol):
+    """A strategy as a plain object for a control loop."""
+
+    def push(self, reference: float, readings: Readings) -> Decision:
+        """The decision after a sample of the reference and of the sensors."""
+        ...
+
+
+class AbstractStrategy(eqx.Module):
+    """How a reference becomes a command, with or without learning from the sensors."""
+
+    sample_time: eqx.AbstractVar[float]
+
+    @abc.abstractmethod
+    def start(self, reference: Any) -> Any:
+        """The state of a machine at rest at ``reference``: a pytree of JAX arrays of fixed shapes."""
+
+    @abc.abstractmethod
+    def step(self, state: Any, reference: Any, readings: Readings) -> tuple[Any, Decision]:
+        """The state and the decision after a sample of the reference and of the sensors."""
+
+    @abc.abstractmethod
+    def online(self, reference: float = 0.0) -> OnlineStrategy:
+        """The same strategy as a plain object, at rest at ``reference``."""
+
+
+class FormulaStrategy(AbstractStrategy):
+    """A strategy that writes its formulas once, over the ``Numbers`` it is handed."""
+
+    @abc.abstractmethod
+    def initial(self, reference: Any) -> Any:
+        """The state of a machine at rest at ``reference``."""
+
+    @abc.abstractmethod
+    def advance(self: Any, numbers: Numbers, state: Any, reference: Any, readings: Readings) -> tuple[Any, Decision]:
+        """The state and the decision after a sample. ``self``: whatever has the strategy's fields."""
+
+    def start(self, reference: Any) -> Any:
+        return as_jax(self.initial(reference))
+
+    def step(self, state: Any, reference: Any, readings: Readings) -> tuple[Any, Decision]:
+        new, decision = self.advance(JAX, state, reference, readings)
+        return like(state, new), decision
+
+    def online(self, reference: float = 0.0) -> OnlineStrategy:
+        return _OnlineFormula(self, reference)
+
+
+class _OnlineFormula:
+    """A ``FormulaStrategy`` in plain numbers; ``state`` is the whole state."""
+
+    def __init__(self, strategy: FormulaStrategy, reference: float):
+        # Equinox wraps whatever is looked up at one of its modules, which is slow.
+        fields = {field.name: as_numpy(getattr(strategy, field.name)) for field in dataclasses.fields(strategy)}
+        self._own, self._advance = SimpleNamespace(**fields), type(strategy).advance
+        self.state = as_numpy(strategy.initial(float(reference)))
+
+    def push(self, reference: float, readings: Readings) -> Decision:
+        self.state, decision = self._advance(self._own, NUMPY, self.state, float(reference), readings)
+        return decision
+
+
+class Unshaped(FormulaStrategy):
+    """The reference itself: what happens if nothing is done."""
+
+    sample_time: float = eqx.field(static=True)
+
+    def initial(self, reference: Any) -> tuple[()]:
+        del reference
+        return ()
+
+    def advance(self: Any, numbers: Numbers, state: Any, reference: Any, readings: Readings) -> tuple[Any, Decision]:
+        del readings
+        nothing = numbers.xp.zeros(0)
+        return state, Decision(reference, nothing, nothing, 0)

@@ -1,0 +1,104 @@
+"""Extra-insensitive shapers with any number of humps: their defining equations, solved for any damping."""
+
+import functools
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from jshape import _check
+from jshape._types import Impulses, Scalar
+from jshape.design.linear._mode import damped, decay, follow, left, mode, parts, when_solved
+from jshape.shaper import Shaper
+
+
+def extra_insensitive(name: str, humps: int, omega: Any, zeta: Any, vibration: Any) -> Shaper:
+    """The shaper with so many humps as tall as ``vibration``; ``name``: for the error where there is none."""
+    omega, zeta = mode(omega, zeta)
+    limit = _check.scalar(vibration, "vibration")
+    _check.finite(limit, "vibration")
+    if _check.is_concrete(limit) and not 0 < float(limit) < 1:
+        raise ValueError(f"vibration must lie between 0 and 1 (5 % is 0.05), not {_check.show(limit)}")
+    undamped = _check.is_concrete(zeta) and float(zeta) == 0
+    find = _undamped_humps if undamped else _humps
+    amplitudes, phases, solved = find(humps, zeta, limit.astype(omega.dtype))
+    hint = f"no {name} shaper was found (its uppermost zero runs away as damping grows); take fewer humps or a zvd"
+    times = when_solved(phases / damped(omega, zeta), solved, hint, zeta=zeta, vibration=limit)
+    return Shaper(amplitudes, times)
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def _humps(humps: int, zeta: Scalar, limit: Scalar) -> tuple[Impulses, Impulses, Bool[Array, ""]]:
+    """Amplitudes and phases of the extra-insensitive shaper with so many humps, and whether there is one.
+
+    Unknown: n + 2 amplitudes and as many phases for n humps (the sum is 1, the first phase 0), the frequencies of n + 1
+    zeros and those of the tops of the humps; the middle zero or top is at the design frequency. Equations: the
+    transform is 0 at each zero (two real equations), and at each top V is the limit and its slope 0. Both are 4n + 2.
+    """
+    n, half, odd = humps, (humps + 1) // 2, humps % 2
+
+    def unpack(unknowns):
+        free, phases, zeros, tops = jnp.split(unknowns, np.cumsum([n + 1, n + 1, 2 * half]))
+        one = jnp.ones_like(unknowns[:1])
+        # Zeros above the design frequency are sought by their reciprocals: with damping they run away to infinity.
+        lower, upper = zeros[:half], 1 / zeros[half:]
+        zeros = jnp.concatenate([lower, upper] if odd else [lower, one, upper])
+        tops = jnp.concatenate([tops[: n // 2], one, tops[n // 2 :]]) if odd else tops
+        return jnp.append(free, 1 - jnp.sum(free)), jnp.concatenate([0 * one, phases]), zeros, tops
+
+    def residual(unknowns, args):
+        zeta, limit = args
+        amplitudes, tau, zeros, tops = unpack(unknowns)
+        rate = decay(zeta)
+        at_zeros = left(tau, zeros, rate) @ amplitudes
+        terms = left(tau, tops, rate)
+        at_tops = terms @ amplitudes
+        slope = terms @ (amplitudes * (1j * tau + rate * (tau - tau[-1])))
+        height = jnp.log(jnp.abs(at_tops) / limit)
+        return jnp.concatenate([parts(at_zeros / limit), height, jnp.real(slope / at_tops)])
+
+    start = _undamped(humps, limit)
+    unknowns, solved = follow(residual, start, (jnp.zeros_like(zeta), limit), (zeta, limit))
+    amplitudes, tau, zeros, tops = unpack(unknowns)
+    ordered = jnp.all(jnp.diff(tau) > 0) & jnp.all(zeros[:-1] < tops) & jnp.all(tops < zeros[1:])
+    return amplitudes, tau, solved & jnp.all(amplitudes > 0) & ordered & jnp.all(zeros > 0)
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def _undamped_humps(humps: int, zeta: Scalar, limit: Scalar) -> tuple[Impulses, Impulses, Bool[Array, ""]]:
+    """``_humps`` without damping: its closed form, without a search."""
+    free, phases = jnp.split(_undamped(humps, limit), [humps + 1, 2 * humps + 2])[:2]
+    amplitudes = jnp.append(free, 1 - jnp.sum(free))
+    return amplitudes, jnp.concatenate([jnp.zeros_like(phases[:1]), phases]), jnp.all(amplitudes > 0) & (zeta == 0)
+
+
+def _undamped(humps: int, limit: Scalar) -> Float[Array, " unknowns"]:
+    """The unknowns of ``_humps`` without damping, in closed form.
+
+    Impulses lie half a period apart, so that V is a polynomial in c = cos(πr/2) of the frequency ratio r.
+    """
+    if humps == 1:
+        first = jnp.stack([(1 + limit) / 4, (1 - limit) / 2])
+        lower = [jnp.arccos(-(1 - limit) / (1 + limit)) / jnp.pi]
+        tops = []
+    elif humps == 2:
+        x = jnp.cbrt(limit**2 * (jnp.sqrt(1 - limit**2) + 1))
+        a = (3 * x**2 + 2 * x + 3 * limit**2) / (16 * x)
+        first = jnp.stack([a, 0.5 - a, 0.5 - a])
+        square = (4 * a - 0.5) / (4 * a)  # of c at the zeros; a third of it at the tops
+        lower = [2 / jnp.pi * jnp.arccos(jnp.sqrt(square))]
+        tops = [2 / jnp.pi * jnp.arccos(jnp.sqrt(square / 3))]
+    else:
+        a = (1 + 3 * limit + 2 * jnp.sqrt(2 * (limit**2 + limit))) / 16
+        b = (1 - limit) / 4
+        c = 1 - 2 * (a + b)
+        first = jnp.stack([a, b, c, b])
+        root = jnp.sqrt(b**2 - 4 * a * (c - 2 * a))  # of 4a y² + 2b y + c − 2a in y = cos(πr)
+        lower = [jnp.arccos((-b + sign * root) / (4 * a)) / jnp.pi for sign in (1, -1)]
+        tops = [jnp.arccos(-b / (4 * a)) / jnp.pi]
+    phases = jnp.pi * jnp.arange(1, humps + 2, dtype=limit.dtype)
+    upper = [1 / (2 - r) for r in reversed(lower)]
+    both = jnp.stack([*lower, *upper, *tops, *(2 - r for r in reversed(tops))])
+    return jnp.concatenate([first, phases, both])

@@ -1,0 +1,323 @@
+"""Figures for papers and reports: column width, units, colours that everybody can tell apart.
+
+Each function draws one figure from numbers and returns it; ``save`` and ``draw`` write it. Nothing here computes, or
+loads JAX or xarray, so that a process of its own can draw.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import matplotlib as mpl
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_pdf import FigureCanvasPdf
+from matplotlib.colors import LogNorm, Normalize
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogFormatter
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from jshape.metrics import EnergyProfile
+    from jshape.simulation.simulate import Response
+
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+"""Okabe and Ito's palette (2008), which people with any kind of colour vision can tell apart."""
+
+LINES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (3, 1)), (0, (1, 1)))
+
+STYLE: Any = {
+    "font.size": 8,
+    "axes.titlesize": 8,
+    "axes.labelsize": 8,
+    "legend.fontsize": 7,
+    "xtick.labelsize": 7,
+    "ytick.labelsize": 7,
+    "lines.linewidth": 1.2,
+    "axes.linewidth": 0.6,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.linewidth": 0.4,
+    "grid.alpha": 0.4,
+    "legend.frameon": False,
+    "figure.constrained_layout.use": True,
+    "savefig.dpi": 300,
+}
+
+WIDTH = 3.5
+"""A journal's column, inches."""
+
+
+def save(figure: Figure, path: Path) -> None:
+    """The figure as PNG (300 dpi) and, beside it, as PDF; then it is closed."""
+    # Laid out once, what holds for the one holds for the other; ``savefig`` would go through it four times.
+    figure.set_dpi(300)
+    layout = figure.get_layout_engine()
+    if layout is not None:
+        layout.execute(figure)
+        figure.set_layout_engine("none")
+    FigureCanvasAgg(figure).print_png(path)
+    figure.set_dpi(72)
+    FigureCanvasPdf(figure).print_pdf(path.with_suffix(".pdf"))
+    plt.close(figure)
+
+
+def draw(path: Path, kind: str, *values: Any) -> None:
+    """Draw the figure of that name here (``"response"``, …) and save it: numbers in, files out."""
+    save(globals()[kind](*values), path)
+
+
+def response(
+    nominal: "Mapping[str, Response]",
+    extremes: "Mapping[str, list[Response]] | None" = None,
+    names: tuple[str, str] = ("", ""),
+    label: str = "position (m)",
+) -> Figure:
+    """Command and payload over time, one panel a shaper.
+
+    ``extremes``: responses of plants at the ends of the uncertain set, drawn thin. ``names``: of what the command
+    moves and of the payload; ``label``: of the vertical axis.
+    """
+    with mpl.rc_context(STYLE):
+        figure, axes = plt.subplots(
+            len(nominal), 1, figsize=(WIDTH, 0.4 + 1.15 * len(nominal)), sharex=True, sharey=True, squeeze=False
+        )
+        command_name, payload_name = names[0] or "command", names[1] or "payload"
+        for axis, (name, run) in zip(axes[:, 0], nominal.items(), strict=True):
+            for i, other in enumerate((extremes or {}).get(name, [])):
+                words = "payload, ends of the uncertainty" if i == 0 else None
+                axis.plot(other.times, other.payload, color=COLOURS[5], linewidth=0.7, label=words)
+            axis.step(run.times, run.command, where="post", color="0.35", linewidth=1.0, label=command_name)
+            axis.plot(run.times, run.payload, color=COLOURS[0], label=payload_name)
+            axis.set_title(name, loc="left")
+            axis.set_xlim(0, float(run.times[-1]))
+            axis.set_ylabel(label)
+        axes[-1, 0].set_xlabel("time (s)")
+        handles, labels = axes[0, 0].get_legend_handles_labels()
+        columns = len(labels)
+        figure.legend(handles, labels, loc="outside upper center", ncols=columns, handlelength=1.6, columnspacing=1.0)
+    return figure
+
+
+def energy(profiles: "Mapping[str, EnergyProfile]") -> Figure:
+    """Kinetic and potential energy against the payload's position, one panel a shaper."""
+    with mpl.rc_context(STYLE):
+        figure, axes = plt.subplots(
+            len(profiles), 1, figsize=(WIDTH, 0.4 + 1.15 * len(profiles)), sharex=True, squeeze=False
+        )
+        for axis, (name, profile) in zip(axes[:, 0], profiles.items(), strict=True):
+            for i, (x, kinetic, potential, total) in enumerate(
+                zip(profile.position, profile.kinetic, profile.potential, profile.total, strict=True)
+            ):
+                first = i == 0
+                axis.plot(x, kinetic, color=COLOURS[0], label="kinetic" if first else None)
+                axis.plot(x, potential, color=COLOURS[1], linestyle="--", label="potential" if first else None)
+                axis.plot(x, total, color="0.35", linestyle=":", label="total" if first else None)
+            axis.set_title(name, loc="left")
+            axis.set_ylabel("energy (J)")
+            axis.set_ylim(bottom=0)
+        axes[-1, 0].set_xlabel("payload position (m)")
+        handles, labels = axes[0, 0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside upper center", ncols=len(labels))
+    return figure
+
+
+def sensitivity(
+    leaf: str,
+    ratios: np.ndarray,
+    vibrations: Mapping[str, np.ndarray],
+    limit: float | None = 5.0,
+    band: tuple[float, float] | None = None,
+) -> Figure:
+    """Residual vibration (a fraction; drawn in %) of each shaper against a leaf, actual over nominal.
+
+    ``limit``: a level to mark, %. ``band``: the stated uncertainty, shaded.
+    """
+    percent = {name: 100 * np.asarray(values) for name, values in vibrations.items()}
+    with mpl.rc_context(STYLE):
+        figure, axis = plt.subplots(figsize=(WIDTH, 3.0))
+        labelled_lines(figure, axis, [(name, ratios, values) for name, values in percent.items()])
+        if limit is not None:
+            axis.axhline(limit, color="0.5", linewidth=0.6)
+            place = ("axes fraction", "data")
+            axis.annotate(f" {limit:g} %", (1, limit), xycoords=place, fontsize=7, va="center", ha="left")
+        if band is not None:
+            axis.axvspan(*band, color="0.5", alpha=0.12, linewidth=0, zorder=0)
+        finite = [values[np.isfinite(values)] for values in percent.values()]
+        axis.set_ylim(0, 1.05 * np.max(np.concatenate(finite), initial=limit or 1.0))
+        axis.set_xlabel(f"{leaf}, actual over nominal")
+        axis.set_ylabel("residual vibration (%)")
+    return figure
+
+
+def pareto(dataset: "xr.Dataset") -> Figure:
+    """The least objective (J, logarithmic) against the duration, a line a design, the closed forms as points."""
+    with mpl.rc_context(STYLE):
+        figure, axis = plt.subplots(figsize=(WIDTH, 3.2))
+        for i, name in enumerate(dataset["design"].values):
+            front = dataset.sel(design=name)
+            style: Any = dict(color=COLOURS[i % 7], linestyle=LINES[i % len(LINES)], marker=".", markersize=4)
+            axis.plot(front["duration"], front["objective"], label=str(name), **style)
+        longest = float(dataset["duration"].max())
+        for i, name in enumerate(dataset["closed_form"].values):
+            value, at = (float(dataset[key].sel(closed_form=name)) for key in ("closed_objective", "closed_duration"))
+            if name == "unshaped" or not np.isfinite(value) or not 0 < at <= 1.05 * longest:
+                continue
+            marker = "osD^vP*Xh<>p"[i % 12]
+            axis.plot(at, value, marker=marker, linestyle="", color="0.4", markersize=4.5, label=str(name))
+        axis.set_yscale("log")
+        powers(axis)
+        axis.set_xlim(left=0)
+        axis.set_xlabel("duration of the shaper (s)")
+        axis.set_ylabel(f"{dataset['objective'].attrs['long_name']} (J)")
+        figure.legend(loc="outside upper center", ncols=2)
+    return figure
+
+
+def convergence(history: np.ndarray, objective: str) -> Figure:
+    """The objective (J) over the iterations, logarithmic."""
+    with mpl.rc_context(STYLE):
+        figure, axis = plt.subplots(figsize=(WIDTH, 2.0))
+        values = np.maximum(np.asarray(history, float), 1e-32)
+        many = len(values) >= 60
+        axis.semilogy(many + np.arange(len(values)), values, color=COLOURS[0], marker="" if many else ".")
+        if many:
+            # Most is won by the first few of hundreds.
+            axis.set_xscale("log")
+        powers(axis)
+        axis.set_xlabel("iteration" if objective == "nominal" else "shapers looked at")
+        words = {"nominal": "residual energy", "worst": "worst residual energy", "mean": "mean residual energy"}
+        axis.set_ylabel(f"{words.get(objective, 'tail mean of the energy')} (J)")
+        axis.margins(x=0.02)
+    return figure
+
+
+def sweep(dataset: "xr.Dataset", metric: str | None = None) -> Figure:
+    """A metric of a ``js.sweep``: what depends on the set that was swept.
+
+    One leaf: a curve for each shaper. Two: a panel for each shaper, with one colour scale. Samples: the share of the
+    plants on which each shaper leaves more than a given value. ``metric``: the dataset's first, if not given.
+
+    *Raises* ``ValueError`` for a variable that the dataset does not have, and for more than two leaves: select some.
+    """
+    names = [str(name) for name in dataset.data_vars]
+    metric = names[0] if metric is None else metric
+    if metric not in names:
+        raise ValueError(f"metric must be one of {', '.join(names)}, not {metric!r}")
+    data = dataset[metric]
+    leaves = [str(name) for name in data.dims if name != "shaper"]
+    if len(leaves) > 2:
+        raise ValueError(f"dataset has the leaves {', '.join(leaves)}; select values of all but two, as by ds.sel")
+    with mpl.rc_context(STYLE):
+        if leaves == ["sample"]:
+            return _exceedance(data)
+        return _curves(data, leaves[0]) if len(leaves) == 1 else _panels(data, *leaves)
+
+
+def _label(data: "xr.DataArray") -> str:
+    """What an axis bears: the long name, and the unit where there is one."""
+    words, unit = str(data.attrs.get("long_name", data.name)), data.attrs.get("units", "1")
+    return words if unit == "1" else f"{words} ({unit})"
+
+
+def _curves(data: "xr.DataArray", leaf: str) -> Figure:
+    figure, axis = plt.subplots(figsize=(WIDTH, 2.6))
+    labelled_lines(figure, axis, [(str(name), data[leaf], data.sel(shaper=name)) for name in data["shaper"].values])
+    axis.set_xlabel(_label(data[leaf]))
+    axis.set_ylabel(_label(data))
+    if np.nanmin(data.values) >= 0:
+        axis.set_ylim(bottom=0)
+    return figure
+
+
+def _exceedance(data: "xr.DataArray") -> Figure:
+    figure, axis = plt.subplots(figsize=(WIDTH, 2.6))
+    count = data.sizes["sample"]
+    # Of a million samples a thousand draw the same curve; the last, rare ones are all kept.
+    rank = np.unique(
+        np.concatenate([np.linspace(0, count - 1, 1000), np.arange(max(count - 100, 0), count)]).astype(int)
+    )
+    curves = [(str(name), np.sort(data.sel(shaper=name).values)[rank], 1 - rank / count) for name in data.shaper.values]
+    labelled_lines(figure, axis, curves)
+    axis.set_yscale("log")
+    powers(axis)
+    axis.set_ylim(1 / count, 1)
+    axis.set_xlabel(_label(data))
+    axis.set_ylabel("share of plants at or above")
+    return figure
+
+
+class Powers(LogFormatter):
+    """10⁻³ in plain characters: as a formula each such label takes matplotlib ten milliseconds."""
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        label = super().__call__(x, pos)
+        if not label or x <= 0:
+            return label
+        exponent = int(np.floor(np.log10(x) + 1e-9))
+        factor = x / 10.0**exponent
+        power = "10" + str(exponent).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+        if np.isclose(factor, 1):
+            return power
+        return f"{x:g}" if -1 <= exponent <= 2 else f"{factor:g}×{power}"
+
+
+def powers(axes: Any) -> None:
+    """Label the logarithmic ones of the axes by powers of ten."""
+    for axis in (axes.xaxis, axes.yaxis):
+        if axis.get_scale() == "log":
+            axis.set_major_formatter(Powers())
+            axis.set_minor_formatter(Powers(labelOnlyBase=False, minor_thresholds=(1, 0.4)))
+
+
+def labelled_lines(figure: Figure, axis: Any, curves: list[tuple[str, Any, Any]]) -> None:
+    """One line a shaper, the tuned one heavy, and a legend above."""
+    for i, (name, x, y) in enumerate(curves):
+        heavy = name == "tuned"
+        axis.plot(
+            x,
+            y,
+            color="black" if heavy else COLOURS[i % 6],
+            linestyle="-" if heavy else LINES[i % len(LINES)],
+            linewidth=2.0 if heavy else 1.0,
+            label=name,
+            zorder=3 if heavy else 2,
+        )
+    axis.margins(x=0)
+    if len(curves) > 1:
+        figure.legend(loc="outside upper center", ncols=2)
+
+
+def _panels(data: "xr.DataArray", vertical: str, across: str) -> Figure:
+    shapers = data["shaper"].values
+    columns = min(len(shapers), 2)
+    rows = -(-len(shapers) // columns)
+    figure, axes = plt.subplots(
+        rows, columns, figsize=(WIDTH, 0.6 + 1.5 * rows), sharex=True, sharey=True, squeeze=False
+    )
+    finite = data.values[np.isfinite(data.values)]
+    greatest = np.max(finite, initial=1e-300)
+    # Shapers differ by orders of magnitude: three decades where nothing is negative, a plain scale elsewhere.
+    wide = np.min(finite, initial=0.0) >= 0
+    norm = LogNorm(greatest / 1000, greatest) if wide else Normalize(finite.min(), greatest)
+    drawn = None
+    for i, axis in enumerate(axes.flat):
+        if i >= len(shapers):
+            axis.set_visible(False)
+            continue
+        values = data.isel(shaper=i).transpose(vertical, across).values
+        # A plant that is lost stays white.
+        drawn = axis.pcolormesh(
+            data[across], data[vertical], np.where(np.isfinite(values), np.maximum(values, norm.vmin or 0.0), np.nan),
+            norm=norm, cmap="cividis", shading="nearest", rasterized=True,
+        )  # fmt: skip
+        axis.set_title(str(shapers[i]), loc="left")
+        axis.grid(False)
+    assert drawn is not None
+    figure.supxlabel(_label(data[across]), fontsize=8)
+    figure.supylabel(_label(data[vertical]), fontsize=8)
+    figure.colorbar(drawn, ax=axes, label=_label(data), shrink=0.9, aspect=30, extend="min" if wide else "neither")
+    return figure

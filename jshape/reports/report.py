@@ -1,0 +1,291 @@
+"""One problem, every shaper that applies, side by side: the table, the numbers and the figures that people take
+away."""
+
+import csv
+import dataclasses
+import json
+from collections.abc import Callable, Iterator
+from importlib.metadata import version
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from jshape._files import MARKER
+from jshape.command import as_command
+from jshape.design import closed_forms as forms
+from jshape.design.tuning.solution import Solution
+from jshape.export import write_csv, write_json
+from jshape.metrics import energy_profile, residual_energy
+from jshape.plants import AbstractOscillator
+from jshape.problems.problem import Problem
+from jshape.shaper import Shaper
+from jshape.simulation.simulate import simulate, with_arrays
+from jshape.sweeps.chunks import cut
+from jshape.sweeps.evaluate import evaluate, padded_shapers, task
+from jshape.sweeps.leaves import check_over, grid, leaf, with_leaves
+
+
+@dataclasses.dataclass(frozen=True)
+class Row:
+    """One shaper's numbers. ``worst`` values are over the stated uncertainty, ``None`` where there is none."""
+
+    name: str
+    shaper: Shaper
+    nominal_energy: float
+    worst_energy: float | None
+    worst_vibration: float | None
+
+
+@dataclasses.dataclass(frozen=True)
+class Curves:
+    """How each shaper's residual vibration (over the distance) depends on a leaf.
+
+    ``ratios``: the leaf's values over nominal; ``values``: in its own unit.
+    """
+
+    ratios: np.ndarray
+    values: np.ndarray
+    vibrations: dict[str, np.ndarray]
+
+
+@dataclasses.dataclass(frozen=True)
+class Report:
+    """All rows, the sensitivity data, what did not apply and why, and the tuned solution, if there is one."""
+
+    problem: Problem
+    rows: list[Row]
+    left_out: dict[str, str]
+    curves: dict[str, "Curves"]
+    solution: Solution | None
+
+    def move_time(self, row: Row) -> float:
+        """From the first impulse to the end of the shaped command, s."""
+        return float(row.shaper.duration) + float(as_command(self.problem.distance).duration)
+
+    def gains(self) -> list[str]:
+        """What tuning gains over the best closed form that takes no longer, in words: one line, or none."""
+        tuned = next((row for row in self.rows if row.name == "tuned"), None)
+        if tuned is None or tuned.worst_energy is None or self.problem.objective != "worst":
+            return []
+        longest = float(tuned.shaper.duration) * (1 + 1e-6)
+        others = [row for row in self.rows if row is not tuned and float(row.shaper.duration) <= longest]
+        best = min(others, key=lambda row: row.worst_energy or 0.0)
+        if not best.worst_energy or not tuned.worst_energy or not np.isfinite(best.worst_energy):
+            return []
+        ratio = best.worst_energy / tuned.worst_energy
+        words = f"{ratio:.3g} times less than" if ratio > 1 else f"{1 / ratio:.3g} times more than"
+        return [
+            f"worst residual energy {tuned.worst_energy:.6g} J: {words} the {best.worst_energy:.6g} J of "
+            f"{best.name}, the best closed form that takes no longer"
+        ]
+
+
+Step = Callable[[str], None]
+"""Called with the name of what is being done."""
+
+Draw = Callable[..., None]
+"""``draw(path, kind, *numbers)``: draws and saves that figure, a function of ``jshape.reports.plot``."""
+
+
+def closed_forms(problem: Problem) -> tuple[dict[str, Shaper], dict[str, str]]:
+    """Every closed-form shaper that applies to a problem, and why the others do not."""
+    return forms.closed_forms(problem.plant, problem.distance)
+
+
+def build(
+    problem: Problem,
+    solution: Solution | None,
+    step: Step = lambda _: None,
+    closed: tuple[dict[str, Shaper], dict[str, str]] | None = None,
+) -> Report:
+    """Judge every shaper of a problem, the tuned one last. ``step`` is told what is being done.
+
+    ``closed``: what ``closed_forms`` returned, where that has been called already.
+    """
+    step("closed-form shapers")
+    shapers, left_out = closed_forms(problem) if closed is None else closed
+    if solution is not None:
+        shapers["tuned"] = solution.shaper
+    curves: dict[str, Curves] = {}
+    energies: Any = [None] * len(shapers)
+    vibrations: Any = [None] * len(shapers)
+    if not problem.over:
+        step("nominal residual energies")
+        longest = max(len(s.times) for s in shapers.values())
+        nominal = [float(residual_energy(problem.plant, s.pad(longest), problem.distance)) for s in shapers.values()]
+    else:
+        # The nominal plant rides along as the last value of every leaf; with a single leaf, its curve before it, so
+        # that one program computes all.
+        widths = {name: _wide(values) for name, values in problem.over.items()}
+        alone = len(widths) == 1
+        step("residual energies and vibrations over the uncertainty")
+        over = {name: [*values, *(widths[name] if alone else ()), 1.0] for name, values in problem.over.items()}
+        energy, vibration = _swept(problem, shapers, over, "residual_energy", "residual_vibration")
+        nominal = energy[(slice(None), *(-1 for _ in over))].tolist()
+        stated = (slice(None), *(slice(len(values)) for values in problem.over.values()))
+        leaves = tuple(range(1, 1 + len(over)))
+        energies, vibrations = (data[stated].max(axis=leaves).tolist() for data in (energy, vibration))
+        for name, values in problem.over.items():
+            step(f"sensitivity to {name}")
+            wide, along = widths[name], vibration[:, len(values) : -1]
+            if not alone:
+                (along,) = _swept(problem, shapers, {name: wide}, "residual_vibration")
+            curves[name] = Curves(wide, wide * float(leaf(problem.plant, name)), dict(zip(shapers, along, strict=True)))
+    rows = [Row(*values) for values in zip(shapers, shapers.values(), nominal, energies, vibrations, strict=True)]
+    return Report(problem, rows, left_out, curves, solution)
+
+
+def _swept(problem: Problem, shapers: dict[str, Shaper], over: dict[str, Any], *metrics: str) -> list[np.ndarray]:
+    """Each metric of every shaper (its first axis) over a grid of multiples of the leaves (the others)."""
+    plant, command = with_arrays(problem.plant), as_command(problem.distance)
+    absolute = check_over(plant, over)
+    points = {name: np.asarray(values) for name, values in grid(absolute).items()}
+    alike = padded_shapers(shapers.values())
+    found = evaluate(task(plant, command, alike, metrics), points, cut(plant, command, alike, points))
+    return [values.reshape(len(shapers), *(len(v) for v in absolute.values())) for values in found]
+
+
+def _wide(values: Any) -> np.ndarray:
+    """The ratios of a sensitivity curve: twice as far as the stated uncertainty, the ratio 1 in the middle."""
+    ends = 1 + 2 * (np.array([min(values), max(values)]) - 1)
+    return np.linspace(max(ends[0], 0.2), ends[1], 121)
+
+
+def write(report: Report, folder: Path, step: Step = lambda _: None, draw: Draw | None = None) -> list[Path]:
+    """Write the shapers, the numbers, the problem and the figures into a folder; returns the figures' paths.
+
+    ``draw``: draws and saves a figure, ``jshape.reports.plot.draw`` unless given; without it matplotlib is not loaded.
+    """
+    step("files")
+    if draw is None:
+        from jshape.reports.plot import draw
+    (folder / "shapers").mkdir(parents=True, exist_ok=True)
+    (folder / "figures").mkdir(exist_ok=True)
+    for row in report.rows:
+        stem = row.name.replace(",", "").replace(" ", "_").replace("-", "_")
+        write_json(row.shaper, folder / "shapers" / f"{stem}.json", row.name)
+        write_csv(row.shaper, folder / "shapers" / f"{stem}.csv")
+    (folder / "problem.toml").write_text(report.problem.text, encoding="utf-8")
+    for name, curves in report.curves.items():
+        with (folder / f"sensitivity_{name}.csv").open("w", newline="", encoding="utf-8") as file:
+            table = csv.writer(file, lineterminator="\n")
+            table.writerow(["shaper", name, f"{name}_absolute", "residual_vibration"])
+            for shaper, values in curves.vibrations.items():
+                columns = (part.tolist() for part in (curves.ratios, curves.values, values))
+                table.writerows([shaper, *row] for row in zip(*columns, strict=True))
+    (folder / "results.json").write_text(json.dumps(numbers(report), indent=2) + "\n", encoding="utf-8")
+    paths = []
+    for name, kind, values in figures(report, step):
+        path = folder / "figures" / f"{name}.png"
+        draw(path, kind, *values)
+        paths.append(path)
+    return paths
+
+
+def numbers(report: Report) -> dict[str, Any]:
+    """Everything in the report that is a number, as plain data; what is not finite becomes a word."""
+
+    def plain(value: float | None) -> float | str | None:
+        return value if value is None or np.isfinite(value) else "lost"
+
+    rows = [
+        {
+            "name": row.name,
+            "amplitudes": np.asarray(row.shaper.amplitudes).tolist(),
+            "times": np.asarray(row.shaper.times).tolist(),
+            "move_time": report.move_time(row),
+            "nominal_residual_energy": plain(row.nominal_energy),
+            "worst_residual_energy": plain(row.worst_energy),
+            "worst_residual_vibration": plain(row.worst_vibration),
+        }
+        for row in report.rows
+    ]
+    solution = report.solution
+    tuned = None
+    if solution is not None:
+        tuned = {
+            "result": solution.result,
+            "objective": solution.objective,
+            "certified": solution.certified,
+            "integration_error": solution.error,
+            "history": np.asarray(solution.history).tolist(),
+        }
+    return {
+        "format": MARKER,
+        "version": 1,
+        "problem": report.problem.name,
+        "title": report.problem.title,
+        "units": {"times": "s", "energies": "J", "vibrations": "fraction of the distance"},
+        "shapers": rows,
+        "left_out": report.left_out,
+        "tuned": tuned,
+        "versions": {name: version(name) for name in ("jshape", "jax", "diffrax", "optimistix")},
+    }
+
+
+def figures(report: Report, step: Step = lambda _: None) -> Iterator[tuple[str, str, tuple]]:
+    """The report's figures one at a time: name, kind, and the numbers to draw.
+
+    Those whose numbers are there already come first, so that they can be drawn while the others are computed.
+    """
+    problem = report.problem
+    for name, curves in report.curves.items():
+        stated = (float(min(problem.over[name])), float(max(problem.over[name])))
+        steadiest = {shaper: curves.vibrations[shaper] for shaper in _steadiest(report)}
+        yield f"sensitivity_{name}", "sensitivity", (name, curves.ratios, steadiest, 5.0, stated)
+    if report.solution is not None and len(report.solution.history) > 1:
+        objective = "nominal" if not report.solution.samples else problem.objective
+        yield "convergence", "convergence", (np.asarray(report.solution.history), objective)
+    shown = _shown(report)
+    step("responses")
+    longest = max(len(row.shaper.times) for row in shown)
+    natural = float(np.min(np.asarray(problem.plant.natural_frequency())))
+    period = 2 * np.pi / natural if natural > 0 else max(float(row.shaper.duration) for row in shown)
+    move = as_command(problem.distance)
+    horizon = max(float(row.shaper.duration) for row in shown) + float(move.duration) + 1.2 * period
+
+    def run(plant, row: Row) -> SimpleNamespace:
+        # The kernel that tuned and judged the shapers; its error is far below a line's width, and it compiles soonest.
+        found = simulate(plant, move, row.shaper.pad(longest), horizon=horizon, samples=600, method="fixed")
+        return _numbers(found, "times", "command", "payload")
+
+    nominal = {row.name: run(problem.plant, row) for row in shown}
+    ends = [
+        with_leaves(problem.plant, {name: values[at] * leaf(problem.plant, name)})
+        for name, values in problem.over.items()
+        for at in (0, -1)
+    ]
+    extremes = {row.name: [run(plant, row) for plant in ends] for row in shown}
+    drive = problem.plant.drives()[0]
+    names = {"displacement": ("base x₁", "payload x₂"), "force": ("force", "payload")}.get(drive, ("", ""))
+    label = "position (m), force (N)" if drive == "force" else "position (m)"
+    yield "response", "response", (nominal, extremes, names, label)
+    if isinstance(problem.plant, AbstractOscillator):
+        step("energies")
+        step_rows = [row for row in shown if len(row.shaper.times) > 1]
+        profile = lambda row: energy_profile(problem.plant, row.shaper.pad(longest), problem.distance)
+        drawn = ("position", "kinetic", "potential", "total")
+        yield "energy", "energy", ({row.name: _numbers(profile(row), *drawn) for row in step_rows},)
+
+
+def _numbers(result: Any, *names: str) -> SimpleNamespace:
+    """What is drawn of a result, as plain arrays."""
+    return SimpleNamespace(**{name: np.asarray(getattr(result, name)) for name in names})
+
+
+def _steadiest(report: Report) -> list[str]:
+    """The six closed forms with the least worst vibration, in the table's order, and the tuned shaper."""
+    closed = [row for row in report.rows if row.name not in ("unshaped", "tuned")]
+    best = sorted(closed, key=lambda row: row.worst_vibration if row.worst_vibration is not None else 0.0)[:6]
+    return [row.name for row in report.rows if row in best or row.name == "tuned"]
+
+
+def _shown(report: Report) -> list[Row]:
+    """At most four shapers for the figures with a panel each: the closed forms that serve best, and the tuned one."""
+    preferred = ["energy 2-impulse", "energy 3-impulse", "energy fast 3-impulse"]
+    preferred += ["linear ZV", "linear ZVD", "linear EI"]
+    by_name = {row.name: row for row in report.rows}
+    closed = [by_name[name] for name in preferred if name in by_name][: 3 if "tuned" in by_name else 4]
+    return closed + ([by_name["tuned"]] if "tuned" in by_name else [])

@@ -1,0 +1,135 @@
+"""What the command line prints: tables of reports, sweeps and fronts."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from jshape.problems.problem import Problem
+from jshape.reports.report import Report
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from jshape.adaptive.closed_loop.report import Experiment
+
+
+def show_report(report: Report, folder: Path, figures: list[Path]) -> None:
+    """Every shaper in a row, then what tuning gained and where the results lie."""
+    console = new_console()
+    table = Table(title=report.problem.title, box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False)
+    table.add_column("shaper", min_width=12)
+    table.add_column("amplitudes\nat times (s)", min_width=28)
+    uncertain = bool(report.problem.over)
+    words = ["move\ntime (s)", "nominal\nenergy (J)"]
+    for heading in words + (["worst\nenergy (J)", "worst vi-\nbration (%)"] if uncertain else []):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for row in report.rows:
+        impulses = [" ".join(f"{v:6.4f}" for v in part.tolist()) for part in (row.shaper.amplitudes, row.shaper.times)]
+        cells = [row.name, "\n".join(impulses), f"{report.move_time(row):.4f}", number(row.nominal_energy)]
+        if row.worst_energy is not None and row.worst_vibration is not None:
+            cells += [number(row.worst_energy), number(100 * row.worst_vibration)]
+        table.add_row(*cells, style="bold" if row.name == "tuned" else None)
+    console.print(table)
+    for name, reason in report.left_out.items():
+        console.print(f"left out: {name}: {reason}", style="dim", highlight=False)
+    if report.solution is not None:
+        console.print(f"tuned: {report.solution.result}", highlight=False)
+        for line in report.gains():
+            console.print(line, highlight=False)
+    if uncertain:
+        names = ", ".join(f"{name} × {min(v):g} … {max(v):g}" for name, v in report.problem.over.items())
+        console.print(f"uncertain: {names}", highlight=False)
+    console.print(f"results in {folder}, figures {', '.join(path.name for path in figures)}", highlight=False)
+
+
+def show_adaptation(found: "Experiment") -> None:
+    """Every strategy in a row, a block of columns for each load; then how soon it recovers in random schedules."""
+    from jshape.adaptive.closed_loop.study import recovered
+
+    console = new_console()
+    title = f"{found.problem.title}: residual (% of move) and settling time (s) of the last move, ∫|a| dt a move (m/s)"
+    table = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False)
+    table.add_column("strategy", min_width=12)
+    for load, first, after in found.loads():
+        table.add_column(f"load {load:g}\nmoves {first + 1}–{after}", justify="right", no_wrap=True)
+    for name in found.traces:
+        cells = []
+        for _, first, after in found.loads():
+            left, settled = (float(part[name][after - 1]) for part in (found.residual, found.settling))
+            gathered = float(found.accumulated[name][first:after].mean())
+            cells.append(f"{100 * left:.2f} / {settled:.2f} / {gathered:.1f}")
+        table.add_row(name, *cells)
+    console.print(table)
+    if found.study is not None:
+        below = recovered(found.study)
+        title = f"residual below 5 % in so many of {found.study.sizes['schedule']} random schedules (%)"
+        table = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False)
+        table.add_column("strategy", min_width=12)
+        for move in below.move.values:
+            table.add_column(f"move {move}", justify="right")
+        for name in below.strategy.values:
+            table.add_row(str(name), *(f"{100 * value:.1f}" for value in below.sel(strategy=name).values))
+        console.print(table)
+        console.print("move 1 is the first that begins after the change, 0 the one under way", style="dim")
+
+
+def show_sweep(problem: Problem, found: "xr.Dataset", left_out: dict[str, str]) -> None:
+    """Mean, 95 % quantile and worst of every shaper, a table a metric."""
+    # Half a second of loading xarray, which those who only tune a shaper do without.
+    from jshape.sweeps.sweep import summary
+
+    console = new_console()
+    for metric in found.data_vars:
+        data = found[metric]
+        unit = "" if data.attrs["units"] == "1" else f" ({data.attrs['units']})"
+        title = f"{problem.title}: {data.attrs['long_name']}{unit}, {data.size // data.sizes['shaper']} plants"
+        table = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False)
+        table.add_column("shaper", min_width=12)
+        for heading in ("mean", "95 % quantile", "worst"):
+            table.add_column(heading, justify="right", no_wrap=True)
+        part = summary(data)
+        for name in part["shaper"].values:
+            cells = [number(float(part[word].sel(shaper=name))) for word in ("mean", "quantile_95", "worst")]
+            table.add_row(str(name), *cells)
+        console.print(table)
+        if "error" in data.attrs:
+            console.print(f"finer steps change this by at most {data.attrs['error']:.1e}", highlight=False)
+    for name, reason in left_out.items():
+        console.print(f"left out: {name}: {reason}", style="dim", highlight=False)
+
+
+def show_front(problem: Problem, front: "xr.Dataset") -> None:
+    """The least objective for every duration, a column a design, then the closed forms."""
+    console = new_console()
+    title = f"{problem.title}: {front['objective'].attrs['long_name']} (J) for each duration"
+    # Beside the table, which would wrap it to its own width.
+    console.print(title, style="italic", highlight=False)
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    table.add_column("duration (s)", justify="right")
+    for name in front["design"].values:
+        table.add_column(str(name), justify="right")
+    for time in front["duration"].values:
+        table.add_row(f"{time:.4f}", *[number(float(v)) for v in front["objective"].sel(duration=time).values])
+    console.print(table)
+    for name in front["closed_form"].values:
+        value, time = (float(front[key].sel(closed_form=name)) for key in ("closed_objective", "closed_duration"))
+        console.print(f"{name}: {number(value)} J in {time:.4f} s", highlight=False)
+
+
+def number(value: float) -> str:
+    """A number in four digits, or that the plant was lost."""
+    if value != value or value == float("inf"):
+        return "lost"
+    # The optimisers' stand-in for a plant that is lost.
+    if abs(value) >= 1e29:
+        return "lost"
+    return "0" if abs(value) < 1e-18 else f"{value:.4g}"
+
+
+def new_console() -> Console:
+    """As wide as the terminal; 120 columns where there is none."""
+    console = Console()
+    return console if console.is_terminal else Console(width=120)

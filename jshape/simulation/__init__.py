@@ -1,0 +1,7 @@
+"""Simulation: a plant, a command and a shaper give a trajectory.
+
+- ``schedule``: command and shaper as the segments on each of which one polynomial drives the plant.
+- ``integrate``: the fixed-step Runge–Kutta kernel; ``components``: its field written out by components.
+- ``simulate``: responses with samples, by adaptive or fixed steps; ``solver``: the kernel's step as a diffrax solver.
+- ``trajectory``: a quantity along a move, its extremes and crossings.
+"""
