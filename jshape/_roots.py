@@ -1,4 +1,4 @@
-"""Roots and integrals of smooth functions of one variable, by libraries, differentiable to any order."""
+"""Roots and integrals of smooth functions of one variable, differentiable to any order; a safe square root."""
 
 from collections.abc import Callable
 from typing import Any
@@ -61,6 +61,11 @@ def integral(function: Callable[[Scalar], Scalar], lower: Any, upper: Any) -> Sc
     lower, upper = jnp.asarray(lower, dtype=float), jnp.asarray(upper, dtype=float)
     middle, half = (lower + upper) / 2, (upper - lower) / 2
     return half * jnp.sum(_WEIGHTS.astype(half.dtype) * jax.vmap(function)(middle + half * _NODES.astype(half.dtype)))
+
+
+def safe_sqrt(x: Scalar) -> Scalar:
+    """Square root, 0 for what rounding has made negative, with a derivative of 0 there instead of an infinite one."""
+    return jnp.where(x > 0, jnp.sqrt(jnp.where(x > 0, x, 1.0)), 0.0)
 
 
 def complete_elliptic_k(m: Any) -> Scalar:

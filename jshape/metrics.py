@@ -5,7 +5,6 @@ command. Energies in J, vibrations as fractions of the distance, times in s::
 
     js.residual_energy(plant, shaper, 1.0)
     js.residual_vibration(plant, shaper, 1.0)         # amplitude over distance
-    js.percentage_vibration(shaper, omega, zeta)      # the linear V, for comparison
 
 All of them run on the fixed-step kernel: under ``jit`` and ``vmap``, and ``grad`` of any order.
 """
@@ -17,13 +16,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
-from scipy.optimize import brentq
 
 from jshape import _check
 from jshape._types import Scalar, State
 from jshape.compilation_cache import kept
 from jshape.plants import AbstractOscillator, AbstractPlant
-from jshape.plants.springs import safe_sqrt
 from jshape.shaper import Shaper
 from jshape.simulation.integrate import METHODS
 from jshape.simulation.schedule import Schedule, Segments, inputs_at, schedule
@@ -257,71 +254,6 @@ def _energy_profile(
 
     along = jax.vmap(jax.vmap(energies, in_axes=(None, 0, 0)))
     return EnergyProfile(*along(segments, states, local))
-
-
-def percentage_vibration(shaper: Shaper, omega: Any, zeta: Any = 0.0) -> Float[Array, "..."]:
-    """The linear residual vibration V(ω, ζ): amplitude after the last impulse over that after a single one, a fraction.
-
-    ``omega``: rad/s, ``zeta``: –, of any shapes that broadcast. *Raises* ``ValueError`` for a frequency that is not
-    positive or a damping outside [0, 1).
-
-    *Source*: Singer and Seering (1990); Moonmangmee and Chatlatanagulchai (2025), Eq. 3 without its denominator.
-    """
-    omega, zeta = _check.as_array(omega, "omega"), _check.as_array(zeta, "zeta")
-    _check.positive(omega, "omega")
-    _check.damping_ratio(zeta)
-    # The derivative of the magnitude does not exist at an exact zero; there it is taken as 0.
-    return safe_sqrt(_vibration_squared(jnp, shaper.amplitudes, shaper.times, *jnp.broadcast_arrays(omega, zeta)))
-
-
-def _vibration_squared(xp: Any, amplitudes: Any, times: Any, omega: Any, zeta: Any) -> Any:
-    """V² for frequencies and dampings of one shape, in NumPy or in JAX (``xp``)."""
-    weight = amplitudes * xp.exp(-(zeta * omega)[..., None] * (xp.max(times) - times))
-    phase = (omega * xp.sqrt(1 - zeta**2))[..., None] * times
-    return xp.sum(weight * xp.cos(phase), axis=-1) ** 2 + xp.sum(weight * xp.sin(phase), axis=-1) ** 2
-
-
-def insensitivity(shaper: Shaper, omega: Any, zeta: Any = 0.0, vibration: float = 0.05) -> float:
-    """Width of the band of frequencies around ``omega`` in which V stays at or under ``vibration``, over ``omega``.
-
-    A curve that touches the limit from below (extra-insensitive shapers) counts as under it. 0 if V exceeds the
-    limit at ``omega`` itself. Concrete values only. *Raises* ``ValueError`` for a vibration outside (0, 1).
-
-    *Source*: Singhose, Seering and Singer (1994), their insensitivity I.
-    """
-    if not 0 < vibration < 1:
-        raise ValueError(f"vibration must lie between 0 and 1 (5 % is 0.05), not {vibration}")
-    nominal, damping = float(_check.scalar(omega, "omega")), float(_check.scalar(zeta, "zeta"))
-    _check.positive(nominal, "omega")
-    _check.damping_ratio(damping)
-    impulses = np.asarray(shaper.amplitudes, float), np.asarray(shaper.times, float)
-
-    def excess(w: Any) -> np.ndarray:
-        square = _vibration_squared(np, *impulses, np.asarray(w, float), np.asarray(damping))
-        return np.sqrt(square) - vibration * (1 + 1e-6)
-
-    if excess(nominal) > 0:
-        return 0.0
-    edges = []
-    # Ripples of V are no narrower than about π over the duration, so a hundredth of that misses none.
-    ripple = min(np.pi / max(float(shaper.duration), 1e-300), nominal) / 100
-    for direction in (-1, 1):
-        reach = nominal * (1 - 1e-9) if direction < 0 else 100 * nominal
-        inside = nominal
-        while True:
-            grid = inside + direction * ripple * np.arange(1, 513)
-            grid = grid[np.abs(grid - nominal) <= reach]
-            if not len(grid):
-                edges.append(inside)
-                break
-            above = np.flatnonzero(excess(grid) > 0)
-            if len(above):
-                outside = grid[above[0]]
-                inside = grid[above[0] - 1] if above[0] else inside
-                edges.append(brentq(lambda w: float(excess(w)), *sorted((inside, outside)), xtol=1e-13 * nominal))
-                break
-            inside = grid[-1]
-    return (edges[1] - edges[0]) / nominal
 
 
 def _prepare(plant, shaper, distance, initial_state) -> tuple[Schedule, Any, State]:

@@ -6,7 +6,7 @@ A shaper is its normalised amplitudes (they sum to 1) and its times::
     s.shape(js.Step(1.0))          # the staircase that the machine follows
     s.convolve(other)              # both, one after the other: two modes
     s.digitise(0.005)              # taps of a digital filter at 200 Hz
-    s.export("c99", "shaper.h", sample_time=0.005)
+    js.export(s, "c99", "shaper.h", sample_time=0.005)
 """
 
 from collections.abc import Sequence
@@ -101,17 +101,6 @@ class Shaper(eqx.Module):
         if not isinstance(command, AbstractCommand):
             raise ValueError(f"command must be a jshape command, such as Step, not {command!r}")
         return superpose(command, self.amplitudes, self.times)
-
-    def export(self, format: str, path: Any = None, **options: Any) -> Any:
-        """The shaper in another program's words: ``"json"``, ``"c99"``, ``"structured_text"``, ``"klipper"``, ….
-
-        Written to ``path`` if there is one, and returned. ``jshape.export.FORMATS`` lists the formats, what each needs
-        and what it cannot carry. *Raises* ``ValueError`` as ``jshape.export.export``.
-        """
-        # Formats stand on floors above this one; they are looked up when they are asked for.
-        from jshape.export import export
-
-        return export(self, format, path, **options)
 
     def digitise(
         self, sample_time: Any, method: str = "nearest", modes: Sequence[tuple[float, float]] = ()

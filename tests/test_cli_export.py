@@ -37,12 +37,12 @@ def test_formats_are_listed():
 def test_to_the_terminal_it_is_the_text_alone(file):
     result = run(app, [file, "--format", "klipper", "--axis", "y"])
     assert result.exit_code == 0
-    assert result.stdout == SHAPER.export("klipper", axis="y")
+    assert result.stdout == js.export(SHAPER, "klipper", axis="y")
     result = run(app, [file, "--format", "c99", "--sample-time", "0.001", "--method", "zeros", "--mode", "300,0.1"])
     assert result.exit_code == 0
-    assert result.stdout == SHAPER.export("c99", sample_time=0.001, method="zeros", modes=[(300.0, 0.1)])
+    assert result.stdout == js.export(SHAPER, "c99", sample_time=0.001, method="zeros", modes=[(300.0, 0.1)])
     result = run(app, [file, "--format", "reprapfirmware", "--firmware", "3.4"])
-    assert result.stdout == SHAPER.export("reprapfirmware", firmware="3.4")
+    assert result.stdout == js.export(SHAPER, "reprapfirmware", firmware="3.4")
 
 
 def test_to_a_file_and_not_over_another(file, tmp_path):

@@ -26,8 +26,8 @@ NEEDED = {"sample_time": 0.01, "modes": [(9.0, 0.017)]}
 def made(name, path=None):
     """A format with what it needs, of a shaper that it can carry."""
     shaper = {"on_off": ON_OFF, "marlin": js.design.linear.zv(9.0)}.get(name, SHAPER)
-    return shaper.export(
-        name, path, **{option: NEEDED[option] for option, needed in FORMATS[name].options.items() if needed}
+    return js.export(
+        shaper, name, path, **{option: NEEDED[option] for option, needed in FORMATS[name].options.items() if needed}
     )
 
 
@@ -38,7 +38,7 @@ def test_round_trip_is_exact(tmp_path_factory, weights, spread):
     shaper = js.Shaper(amplitudes, spread * np.arange(len(weights)))
     write_json(shaper, folder / "s.json", "name")
     write_csv(shaper, folder / "s.csv")
-    shaper.export("numpy", folder / "s.npz")
+    js.export(shaper, "numpy", folder / "s.npz")
     for name in ("s.json", "s.csv", "s.npz"):
         back = read_shaper(folder / name)
         assert back.amplitudes.tolist() == shaper.amplitudes.tolist()
@@ -78,7 +78,7 @@ def test_json_against_its_schema():
     validator = pytest.importorskip("jsonschema")
     schema = json.loads((files("jshape.export") / "shaper.schema.json").read_text(encoding="utf-8"))
     validator.Draft202012Validator.check_schema(schema)
-    good = json.loads(SHAPER.export("json", name="mine"))
+    good = json.loads(js.export(SHAPER, "json", name="mine"))
     assert good["name"] == "mine"
     validator.validate(good, schema)
     for change in ({"version": 2}, {"format": "x"}, {"times": [0.1, 0.2]}, {"amplitudes": []}, {"times": ["0"]}):
@@ -120,18 +120,18 @@ def test_unknown_formats_and_traced_shapers():
     with pytest.raises(ValueError, match=r"format must be one of 'json', .*not 'cobol'"):
         export(SHAPER, "cobol")
     with pytest.raises(ValueError, match="being traced cannot be exported"):
-        jax.eval_shape(lambda a: js.Shaper(a, jnp.array([0.0, 1.0])).export("json"), jnp.array([0.5, 0.5]))
+        jax.eval_shape(lambda a: js.export(js.Shaper(a, jnp.array([0.0, 1.0])), "json"), jnp.array([0.5, 0.5]))
 
 
 def test_scipy_filter_shapes_a_command():
     commands = np.random.default_rng(0).normal(size=300)
     for method, modes in (("nearest", ()), ("split", ()), ("zeros", [(9.0, 0.017)])):
-        b, a = SHAPER.export("scipy", sample_time=0.01, method=method, modes=modes)
+        b, a = js.export(SHAPER, "scipy", sample_time=0.01, method=method, modes=modes)
         expected = np.convolve(commands, SHAPER.digitise(0.01, method, modes))[:300]
         np.testing.assert_allclose(lfilter(b, a, commands), expected, rtol=0, atol=1e-14)
     # On samples, the filter is the shaper itself: the shaped command read at its samples.
     whole = js.Shaper([0.2, 0.5, 0.3], [0.0, 0.03, 0.07])
-    b, a = whole.export("scipy", sample_time=0.01)
+    b, a = js.export(whole, "scipy", sample_time=0.01)
     shaped = whole.shape(js.Step(1.0))(0.01 * np.arange(12) + 1e-6)
     np.testing.assert_allclose(lfilter(b, a, np.ones(12)), shaped, rtol=0, atol=1e-12)
 
@@ -142,7 +142,7 @@ def matlab_numbers(text, name):
 
 
 def test_matlab_script_holds_the_filter():
-    text = SHAPER.export("matlab", sample_time=0.01, method="split", name="crane")
+    text = js.export(SHAPER, "matlab", sample_time=0.01, method="split", name="crane")
     taps = SHAPER.digitise(0.01, "split")
     (length,) = re.findall(r"^crane_b = zeros\(1, (\d+)\);$", text, re.M)
     ((places, values),) = re.findall(r"^crane_b\(\[(.*)\]\) = \[(.*)\];$", text, re.M)
@@ -152,12 +152,12 @@ def test_matlab_script_holds_the_filter():
     np.testing.assert_array_equal(matlab_numbers(text, "crane_amplitudes"), SHAPER.amplitudes)
     np.testing.assert_array_equal(matlab_numbers(text, "crane_times"), SHAPER.times)
     with pytest.raises(ValueError, match="a word of the language"):
-        SHAPER.export("matlab", sample_time=0.01, name="end")
+        js.export(SHAPER, "matlab", sample_time=0.01, name="end")
 
 
 @pytest.mark.skipif(shutil.which("octave-cli") is None, reason="no Octave")
 def test_octave_shapes_a_command(tmp_path):
-    SHAPER.export("matlab", tmp_path / "crane.m", sample_time=0.01, method="split", name="crane")
+    js.export(SHAPER, "matlab", tmp_path / "crane.m", sample_time=0.01, method="split", name="crane")
     commands = np.random.default_rng(0).normal(size=200)
     text = f"run('crane.m'); printf('%.17g\\n', filter(crane_b, crane_a, [{' '.join(map(repr, commands.tolist()))}]));"
     done = subprocess.run(["octave-cli", "--eval", text], cwd=tmp_path, capture_output=True, text=True)

@@ -2,7 +2,6 @@ from .closed_loop.faults import wild as wild
 from .closed_loop.loop import Faults as Faults
 from .closed_loop.loop import Trace as Trace
 from .closed_loop.loop import run as run
-from .closed_loop.sampled_link import Readings as Readings
 from .closed_loop.sampled_link import SampledLink as SampledLink
 from .closed_loop.sampled_link import Sensors as Sensors
 from .closed_loop.schedules import Schedule as Schedule
@@ -44,4 +43,5 @@ from .strategies.extremum_seeking import ExtremumSeeking as ExtremumSeeking
 from .strategies.gradient_seeking import GradientSeeking as GradientSeeking
 from .strategies.state_aware import StateAware as StateAware
 from .strategies.strategy import AbstractStrategy as AbstractStrategy
+from .strategies.strategy import Readings as Readings
 from .strategies.strategy import Unshaped as Unshaped

@@ -14,6 +14,7 @@ from scipy.signal import find_peaks
 
 from jshape.calibration.score import CEILING
 from jshape.calibration.spectrum import Spectrum
+from jshape.vibration import pole, transform
 
 MOST = 4
 """Modes looked for in a spectrum."""
@@ -61,23 +62,12 @@ def _curve(f: np.ndarray, frequency: np.ndarray, zeta: np.ndarray, height: np.nd
 
 
 def remaining(amplitudes: Any, times: Any, frequencies: Any, zetas: Any) -> Float[np.ndarray, " modes"]:
-    """The vibration of each mode when the last impulse has come, over that after a single impulse, by simulation.
+    """The residual vibration V of each mode, a fraction.
 
     ``times``: s; ``frequencies``: Hz, undamped; ``zetas``: –, one or as many.
     """
     omega, zeta = np.broadcast_arrays(2 * np.pi * np.asarray(frequencies, float), np.asarray(zetas, float))
-    damped = omega * np.sqrt(1 - zeta**2)
-    # Position and velocity over ω of a unit mass, at rest before the first impulse.
-    place, speed = np.zeros(omega.shape), np.zeros(omega.shape)
-    for amplitude, wait in zip(amplitudes, np.diff(times, prepend=0.0), strict=True):
-        decay, cosine = np.exp(-zeta * omega * wait), np.cos(damped * wait)
-        sine = np.sin(damped * wait) / np.sqrt(1 - zeta**2)
-        place, speed = (
-            decay * ((cosine + zeta * sine) * place + sine * speed),
-            decay * ((cosine - zeta * sine) * speed - sine * place) + amplitude,
-        )
-    # The swing from where it is and how fast; a single impulse of 1 swings by 1 over √(1 − ζ²), as this does.
-    return np.hypot(place * np.sqrt(1 - zeta**2), speed + zeta * place)
+    return np.abs(transform(np.asarray(amplitudes), np.asarray(times), pole(omega, zeta)))
 
 
 def remaining_of(amplitudes: Any, times: Any, modes: Sequence[Mode]) -> float:

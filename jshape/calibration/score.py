@@ -11,6 +11,7 @@ from jshape import _check
 from jshape.calibration.smoothing import CORNER_SPEED, max_accel, smoothing
 from jshape.calibration.spectrum import Spectrum
 from jshape.shaper import Shaper
+from jshape.vibration import phasors, pole, transform
 
 DAMPINGS = (0.075, 0.1, 0.15)
 """The damping ratios over which the worst case is taken."""
@@ -85,7 +86,7 @@ class Bins:
         _check.positive(ceiling, "ceiling")
         self.cases: list[tuple[Any, np.ndarray, np.ndarray]] = []
         factors = 1 + shift * np.linspace(-1, 1, 2 * steps + 1) if shift else np.ones(1)
-        root = zeta + 1j * np.sqrt(1 - zeta**2)
+        root = pole(1.0, zeta)
         for spectrum in spectra:
             inside = spectrum.frequencies <= ceiling
             frequencies, density = spectrum.frequencies[inside], spectrum.density[inside]
@@ -104,7 +105,7 @@ class Bins:
         """The share of the vibration that remains, for each spectrum, shift and damping; amplitudes not negative."""
         return np.concatenate(
             [
-                np.maximum(np.abs(_phasors(poles, times) @ amplitudes) * density - 1 / 20, 0).sum(axis=1) / excess.sum()
+                np.maximum(np.abs(transform(amplitudes, times, poles)) * density - 1 / 20, 0).sum(axis=1) / excess.sum()
                 for poles, density, excess in self.cases
             ]
         )
@@ -120,16 +121,16 @@ class Bins:
         """
         parts = []
         for poles, density, excess in self.cases:
-            phasors = _phasors(poles, times)
-            total = phasors @ amplitudes
+            terms = phasors(times, poles)
+            total = terms @ amplitudes
             size = np.abs(total)
             unit = (total.conj() / np.maximum(size, 1e-300))[..., None]
             over = size * density - 1 / 20
             weight = np.broadcast_to(20 * density, size.shape) if each else (over > 0) * density / excess.sum()
-            by_amplitude = weight[..., None] * (unit * phasors).real
-            by_time = weight[..., None] * (unit * poles[..., None] * phasors).real * amplitudes
+            by_amplitude = weight[..., None] * (unit * terms).real
+            by_time = -weight[..., None] * (unit * poles[..., None] * terms).real * amplitudes
             # The weights decay towards the last impulse: its time moves them all.
-            by_time[..., -1] -= weight * poles.real * size
+            by_time[..., -1] += weight * poles.real * size
             if each:
                 rows = (20 * over, by_amplitude, by_time)
                 parts.append([part.reshape(size.size, *part.shape[2:]) for part in rows])
@@ -140,16 +141,10 @@ class Bins:
         return value, by_amplitude, by_time
 
 
-def _phasors(poles: Any, times: Any) -> np.ndarray:
-    """What an impulse of 1 at each time leaves at the last one: e^{−ζω(T_last − T)}, turned by ω_d T."""
-    last = np.asarray(times)[-1]
-    return np.exp(poles[..., None] * times - (poles.real * last)[..., None])
-
-
 def vibration(amplitudes: Any, times: Any, frequencies: Any, zeta: float) -> Float[np.ndarray, " bins"]:
     """V at each frequency (Hz): the linear residual vibration, a fraction."""
-    poles = 2 * np.pi * np.asarray(frequencies, float) * complex(zeta, np.sqrt(1 - zeta**2))
-    return np.abs(_phasors(poles, times) @ np.asarray(amplitudes, float))
+    poles = pole(2 * np.pi * np.asarray(frequencies, float), zeta)
+    return np.abs(transform(np.asarray(amplitudes), np.asarray(times), poles))
 
 
 def rate(

@@ -1,10 +1,15 @@
 """``jshape adapt``: strategies that learn while moving, tried on a link whose load changes."""
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+from rich import box
+from rich.table import Table
 
 from jshape.cli._shared import Out, ProblemFile, begin, explained, prepare_jax, progress
+
+if TYPE_CHECKING:
+    from jshape.adaptive.closed_loop.report import Experiment
 
 
 def adapt(
@@ -19,7 +24,6 @@ def adapt(
     with explained():
         prepare_jax()
         from jshape.adaptive.closed_loop.report import experiment, write
-        from jshape.reports.tables import show_adaptation
 
         read, folder = begin(problem, out)
         given = {"schedules": schedules, "seed": seed}
@@ -28,5 +32,37 @@ def adapt(
             found = experiment(read, step, lambda done, total: tell("random schedules", done, total, float("inf")))
             step("figures")
             files = write(found, folder)
-        show_adaptation(found)
+        _show(found)
         typer.echo(f"results in {folder}: {', '.join(files)}")
+
+
+def _show(found: "Experiment") -> None:
+    """Every strategy in a row, a block of columns for each load; then how soon it recovers in random schedules."""
+    from jshape.adaptive.closed_loop.study import recovered
+    from jshape.reports.tables import new_console
+
+    console = new_console()
+    title = f"{found.problem.title}: residual (% of move) and settling time (s) of the last move, ∫|a| dt a move (m/s)"
+    table = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False)
+    table.add_column("strategy", min_width=12)
+    for load, first, after in found.loads():
+        table.add_column(f"load {load:g}\nmoves {first + 1}–{after}", justify="right", no_wrap=True)
+    for name in found.traces:
+        cells = []
+        for _, first, after in found.loads():
+            left, settled = (float(part[name][after - 1]) for part in (found.residual, found.settling))
+            gathered = float(found.accumulated[name][first:after].mean())
+            cells.append(f"{100 * left:.2f} / {settled:.2f} / {gathered:.1f}")
+        table.add_row(name, *cells)
+    console.print(table)
+    if found.study is not None:
+        below = recovered(found.study)
+        title = f"residual below 5 % in so many of {found.study.sizes['schedule']} random schedules (%)"
+        table = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False)
+        table.add_column("strategy", min_width=12)
+        for move in below.move.values:
+            table.add_column(f"move {move}", justify="right")
+        for name in below.strategy.values:
+            table.add_row(str(name), *(f"{100 * value:.1f}" for value in below.sel(strategy=name).values))
+        console.print(table)
+        console.print("move 1 is the first that begins after the change, 0 the one under way", style="dim")

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from jshape.metrics import percentage_vibration
 from jshape.shaper import Shaper
+from jshape.vibration import percentage_vibration
 
 
 def numbers(shaper: Shaper) -> tuple[np.ndarray, np.ndarray]:

@@ -1,6 +1,6 @@
 """The formats in which a shaper leaves jshape, in one table, and the one function that writes them.
 
-``s.export("c99", "shaper.h", sample_time=0.001)`` is this function as a method. What a format needs is told by the
+``js.export(s, "c99", "shaper.h", sample_time=0.001)`` is this function. What a format needs is told by the
 signature of its function; what it cannot carry stands in the table, and is refused rather than written nearly::
 
     for name, form in FORMATS.items():

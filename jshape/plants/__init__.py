@@ -65,3 +65,7 @@ __all__ = [
     "Trolley",
     "TwoMass",
 ]
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jshape import _check
-from jshape._roots import bracketed_root, integral
+from jshape._roots import bracketed_root, integral, safe_sqrt
 from jshape._types import Scalar
 
 
@@ -250,11 +250,6 @@ def as_leaf(function: Callable[..., Any]) -> Callable[..., Any]:
     if not callable(function):
         raise ValueError(f"function must be a callable on JAX arrays, not {function!r}")
     return function if isinstance(function, eqx.Module) else _Function(function)  # pyright: ignore
-
-
-def safe_sqrt(x: Scalar) -> Scalar:
-    """Square root, 0 for what rounding has made negative, with a derivative of 0 there instead of an infinite one."""
-    return jnp.where(x > 0, jnp.sqrt(jnp.where(x > 0, x, 1.0)), 0.0)
 
 
 def _greatest_deflection(spring: AbstractSpring, energy: Scalar) -> Scalar:

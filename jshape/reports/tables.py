@@ -13,8 +13,6 @@ from jshape.reports.report import Report
 if TYPE_CHECKING:
     import xarray as xr
 
-    from jshape.adaptive.closed_loop.report import Experiment
-
 
 def show_report(report: Report, folder: Path, figures: list[Path]) -> None:
     """Every shaper in a row, then what tuning gained and where the results lie."""
@@ -43,37 +41,6 @@ def show_report(report: Report, folder: Path, figures: list[Path]) -> None:
         names = ", ".join(f"{name} × {min(v):g} … {max(v):g}" for name, v in report.problem.over.items())
         console.print(f"uncertain: {names}", highlight=False)
     console.print(f"results in {folder}, figures {', '.join(path.name for path in figures)}", highlight=False)
-
-
-def show_adaptation(found: "Experiment") -> None:
-    """Every strategy in a row, a block of columns for each load; then how soon it recovers in random schedules."""
-    from jshape.adaptive.closed_loop.study import recovered
-
-    console = new_console()
-    title = f"{found.problem.title}: residual (% of move) and settling time (s) of the last move, ∫|a| dt a move (m/s)"
-    table = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False)
-    table.add_column("strategy", min_width=12)
-    for load, first, after in found.loads():
-        table.add_column(f"load {load:g}\nmoves {first + 1}–{after}", justify="right", no_wrap=True)
-    for name in found.traces:
-        cells = []
-        for _, first, after in found.loads():
-            left, settled = (float(part[name][after - 1]) for part in (found.residual, found.settling))
-            gathered = float(found.accumulated[name][first:after].mean())
-            cells.append(f"{100 * left:.2f} / {settled:.2f} / {gathered:.1f}")
-        table.add_row(name, *cells)
-    console.print(table)
-    if found.study is not None:
-        below = recovered(found.study)
-        title = f"residual below 5 % in so many of {found.study.sizes['schedule']} random schedules (%)"
-        table = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False)
-        table.add_column("strategy", min_width=12)
-        for move in below.move.values:
-            table.add_column(f"move {move}", justify="right")
-        for name in below.strategy.values:
-            table.add_row(str(name), *(f"{100 * value:.1f}" for value in below.sel(strategy=name).values))
-        console.print(table)
-        console.print("move 1 is the first that begins after the change, 0 the one under way", style="dim")
 
 
 def show_sweep(problem: Problem, found: "xr.Dataset", left_out: dict[str, str]) -> None:

@@ -1,7 +1,7 @@
 """Sweeps: metrics of many uncertain plants.
 
 - ``leaves``: parameters of a plant by dotted path, uncertain sets and their grids; ``sampling``: random sets.
-- ``chunks``: a set cut into chunks of bounded size, in buckets of similar frequencies; ``evaluate``: metrics of a chunk.
+- ``chunks``: sets cut into chunks, in buckets of similar frequencies; ``evaluate``: the metrics of a chunk.
 - ``sweep``: the study as a dataset; ``sobol``: which leaf matters.
 - ``checkpoint``: a sweep that resumes after an interruption; ``dask``: the workers of a cluster.
 """

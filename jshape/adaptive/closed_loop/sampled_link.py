@@ -4,7 +4,7 @@ The controller holds its command over a sample, and the link is linear, so that 
 exponential, one for each load that the link will carry.
 """
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -14,17 +14,8 @@ from jaxtyping import Array, Float, Int
 
 from jshape import _check
 from jshape._types import Scalar, State
+from jshape.adaptive.strategies.strategy import Readings
 from jshape.plants import FlexibleLink
-
-
-class Readings(NamedTuple):
-    """What the sensors tell: the motor's angle (rad), the strain gauge's (the payload's angle against the motor's,
-    rad), and the accelerometers' at the tip and in the middle (m/s²)."""
-
-    motor: Scalar
-    strain: Scalar
-    tip: Scalar
-    middle: Scalar
 
 
 class Sensors(eqx.Module):

@@ -15,8 +15,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jshape.design import linear
-from jshape.metrics import percentage_vibration
 from jshape.shaper import Shaper
+from jshape.vibration import percentage_vibration
 
 KINDS = ("zv", "zvd", "zvdd", "zvddd", "mzv", "ei", "two_hump_ei", "three_hump_ei")
 """Shapers with positive amplitudes at equal intervals: their output stays within the reference's range."""

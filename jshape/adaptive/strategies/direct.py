@@ -21,14 +21,13 @@ import numpy as np
 
 from jshape import _check
 from jshape._types import Scalar
-from jshape.adaptive.closed_loop.sampled_link import Readings
 from jshape.adaptive.identifiers.estimate import Estimate
 from jshape.adaptive.identifiers.sliding_dft import SlidingDFT
 from jshape.adaptive.numbers import JAX
 from jshape.adaptive.shapers.adaptive_shaper import AdaptiveShaper
 from jshape.adaptive.shapers.cascade import ShaperState
 from jshape.adaptive.strategies.extremum_seeking import ExtremumSeeking
-from jshape.adaptive.strategies.strategy import AbstractStrategy, Decision, OnlineStrategy
+from jshape.adaptive.strategies.strategy import AbstractStrategy, Decision, OnlineStrategy, Readings
 
 AGREE = 0.05
 """By how much the frequencies that a movement showed may differ from those it was shaped for, as a fraction, if its

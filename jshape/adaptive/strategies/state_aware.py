@@ -11,14 +11,13 @@ import equinox as eqx
 import numpy as np
 
 from jshape import _check
-from jshape.adaptive.closed_loop.sampled_link import Readings
 from jshape.adaptive.identifiers.estimate import FOUND, check_band, check_time
 from jshape.adaptive.identifiers.least_squares import FilteredLeastSquares, Normal
 from jshape.adaptive.identifiers.sensor import LIMIT, SENSOR_AT_START, Sensor, half_period, look
 from jshape.adaptive.numbers import NUMPY, Numbers
 from jshape.adaptive.shapers.increments import IncrementShaper, Queue
 from jshape.adaptive.shapers.transition import transition_zvd
-from jshape.adaptive.strategies.strategy import Decision, FormulaStrategy
+from jshape.adaptive.strategies.strategy import Decision, FormulaStrategy, Readings
 from jshape.design import linear
 from jshape.shaper import Shaper
 

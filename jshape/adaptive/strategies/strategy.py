@@ -11,9 +11,19 @@ from typing import Any, NamedTuple, Protocol
 
 import equinox as eqx
 
+from jshape._types import Scalar
 from jshape.adaptive.arrays import as_jax, as_numpy, like
-from jshape.adaptive.closed_loop.sampled_link import Readings
 from jshape.adaptive.numbers import JAX, NUMPY, Numbers
+
+
+class Readings(NamedTuple):
+    """What the sensors tell: the motor's angle (rad), the strain gauge's (the payload's angle against the motor's,
+    rad), and the accelerometers' at the tip and in the middle (m/s²)."""
+
+    motor: Scalar
+    strain: Scalar
+    tip: Scalar
+    middle: Scalar
 
 
 class Decision(NamedTuple):

@@ -19,13 +19,14 @@ from typing import Any
 import numpy as np
 
 from jshape import _check
-from jshape.design.insensitive._band import Region, certified, region, transform
+from jshape.design.insensitive._band import Region, certified, region
 from jshape.design.insensitive._relax import Kind
 from jshape.design.insensitive._rounding import Rounded as Rounded
 from jshape.design.insensitive._rounding import rounded as rounded
 from jshape.design.insensitive._search import calmest, shortest
 from jshape.design.insensitive._simultaneous import cancel as cancel
 from jshape.shaper import Shaper
+from jshape.vibration import transform
 
 AMPLITUDES = ("positive", "unity", "bounded")
 

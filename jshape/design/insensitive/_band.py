@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Complex, Float
 
 from jshape import _check
+from jshape.vibration import transform
 
 
 @dataclasses.dataclass(frozen=True)
@@ -103,12 +104,6 @@ def region(band: Any, zeta: Any, samples: int | None) -> Region:
         raise ValueError(f"samples must be at least 2, the ends of a band, not {samples}")
     at = [ray.poles(np.unique(np.linspace(ray.low, ray.high, samples))) for ray in rays]
     return Region((*rays, *arcs), np.concatenate(at))
-
-
-def transform(amplitudes: Any, times: Any, poles: Any) -> Complex[np.ndarray, " poles"]:
-    """F at each pole; |F| is V."""
-    times = np.asarray(times, float)
-    return np.exp(np.multiply.outer(poles, times[-1] - times)) @ np.asarray(amplitudes, float)
 
 
 def certified(amplitudes: Any, times: Any, lines: Sequence[Line], tolerance: float = 1e-12) -> float:

@@ -14,8 +14,9 @@ import numpy as np
 from jaxtyping import Complex, Float
 from scipy.optimize import minimize, nnls
 
-from jshape.design.insensitive._band import Line, Region, peaks, settle, transform
+from jshape.design.insensitive._band import Line, Region, peaks, settle
 from jshape.design.insensitive._relax import Dual, Kind
+from jshape.vibration import transform
 
 Vector = Float[np.ndarray, " n"]
 

@@ -16,7 +16,8 @@ import numpy as np
 from jaxtyping import Complex, Float
 from scipy.optimize import linprog
 
-from jshape.design.insensitive._band import Region, certified, largest, peaks, transform
+from jshape.design.insensitive._band import Region, certified, largest, peaks
+from jshape.vibration import transform
 
 
 @dataclasses.dataclass(frozen=True)

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 
 from jshape import _check
-from jshape.design.insensitive._band import Region, certified, region, transform
+from jshape.design.insensitive._band import Region, certified, region
 from jshape.shaper import Shaper
+from jshape.vibration import transform
 
 
 @dataclasses.dataclass(frozen=True)

@@ -10,8 +10,9 @@ from jaxtyping import Array, Bool, Float
 
 from jshape import _check
 from jshape._types import Impulses, Scalar
-from jshape.design.linear._mode import damped, decay, follow, left, mode, parts, when_solved
+from jshape.design.linear._mode import damped, decay, follow, mode, parts, when_solved
 from jshape.shaper import Shaper
+from jshape.vibration import phasors, transform
 
 
 def extra_insensitive(name: str, humps: int, omega: Any, zeta: Any, vibration: Any) -> Shaper:
@@ -51,11 +52,11 @@ def _humps(humps: int, zeta: Scalar, limit: Scalar) -> tuple[Impulses, Impulses,
     def residual(unknowns, args):
         zeta, limit = args
         amplitudes, tau, zeros, tops = unpack(unknowns)
-        rate = decay(zeta)
-        at_zeros = left(tau, zeros, rate) @ amplitudes
-        terms = left(tau, tops, rate)
+        unit = -decay(zeta) + 1j
+        at_zeros = transform(amplitudes, tau, unit * zeros)
+        terms = phasors(tau, unit * tops)
         at_tops = terms @ amplitudes
-        slope = terms @ (amplitudes * (1j * tau + rate * (tau - tau[-1])))
+        slope = terms @ (amplitudes * unit * (tau[-1] - tau))
         height = jnp.log(jnp.abs(at_tops) / limit)
         return jnp.concatenate([parts(at_zeros / limit), height, jnp.real(slope / at_tops)])
 

@@ -1,4 +1,4 @@
-"""One linear mode: its checks, its decay, what impulses leave of it, and equations that are followed as damping grows.
+"""One linear mode: its checks, its decay, and equations that are followed as damping grows.
 
 Times of the solved shapers are phases τ = ω_d t, frequencies are over the design frequency, so that the unknowns depend
 on the damping (and the vibration) alone.
@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Complex, Float
 
 from jshape import _check
-from jshape._types import Impulses, Scalar
+from jshape._types import Scalar
 
 
 def mode(omega: Any, zeta: Any) -> tuple[Scalar, Scalar]:
@@ -34,11 +34,6 @@ def damped(omega: Scalar, zeta: Scalar) -> Scalar:
 def decay(zeta: Scalar) -> Scalar:
     """Nepers lost per radian of damped phase."""
     return zeta / jnp.sqrt(1 - zeta**2)
-
-
-def left(tau: Impulses, ratios: Float[Array, " ratios"], rate: Scalar) -> Complex[Array, "ratios impulses"]:
-    """What a unit impulse at each phase leaves, after the last one, of a mode at that ratio to the design frequency."""
-    return jnp.exp(ratios[:, None] * (rate * (tau - tau[-1]) + 1j * tau)[None, :])
 
 
 def parts(values: Complex[Array, " n"]) -> Float[Array, " parts"]:

@@ -11,8 +11,9 @@ from jaxtyping import Array, Bool
 
 from jshape import _check
 from jshape._types import Impulses, Scalar
-from jshape.design.linear._mode import damped, decay, follow, left, mode, parts, when_solved
+from jshape.design.linear._mode import damped, decay, follow, mode, parts, when_solved
 from jshape.shaper import Shaper
+from jshape.vibration import phasors
 
 UM_ZV: tuple[tuple[float, ...], int] = (1 / 6, 1 / 6), 1
 UM_ZVD: tuple[tuple[float, ...], int] = (0.08951255, 0.27672127, 0.27672127, 0.08951255), 2
@@ -54,7 +55,7 @@ def _negative_phases(
     def residual(unknowns, args):
         zeta, negative = args
         tau = phases(unknowns)
-        terms = impulses(zeta, negative) * left(tau, jnp.ones_like(tau[:1]), decay(zeta))[0]
+        terms = impulses(zeta, negative) * phasors(tau, -decay(zeta) + 1j)
         return parts(jnp.stack([jnp.sum(terms * tau**power) for power in range(order)]))
 
     start = jnp.log(2 * jnp.pi * jnp.asarray(gaps, dtype=zeta.dtype))

@@ -1,0 +1,1 @@
+"""Benchmarks beside other software, each with its table."""

@@ -1,0 +1,1 @@
+"""A simulated accelerometer record of a printer."""

@@ -1,0 +1,1 @@
+"""Trainings, presets and the leaderboard of the environments."""
