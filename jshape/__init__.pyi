@@ -30,6 +30,7 @@ from .reports import plot as plot
 from .shaper import Shaper as Shaper
 from .simulation.simulate import Response as Response
 from .simulation.simulate import simulate as simulate
+from .status import Status as Status
 from .sweeps.sobol import sensitivity_indices as sensitivity_indices
 from .sweeps.sweep import sweep as sweep
 from .vibration import insensitivity as insensitivity

@@ -1,5 +1,6 @@
 """Array aliases with named axes. Units are SI throughout; angles in rad, frequencies in rad/s."""
 
+from collections.abc import Callable
 from typing import Any
 
 from jaxtyping import Array, Float
@@ -24,3 +25,6 @@ Coefficients = Float[Array, " breaks powers"]
 
 Inputs = Any
 """What drives a plant at one instant: a scalar, or one scalar for each entry of its ``drive``."""
+
+Progress = Callable[[str, int, int, float], Any]
+"""``progress(stage, done, total, best)``: called along the way of long work; infinite ``best`` where there is none."""

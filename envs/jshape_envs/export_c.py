@@ -11,7 +11,7 @@ from string import Template
 
 import numpy as np
 
-from jshape.export._text import identifier
+from jshape.export.text import identifier
 from jshape_envs.policy import GRUPolicy
 
 _HEADER = Template("""\

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from jshape import _check
-from jshape.export._text import about, digitised_about, fill, identifier
 from jshape.export.fixed_point import error_bound, quantise
+from jshape.export.text import about, digitised_about, fill, identifier
 from jshape.shaper import Shaper
 
 ARITHMETICS = ("float", "double", "q15", "q31")

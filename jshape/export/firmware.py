@@ -11,7 +11,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from jshape import _check
-from jshape.export._text import about, numbers
+from jshape.export.text import about, numbers
 from jshape.klipper import KINDS, VERSIONS, impulses
 from jshape.shaper import Shaper
 

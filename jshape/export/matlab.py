@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from jshape.export._text import about, digitised_about, fill, identifier, numbers
+from jshape.export.text import about, digitised_about, fill, identifier, numbers
 from jshape.shaper import Shaper
 
 

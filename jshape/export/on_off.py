@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from jshape import _check
-from jshape.export._text import about, fill, identifier, numbers, pairs, vibrations
+from jshape.export.text import about, fill, identifier, numbers, pairs, vibrations
 from jshape.shaper import Shaper
 
 SEARCHED = 12

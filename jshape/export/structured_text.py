@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from jshape import _check
-from jshape.export._text import about, digitised_about, fill, identifier, impulses, numbers
+from jshape.export.text import about, digitised_about, fill, identifier, impulses, numbers
 from jshape.shaper import Shaper
 
 METHODS = ("split", "nearest", "zeros")
