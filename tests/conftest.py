@@ -1,8 +1,11 @@
 """What the tests share: JAX in 64 bits, the papers' plant, and SciPy as an independent judge."""
 
 import jax
+from jaxtyping import install_import_hook
 
 jax.config.update("jax_enable_x64", True)
+# Before jshape is first imported: every annotated shape is checked at run time.
+install_import_hook(["jshape", "jshape_envs"], "annotations.checked")
 
 import numpy as np  # noqa: E402
 import pytest  # noqa: E402

@@ -7,7 +7,7 @@ as a plain object for a control loop.
 import abc
 import dataclasses
 from types import SimpleNamespace
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import equinox as eqx
 
@@ -39,6 +39,7 @@ class Decision(NamedTuple):
     """How many samples and estimates it did not believe so far."""
 
 
+@runtime_checkable
 class OnlineStrategy(Protocol):
     """A strategy as a plain object for a control loop."""
 
