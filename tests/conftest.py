@@ -7,6 +7,7 @@ jax.config.update("jax_enable_x64", True)
 # Before jshape is first imported: every annotated shape is checked at run time.
 install_import_hook(["jshape", "jshape_envs"], "annotations.checked")
 
+import annotations  # noqa: E402
 import numpy as np  # noqa: E402
 import pytest  # noqa: E402
 from hypothesis import settings  # noqa: E402
@@ -14,6 +15,8 @@ from problems import two_mass  # noqa: E402
 from scipy.integrate import solve_ivp  # noqa: E402
 
 from jshape import compilation_cache as programs  # noqa: E402
+
+pytest.raises = annotations.raises
 
 # The first example compiles; how long that takes is no property of the code.
 settings.register_profile("jshape", deadline=None)
