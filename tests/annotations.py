@@ -13,7 +13,7 @@ _raises = pytest.raises
 
 @contextlib.contextmanager
 def raises(*args, **kwargs):
-    """``pytest.raises``, inside which wrong types pass: there jshape itself is to say what is wrong with an argument."""
+    """``pytest.raises``, inside which wrong types pass: what is wrong there is for jshape itself to say."""
     disabled = jaxtyping.config.jaxtyping_disable
     jaxtyping.config.update("jaxtyping_disable", True)
     try:
