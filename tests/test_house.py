@@ -13,9 +13,6 @@ import jshape as js
 ROOT = Path(__file__).parents[1]
 PACKAGES = {"jshape": ROOT / "jshape", "jshape_envs": ROOT / "envs" / "jshape_envs"}
 
-SHARED = {"jshape._check", "jshape._types", "jshape._files", "jshape._roots"}
-"""Private modules at the top that every room may use."""
-
 LONGEST = 60
 """Lines of a function's body, from its first statement after the docstring to its end."""
 
@@ -122,10 +119,10 @@ def private(name: str) -> bool:
 def foreign(module: str, base: str, name: str | None) -> bool:
     """Whether a module reaches into another room: what is private in a package is for those inside it alone.
 
-    For everything is inside jshape, what is private at the top is for the modules at the top.
+    Private modules at the top (``jshape._check``) are every room's; private names in the modules there are theirs.
     """
     parts = base.split(".") if name is None else [*base.split("."), name]
-    if ".".join(parts[:2]) in SHARED:
+    if ".".join(parts[:2]) in FILES and any(map(private, parts[:2])):
         return any(map(private, parts[2:]))
     first = next((i for i, part in enumerate(parts) if private(part)), None)
     if first is None:
