@@ -12,12 +12,12 @@ import jshape as js
 from jshape.adaptive.closed_loop import faults, judge, schedules
 from jshape.adaptive.closed_loop.loop import run
 from jshape.adaptive.closed_loop.sampled_link import Readings, SampledLink, Sensors
-from jshape.adaptive.closed_loop.study import recovered, study
+from jshape.adaptive.closed_loop.monte_carlo import recovered, study
 from jshape.adaptive.identifiers.least_squares import FilteredLeastSquares, Normal
-from jshape.adaptive.numbers import NUMPY
+from jshape.adaptive.formulas import NUMPY
 from jshape.adaptive.shapers.increments import IncrementShaper
 from jshape.adaptive.shapers.transition import transition_zvd
-from jshape.adaptive.strategies.cases import CASES, case
+from jshape.adaptive.strategies.paper_cases import CASES, case
 from jshape.adaptive.strategies.extremum_seeking import ExtremumSeeking
 from jshape.adaptive.strategies.state_aware import StateAware
 from jshape.plants import FlexibleLink, Linearised

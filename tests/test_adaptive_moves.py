@@ -12,11 +12,11 @@ from scipy.optimize import least_squares as scipy_least_squares
 from scipy.optimize import rosen
 
 import jshape as js
-from jshape.adaptive.least_squares_fit import least_squares
-from jshape.adaptive.moves.belief import believe, believed
+from jshape.levenberg_marquardt import least_squares
+from jshape.adaptive.moves.posterior import believe, believed
 from jshape.adaptive.moves.machine import AbstractMoveStrategy, Moves, NoisySensor, run_moves
 from jshape.adaptive.moves.strategies import Adapting, Oracle, Rule
-from jshape.adaptive.moves.study import residuals, run_many
+from jshape.adaptive.moves.monte_carlo import residuals, run_many
 from jshape.adaptive.moves.two_mass import TwoMassMoves, random_payloads
 
 K1, K3, C = 10.0, 100.0, 0.4

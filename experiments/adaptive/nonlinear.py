@@ -30,7 +30,7 @@ from jshape.adaptive.moves import move_figures as figures
 from jshape.adaptive.moves.hoisting import HoistingMoves, random_loads
 from jshape.adaptive.moves.machine import NoisySensor
 from jshape.adaptive.moves.strategies import Adapting, Oracle, Rule
-from jshape.adaptive.moves.study import residuals, run_many
+from jshape.adaptive.moves.monte_carlo import residuals, run_many
 from jshape.adaptive.moves.two_mass import TwoMassMoves, random_payloads
 
 HERE = Path(__file__).parent

@@ -16,7 +16,7 @@ import jax
 import numpy as np
 
 import jshape as js
-from jshape.adaptive.closed_loop import judge
+from jshape.adaptive.closed_loop import metrics
 from jshape.adaptive.closed_loop import loop_figures as figures
 from jshape.adaptive.closed_loop.faults import KINDS
 

@@ -38,7 +38,7 @@ def adapt(
 
 def _show(found: "Experiment") -> None:
     """Every strategy in a row, a block of columns for each load; then how soon it recovers in random schedules."""
-    from jshape.adaptive.closed_loop.study import recovered
+    from jshape.adaptive.closed_loop.monte_carlo import recovered
     from jshape.reports.tables import new_console
 
     console = new_console()

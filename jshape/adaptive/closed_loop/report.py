@@ -13,12 +13,12 @@ import xarray as xr
 
 from jshape._files import MARKER
 from jshape.adaptive.closed_loop import loop_figures as figures
-from jshape.adaptive.closed_loop.judge import accumulated_vibration, residual, settling_time
 from jshape.adaptive.closed_loop.loop import Trace, run
+from jshape.adaptive.closed_loop.metrics import accumulated_vibration, residual, settling_time
+from jshape.adaptive.closed_loop.monte_carlo import recovered, study
 from jshape.adaptive.closed_loop.sampled_link import SampledLink
 from jshape.adaptive.closed_loop.schedules import Schedule, square_wave
-from jshape.adaptive.closed_loop.study import recovered, study
-from jshape.adaptive.strategies.cases import case
+from jshape.adaptive.strategies.paper_cases import case
 from jshape.plants import FlexibleLink
 from jshape.problems.problem import Problem
 from jshape.reports import plot

@@ -1,13 +1,15 @@
-"""Extremum seeking: parameters that find the least cost by themselves, without any model, from small perturbations.
+"""Extremum seeking: parameters that converge to the least cost, without any model, from small perturbations.
 
-    seeking = js.adaptive.ExtremumSeeking(step_time=0.005, start=(0.017, 0.019))
+    seeking = js.adaptive.ExtremumSeeking(
+        step_time=0.005, start=(0.017, 0.019), frequency=(2.0, 2.6), amplitude=1e-4, gain=-0.007
+    )
     state = seeking.start()
     state, parameters = seeking.step(state, cost)      # pure: for scan, jit, vmap and grad
     online = seeking.online()
     parameters = online.push(cost)                     # NumPy, for a control loop
 
-Each parameter swings a little, with a frequency of its own; where the cost swings with it, the parameter moves the way
-that lowers it. A *continuous* scheme takes a step every sample. A *per-move* one counts its time in moves
+Each parameter is perturbed by a small sine of its own frequency; where the cost varies with it, the parameter moves in
+the direction that lowers it. A *continuous* scheme takes a step every sample. A *per-move* one counts its time in moves
 (``step_time=1``): one perturbation a move, frequencies in rad a move, the cost that of the whole move.
 """
 
@@ -20,19 +22,19 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jshape import _check
-from jshape.adaptive.arrays import as_jax, as_lists, like
-from jshape.adaptive.identifiers.estimate import NUMPY
+from jshape.adaptive.arguments import check_each, check_positive
+from jshape.adaptive.formulas import NUMPY, as_jax, as_lists, like
 
 
 class SeekingState(NamedTuple):
     """Extremum seeking after some steps; arrays of shape (parameters,)."""
 
     centre: Any
-    """The parameters without their perturbation: what has been found."""
+    """The parameters without their perturbation: the estimate of the minimum."""
     low: Any
     """Output of the low-pass filter: the cost's mean slope, times half the amplitude."""
     mean: Any
-    """What the high-pass filter takes off the cost: its slow part."""
+    """The slow part of the cost, which the high-pass filter removes."""
     phase: Any
     """Of the perturbations, rad."""
     begun: Any
@@ -42,7 +44,7 @@ class SeekingState(NamedTuple):
 
 
 class Constants(NamedTuple):
-    """What the formulas need of a step."""
+    """The constants of a step."""
 
     turn: Any
     """Of the perturbation, rad."""
@@ -52,9 +54,9 @@ class Constants(NamedTuple):
     """s."""
     low_pass: Any
     """rad/s."""
-    ahead: Any
-    """What the slow part of the cost takes of a new one in a step."""
-    settled: Any
+    high_share: Any
+    """How much of the way to a new cost its slow part goes in a step."""
+    low_share: Any
     """The same for the low-pass filter."""
     low: Any
     """Bounds of the parameters without their perturbation."""
@@ -64,21 +66,27 @@ class Constants(NamedTuple):
 class ExtremumSeeking(eqx.Module):
     """Perturbation-based extremum seeking for any number of parameters.
 
-    ``step_time``: of one step, s (or moves). ``start``: the parameters to begin with, (parameters,). ``frequency`` of
-    the perturbations (rad/s) and their ``amplitude``; ``gain`` γ: **less than 0 finds a minimum**, greater a maximum;
-    ``high_pass``, ``low_pass``: the filters' corners h and l, rad/s. One number serves all parameters; those that share
-    a cost need a frequency each, or nothing tells whose swing is seen. ``bounds``: a pair (low, high) for all, or one a
-    parameter, (parameters, 2), that no parameter leaves, perturbed or not.
-
-    Near the minimum x* of a cost f, x − x* decays at the rate a|γ|f''/2 · ω²/(ω² + h²), as long as that is slow against
+    Near the minimum x* of a cost f, x − x* decays as exp(−t a|γ|f''/2 · ω²/(ω² + h²)), as long as that is slow against
     h, l and ω. A cost that is not a number leaves everything but the phases as it is and is counted (``missing``).
 
-    *Raises* ``ValueError`` for numbers that are not positive or do not fit in number, a gain of 0, frequencies that
-    reach half the sampling rate, and bounds that leave no room for the start and its perturbation.
+    Args:
+        step_time: of one step, s (or moves).
+        start: parameters to begin with, shape (parameters,).
+        frequency: of the perturbations, rad/s. One number serves all parameters, here as below; those that share a cost
+            need a frequency each, or their effects cannot be told apart.
+        amplitude: a of the perturbations, in the unit of the parameters.
+        gain: γ: **less than 0 finds a minimum**, greater a maximum.
+        high_pass: the filter's corner h, rad/s; half the lowest frequency, unless given.
+        low_pass: the filter's corner l, rad/s; the lowest frequency, unless given.
+        bounds: lowest and highest value, shape (2,) or (parameters, 2), that no parameter leaves, perturbed or not.
 
-    *Source*: Chatlatanagulchai, Chotana and Prutthapong, Fig. 2 and Eq. 5, after Ariyur and Krstić (2003). The text's
-    γ > 0 leads away from the minimum; the experiment's gains, −0.007 and −0.01, are right. All three linear parts are
-    discretised exactly for a cost that is held over the step.
+    Raises:
+        ValueError: for numbers that are not positive or do not fit in number, a gain of 0, frequencies that reach half
+            the sampling rate, and bounds that leave no room for the start and its perturbation.
+
+    Source: Chatlatanagulchai, Chotana and Prutthapong, Fig. 2 and Eq. 5, after Ariyur and Krstić (2003). The text's
+        γ > 0 leads away from the minimum; the experiment's gains, −0.007 and −0.01, are right. All three linear parts
+        are discretised exactly for a cost that is held over the step.
     """
 
     centre: Float[Array, " parameters"]
@@ -96,15 +104,15 @@ class ExtremumSeeking(eqx.Module):
         self,
         step_time: float,
         start: Any,
-        frequency: Any = 2.0,
-        amplitude: Any = 1e-4,
-        gain: Any = -0.007,
-        high_pass: Any = 1.0,
-        low_pass: Any = 2.0,
+        frequency: Any,
+        amplitude: Any,
+        gain: Any,
+        *,
+        high_pass: Any = None,
+        low_pass: Any = None,
         bounds: Any = (-np.inf, np.inf),
     ):
-        _check.positive(step_time, "step_time")
-        self.step_time = float(_check.scalar(step_time, "step_time"))
+        self.step_time = float(check_positive(step_time, "step_time"))
         self.centre = jnp.atleast_1d(_check.as_array(start, "start"))
         _check.finite(self.centre, "start")
         if self.centre.ndim != 1:
@@ -113,13 +121,13 @@ class ExtremumSeeking(eqx.Module):
             _check.positive(value, name)
         _check.not_zero(gain, "gain")
         self.frequency, self.amplitude, self.gain = (
-            _spread(value, name, self.centre)
+            check_each(value, name, len(self.centre))
             for name, value in (("frequency", frequency), ("amplitude", amplitude), ("gain", gain))
         )
-        for name, value in (("high_pass", high_pass), ("low_pass", low_pass)):
-            _check.positive(value, name)
-        self.high_pass, self.low_pass = _check.scalar(high_pass, "high_pass"), _check.scalar(low_pass, "low_pass")
-        self.bounds = _spread(bounds, "bounds", self.centre, 2)
+        lowest = jnp.min(self.frequency)
+        self.high_pass = check_positive(lowest / 2 if high_pass is None else high_pass, "high_pass")
+        self.low_pass = check_positive(lowest if low_pass is None else low_pass, "low_pass")
+        self.bounds = check_each(bounds, "bounds", len(self.centre), 2)
         if _check.is_concrete(self.frequency):
             turns = np.asarray(self.frequency) * self.step_time
             if np.any(turns >= np.pi):
@@ -151,8 +159,8 @@ class ExtremumSeeking(eqx.Module):
             gain=self.gain,
             time=none + time,
             low_pass=none + self.low_pass,
-            ahead=none - jnp.expm1(-self.high_pass * time),
-            settled=none - jnp.expm1(-self.low_pass * time),
+            high_share=none - jnp.expm1(-self.high_pass * time),
+            low_share=none - jnp.expm1(-self.low_pass * time),
             low=self.bounds[:, 0] + self.amplitude,
             high=self.bounds[:, 1] - self.amplitude,
         )
@@ -163,28 +171,32 @@ class ExtremumSeeking(eqx.Module):
         return as_jax(SeekingState(self.centre, none, none, none, none > 0, none.astype(jnp.int32)))
 
     def skip(self, state: SeekingState) -> SeekingState:
-        """The state after a step whose cost is something else's doing: on to the next perturbation.
+        """The state after a step whose cost has another cause: on to the next perturbation.
 
-        What the cost was before is no measure of what it will be, so that the next one is like the first.
+        The costs before are no measure of those to come, so that the next one counts as the first.
         """
         return like(state, _skip(self._constants(), state))
 
     def parameters(self, state: SeekingState) -> Array:
-        """What to use now, perturbation and all, (parameters,)."""
+        """The parameters to use now, perturbed, shape (parameters,)."""
         return state.centre + self.amplitude * jnp.sin(state.phase)
 
     def step(self, state: SeekingState, cost: Any) -> tuple[SeekingState, Array]:
-        """The state and the parameters to use next, given the ``cost`` of those that were used last.
+        """The state and the parameters to use next.
 
-        One cost for all, a scalar, or one a parameter, (parameters,). *Raises* ``ValueError`` for a single one where
-        frequencies coincide, and for any other number of them.
+        Args:
+            state: from ``start`` or the last step.
+            cost: of the parameters that were used last: one for all, a scalar, or one a parameter, shape (parameters,).
+
+        Raises:
+            ValueError: for a single cost where frequencies coincide, and for any other number of them.
         """
         self.check_costs(cost)
         new = like(state, _advance(jnp.where, jnp.sin, self._constants(), state, jnp.asarray(cost)))
         return new, self.parameters(new)
 
     def check_costs(self, cost: Any) -> None:
-        """*Raises* ``ValueError`` unless there is one cost for each parameter that none can be told from."""
+        """*Raises* ``ValueError`` unless there is one cost a parameter, or one for parameters of different frequencies."""
         shape = np.shape(cost)
         if shape not in ((), self.centre.shape):
             raise ValueError(f"cost must be one number or {len(self.centre)}, not of shape {shape}")
@@ -198,22 +210,22 @@ class ExtremumSeeking(eqx.Module):
 
 def _advance(select: Any, sin: Any, constants: Constants, state: SeekingState, cost: Any) -> SeekingState:
     """The state after a step: of all parameters as arrays, or of one as Python numbers."""
-    known = abs(cost) < np.inf  # false for a NaN
-    value = select(known, cost, 0.0)
-    # The first cost is where the slow part begins: what it is worth is no slope.
+    usable = abs(cost) < np.inf  # false for a NaN
+    value = select(usable, cost, 0.0)
+    # The slow part begins with the first cost, which is no slope.
     mean = select(state.begun, state.mean, value)
     slope = (value - mean) * sin(state.phase)
     # x̂' = γ v and v' = l (ξ − v) with ξ held over the step.
-    way = slope * constants.time + (state.low - slope) * constants.settled / constants.low_pass
-    centre = state.centre + constants.gain * way
+    advance = slope * constants.time + (state.low - slope) * constants.low_share / constants.low_pass
+    centre = state.centre + constants.gain * advance
     centre = select(centre < constants.low, constants.low, select(centre > constants.high, constants.high, centre))
     return SeekingState(
-        centre=select(known, centre, state.centre),
-        low=select(known, state.low + (slope - state.low) * constants.settled, state.low),
-        mean=select(known, mean + (value - mean) * constants.ahead, state.mean),
+        centre=select(usable, centre, state.centre),
+        low=select(usable, state.low + (slope - state.low) * constants.low_share, state.low),
+        mean=select(usable, mean + (value - mean) * constants.high_share, state.mean),
         phase=_turned(constants, state),
-        begun=state.begun | known,
-        missing=select(known | (state.missing == np.iinfo(np.int32).max), state.missing, state.missing + 1),
+        begun=state.begun | usable,
+        missing=select(usable | (state.missing == np.iinfo(np.int32).max), state.missing, state.missing + 1),
     )
 
 
@@ -226,19 +238,11 @@ def _turned(constants: Constants, state: SeekingState) -> Any:
     return (state.phase + constants.turn) % (2 * np.pi)
 
 
-def _spread(value: Any, name: str, like: Array, *rest: int) -> Array:
-    """A value a parameter. *Raises* ``ValueError`` if there are others."""
-    array = _check.as_array(value, name)
-    try:
-        return jnp.broadcast_to(array, like.shape + rest)
-    except ValueError:
-        raise ValueError(f"{name} must fit {len(like)} parameters, not be of shape {array.shape}") from None
-
-
 class OnlineSeeking:
-    """Extremum seeking as a plain object: ``push(cost)`` gives the ``parameters`` to use next.
+    """Extremum seeking as a plain object, in Python numbers.
 
-    ``state`` is the whole state, Python numbers of one parameter after another.
+    Attributes:
+        state: the whole state, one parameter after another.
     """
 
     def __init__(self, seeking: ExtremumSeeking):
@@ -248,7 +252,7 @@ class OnlineSeeking:
 
     @property
     def centre(self) -> np.ndarray:
-        """What has been found, without the perturbation, (parameters,)."""
+        """The parameters without their perturbation, shape (parameters,)."""
         return np.array([one.centre for one in self.state])
 
     @property
@@ -258,12 +262,12 @@ class OnlineSeeking:
 
     @property
     def parameters(self) -> np.ndarray:
-        """What to use now, perturbation and all, (parameters,)."""
+        """The parameters to use now, perturbed, shape (parameters,)."""
         both = zip(self._constants, self.state, strict=True)
         return np.array([one.centre + constants.amplitude * math.sin(one.phase) for constants, one in both])
 
     def skip(self) -> None:
-        """Go on to the next perturbation; the cost that comes then is like the first."""
+        """Go on to the next perturbation; the cost that comes then counts as the first."""
         self.state = [_skip(*one) for one in zip(self._constants, self.state, strict=True)]
 
     def push(self, cost: Any) -> np.ndarray:

@@ -1,33 +1,33 @@
-"""What drives the loop: a strategy takes the reference and the sensors' readings and gives the command, every sample.
+"""The interface of a strategy: it takes the reference and the sensors' readings and gives the command, every sample.
 
 ``start`` and ``step`` are pure JAX, for a scan of hours or for a thousand machines side by side; ``online`` is the same
 as a plain object for a control loop.
 """
 
 import abc
-import dataclasses
-from types import SimpleNamespace
 from typing import Any, NamedTuple, Protocol
 
 import equinox as eqx
 
 from jshape._types import Scalar
-from jshape.adaptive.arrays import as_jax, as_numpy, like
-from jshape.adaptive.numbers import JAX, NUMPY, Numbers
+from jshape.adaptive.formulas import JAX, NUMPY, Numbers, as_jax, as_numpy, like, plain
 
 
 class Readings(NamedTuple):
-    """What the sensors tell: the motor's angle (rad), the strain gauge's (the payload's angle against the motor's,
-    rad), and the accelerometers' at the tip and in the middle (m/s²)."""
+    """What the sensors measure."""
 
     motor: Scalar
+    """The motor's angle, rad."""
     strain: Scalar
+    """The payload's angle against the motor's, by a strain gauge, rad."""
     tip: Scalar
+    """Acceleration at the tip, m/s²."""
     middle: Scalar
+    """Acceleration in the middle, m/s²."""
 
 
 class Decision(NamedTuple):
-    """What a strategy gives after every sample."""
+    """A strategy's command after a sample, and what its shaper is tuned to."""
 
     command: Any
     """In the unit of the reference."""
@@ -35,8 +35,8 @@ class Decision(NamedTuple):
     """Frequencies that its shaper is tuned to, rad/s, (modes,)."""
     zeta: Any
     """Their damping ratios, (modes,)."""
-    doubted: Any
-    """How many samples and estimates it did not believe so far."""
+    rejected: Any
+    """How many samples and estimates it has rejected so far."""
 
 
 class OnlineStrategy(Protocol):
@@ -66,7 +66,7 @@ class AbstractStrategy(eqx.Module):
 
 
 class FormulaStrategy(AbstractStrategy):
-    """A strategy that writes its formulas once, over the ``Numbers`` it is handed."""
+    """A strategy that writes its formulas once, over the ``Numbers`` it is given."""
 
     @abc.abstractmethod
     def initial(self, reference: Any) -> Any:
@@ -91,9 +91,7 @@ class _OnlineFormula:
     """A ``FormulaStrategy`` in plain numbers; ``state`` is the whole state."""
 
     def __init__(self, strategy: FormulaStrategy, reference: float):
-        # Equinox wraps whatever is looked up at one of its modules, which is slow.
-        fields = {field.name: as_numpy(getattr(strategy, field.name)) for field in dataclasses.fields(strategy)}
-        self._own, self._advance = SimpleNamespace(**fields), type(strategy).advance
+        self._own, self._advance = plain(strategy), type(strategy).advance
         self.state = as_numpy(strategy.initial(float(reference)))
 
     def push(self, reference: float, readings: Readings) -> Decision:
@@ -102,7 +100,11 @@ class _OnlineFormula:
 
 
 class Unshaped(FormulaStrategy):
-    """The reference itself: what happens if nothing is done."""
+    """The reference itself as the command.
+
+    Args:
+        sample_time: s.
+    """
 
     sample_time: float = eqx.field(static=True)
 

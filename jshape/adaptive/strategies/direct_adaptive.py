@@ -1,4 +1,4 @@
-"""The paper's way: a cascade of ZVD filters, retuned by a point-by-point DFT and by extremum seeking.
+"""Direct adaptive shaping: a cascade of ZVD filters, retuned by a point-by-point DFT and by extremum seeking.
 
 Three cases of one loop: input shaping alone (I), with the DFT for the frequencies (I-D), and with extremum seeking for
 the damping ratios beside it (I-D-E).
@@ -6,10 +6,11 @@ the damping ratios beside it (I-D-E).
 Extremum seeking is that of the paper's Fig. 2, but its time counts in moves and not in seconds. A damping ratio enters
 with an edge, and what it was worth is known with the next, so that there is one perturbation a move and the cost of a
 move meets the perturbation it had; seconds would multiply it with that of a later moment, and the sign of the slope
-would hang on how long a move takes. Nor does a move count whose frequencies were wrong or whose shaper had not run out:
-its vibration is far larger than any damping ratio's share, and the next move's cost is then the first of a new series.
+would depend on how long a move takes. Nor does a move count whose frequencies were wrong or whose shaper had not run
+out: its vibration is far larger than any damping ratio's share, and the next move's cost is then the first of a new
+series.
 
-*Source*: Chatlatanagulchai, Chotana and Prutthapong, Figs. 3 and 6.
+Source: Chatlatanagulchai, Chotana and Prutthapong, Figs. 3 and 6.
 """
 
 import math
@@ -19,19 +20,19 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from jshape import _check
 from jshape._types import Scalar
+from jshape.adaptive.arguments import check_positive
+from jshape.adaptive.formulas import JAX
 from jshape.adaptive.identifiers.estimate import Estimate
 from jshape.adaptive.identifiers.sliding_dft import SlidingDFT
-from jshape.adaptive.numbers import JAX
 from jshape.adaptive.shapers.adaptive_shaper import AdaptiveShaper
 from jshape.adaptive.shapers.cascade import ShaperState
 from jshape.adaptive.strategies.extremum_seeking import ExtremumSeeking
 from jshape.adaptive.strategies.strategy import AbstractStrategy, Decision, OnlineStrategy, Readings
 
 AGREE = 0.05
-"""By how much the frequencies that a movement showed may differ from those it was shaped for, as a fraction, if its
-vibration is to be judged: a ZVD shaper leaves 0.6 % then, and more than that is not the damping ratios' doing."""
+"""By how much the frequencies estimated in a movement may differ from those it was shaped for, as a fraction, if its
+vibration is to count as a cost: a ZVD shaper leaves 0.6 % then, and more than that is not the damping ratios' doing."""
 
 
 class DirectState(NamedTuple):
@@ -44,19 +45,23 @@ class DirectState(NamedTuple):
     """∫ |a| dt since the last edge, m/s; NaN before the first."""
     reference: Any
     steady: Any
-    doubted: Any
+    rejected: Any
 
 
 class DirectAdaptive(AbstractStrategy):
-    """An ``AdaptiveShaper`` of two modes; the tip's accelerometer tells the first, the one in the middle the second.
+    """An ``AdaptiveShaper`` of two modes: the tip's accelerometer measures the first, the one in the middle the second.
 
-    ``shaper``: with bands, blanking and start. ``dfts``: one ``SlidingDFT`` for each mode, or none: then the
-    frequencies stay. ``seeking``: of the damping ratios, one step a move, by the vibration accumulated over the
-    preceding movement; or ``None``. Its cost is ∫ |a| dt in units of ``cost_unit`` (m/s): with 75, this link leaves
-    under the shaper alone, with 20 coins, the 0.3 of the paper's Fig. 10, for which the paper's gains were chosen. The
-    DFTs listen while the shaper says that the reference is steady.
+    The DFTs take samples while the shaper says that the reference is steady.
 
-    *Raises* ``ValueError`` if the numbers of modes differ, or sample times do, or the seeking's step is not one move.
+    Args:
+        shaper: with bands, blanking and start.
+        dfts: one ``SlidingDFT`` for each mode, or none: then the frequencies stay.
+        seeking: of the damping ratios, one step a move, by the vibration accumulated over the preceding movement; or
+            ``None``.
+        cost_unit: the seeking's cost is ∫ |a| dt in this unit, m/s.
+
+    Raises:
+        ValueError: if the numbers of modes differ, or sample times do, or the seeking's step is not one move.
     """
 
     shaper: AdaptiveShaper
@@ -69,11 +74,10 @@ class DirectAdaptive(AbstractStrategy):
         shaper: AdaptiveShaper,
         dfts: tuple[SlidingDFT, ...] = (),
         seeking: ExtremumSeeking | None = None,
-        cost_unit: Any = 75.0,
+        cost_unit: Any = 1.0,
     ):
         self.shaper, self.dfts, self.seeking = shaper, tuple(dfts), seeking
-        self.cost_unit = _check.scalar(cost_unit, "cost_unit")
-        _check.positive(self.cost_unit, "cost_unit")
+        self.cost_unit = check_positive(cost_unit, "cost_unit")
         modes = len(shaper.omega)
         if modes != 2 or len(self.dfts) not in (0, modes) or (seeking and len(seeking.centre) != modes):
             raise ValueError(
@@ -108,34 +112,34 @@ class DirectAdaptive(AbstractStrategy):
     def step(self, state: DirectState, reference: Any, readings: Readings) -> tuple[DirectState, Decision]:
         moved = jnp.isfinite(reference) & (reference != state.reference)
         tip = jnp.where(jnp.isfinite(readings.tip), jnp.abs(readings.tip), 0.0) * self.sample_time
-        heard = [
+        measured = [
             dft.step(memory, sample, state.steady)
             for dft, memory, sample in zip(self.dfts, state.dfts, (readings.tip, readings.middle), strict=False)
         ]
         seeking, zeta = state.seeking, None
         if self.seeking is not None:
-            told, _ = self.seeking.step(seeking, state.cost / self.cost_unit)
-            judged = state.steady & _agree(jnp, state.shaper)
-            over = JAX.select(judged, told, self.seeking.skip(seeking))
-            seeking = JAX.select(moved, over, seeking)
+            stepped, _ = self.seeking.step(seeking, state.cost / self.cost_unit)
+            counts = state.steady & _agree(jnp, state.shaper)
+            stepped = JAX.select(counts, stepped, self.seeking.skip(seeking))
+            seeking = JAX.select(moved, stepped, seeking)
             zeta = self.seeking.parameters(seeking)
         cost = jnp.where(moved, 0.0, state.cost) + tip
-        estimate = _together(jnp.stack, [estimate for _, estimate in heard], zeta)
+        estimate = _together(jnp.stack, [estimate for _, estimate in measured], zeta)
         shaper, shaped = self.shaper.step(state.shaper, reference, estimate)
         missed = ~jnp.isfinite(readings.tip) | ~jnp.isfinite(readings.middle)
-        doubted = state.doubted + missed.astype(jnp.int32)
+        rejected = state.rejected + missed.astype(jnp.int32)
         new = DirectState(
-            shaper, tuple(memory for memory, _ in heard), seeking, cost,
-            jnp.where(jnp.isfinite(reference), reference, state.reference), shaped.steady, doubted,
+            shaper, tuple(memory for memory, _ in measured), seeking, cost,
+            jnp.where(jnp.isfinite(reference), reference, state.reference), shaped.steady, rejected,
         )  # fmt: skip
-        return new, Decision(shaped.command, shaped.omega, shaped.zeta, doubted + jnp.sum(shaped.rejected))
+        return new, Decision(shaped.command, shaped.omega, shaped.zeta, rejected + jnp.sum(shaped.rejected))
 
     def online(self, reference: float = 0.0) -> OnlineStrategy:
         return _OnlineDirect(self, reference)
 
 
 def _agree(xp: Any, shaper: ShaperState) -> Any:
-    """Whether the filters were tuned to the frequencies that the movement has shown."""
+    """Whether the filters were tuned to the frequencies that were estimated during the movement."""
     wanted, tuned = xp.asarray(shaper.wanted.omega), xp.asarray(shaper.tuning.omega)
     return xp.all(abs(wanted - tuned) <= AGREE * tuned)
 
@@ -144,10 +148,10 @@ def _together(pack: Callable[[Any], Any], estimates: list[Estimate], zeta: Any) 
     """One estimate of both modes: frequencies from the DFTs, damping ratios from the extremum seeking."""
     if not estimates:
         return None
-    omega, damping, omega_std, zeta_std, magnitude, valid = map(pack, zip(*estimates, strict=True))
+    omega, zetas, omega_std, zeta_std, magnitude, valid = map(pack, zip(*estimates, strict=True))
     if zeta is not None:
-        damping, zeta_std = pack(list(zeta)), pack([0.0 * each for each in zeta])
-    return Estimate(omega, damping, omega_std, zeta_std, magnitude, valid)
+        zetas, zeta_std = pack(list(zeta)), pack([0.0 * each for each in zeta])
+    return Estimate(omega, zetas, omega_std, zeta_std, magnitude, valid)
 
 
 class _OnlineDirect:
@@ -163,8 +167,8 @@ class _OnlineDirect:
 
     def push(self, reference: float, readings: Readings) -> Decision:
         samples = (readings.tip, readings.middle)
-        heeded = [math.isfinite(sample) for sample in samples]
-        tip = abs(readings.tip) * self._time if heeded[0] else 0.0
+        usable = [math.isfinite(sample) for sample in samples]
+        tip = abs(readings.tip) * self._time if usable[0] else 0.0
         moved = math.isfinite(reference) and reference != self._reference
         if moved and self._seeking:
             if self._steady and _agree(np, self._shaper.state):
@@ -174,8 +178,8 @@ class _OnlineDirect:
             self._zeta = self._seeking.parameters.tolist()
         self._cost = tip if moved else self._cost + tip
         self._reference = reference if moved else self._reference
-        heard = [dft.push(float(sample), self._steady) for dft, sample in zip(self._dfts, samples, strict=False)]
-        shaped = self._shaper.push(reference, _together(list, heard, self._zeta))
+        measured = [dft.push(float(sample), self._steady) for dft, sample in zip(self._dfts, samples, strict=False)]
+        shaped = self._shaper.push(reference, _together(list, measured, self._zeta))
         self._steady = shaped.steady
-        self._missed += not all(heeded)
+        self._missed += not all(usable)
         return Decision(shaped.command, shaped.omega, shaped.zeta, self._missed + int(sum(shaped.rejected)))

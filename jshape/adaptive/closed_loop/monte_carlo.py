@@ -9,8 +9,8 @@ import numpy as np
 import xarray as xr
 
 from jshape import _check
-from jshape.adaptive.closed_loop.judge import residual
 from jshape.adaptive.closed_loop.loop import run
+from jshape.adaptive.closed_loop.metrics import residual
 from jshape.adaptive.closed_loop.sampled_link import SampledLink, Sensors
 from jshape.adaptive.closed_loop.schedules import random_moves
 from jshape.adaptive.strategies.strategy import AbstractStrategy
