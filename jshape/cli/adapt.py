@@ -28,8 +28,8 @@ def adapt(
         read, folder = begin(problem, out)
         given = {"schedules": schedules, "seed": seed}
         read = read.adapting(**{name: value for name, value in given.items() if value is not None})
-        with progress() as (step, tell):
-            found = experiment(read, step, lambda done, total: tell("random schedules", done, total, float("inf")))
+        with progress() as (step, report):
+            found = experiment(read, progress=report)
             step("figures")
             files = write(found, folder)
         _show(found)

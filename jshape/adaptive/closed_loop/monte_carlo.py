@@ -1,6 +1,7 @@
 """Hundreds of machines that change their load at a moment nobody announced: how soon does each strategy recover?"""
 
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Mapping
 from typing import Any
 
 import jax
@@ -9,6 +10,7 @@ import numpy as np
 import xarray as xr
 
 from jshape import _check
+from jshape._types import Progress
 from jshape.adaptive.closed_loop.loop import run
 from jshape.adaptive.closed_loop.metrics import residual
 from jshape.adaptive.closed_loop.sampled_link import SampledLink, Sensors
@@ -27,22 +29,31 @@ def study(
     schedules: int = 500,
     seed: int = 0,
     sensors: Sensors | None = None,
-    piece: int = 50,
-    progress: Callable[[int, int], None] | None = None,
-    **moves: Any,
+    chunk: int = 50,
+    loads: tuple[float, float] = (0.0, 20.0),
+    progress: Progress | None = None,
 ) -> xr.Dataset:
-    """The residual vibration of the moves around a change of load, in random schedules (``random_moves``) with noise.
+    """The residual vibration of the moves around a change of load, in random schedules with noise.
 
-    ``schedules``: how many. ``sensors``: as for ``run``. ``piece``: so many run side by side; after each piece
-    ``progress`` (done, all) is told. ``moves``: keywords of ``random_moves``.
+    Args:
+        plant: the link.
+        strategies: by name, all of one sample time.
+        schedules: how many, drawn by ``random_moves``.
+        seed: of everything random.
+        sensors: as for ``run``.
+        chunk: so many schedules run side by side.
+        loads: least and greatest, in the link's unit.
+        progress: called after each chunk.
 
-    Gives ``residual`` (strategy, schedule, move), the largest deflection after the move's shaper over the move's size;
-    ``move`` counts from the change: 1 is the first move that begins after it, 0 the one that was under way. Beside it
-    ``before`` and ``after``, the loads, in the link's unit.
+    Returns:
+        ``residual`` (strategy, schedule, move), the largest deflection after the move's shaper over the move's size;
+        ``move`` counts from the change: 1 is the first move that begins after it, 0 the one that was under way. Beside
+        it ``before`` and ``after``, the loads.
 
-    *Raises* ``ValueError`` for numbers below 1.
+    Raises:
+        ValueError: for numbers below 1, or strategies of different sample times.
     """
-    schedules, piece = _check.count(schedules, "schedules"), _check.count(piece, "piece")
+    schedules, chunk = _check.count(schedules, "schedules"), _check.count(chunk, "chunk")
     times = {strategy.sample_time for strategy in strategies.values()}
     if len(times) != 1:
         raise ValueError(f"strategies must have one sample time, not {sorted(times)}")
@@ -50,31 +61,28 @@ def study(
 
     def one(key: Any) -> tuple[Any, Any]:
         drawn, noise = jax.random.split(key)
-        schedule, first = random_moves(drawn, sample_time=sample_time, **moves)
+        schedule, first = random_moves(drawn, loads=loads, sample_time=sample_time)
         link = SampledLink(plant, schedule.loads, sample_time)
         traces = run(link, strategies, schedule.reference, schedule.which, sensors=sensors, key=noise)
         around = first + jnp.arange(-BEFORE, AFTER)
-        return {name: residual(trace, schedule)[around] for name, trace in traces.items()}, schedule.loads
+        return jnp.stack([residual(traces[name], schedule)[around] for name in strategies]), schedule.loads
 
     several = jax.jit(jax.vmap(one))
-    keys = jax.random.split(jax.random.key(seed), schedules)
-    found, loads = {name: [] for name in strategies}, []
-    for begin in range(0, schedules, piece):
-        # The last piece is filled up, so that there is one program.
-        index = np.minimum(np.arange(begin, begin + piece), schedules - 1)
-        left, carried = several(keys[index])
-        for name in strategies:
-            found[name].append(np.asarray(left[name]))
-        loads.append(np.asarray(carried))
+    keys, parts = jax.random.split(jax.random.key(seed), schedules), []
+    for begin in range(0, schedules, chunk):
+        # The last chunk is filled up, so that there is one program.
+        index = np.minimum(np.arange(begin, begin + chunk), schedules - 1)
+        parts.append(jax.tree.map(np.asarray, several(keys[index])))
         if progress:
-            progress(min(begin + piece, schedules), schedules)
-    whole = np.stack([np.concatenate(found[name])[:schedules] for name in strategies])
-    carried = np.concatenate(loads)[:schedules]
+            progress("random schedules", min(begin + chunk, schedules), schedules, math.inf)
+    residuals, carried = (np.concatenate(part)[:schedules] for part in zip(*parts, strict=True))
     unit = {"long_name": "load", "units": "1"}
     return xr.Dataset(
         {
             "residual": (
-                ("strategy", "schedule", "move"), whole, {"long_name": "residual deflection over move", "units": "1"}
+                ("strategy", "schedule", "move"),
+                residuals.transpose(1, 0, 2),
+                {"long_name": "residual deflection over move", "units": "1"},
             ),
             "before": ("schedule", carried[:, 0], unit),
             "after": ("schedule", carried[:, 1], unit),
@@ -84,10 +92,15 @@ def study(
             "move": ("move", np.arange(1 - BEFORE, 1 + AFTER), {"long_name": "move after the change"}),
         },
         {"seed": seed, "sample_time": sample_time},
-    )  # fmt: skip
+    )
 
 
 def recovered(found: xr.Dataset, limit: float = 0.05) -> xr.DataArray:
-    """The fraction of schedules whose residual is below ``limit`` at each move around the change."""
+    """The fraction of schedules whose residual is below a limit, at each move around the change.
+
+    Args:
+        found: from ``study``.
+        limit: over the size of the move.
+    """
     _check.positive(limit, "limit")
     return (found.residual < limit).mean("schedule")

@@ -175,7 +175,7 @@ class FilteredLeastSquares:
         return Fit(omega, xp.clip(zeta, 0.0, 0.5), gain, omega_std, zeta_std, gain_std, valid, gain_valid)
 
     def phasor(self, numbers: Numbers, state: Normal, omega: Any, zeta: Any) -> Any:
-        """The complex C with y = Re(C exp(p τ)), τ from the last sample on, of a freely swinging mode with the pole p."""
+        """The complex C with y = Re(C exp(p τ)), τ from the last sample on, p the pole of a freely swinging mode."""
         xp = numbers.xp
         x = self._step()
         decay = math.exp(-x)

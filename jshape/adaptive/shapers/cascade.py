@@ -166,7 +166,7 @@ class Cascade:
             select(inputs[k] == last[k], select(state.still[k] < long, state.still[k] + 1, long), 0) for k in modes
         ]
         steady = (still[0] >= self.blank) & _all_reach(still, tuning.reach)
-        state = ShaperState(lines, place, _pack(numbers, inputs), _pack(numbers, still), wanted, tuning, missing)
+        state = ShaperState(lines, place, packed(numbers, inputs), packed(numbers, still), wanted, tuning, missing)
         return state, Shaped(command, steady, tuning.omega, tuning.zeta, wanted.rejected, wanted.limited, missing)
 
     def _noted(self, numbers: Numbers, wanted: Wanted, estimate: Estimate) -> Wanted:
@@ -186,7 +186,7 @@ class Cascade:
                 _count(select, wanted.rejected[k], valid[k] & (taken == 0)),
                 _count(select, wanted.limited[k], (taken & out) | (damped & zeta_out)),
             ))  # fmt: skip
-        return Wanted(*(_pack(numbers, column) for column in zip(*noted, strict=True)))
+        return Wanted(*(packed(numbers, column) for column in zip(*noted, strict=True)))
 
     def _retuned(self, numbers: Numbers, tuning: Tuning, omega: Any, zeta: Any, still: Any) -> Tuning:
         """The tuning with new taps, as near to what is wanted as one retune may go, if there is no harm in it."""
@@ -230,7 +230,7 @@ def _all_reach(counts: Any, reach: Any) -> Any:
     return reduce(and_, map(ge, counts, reach))
 
 
-def _pack(numbers: Numbers, values: Any) -> Any:
+def packed(numbers: Numbers, values: Any) -> Any:
     """One value a mode as the state keeps them."""
     return numbers.xp.stack(values) if numbers is JAX else list(values)
 

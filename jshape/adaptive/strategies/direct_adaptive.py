@@ -13,21 +13,20 @@ series.
 Source: Chatlatanagulchai, Chotana and Prutthapong, Figs. 3 and 6.
 """
 
-import math
-from collections.abc import Callable
+from functools import partial
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 
 from jshape._types import Scalar
 from jshape.adaptive.arguments import check_positive
-from jshape.adaptive.formulas import JAX
+from jshape.adaptive.formulas import Numbers, plain
 from jshape.adaptive.identifiers.estimate import Estimate
 from jshape.adaptive.identifiers.sliding_dft import SlidingDFT
 from jshape.adaptive.shapers.adaptive_shaper import AdaptiveShaper
-from jshape.adaptive.shapers.cascade import ShaperState
-from jshape.adaptive.strategies.extremum_seeking import ExtremumSeeking
+from jshape.adaptive.shapers.cascade import Cascade, ShaperState, packed
+from jshape.adaptive.strategies.extremum_seeking import Constants, ExtremumSeeking, advanced, perturbed, skipped
 from jshape.adaptive.strategies.strategy import AbstractStrategy, Decision, OnlineStrategy, Readings
 
 AGREE = 0.05
@@ -97,45 +96,63 @@ class DirectAdaptive(AbstractStrategy):
         """s."""
         return self.shaper.sample_time
 
-    def start(self, reference: Any) -> DirectState:
-        seeking = () if self.seeking is None else self.seeking.start()
-        return DirectState(
-            self.shaper.start(reference),
-            tuple(dft.start() for dft in self.dfts),
-            seeking,
-            jnp.full_like(jnp.asarray(reference), jnp.nan),
-            jnp.asarray(reference),
-            jnp.asarray(False),
-            jnp.asarray(0, jnp.int32),
-        )
+    @property
+    def cascade(self) -> Cascade:
+        """The filters as they run."""
+        return self.shaper.cascade
 
-    def step(self, state: DirectState, reference: Any, readings: Readings) -> tuple[DirectState, Decision]:
-        moved = jnp.isfinite(reference) & (reference != state.reference)
-        tip = jnp.where(jnp.isfinite(readings.tip), jnp.abs(readings.tip), 0.0) * self.sample_time
-        measured = [
-            dft.step(memory, sample, state.steady)
-            for dft, memory, sample in zip(self.dfts, state.dfts, (readings.tip, readings.middle), strict=False)
-        ]
-        seeking, zeta = state.seeking, None
-        if self.seeking is not None:
-            stepped, _ = self.seeking.step(seeking, state.cost / self.cost_unit)
-            counts = state.steady & _agree(jnp, state.shaper)
-            stepped = JAX.select(counts, stepped, self.seeking.skip(seeking))
-            seeking = JAX.select(moved, stepped, seeking)
-            zeta = self.seeking.parameters(seeking)
-        cost = jnp.where(moved, 0.0, state.cost) + tip
-        estimate = _together(jnp.stack, [estimate for _, estimate in measured], zeta)
-        shaper, shaped = self.shaper.step(state.shaper, reference, estimate)
-        missed = ~jnp.isfinite(readings.tip) | ~jnp.isfinite(readings.middle)
-        rejected = state.rejected + missed.astype(jnp.int32)
-        new = DirectState(
-            shaper, tuple(memory for memory, _ in measured), seeking, cost,
-            jnp.where(jnp.isfinite(reference), reference, state.reference), shaped.steady, rejected,
-        )  # fmt: skip
-        return new, Decision(shaped.command, shaped.omega, shaped.zeta, rejected + jnp.sum(shaped.rejected))
+    @property
+    def constants(self) -> Constants | None:
+        """Of the extremum seeking."""
+        return self.seeking and self.seeking.constants()
+
+    def initial(self, reference: Any) -> DirectState:
+        seeking = () if self.seeking is None else self.seeking.start()
+        dfts = tuple(dft.initial() for dft in self.dfts)
+        return DirectState(self.shaper.start(reference), dfts, seeking, np.nan * reference, reference, False, 0)
 
     def online(self, reference: float = 0.0) -> OnlineStrategy:
-        return _OnlineDirect(self, reference)
+        reference, seeking = float(reference), self.seeking and self.seeking.online()
+        state = DirectState(
+            self.shaper.online(reference).state, tuple(dft.initial() for dft in self.dfts),
+            seeking and seeking.state, np.nan, reference, False, 0,
+        )  # fmt: skip
+        own = SimpleNamespace(
+            cascade=self.cascade, dfts=tuple(map(plain, self.dfts)), constants=seeking and seeking.constants,
+            cost_unit=float(self.cost_unit), sample_time=self.sample_time,
+        )  # fmt: skip
+        return OnlineStrategy(own, type(self).advance, state)
+
+    def advance(
+        self: Any, numbers: Numbers, state: DirectState, reference: Any, readings: Readings
+    ) -> tuple[DirectState, Decision]:
+        select, samples = numbers.select, (readings.tip, readings.middle)
+        tip_usable, middle_usable = (abs(sample) < np.inf for sample in samples)  # false for a NaN
+        reference_usable = abs(reference) < np.inf
+        moved = reference_usable & (reference != state.reference)
+        seeking, constants, zeta = state.seeking, self.constants, None
+        if constants is not None:
+            seeking = numbers.when(moved, partial(_after_move, self, numbers), lambda state: state.seeking, state)
+            zeta = perturbed(numbers, constants, seeking)
+        tip = select(tip_usable, abs(readings.tip), 0.0) * self.sample_time
+        cost = select(moved, 0.0, state.cost) + tip
+        dfts = tuple(
+            SlidingDFT.advance(dft, numbers, memory, sample, state.steady)
+            for dft, memory, sample in zip(self.dfts, state.dfts, samples, strict=False)
+        )
+        estimate = _together(numbers, [memory.estimate for memory in dfts], zeta)
+        shaper, shaped = self.cascade.advance(numbers, state.shaper, reference, estimate)
+        rejected = state.rejected + select(tip_usable & middle_usable, 0, 1)
+        reference = select(reference_usable, reference, state.reference)
+        decision = Decision(shaped.command, shaped.omega, shaped.zeta, rejected + sum(shaped.rejected))
+        return DirectState(shaper, dfts, seeking, cost, reference, shaped.steady, rejected), decision
+
+
+def _after_move(own: Any, numbers: Numbers, state: DirectState) -> Any:
+    """The extremum seeking's state at an edge: a step, unless the cost has another cause than the damping ratios."""
+    counts = state.steady & _agree(numbers.xp, state.shaper)
+    stepped = advanced(numbers, own.constants, state.seeking, state.cost / own.cost_unit)
+    return numbers.select(counts, stepped, skipped(numbers, own.constants, state.seeking))
 
 
 def _agree(xp: Any, shaper: ShaperState) -> Any:
@@ -144,42 +161,11 @@ def _agree(xp: Any, shaper: ShaperState) -> Any:
     return xp.all(abs(wanted - tuned) <= AGREE * tuned)
 
 
-def _together(pack: Callable[[Any], Any], estimates: list[Estimate], zeta: Any) -> Estimate | None:
+def _together(numbers: Numbers, estimates: list[Estimate], zeta: Any) -> Estimate | None:
     """One estimate of both modes: frequencies from the DFTs, damping ratios from the extremum seeking."""
     if not estimates:
         return None
-    omega, zetas, omega_std, zeta_std, magnitude, valid = map(pack, zip(*estimates, strict=True))
-    if zeta is not None:
-        zetas, zeta_std = pack(list(zeta)), pack([0.0 * each for each in zeta])
-    return Estimate(omega, zetas, omega_std, zeta_std, magnitude, valid)
-
-
-class _OnlineDirect:
-    """``DirectAdaptive`` as a plain object, of the parts' own plain objects."""
-
-    def __init__(self, strategy: DirectAdaptive, reference: float):
-        self._time, self._unit = strategy.sample_time, float(strategy.cost_unit)
-        self._shaper = strategy.shaper.online(reference)
-        self._dfts = [dft.online() for dft in strategy.dfts]
-        self._seeking = strategy.seeking and strategy.seeking.online()
-        self._zeta = self._seeking and self._seeking.parameters.tolist()
-        self._reference, self._steady, self._cost, self._missed = float(reference), False, np.nan, 0
-
-    def push(self, reference: float, readings: Readings) -> Decision:
-        samples = (readings.tip, readings.middle)
-        usable = [math.isfinite(sample) for sample in samples]
-        tip = abs(readings.tip) * self._time if usable[0] else 0.0
-        moved = math.isfinite(reference) and reference != self._reference
-        if moved and self._seeking:
-            if self._steady and _agree(np, self._shaper.state):
-                self._seeking.push(self._cost / self._unit)
-            else:
-                self._seeking.skip()
-            self._zeta = self._seeking.parameters.tolist()
-        self._cost = tip if moved else self._cost + tip
-        self._reference = reference if moved else self._reference
-        measured = [dft.push(float(sample), self._steady) for dft, sample in zip(self._dfts, samples, strict=False)]
-        shaped = self._shaper.push(reference, _together(list, measured, self._zeta))
-        self._steady = shaped.steady
-        self._missed += not all(usable)
-        return Decision(shaped.command, shaped.omega, shaped.zeta, self._missed + int(sum(shaped.rejected)))
+    both = Estimate(*(packed(numbers, column) for column in zip(*estimates, strict=True)))
+    if zeta is None:
+        return both
+    return both._replace(zeta=zeta, zeta_std=packed(numbers, [0.0, 0.0]))

@@ -13,7 +13,7 @@ the direction that lowers it. A *continuous* scheme takes a step every sample. A
 (``step_time=1``): one perturbation a move, frequencies in rad a move, the cost that of the whole move.
 """
 
-import math
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -23,7 +23,7 @@ from jaxtyping import Array, Float
 
 from jshape import _check
 from jshape.adaptive.arguments import check_each, check_positive
-from jshape.adaptive.formulas import NUMPY, as_jax, as_lists, like
+from jshape.adaptive.formulas import JAX, NUMPY, Numbers, as_jax, as_lists, like
 
 
 class SeekingState(NamedTuple):
@@ -150,8 +150,8 @@ class ExtremumSeeking(eqx.Module):
                 f"{_check.show(self.centre)}"
             )
 
-    def _constants(self) -> Constants:
-        """The formulas' constants, each of shape (parameters,)."""
+    def constants(self) -> Constants:
+        """The constants of a step, each of shape (parameters,)."""
         time, none = self.step_time, jnp.zeros_like(self.centre)
         return Constants(
             turn=self.frequency * time,
@@ -175,11 +175,11 @@ class ExtremumSeeking(eqx.Module):
 
         The costs before are no measure of those to come, so that the next one counts as the first.
         """
-        return like(state, _skip(self._constants(), state))
+        return like(state, skipped(JAX, self.constants(), state))
 
     def parameters(self, state: SeekingState) -> Array:
         """The parameters to use now, perturbed, shape (parameters,)."""
-        return state.centre + self.amplitude * jnp.sin(state.phase)
+        return perturbed(JAX, self.constants(), state)
 
     def step(self, state: SeekingState, cost: Any) -> tuple[SeekingState, Array]:
         """The state and the parameters to use next.
@@ -192,11 +192,11 @@ class ExtremumSeeking(eqx.Module):
             ValueError: for a single cost where frequencies coincide, and for any other number of them.
         """
         self.check_costs(cost)
-        new = like(state, _advance(jnp.where, jnp.sin, self._constants(), state, jnp.asarray(cost)))
+        new = like(state, advanced(JAX, self.constants(), state, jnp.asarray(cost)))
         return new, self.parameters(new)
 
     def check_costs(self, cost: Any) -> None:
-        """*Raises* ``ValueError`` unless there is one cost a parameter, or one for parameters of different frequencies."""
+        """*Raises* ``ValueError`` unless there is one cost a parameter, or one in all and different frequencies."""
         shape = np.shape(cost)
         if shape not in ((), self.centre.shape):
             raise ValueError(f"cost must be one number or {len(self.centre)}, not of shape {shape}")
@@ -208,13 +208,42 @@ class ExtremumSeeking(eqx.Module):
         return OnlineSeeking(self)
 
 
-def _advance(select: Any, sin: Any, constants: Constants, state: SeekingState, cost: Any) -> SeekingState:
-    """The state after a step: of all parameters as arrays, or of one as Python numbers."""
+# Formulas for all parameters: in JAX with arrays, in plain numbers with a list of one state a parameter.
+
+
+def advanced(numbers: Numbers, constants: Any, state: Any, cost: Any) -> Any:
+    """The state after a step with that cost, one for all or one a parameter."""
+    return _each(_advance, numbers, constants, state, cost)
+
+
+def skipped(numbers: Numbers, constants: Any, state: Any) -> Any:
+    """The state after a step without a cost."""
+    return _each(_skip, numbers, constants, state)
+
+
+def perturbed(numbers: Numbers, constants: Any, state: Any) -> Any:
+    """The parameters to use now."""
+    return _each(_perturbed, numbers, constants, state)
+
+
+def _each(formula: Callable[..., Any], numbers: Numbers, constants: Any, state: Any, *cost: Any) -> Any:
+    if numbers is JAX:
+        return formula(numbers, constants, state, *cost)
+    costs = (np.broadcast_to(np.asarray(value, float), len(state)).tolist() for value in cost)
+    return [formula(numbers, *each) for each in zip(constants, state, *costs, strict=True)]
+
+
+def _perturbed(numbers: Numbers, constants: Constants, state: SeekingState) -> Any:
+    return state.centre + constants.amplitude * numbers.math.sin(state.phase)
+
+
+def _advance(numbers: Numbers, constants: Constants, state: SeekingState, cost: Any) -> SeekingState:
+    select = numbers.select
     usable = abs(cost) < np.inf  # false for a NaN
     value = select(usable, cost, 0.0)
     # The slow part begins with the first cost, which is no slope.
     mean = select(state.begun, state.mean, value)
-    slope = (value - mean) * sin(state.phase)
+    slope = (value - mean) * numbers.math.sin(state.phase)
     # x̂' = γ v and v' = l (ξ − v) with ξ held over the step.
     advance = slope * constants.time + (state.low - slope) * constants.low_share / constants.low_pass
     centre = state.centre + constants.gain * advance
@@ -229,8 +258,8 @@ def _advance(select: Any, sin: Any, constants: Constants, state: SeekingState, c
     )
 
 
-def _skip(constants: Constants, state: SeekingState) -> SeekingState:
-    """The state after a step without a cost, as ``_advance``."""
+def _skip(numbers: Numbers, constants: Constants, state: SeekingState) -> SeekingState:
+    del numbers
     return state._replace(low=0.0 * state.low, phase=_turned(constants, state), begun=state.begun & False)
 
 
@@ -248,7 +277,7 @@ class OnlineSeeking:
     def __init__(self, seeking: ExtremumSeeking):
         self._check = seeking.check_costs
         split = lambda tree: [type(tree)(*values) for values in zip(*as_lists(tree), strict=True)]
-        self._constants, self.state = split(seeking._constants()), split(seeking.start())
+        self.constants, self.state = split(seeking.constants()), split(seeking.start())
 
     @property
     def centre(self) -> np.ndarray:
@@ -263,17 +292,14 @@ class OnlineSeeking:
     @property
     def parameters(self) -> np.ndarray:
         """The parameters to use now, perturbed, shape (parameters,)."""
-        both = zip(self._constants, self.state, strict=True)
-        return np.array([one.centre + constants.amplitude * math.sin(one.phase) for constants, one in both])
+        return np.array(perturbed(NUMPY, self.constants, self.state))
 
     def skip(self) -> None:
         """Go on to the next perturbation; the cost that comes then counts as the first."""
-        self.state = [_skip(*one) for one in zip(self._constants, self.state, strict=True)]
+        self.state = skipped(NUMPY, self.constants, self.state)
 
     def push(self, cost: Any) -> np.ndarray:
         """The parameters to use next, given the cost of those that were used last: one for all, or one a parameter."""
         self._check(cost)
-        costs = np.broadcast_to(np.asarray(cost, float), len(self.state)).tolist()
-        each = zip(self._constants, self.state, costs, strict=True)
-        self.state = [_advance(NUMPY.select, math.sin, *one) for one in each]
+        self.state = advanced(NUMPY, self.constants, self.state, cost)
         return self.parameters

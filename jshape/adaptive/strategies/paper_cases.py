@@ -32,8 +32,8 @@ SEEKING: dict[str, Any] = dict(frequency=(2.0, 2.6), amplitude=(1e-4, 1.5e-4), g
 """Of the extremum seeking. Its perturbations need frequencies of their own: 2, as printed, and 2.6, in rad a move
 (``DirectAdaptive`` says why not rad/s)."""
 COST_UNIT = 75.0
-"""m/s: in this unit the link leaves, under the shaper alone and with 20 coins, the 0.3 of the paper's Fig. 10, for which
-the paper's gains were chosen."""
+"""m/s: in this unit the link leaves, under the shaper alone and with 20 coins, the 0.3 of the paper's Fig. 10, for
+which the paper's gains were chosen."""
 BLANK = 1.6
 """s after an edge in which the DFTs take no samples: the shaper and the servo."""
 SERVO = (40.0, 0.9)

@@ -19,7 +19,7 @@ from jshape.adaptive.identifiers.reasons import FOUND
 from jshape.adaptive.identifiers.sensor import LIMIT, Sensor, checked
 from jshape.adaptive.shapers.increments import IncrementShaper, Queue
 from jshape.adaptive.shapers.transition import transition_zvd
-from jshape.adaptive.strategies.strategy import Decision, FormulaStrategy, Readings
+from jshape.adaptive.strategies.strategy import AbstractStrategy, Decision, Readings
 from jshape.design import linear
 from jshape.shaper import Shaper
 
@@ -46,7 +46,7 @@ class AwareState(NamedTuple):
     rejected: Any
 
 
-class StateAware(FormulaStrategy):
+class StateAware(AbstractStrategy):
     """A ZVD for the first mode, retuned while moving, that cancels the vibration it finds; a fixed ZVD for the others.
 
     Args:
@@ -155,7 +155,7 @@ class StateAware(FormulaStrategy):
         return AwareState(strain, normal, mode, queue, quiet, rejected), decision
 
     def bound(self, omega: float, zeta: float) -> float:
-        """The largest residual vibration of the first mode after a step, over a bare step's, however wrong estimates are.
+        """The largest residual vibration of the first mode, over a bare step's, however wrong the estimates are.
 
         Over all frequencies in the band, damping ratios and corrections that are allowed: a grid of 2,000 frequencies,
         5 damping ratios and 72 phases; for concrete values only.

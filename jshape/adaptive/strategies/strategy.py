@@ -5,7 +5,8 @@ as a plain object for a control loop.
 """
 
 import abc
-from typing import Any, NamedTuple, Protocol
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import equinox as eqx
 
@@ -39,34 +40,13 @@ class Decision(NamedTuple):
     """How many samples and estimates it has rejected so far."""
 
 
-class OnlineStrategy(Protocol):
-    """A strategy as a plain object for a control loop."""
-
-    def push(self, reference: float, readings: Readings) -> Decision:
-        """The decision after a sample of the reference and of the sensors."""
-        ...
-
-
 class AbstractStrategy(eqx.Module):
-    """How a reference becomes a command, with or without learning from the sensors."""
+    """How a reference becomes a command, with or without learning from the sensors.
+
+    A strategy writes its formulas once, over the ``Numbers`` it is given: ``initial`` and ``advance``.
+    """
 
     sample_time: eqx.AbstractVar[float]
-
-    @abc.abstractmethod
-    def start(self, reference: Any) -> Any:
-        """The state of a machine at rest at ``reference``: a pytree of JAX arrays of fixed shapes."""
-
-    @abc.abstractmethod
-    def step(self, state: Any, reference: Any, readings: Readings) -> tuple[Any, Decision]:
-        """The state and the decision after a sample of the reference and of the sensors."""
-
-    @abc.abstractmethod
-    def online(self, reference: float = 0.0) -> OnlineStrategy:
-        """The same strategy as a plain object, at rest at ``reference``."""
-
-
-class FormulaStrategy(AbstractStrategy):
-    """A strategy that writes its formulas once, over the ``Numbers`` it is given."""
 
     @abc.abstractmethod
     def initial(self, reference: Any) -> Any:
@@ -74,32 +54,45 @@ class FormulaStrategy(AbstractStrategy):
 
     @abc.abstractmethod
     def advance(self: Any, numbers: Numbers, state: Any, reference: Any, readings: Readings) -> tuple[Any, Decision]:
-        """The state and the decision after a sample. ``self``: whatever has the strategy's fields."""
+        """The state and the decision after a sample. ``self``: the strategy, or whatever has its fields (``plain``)."""
 
     def start(self, reference: Any) -> Any:
+        """The state of a machine at rest at ``reference``: a pytree of JAX arrays of fixed shapes."""
         return as_jax(self.initial(reference))
 
     def step(self, state: Any, reference: Any, readings: Readings) -> tuple[Any, Decision]:
+        """The state and the decision after a sample.
+
+        Args:
+            state: from ``start`` or the last step.
+            reference: of the motor's angle, rad.
+            readings: of the sensors.
+        """
         new, decision = self.advance(JAX, state, reference, readings)
         return like(state, new), decision
 
-    def online(self, reference: float = 0.0) -> OnlineStrategy:
-        return _OnlineFormula(self, reference)
+    def online(self, reference: float = 0.0) -> "OnlineStrategy":
+        """The same strategy as a plain object for a control loop, at rest at ``reference``."""
+        return OnlineStrategy(plain(self), type(self).advance, as_numpy(self.initial(float(reference))))
 
 
-class _OnlineFormula:
-    """A ``FormulaStrategy`` in plain numbers; ``state`` is the whole state."""
+class OnlineStrategy:
+    """A strategy as a plain object, in NumPy arrays and Python numbers.
 
-    def __init__(self, strategy: FormulaStrategy, reference: float):
-        self._own, self._advance = plain(strategy), type(strategy).advance
-        self.state = as_numpy(strategy.initial(float(reference)))
+    Attributes:
+        state: the whole state.
+    """
+
+    def __init__(self, own: Any, advance: Callable[..., tuple[Any, Decision]], state: Any):
+        self._own, self._advance, self.state = own, advance, state
 
     def push(self, reference: float, readings: Readings) -> Decision:
+        """The decision after a sample of the reference (rad) and of the sensors."""
         self.state, decision = self._advance(self._own, NUMPY, self.state, float(reference), readings)
         return decision
 
 
-class Unshaped(FormulaStrategy):
+class Unshaped(AbstractStrategy):
     """The reference itself as the command.
 
     Args:
