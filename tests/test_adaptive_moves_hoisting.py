@@ -8,11 +8,11 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
 
 import jshape as js
-from jshape.adaptive.moves.posterior import believe, believed
 from jshape.adaptive.moves.hoisting import Hoisting, HoistingMoves, random_loads
 from jshape.adaptive.moves.machine import NoisySensor
-from jshape.adaptive.moves.strategies import Adapting, Oracle
 from jshape.adaptive.moves.monte_carlo import residuals, run_many
+from jshape.adaptive.moves.posterior import prior, update
+from jshape.adaptive.moves.strategies import Adapting, Oracle
 
 KNOWN = Hoisting(jnp.asarray(5.0), jnp.asarray(6.0), jnp.asarray(-3.0))
 LOAD, SWING = 0.4, np.array([0.03, -0.02])
@@ -69,12 +69,12 @@ def scipy_angles(load, swing, shaper, at):
 @pytest.mark.slow
 def test_the_length_is_learned_and_the_next_move_leaves_nothing(task):
     """One window with an unknown load and an unknown swing, beside SciPy's fit; then the shaper for it."""
-    belief = believed(task.nominal(), jnp.full(1, 0.6))
-    shaper = js.design.linear.zvd(float(task.frequency(task.nominal(), KNOWN, 0.5)))
+    belief = prior(task.nominal(), jnp.full(1, 0.6))
+    shaper = js.design.linear.zvd(float(task.omega(task.nominal(), KNOWN, 0.5)))
     at = np.asarray(task.times)
     readings = scipy_angles(LOAD, SWING, shaper, at)[:, 0] + np.random.default_rng(0).normal(0, NOISE, len(at))
     drift, noise, limit = jnp.full(1, 0.6), jnp.asarray(NOISE), jnp.asarray(2.0)
-    learn = jax.jit(lambda readings: believe(task, belief, KNOWN, shaper, readings, noise, drift, limit))
+    learn = jax.jit(lambda readings: update(task, belief, KNOWN, shaper, readings, noise, drift, limit))
     got = learn(readings)
     assert bool(got.accepted)
     wild = learn(np.where(np.arange(len(at)) > 30, readings[30], readings))
@@ -93,7 +93,7 @@ def test_the_length_is_learned_and_the_next_move_leaves_nothing(task):
     np.testing.assert_allclose(got.swing, scipy_angles(best.x[2], best.x[:2], shaper, at)[-1], atol=1e-6)
 
     design = jax.jit(lambda load, swing: task.design(load, KNOWN, swing))
-    near = js.design.linear.zvd(float(task.frequency(jnp.array([LOAD]), KNOWN, 0.5)))
+    near = js.design.linear.zvd(float(task.omega(jnp.array([LOAD]), KNOWN, 0.5)))
     for swing in (np.zeros(2), SWING):
         left = []
         for candidate in (design(jnp.array([LOAD]), swing), near):
@@ -123,11 +123,11 @@ def test_loads_that_change_are_followed(task):
     errors = np.asarray(belief.parameters - moves.after)[..., 0] / np.sqrt(np.asarray(belief.covariance)[..., 0, 0])
     # 96 squares of standard normal numbers: 1 ± 3 · sqrt(2/96), and its root.
     assert 0.75 < np.sqrt(np.mean(errors**2)) < 1.2
-    assert not np.any(np.asarray(belief.refused))
+    assert not np.any(np.asarray(belief.rejected))
 
 
 def test_a_frequency_that_sweeps(task):
-    start, end = (float(task.frequency(jnp.array([LOAD]), KNOWN, share)) for share in (0.0, 1.0))
+    start, end = (float(task.omega(jnp.array([LOAD]), KNOWN, share)) for share in (0.0, 1.0))
     assert start == pytest.approx(np.sqrt(9.81 / 6.4))
     assert end == pytest.approx(np.sqrt(9.81 / 3.4))
 

@@ -62,13 +62,8 @@ def spectrogram(
             len(traces), 2, figsize=(2 * WIDTH, 0.5 + (2.4 if surface else 1.5) * len(traces)), squeeze=False,
             subplot_kw={"projection": "3d"} if surface else None,
         )  # fmt: skip
-        shown = [
-            [
-                spectra(samples, sample_time, points, band)
-                for samples, band in zip((t.tip, t.middle), bands, strict=True)
-            ]
-            for t in traces.values()
-        ]
+        signals = [(trace.tip, trace.middle) for trace in traces.values()]
+        shown = [[spectra(*one, sample_time, points) for one in zip(pair, bands, strict=True)] for pair in signals]
         for column, letter in enumerate(("p", "m")):
             top = max(float(row[column][2].max()) for row in shown)
             for row, (name, axis) in enumerate(zip(traces, axes[:, column], strict=True)):

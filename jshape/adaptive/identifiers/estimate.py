@@ -120,22 +120,11 @@ class Online:
     """
 
     def __init__(self, identifier: AbstractIdentifier):
-        self._initial, self._advance = identifier.initial, identifier.advance
-        self._own = plain(identifier)
-        self.restart()
-
-    def restart(self) -> None:
-        """Begin anew, as if no sample had come."""
-        self.state = self._initial()
+        self._own, self._advance, self.state = plain(identifier), identifier.advance, identifier.initial()
 
     def push(self, sample: float, active: bool = True) -> Estimate:
         """The estimate after a sample; ``active`` false leaves the sample out."""
         self.state = self._advance(self._own, NUMPY, self.state, float(sample), bool(active))
-        return self.state.estimate
-
-    @property
-    def estimate(self) -> Estimate:
-        """The estimate after the last sample."""
         return self.state.estimate
 
     @property

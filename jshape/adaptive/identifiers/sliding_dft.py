@@ -96,7 +96,7 @@ class SlidingDFT(AbstractIdentifier):
 
     rotation: Complex[Array, "offsets bins"]
     """By which the phase turns with every sample."""
-    frequencies: Float[Array, "offsets bins"]
+    omegas: Float[Array, "offsets bins"]
     """Row 0: of the spectrum, rad/s; for the Hann window then their neighbours, one period less and more."""
     points: int = eqx.field(static=True)
     allowed: tuple[int, int] = eqx.field(static=True)
@@ -141,18 +141,18 @@ class SlidingDFT(AbstractIdentifier):
             raise ValueError(f"bins must be at least three increasing frequencies, not {_check.show(bins)}")
         self.allowed = int(inside[0]), int(inside[-1]) + 1
         offsets = np.array([0.0, -1.0, 1.0] if window == "hann" else [0.0]) * self.spacing
-        frequencies = bins + offsets[:, None]
-        self.frequencies = jnp.asarray(frequencies)
-        self.rotation = jnp.asarray(np.exp(-1j * self.sample_time * frequencies))
+        omegas = bins + offsets[:, None]
+        self.omegas = jnp.asarray(omegas)
+        self.rotation = jnp.asarray(np.exp(-1j * self.sample_time * omegas))
 
     def initial(self) -> SpectrumState:
-        nothing = Sums(np.zeros(self.frequencies.shape, complex), 0.0, 0.0)
+        nothing = Sums(np.zeros(self.omegas.shape, complex), 0.0, 0.0)
         return SpectrumState(
             ring=np.zeros(self.points),
             place=0,
             oldest=0.0,
             filled=0,
-            phase=np.ones(self.frequencies.shape, complex),
+            phase=np.ones(self.omegas.shape, complex),
             whole=nothing,
             round=nothing,
             sensor=Sensor(),
@@ -169,7 +169,7 @@ class SlidingDFT(AbstractIdentifier):
     def spectrum(self, state: SpectrumState) -> tuple[Any, Any]:
         """Frequencies (rad/s) and magnitudes of the window in that state, both of shape (bins,)."""
         numbers, own = (NUMPY, plain(self)) if isinstance(state.ring, np.ndarray) else (JAX, self)
-        return own.frequencies[0], abs(_windowed(own, numbers, state.place, state.whole, state.round))
+        return own.omegas[0], abs(_windowed(own, numbers, state.place, state.whole, state.round))
 
     @staticmethod
     def advance(own: Any, numbers: Numbers, state: SpectrumState, sample: Any, active: Any) -> SpectrumState:
@@ -203,7 +203,7 @@ class SlidingDFT(AbstractIdentifier):
 
 def _peak(own: Any, numbers: Numbers, place: Any, whole: Sums, round: Sums) -> tuple[Estimate, Any]:
     """The highest bin of the band, interpolated, and whether a neighbour is higher."""
-    math, select, (first, last), bins = numbers.math, numbers.select, own.allowed, own.frequencies[0]
+    math, select, (first, last), bins = numbers.math, numbers.select, own.allowed, own.omegas[0]
     values = _windowed(own, numbers, place, whole, round)
     magnitudes = abs(values)
     highest = first + magnitudes[first:last].argmax()
@@ -255,7 +255,7 @@ def _windowed(own: Any, numbers: Numbers, place: Any, whole: Sums, round: Sums) 
     sums = whole.spectrum
     if not own.own_bins:
         # Samples of the round before lie N places back: whole periods of the DFT's own bins.
-        turn = numbers.xp.exp(1j * (own.points * own.sample_time) * own.frequencies[0])
+        turn = numbers.xp.exp(1j * (own.points * own.sample_time) * own.omegas[0])
         sums = round.spectrum + (sums - round.spectrum) * turn
     if own.window == "rectangular":
         return sums[0]

@@ -8,17 +8,16 @@ changes on the way.
 
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from jshape import _check
-from jshape._types import Scalar, State, Times
+from jshape._types import Scalar, State
 from jshape.adaptive.arguments import check_level
 from jshape.adaptive.moves.design import retuned
-from jshape.adaptive.moves.machine import AbstractMoves, Moves, Swing, steps_between
+from jshape.adaptive.moves.machine import AbstractMoves, Moves, Swing
 from jshape.command import PiecewisePolynomial, Trapezoid
 from jshape.design.linear import zvd
 from jshape.plants import HoistingCrane
@@ -58,13 +57,9 @@ class HoistingMoves(AbstractMoves):
         ValueError: for numbers that are not positive, ``below`` the wrong way round, or too few samples.
     """
 
-    times: Times
-    lower: Float[Array, " parameters"]
-    upper: Float[Array, " parameters"]
     trolley: Float[Array, " 2"]
     hoist: Float[Array, " 2"]
     damping: Scalar
-    between: int = eqx.field(static=True)
 
     def __init__(
         self,
@@ -75,18 +70,15 @@ class HoistingMoves(AbstractMoves):
         hoist: Any = (0.6, 0.5),
         damping: Any = 0.02,
     ):
-        for value, name in ((horizon, "horizon"), (trolley, "trolley"), (hoist, "hoist")):
-            _check.positive(value, name)
         _check.not_negative(below, "below")
         if not below[0] < below[1]:
             raise ValueError(f"below must be two lengths in ascending order, not {below}")
-        samples = _check.count(samples, "samples", least=8)
-        self.times = _check.scalar(horizon, "horizon") * jnp.linspace(0.0, 1.0, samples)
+        lower, upper = (_check.scalar(value, "below")[None] for value in below)
         # A pendulum of one metre; a shorter one is faster by the root of its length.
-        self.between = steps_between(np.sqrt(9.81), horizon, samples)
-        self.lower, self.upper = (_check.scalar(value, "below")[None] for value in below)
+        super().__init__(np.sqrt(9.81), horizon, samples, 8, lower, upper)
         self.trolley, self.hoist = _check.as_array(trolley, "trolley"), _check.as_array(hoist, "hoist")
         for value, name in ((self.trolley, "trolley"), (self.hoist, "hoist")):
+            _check.positive(value, name)
             if value.shape != (2,):
                 raise ValueError(f"{name} must be a speed and an acceleration, not of shape {value.shape}")
         self.damping = check_level(damping, "damping")
@@ -119,7 +111,7 @@ class HoistingMoves(AbstractMoves):
         share = energy / (2 * plant.payload_mass * plant.gravity * state[2])
         return 2 * jnp.arcsin(jnp.sqrt(jnp.clip(share, 0.0, 1.0)))
 
-    def frequency(self, parameters: Float[Array, " parameters"], known: Hoisting, share: float) -> Scalar:
+    def omega(self, parameters: Float[Array, " parameters"], known: Hoisting, share: float) -> Scalar:
         """The pendulum's frequency, rad/s, when a ``share`` of the hoist's way is done."""
         plant = self.plant(parameters, known)
         return jnp.sqrt(plant.gravity / (plant.cable_length + share * known.hoist))
@@ -127,7 +119,7 @@ class HoistingMoves(AbstractMoves):
     def design(self, parameters: Float[Array, " parameters"], known: Hoisting, swing: Swing) -> Shaper:
         """Three impulses, tuned through the model from the ZVD shaper of the mean length."""
         plant = self.plant(parameters, known)
-        near = zvd(self.frequency(parameters, known, 0.5))
+        near = zvd(self.omega(parameters, known, 0.5))
         return retuned(self, plant, self.command(known), near, self.begin(plant, swing), STEPS)
 
     def starts(self, parameters: Float[Array, " parameters"]) -> Float[Array, "starts parameters"]:

@@ -21,6 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
+from jshape import _check
 from jshape._types import Scalar, State, Times
 from jshape.adaptive.arguments import check_level, check_positive
 from jshape.command import AbstractCommand, polynomial
@@ -43,13 +44,21 @@ class AbstractMoves(eqx.Module):
         times: of the sensor's samples, s since the move began, the first is 0; with the last the next move begins.
         lower: least parameters, shape (parameters,).
         upper: greatest parameters, shape (parameters,).
-        between: fixed steps of the simulation from one sample to the next (``steps_between``).
+        between: fixed steps of the simulation from one sample to the next.
     """
 
-    times: eqx.AbstractVar[Times]
-    lower: eqx.AbstractVar[Float[Array, " parameters"]]
-    upper: eqx.AbstractVar[Float[Array, " parameters"]]
-    between: eqx.AbstractVar[int]
+    times: Times
+    lower: Float[Array, " parameters"]
+    upper: Float[Array, " parameters"]
+    between: int = eqx.field(static=True)
+
+    def __init__(self, omega: Any, horizon: Any, samples: int, least: int, lower: Array, upper: Array):
+        """Set all fields; ``omega``: natural frequency of the plant, rad/s; ``least``: fewest samples."""
+        samples = _check.count(samples, "samples", least=least)
+        self.times = check_positive(horizon, "horizon") * jnp.linspace(0.0, 1.0, samples)
+        # No step covers more than 0.3 rad, half of what keeps eleven digits: the plant may become twice as fast.
+        self.between = max(1, int(np.ceil(float(omega) * float(horizon) / (samples - 1) / 0.3)))
+        self.lower, self.upper = lower, upper
 
     @abc.abstractmethod
     def nominal(self) -> Float[Array, " parameters"]:
@@ -86,19 +95,6 @@ class AbstractMoves(eqx.Module):
     @abc.abstractmethod
     def starts(self, parameters: Float[Array, " parameters"]) -> Float[Array, "starts parameters"]:
         """Other parameters to try before a fit: those that the plant may have by now."""
-
-
-def steps_between(omega: Any, horizon: Any, samples: int) -> int:
-    """Fixed steps of the simulation from one sample to the next.
-
-    None covers more than 0.3 rad, half of what keeps eleven digits, so that the plant may become twice as fast.
-
-    Args:
-        omega: natural frequency of the plant, rad/s.
-        horizon: s from the first sample to the last.
-        samples: how many.
-    """
-    return max(1, int(np.ceil(float(omega) * float(horizon) / (samples - 1) / 0.3)))
 
 
 class Along(NamedTuple):

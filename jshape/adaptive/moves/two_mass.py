@@ -15,9 +15,9 @@ import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from jshape import _check
-from jshape._types import Scalar, State, Times
+from jshape._types import Scalar, State
 from jshape.adaptive.moves.design import retuned
-from jshape.adaptive.moves.machine import AbstractMoves, Moves, Swing, steps_between
+from jshape.adaptive.moves.machine import AbstractMoves, Moves, Swing
 from jshape.command import AbstractCommand, Step
 from jshape.design.energy import three_impulse
 from jshape.plants import AbstractPlant, TwoMass
@@ -49,11 +49,7 @@ class TwoMassMoves(AbstractMoves):
 
     model: AbstractPlant
     scale: Float[Array, " parameters"]
-    times: Times
-    lower: Float[Array, " parameters"]
-    upper: Float[Array, " parameters"]
     leaves: tuple[str, ...] = eqx.field(static=True)
-    between: int = eqx.field(static=True)
 
     def __init__(self, model: TwoMass, leaves: tuple[str, ...], horizon: Any, samples: int = 121, factor: Any = 4.0):
         if not isinstance(model, TwoMass):
@@ -66,15 +62,11 @@ class TwoMassMoves(AbstractMoves):
         if "m2" in self.leaves and len(self.leaves) > 1:
             others = ", ".join(name for name in self.leaves if name != "m2")
             raise ValueError(f"leaves must not name the mass beside {others}: motion determines their ratios only")
-        _check.positive(horizon, "horizon")
-        samples = _check.count(samples, "samples", least=2 * len(self.leaves) + 4)
-        self.times = _check.scalar(horizon, "horizon") * jnp.linspace(0.0, 1.0, samples)
-        self.between = steps_between(model.natural_frequency(), horizon, samples)
         factor = _check.scalar(factor, "factor")
         if _check.is_concrete(factor) and not 1 < float(factor) < np.inf:
             raise ValueError(f"factor must be greater than 1, not {_check.show(factor)}")
-        self.upper = jnp.full(len(self.leaves), jnp.log(factor))
-        self.lower = -self.upper
+        bound = jnp.full(len(self.leaves), jnp.log(factor))
+        super().__init__(model.natural_frequency(), horizon, samples, 2 * len(self.leaves) + 4, -bound, bound)
 
     def nominal(self) -> Float[Array, " parameters"]:
         return jnp.zeros_like(self.scale)

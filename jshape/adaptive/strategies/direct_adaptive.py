@@ -26,7 +26,7 @@ from jshape.adaptive.identifiers.estimate import Estimate
 from jshape.adaptive.identifiers.sliding_dft import SlidingDFT
 from jshape.adaptive.shapers.adaptive_shaper import AdaptiveShaper
 from jshape.adaptive.shapers.cascade import Cascade, ShaperState, packed
-from jshape.adaptive.strategies.extremum_seeking import Constants, ExtremumSeeking, advanced, perturbed, skipped
+from jshape.adaptive.strategies.extremum_seeking import ExtremumSeeking, advanced, perturbed, skipped
 from jshape.adaptive.strategies.strategy import AbstractStrategy, Decision, OnlineStrategy, Readings
 
 AGREE = 0.05
@@ -101,11 +101,6 @@ class DirectAdaptive(AbstractStrategy):
         """The filters as they run."""
         return self.shaper.cascade
 
-    @property
-    def constants(self) -> Constants | None:
-        """Of the extremum seeking."""
-        return self.seeking and self.seeking.constants()
-
     def initial(self, reference: Any) -> DirectState:
         seeking = () if self.seeking is None else self.seeking.start()
         dfts = tuple(dft.initial() for dft in self.dfts)
@@ -118,7 +113,7 @@ class DirectAdaptive(AbstractStrategy):
             seeking and seeking.state, np.nan, reference, False, 0,
         )  # fmt: skip
         own = SimpleNamespace(
-            cascade=self.cascade, dfts=tuple(map(plain, self.dfts)), constants=seeking and seeking.constants,
+            cascade=self.cascade, dfts=tuple(map(plain, self.dfts)), seeking=seeking and seeking.own,
             cost_unit=float(self.cost_unit), sample_time=self.sample_time,
         )  # fmt: skip
         return OnlineStrategy(own, type(self).advance, state)
@@ -130,10 +125,10 @@ class DirectAdaptive(AbstractStrategy):
         tip_usable, middle_usable = (abs(sample) < np.inf for sample in samples)  # false for a NaN
         reference_usable = abs(reference) < np.inf
         moved = reference_usable & (reference != state.reference)
-        seeking, constants, zeta = state.seeking, self.constants, None
-        if constants is not None:
+        seeking, zeta = state.seeking, None
+        if self.seeking is not None:
             seeking = numbers.when(moved, partial(_after_move, self, numbers), lambda state: state.seeking, state)
-            zeta = perturbed(numbers, constants, seeking)
+            zeta = perturbed(numbers, self.seeking, seeking)
         tip = select(tip_usable, abs(readings.tip), 0.0) * self.sample_time
         cost = select(moved, 0.0, state.cost) + tip
         dfts = tuple(
@@ -151,8 +146,8 @@ class DirectAdaptive(AbstractStrategy):
 def _after_move(own: Any, numbers: Numbers, state: DirectState) -> Any:
     """The extremum seeking's state at an edge: a step, unless the cost has another cause than the damping ratios."""
     counts = state.steady & _agree(numbers.xp, state.shaper)
-    stepped = advanced(numbers, own.constants, state.seeking, state.cost / own.cost_unit)
-    return numbers.select(counts, stepped, skipped(numbers, own.constants, state.seeking))
+    stepped = advanced(numbers, own.seeking, state.seeking, state.cost / own.cost_unit)
+    return numbers.select(counts, stepped, skipped(numbers, own.seeking, state.seeking))
 
 
 def _agree(xp: Any, shaper: ShaperState) -> Any:

@@ -1,7 +1,7 @@
 """Extremum seeking: parameters that converge to the least cost, without any model, from small perturbations.
 
     seeking = js.adaptive.ExtremumSeeking(
-        step_time=0.005, start=(0.017, 0.019), frequency=(2.0, 2.6), amplitude=1e-4, gain=-0.007
+        step_time=0.005, start=(0.017, 0.019), omega=(2.0, 2.6), amplitude=1e-4, gain=-0.007
     )
     state = seeking.start()
     state, parameters = seeking.step(state, cost)      # pure: for scan, jit, vmap and grad
@@ -14,6 +14,7 @@ the direction that lowers it. A *continuous* scheme takes a step every sample. A
 """
 
 from collections.abc import Callable
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -23,7 +24,7 @@ from jaxtyping import Array, Float
 
 from jshape import _check
 from jshape.adaptive.arguments import check_each, check_positive
-from jshape.adaptive.formulas import JAX, NUMPY, Numbers, as_jax, as_lists, like
+from jshape.adaptive.formulas import JAX, NUMPY, Numbers, as_jax, as_lists, like, plain
 
 
 class SeekingState(NamedTuple):
@@ -43,26 +44,6 @@ class SeekingState(NamedTuple):
     """How many costs were not numbers."""
 
 
-class Constants(NamedTuple):
-    """The constants of a step."""
-
-    turn: Any
-    """Of the perturbation, rad."""
-    amplitude: Any
-    gain: Any
-    time: Any
-    """s."""
-    low_pass: Any
-    """rad/s."""
-    high_share: Any
-    """How much of the way to a new cost its slow part goes in a step."""
-    low_share: Any
-    """The same for the low-pass filter."""
-    low: Any
-    """Bounds of the parameters without their perturbation."""
-    high: Any
-
-
 class ExtremumSeeking(eqx.Module):
     """Perturbation-based extremum seeking for any number of parameters.
 
@@ -72,7 +53,7 @@ class ExtremumSeeking(eqx.Module):
     Args:
         step_time: of one step, s (or moves).
         start: parameters to begin with, shape (parameters,).
-        frequency: of the perturbations, rad/s. One number serves all parameters, here as below; those that share a cost
+        omega: of the perturbations, rad/s. One number serves all parameters, here as below; those that share a cost
             need a frequency each, or their effects cannot be told apart.
         amplitude: a of the perturbations, in the unit of the parameters.
         gain: γ: **less than 0 finds a minimum**, greater a maximum.
@@ -90,12 +71,14 @@ class ExtremumSeeking(eqx.Module):
     """
 
     centre: Float[Array, " parameters"]
-    frequency: Float[Array, " parameters"]
+    omega: Float[Array, " parameters"]
     amplitude: Float[Array, " parameters"]
     gain: Float[Array, " parameters"]
-    high_pass: Float[Array, ""]
-    low_pass: Float[Array, ""]
-    bounds: Float[Array, "parameters 2"]
+    high_pass: Float[Array, " parameters"]
+    low_pass: Float[Array, " parameters"]
+    lower: Float[Array, " parameters"]
+    """Bounds of the parameters without their perturbation."""
+    upper: Float[Array, " parameters"]
     step_time: float = eqx.field(static=True)
     apart: bool = eqx.field(static=True, default=True)
     """Whether the parameters have frequencies of their own, so that they may share a cost."""
@@ -104,7 +87,7 @@ class ExtremumSeeking(eqx.Module):
         self,
         step_time: float,
         start: Any,
-        frequency: Any,
+        omega: Any,
         amplitude: Any,
         gain: Any,
         *,
@@ -117,53 +100,33 @@ class ExtremumSeeking(eqx.Module):
         _check.finite(self.centre, "start")
         if self.centre.ndim != 1:
             raise ValueError(f"start must be a list of numbers, not of shape {self.centre.shape}")
-        for name, value in (("frequency", frequency), ("amplitude", amplitude)):
+        lowest, count = jnp.min(_check.as_array(omega, "omega")), len(self.centre)
+        high_pass, low_pass = lowest / 2 if high_pass is None else high_pass, lowest if low_pass is None else low_pass
+        given = dict(omega=omega, amplitude=amplitude, high_pass=high_pass, low_pass=low_pass)
+        for name, value in given.items():
             _check.positive(value, name)
         _check.not_zero(gain, "gain")
-        self.frequency, self.amplitude, self.gain = (
-            check_each(value, name, len(self.centre))
-            for name, value in (("frequency", frequency), ("amplitude", amplitude), ("gain", gain))
+        self.omega, self.amplitude, self.high_pass, self.low_pass, self.gain = (
+            check_each(value, name, count) for name, value in (given | dict(gain=gain)).items()
         )
-        lowest = jnp.min(self.frequency)
-        self.high_pass = check_positive(lowest / 2 if high_pass is None else high_pass, "high_pass")
-        self.low_pass = check_positive(lowest if low_pass is None else low_pass, "low_pass")
-        self.bounds = check_each(bounds, "bounds", len(self.centre), 2)
-        if _check.is_concrete(self.frequency):
-            turns = np.asarray(self.frequency) * self.step_time
+        low, high = check_each(bounds, "bounds", count, 2).T
+        self.lower, self.upper = low + self.amplitude, high - self.amplitude
+        if _check.is_concrete(self.omega):
+            turns = np.asarray(self.omega) * self.step_time
             if np.any(turns >= np.pi):
                 raise ValueError(
-                    f"frequency must stay below half the sampling rate, {np.pi / self.step_time:g} rad/s at a step "
-                    f"time of {self.step_time:g}, not be {_check.show(self.frequency)}"
+                    f"omega must stay below half the sampling rate, {np.pi / self.step_time:g} rad/s at a step "
+                    f"time of {self.step_time:g}, not be {_check.show(self.omega)}"
                 )
             self.apart = len(np.unique(turns)) == len(turns)
-        self._check_bounds()
-
-    def _check_bounds(self) -> None:
-        if not _check.is_concrete(self.bounds, self.centre, self.amplitude):
-            return
-        low, high = np.asarray(self.bounds).T
-        if not np.all(low < high):
-            raise ValueError(f"bounds must be (low, high) with low below high, not {_check.show(self.bounds)}")
-        if not np.all((low + self.amplitude <= self.centre) & (self.centre <= high - self.amplitude)):
-            raise ValueError(
-                f"start must lie within bounds {_check.show(self.bounds)} with its amplitude, not be "
-                f"{_check.show(self.centre)}"
-            )
-
-    def constants(self) -> Constants:
-        """The constants of a step, each of shape (parameters,)."""
-        time, none = self.step_time, jnp.zeros_like(self.centre)
-        return Constants(
-            turn=self.frequency * time,
-            amplitude=self.amplitude,
-            gain=self.gain,
-            time=none + time,
-            low_pass=none + self.low_pass,
-            high_share=none - jnp.expm1(-self.high_pass * time),
-            low_share=none - jnp.expm1(-self.low_pass * time),
-            low=self.bounds[:, 0] + self.amplitude,
-            high=self.bounds[:, 1] - self.amplitude,
-        )
+        if _check.is_concrete(low, high, self.centre, self.amplitude):
+            if not np.all(np.asarray(low < high)):
+                raise ValueError(f"bounds must be (low, high) with low below high, not {_check.show(bounds)}")
+            if not np.all(np.asarray((self.lower <= self.centre) & (self.centre <= self.upper))):
+                raise ValueError(
+                    f"start must lie within bounds {_check.show(bounds)} with its amplitude, not be "
+                    f"{_check.show(self.centre)}"
+                )
 
     def start(self) -> SeekingState:
         """The state before the first cost: a pytree of JAX arrays of fixed shapes."""
@@ -175,11 +138,11 @@ class ExtremumSeeking(eqx.Module):
 
         The costs before are no measure of those to come, so that the next one counts as the first.
         """
-        return like(state, skipped(JAX, self.constants(), state))
+        return like(state, skipped(JAX, self, state))
 
     def parameters(self, state: SeekingState) -> Array:
         """The parameters to use now, perturbed, shape (parameters,)."""
-        return perturbed(JAX, self.constants(), state)
+        return perturbed(JAX, self, state)
 
     def step(self, state: SeekingState, cost: Any) -> tuple[SeekingState, Array]:
         """The state and the parameters to use next.
@@ -192,7 +155,7 @@ class ExtremumSeeking(eqx.Module):
             ValueError: for a single cost where frequencies coincide, and for any other number of them.
         """
         self.check_costs(cost)
-        new = like(state, advanced(JAX, self.constants(), state, jnp.asarray(cost)))
+        new = like(state, advanced(JAX, self, state, jnp.asarray(cost)))
         return new, self.parameters(new)
 
     def check_costs(self, cost: Any) -> None:
@@ -201,70 +164,73 @@ class ExtremumSeeking(eqx.Module):
         if shape not in ((), self.centre.shape):
             raise ValueError(f"cost must be one number or {len(self.centre)}, not of shape {shape}")
         if not shape and not self.apart:
-            raise ValueError("frequency must be another for every parameter, or the cost be one a parameter")
+            raise ValueError("omega must be another for every parameter, or the cost be one a parameter")
 
     def online(self) -> "OnlineSeeking":
         """The same as a plain object for a control loop."""
         return OnlineSeeking(self)
 
 
-# Formulas for all parameters: in JAX with arrays, in plain numbers with a list of one state a parameter.
+# Formulas for all parameters: ``own`` is an ``ExtremumSeeking`` in JAX, and a list of what has its fields, one a
+# parameter, in plain numbers; so is the state.
 
 
-def advanced(numbers: Numbers, constants: Any, state: Any, cost: Any) -> Any:
+def advanced(numbers: Numbers, own: Any, state: Any, cost: Any) -> Any:
     """The state after a step with that cost, one for all or one a parameter."""
-    return _each(_advance, numbers, constants, state, cost)
+    return _each(_advance, numbers, own, state, cost)
 
 
-def skipped(numbers: Numbers, constants: Any, state: Any) -> Any:
+def skipped(numbers: Numbers, own: Any, state: Any) -> Any:
     """The state after a step without a cost."""
-    return _each(_skip, numbers, constants, state)
+    return _each(_skip, numbers, own, state)
 
 
-def perturbed(numbers: Numbers, constants: Any, state: Any) -> Any:
+def perturbed(numbers: Numbers, own: Any, state: Any) -> Any:
     """The parameters to use now."""
-    return _each(_perturbed, numbers, constants, state)
+    return _each(_perturbed, numbers, own, state)
 
 
-def _each(formula: Callable[..., Any], numbers: Numbers, constants: Any, state: Any, *cost: Any) -> Any:
+def _each(formula: Callable[..., Any], numbers: Numbers, own: Any, state: Any, *cost: Any) -> Any:
     if numbers is JAX:
-        return formula(numbers, constants, state, *cost)
+        return formula(numbers, own, state, *cost)
     costs = (np.broadcast_to(np.asarray(value, float), len(state)).tolist() for value in cost)
-    return [formula(numbers, *each) for each in zip(constants, state, *costs, strict=True)]
+    return [formula(numbers, *each) for each in zip(own, state, *costs, strict=True)]
 
 
-def _perturbed(numbers: Numbers, constants: Constants, state: SeekingState) -> Any:
-    return state.centre + constants.amplitude * numbers.math.sin(state.phase)
+def _perturbed(numbers: Numbers, own: Any, state: SeekingState) -> Any:
+    return state.centre + own.amplitude * numbers.math.sin(state.phase)
 
 
-def _advance(numbers: Numbers, constants: Constants, state: SeekingState, cost: Any) -> SeekingState:
-    select = numbers.select
+def _advance(numbers: Numbers, own: Any, state: SeekingState, cost: Any) -> SeekingState:
+    select, math, time = numbers.select, numbers.math, own.step_time
     usable = abs(cost) < np.inf  # false for a NaN
     value = select(usable, cost, 0.0)
     # The slow part begins with the first cost, which is no slope.
     mean = select(state.begun, state.mean, value)
-    slope = (value - mean) * numbers.math.sin(state.phase)
+    slope = (value - mean) * math.sin(state.phase)
+    # How much of the way to a new value the two filters go in a step.
+    high_share, low_share = -math.expm1(-own.high_pass * time), -math.expm1(-own.low_pass * time)
     # x̂' = γ v and v' = l (ξ − v) with ξ held over the step.
-    advance = slope * constants.time + (state.low - slope) * constants.low_share / constants.low_pass
-    centre = state.centre + constants.gain * advance
-    centre = select(centre < constants.low, constants.low, select(centre > constants.high, constants.high, centre))
+    advance = slope * time + (state.low - slope) * low_share / own.low_pass
+    centre = state.centre + own.gain * advance
+    centre = select(centre < own.lower, own.lower, select(centre > own.upper, own.upper, centre))
     return SeekingState(
         centre=select(usable, centre, state.centre),
-        low=select(usable, state.low + (slope - state.low) * constants.low_share, state.low),
-        mean=select(usable, mean + (value - mean) * constants.high_share, state.mean),
-        phase=_turned(constants, state),
+        low=select(usable, state.low + (slope - state.low) * low_share, state.low),
+        mean=select(usable, mean + (value - mean) * high_share, state.mean),
+        phase=_turned(own, state),
         begun=state.begun | usable,
         missing=select(usable | (state.missing == np.iinfo(np.int32).max), state.missing, state.missing + 1),
     )
 
 
-def _skip(numbers: Numbers, constants: Constants, state: SeekingState) -> SeekingState:
+def _skip(numbers: Numbers, own: Any, state: SeekingState) -> SeekingState:
     del numbers
-    return state._replace(low=0.0 * state.low, phase=_turned(constants, state), begun=state.begun & False)
+    return state._replace(low=0.0 * state.low, phase=_turned(own, state), begun=state.begun & False)
 
 
-def _turned(constants: Constants, state: SeekingState) -> Any:
-    return (state.phase + constants.turn) % (2 * np.pi)
+def _turned(own: Any, state: SeekingState) -> Any:
+    return (state.phase + own.omega * own.step_time) % (2 * np.pi)
 
 
 class OnlineSeeking:
@@ -276,8 +242,13 @@ class OnlineSeeking:
 
     def __init__(self, seeking: ExtremumSeeking):
         self._check = seeking.check_costs
-        split = lambda tree: [type(tree)(*values) for values in zip(*as_lists(tree), strict=True)]
-        self.constants, self.state = split(seeking.constants()), split(seeking.start())
+        start = zip(*as_lists(seeking.start()), strict=True)
+        self.state = [SeekingState(*one) for one in start]
+        count, fields = len(self.state), vars(plain(seeking)).items()
+        self.own = [
+            SimpleNamespace(**{name: value[i].item() if np.ndim(value) else value for name, value in fields})
+            for i in range(count)
+        ]
 
     @property
     def centre(self) -> np.ndarray:
@@ -292,14 +263,14 @@ class OnlineSeeking:
     @property
     def parameters(self) -> np.ndarray:
         """The parameters to use now, perturbed, shape (parameters,)."""
-        return np.array(perturbed(NUMPY, self.constants, self.state))
+        return np.array(perturbed(NUMPY, self.own, self.state))
 
     def skip(self) -> None:
         """Go on to the next perturbation; the cost that comes then counts as the first."""
-        self.state = skipped(NUMPY, self.constants, self.state)
+        self.state = skipped(NUMPY, self.own, self.state)
 
     def push(self, cost: Any) -> np.ndarray:
         """The parameters to use next, given the cost of those that were used last: one for all, or one a parameter."""
         self._check(cost)
-        self.state = advanced(NUMPY, self.constants, self.state, cost)
+        self.state = advanced(NUMPY, self.own, self.state, cost)
         return self.parameters

@@ -28,7 +28,7 @@ THRESHOLDS = (150.0, 20.0)
 """Of the DFTs, m/s². The paper's 7 and 10 are in a unit that it does not print. In m/s² the noise of ``Sensors``
 reaches the 7 by itself in 3 % of windows, and the first mode's side lobes reach the 10: a frequency that was right is
 then replaced by a wrong one, and the next move swings. The 150 is a residual of 0.2 to 0.5 % of the paper's move."""
-SEEKING: dict[str, Any] = dict(frequency=(2.0, 2.6), amplitude=(1e-4, 1.5e-4), gain=(-0.007, -0.01), bounds=(0.0, 0.1))
+SEEKING: dict[str, Any] = dict(omega=(2.0, 2.6), amplitude=(1e-4, 1.5e-4), gain=(-0.007, -0.01), bounds=(0.0, 0.1))
 """Of the extremum seeking. Its perturbations need frequencies of their own: 2, as printed, and 2.6, in rad a move
 (``DirectAdaptive`` says why not rad/s)."""
 COST_UNIT = 75.0
