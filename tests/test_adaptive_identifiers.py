@@ -1,4 +1,4 @@
-"""Identifiers of a moving machine, judged by numpy.fft, closed forms and the Cramér–Rao bound; and fed wild signals."""
+"""Identifiers of a moving machine, against numpy.fft, closed forms and the Cramér–Rao bound; and fed wild signals."""
 
 import jax
 import jax.numpy as jnp
@@ -316,7 +316,7 @@ def test_the_fit_reaches_the_cramer_rao_bound():
         scatter = [np.sqrt(np.mean((values - true) ** 2)) for values, true in ((found[0], omega), (found[1], zeta))]
         stated = [np.sqrt(np.mean(values**2)) for values in (found.omega_std, found.zeta_std)]
         bound = cramer_rao(identifier, omega, zeta, noise)
-        # 1,000 windows tell a deviation to 2.2 %.
+        # 1,000 windows determine a deviation to 2.2 %.
         np.testing.assert_allclose(scatter / bound, 1.0, atol=0.09)
         np.testing.assert_allclose(stated / bound, 1.0, atol=0.05)
 

@@ -323,7 +323,7 @@ def test_the_papers_experiment(integral):
         reduction = 1 - gathered["I-D"][first:after].sum() / gathered["I"][first:after].sum()
         assert reduction > least, (first, reduction)
     settled = {n: np.asarray(metrics.settling_time(t, schedule)) for n, t in traces.items()}
-    # With 20 coins, once the DFT has seen them: from the whole 10 s to about one.
+    # With 20 coins, once the DFT has found them: from the whole 10 s to about one.
     assert np.all(settled["I"][5:10] > 9.9)
     assert np.all(settled["I-D"][6:10] < 1.5)
     assert np.all(settled["state-aware"][1:10] < 1.5)

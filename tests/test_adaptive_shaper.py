@@ -144,8 +144,8 @@ def test_numpy_and_jax_agree(stream):
         np.testing.assert_allclose(one, two, rtol=1e-12, atol=1e-12, err_msg=name)
     assert int(shaped.missing[-1]) == np.sum(np.isnan(reference)) > 100
     omega, _, valid = estimates
-    refused = np.sum(valid & ~((omega > 0) & (omega < np.inf)), axis=0)
-    np.testing.assert_array_equal(shaped.rejected[-1], refused)
+    rejected = np.sum(valid & ~((omega > 0) & (omega < np.inf)), axis=0)
+    np.testing.assert_array_equal(shaped.rejected[-1], rejected)
     assert np.all(np.asarray(shaped.limited[-1]) > 1000)
 
 
@@ -237,7 +237,7 @@ def test_an_estimate_may_do_so_much_and_no_more():
 
     assert after(estimate([9.5], 0.03)).omega[0] == 9.5
     assert after(estimate([9.5], 0.03)).zeta[0] == 0.03
-    assert after(estimate([9.5], 0.03, zeta_std=np.inf)).zeta[0] == 0.017  # no damping is seen
+    assert after(estimate([9.5], 0.03, zeta_std=np.inf)).zeta[0] == 0.017  # no damping is observed
     assert after(estimate([9.5], np.nan)).zeta[0] == 0.017
     assert after(estimate([9.5], 0.7)).zeta[0] == 0.1
     assert after(estimate([13.0])).omega[0] == pytest.approx(9 * 1.2)

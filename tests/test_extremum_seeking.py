@@ -1,4 +1,4 @@
-"""Extremum seeking: its filters against SciPy's, its sign, its rate, several parameters, moves, and wild costs."""
+"""Extremum seeking: its filters against SciPy's, its sign, its speed, several parameters, moves, and wild costs."""
 
 from typing import Any
 
@@ -80,8 +80,8 @@ def test_the_papers_numbers_converge_at_the_rate_of_eq_5():
     centres = run(seeking, lambda p: float(curvature * (p[0] - 0.017) ** 2 / 2), 20000)[:, 0] - 0.017
     turn = round(np.pi / 0.02)
     averaged = np.convolve(centres, np.ones(turn) / turn, "valid")
-    rate = -np.polyfit(0.02 * np.arange(5000, 15000), np.log(averaged[5000:15000]), 1)[0]
-    assert rate == pytest.approx(1e-4 * 0.007 * curvature / 2 * 0.8, rel=0.03)
+    decay = -np.polyfit(0.02 * np.arange(5000, 15000), np.log(averaged[5000:15000]), 1)[0]
+    assert decay == pytest.approx(1e-4 * 0.007 * curvature / 2 * 0.8, rel=0.03)
 
 
 def test_several_parameters_by_frequencies_of_their_own():

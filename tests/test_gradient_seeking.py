@@ -1,4 +1,4 @@
-"""Gradient seeking: what one measured move tells of the plant, against data from SciPy."""
+"""Gradient seeking: the parameters after one measured move, against data from SciPy."""
 
 import equinox as eqx
 import jax
@@ -50,7 +50,7 @@ def test_one_move_after_a_change_is_enough(seeking):
             assert bool(fit.accepted)
             assert 0.8 < float(fit.misfit) < 1.2
             moves += 1
-            # Only k1/m2 and k3/m2 can be told: along what scales all three, nothing is learned and the drift adds up.
+            # Only k1/m2 and k3/m2 can be determined: along what scales all three, nothing is learned and the drift adds up.
             together = np.full(3, 1 / np.sqrt(3))
             known = float(together @ np.asarray(state.covariance) @ together)
             assert known == pytest.approx(0.3**2 + 0.1**2 * moves, rel=1e-6)

@@ -1,6 +1,5 @@
 """Six kinds of sensor faults, as they come on real machines."""
 
-from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -9,6 +8,8 @@ import numpy as np
 
 from jshape import _check
 from jshape.adaptive.closed_loop.loop import Faults
+
+KINDS = ("knock", "dead", "nan", "frozen", "dropped", "hum")
 
 _KNOCK = (0.0, 0.2, 20.0, 20.0)
 """What a blow adds to encoder, strain gauge (rad) and accelerometers (m/s²): beyond all that the link does
@@ -33,35 +34,19 @@ def wild(kind: str, samples: int, sample_time: float, *, begin: float, end: floa
     Raises:
         ValueError: for a kind that is none, or times the wrong way round.
     """
-    _check.one_of(kind, "kind", tuple(KINDS))
+    _check.one_of(kind, "kind", KINDS)
     if not 0 <= begin < end:
         raise ValueError(f"begin must be before end and not negative, not {begin} and {end}")
     at = np.arange(samples) * sample_time
     during = (at >= begin) & (at < end)
-    return KINDS[kind](Faults.none(samples), during, at, omega)
-
-
-def _knock(none: Faults, during: np.ndarray, at: np.ndarray, omega: float) -> Faults:
-    del at, omega
-    first = int(np.argmax(during))
-    return none._replace(added=none.added.at[first : first + 3].set(jnp.array(_KNOCK)))
-
-
-def _hum(none: Faults, during: np.ndarray, at: np.ndarray, omega: float) -> Faults:
-    wave = np.where(during, np.sin(omega * at), 0.0)
-    return none._replace(added=jnp.asarray(wave[:, None] * np.array(_HUM)))
-
-
-def _dropped(none: Faults, during: np.ndarray, at: np.ndarray, omega: float) -> Faults:
-    del at, omega
-    return none._replace(missing=during & jax.random.bernoulli(jax.random.key(5), 0.2, during.shape))
-
-
-KINDS: dict[str, Callable[[Faults, Any, Any, float], Faults]] = {
-    "knock": _knock,
-    "dead": lambda none, during, *_: none._replace(alive=jnp.where(during, 0.0, 1.0)),
-    "nan": lambda none, during, *_: none._replace(missing=jnp.asarray(during)),
-    "frozen": lambda none, during, *_: none._replace(frozen=jnp.asarray(during)),
-    "dropped": _dropped,
-    "hum": _hum,
-}
+    none, first = Faults.none(samples), int(np.argmax(during))
+    hum = np.where(during, np.sin(omega * at), 0.0)
+    changes: dict[str, dict[str, Any]] = {
+        "knock": dict(added=none.added.at[first : first + 3].set(jnp.array(_KNOCK))),
+        "dead": dict(alive=jnp.where(during, 0.0, 1.0)),
+        "nan": dict(missing=jnp.asarray(during)),
+        "frozen": dict(frozen=jnp.asarray(during)),
+        "dropped": dict(missing=during & jax.random.bernoulli(jax.random.key(5), 0.2, during.shape)),
+        "hum": dict(added=jnp.asarray(hum[:, None] * np.array(_HUM))),
+    }
+    return none._replace(**changes[kind])
