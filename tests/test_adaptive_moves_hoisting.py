@@ -39,7 +39,7 @@ def profile(distance, speed, acceleration, t):
 
 
 def scipy_angles(load, swing, shaper, at):
-    """Angle and angular speed at the instants ``at`` (rad, rad/s), DOP853, begun anew at every break of trolley and hoist."""
+    """Angle and angular speed at the instants ``at`` (rad, rad/s), DOP853, begun anew at every break."""
     amplitudes, impulses = np.asarray(shaper.amplitudes), np.asarray(shaper.times)
     ends = [0.0, 2.0, 5.0, 7.0]  # 5 m at 1 m/s with 0.5 m/s²
     breaks = sorted({0.0, 1.2, 5.0, 6.2, *(t + e for t in impulses for e in ends)})  # 3 m at 0.6 m/s with 0.5 m/s²

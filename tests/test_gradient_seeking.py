@@ -50,7 +50,7 @@ def test_one_move_after_a_change_is_enough(seeking):
             assert bool(fit.accepted)
             assert 0.8 < float(fit.misfit) < 1.2
             moves += 1
-            # Only k1/m2 and k3/m2 can be determined: along what scales all three, nothing is learned and the drift adds up.
+            # Only k1/m2 and k3/m2 are determined: what scales all three is not learned, and the drift adds up.
             together = np.full(3, 1 / np.sqrt(3))
             known = float(together @ np.asarray(state.covariance) @ together)
             assert known == pytest.approx(0.3**2 + 0.1**2 * moves, rel=1e-6)

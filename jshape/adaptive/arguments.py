@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Array
 
 from jshape import _check
+from jshape.sweeps.leaves import leaf
 
 
 def check_time(value: Any) -> float:
@@ -21,14 +22,20 @@ def check_band(value: Any, sample_time: float, name: str = "band") -> tuple[floa
     if band.shape != (2,):
         raise ValueError(f"{name} must be (low, high) in rad/s, not of shape {band.shape}")
     _check.positive(band, name)
-    low, high = (float(edge) for edge in band)
-    if low >= high:
-        raise ValueError(f"{name} must be (low, high) with low below high, not ({low:g}, {high:g})")
+    low, high = check_order(band, name)
     if high * sample_time >= np.pi:
         raise ValueError(
             f"{name} must end below the Nyquist frequency, {np.pi / sample_time:g} rad/s at a sample time of "
             f"{sample_time:g} s, not at {high:g}"
         )
+    return low, high
+
+
+def check_order(value: Any, name: str) -> tuple[float, float]:
+    """*Raises* ``ValueError`` unless ``value`` is (low, high) with low below high."""
+    low, high = (float(bound) for bound in value)
+    if low >= high:
+        raise ValueError(f"{name} must be (low, high) with low below high, not ({low:g}, {high:g})")
     return low, high
 
 
@@ -51,3 +58,22 @@ def check_each(value: Any, name: str, *shape: int) -> Array:
         return jnp.broadcast_to(array, shape)
     except ValueError:
         raise ValueError(f"{name} must be one number or fit the shape {shape}, not be of shape {array.shape}") from None
+
+
+def check_leaves(plant: Any, leaves: str | tuple[str, ...]) -> tuple[tuple[str, ...], Array]:
+    """Dotted paths of a plant's parameters and their values. *Raises* ``ValueError`` unless there are positive ones."""
+    leaves = (leaves,) if isinstance(leaves, str) else tuple(leaves)
+    if not leaves:
+        raise ValueError("leaves is empty: there is nothing to adapt")
+    values = jnp.stack([leaf(plant, name) for name in leaves])
+    _check.positive(values, f"leaves {', '.join(leaves)}")
+    return leaves, values
+
+
+def check_factor(value: Any, name: str) -> Array:
+    """``value`` as a scalar leaf. *Raises* ``ValueError`` unless it is finite and greater than 1."""
+    _check.finite(value, name)
+    factor = _check.scalar(value, name)
+    if _check.is_concrete(factor) and not factor > 1:
+        raise ValueError(f"{name} must be greater than 1, not {_check.show(value)}")
+    return factor

@@ -4,6 +4,7 @@ import dataclasses
 import itertools
 import json
 import math
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -79,6 +80,7 @@ def experiment(problem: Problem, *, progress: Progress = lambda *_: None) -> Exp
     )
     # jit hands a dictionary back in alphabetical order.
     traces = {name: traces[name] for name in strategies}
+    metrics = residual, settling_time, partial(accumulated_vibration, sample_time=settings.sample_time)
     found = None
     if settings.schedules:
         progress("random schedules", 0, settings.schedules, math.inf)
@@ -91,12 +93,7 @@ def experiment(problem: Problem, *, progress: Progress = lambda *_: None) -> Exp
         problem,
         schedule,
         traces,
-        {name: np.asarray(residual(trace, schedule)) for name, trace in traces.items()},
-        {name: np.asarray(settling_time(trace, schedule)) for name, trace in traces.items()},
-        {
-            name: np.asarray(accumulated_vibration(trace, schedule, settings.sample_time))
-            for name, trace in traces.items()
-        },
+        *({name: np.asarray(metric(trace, schedule)) for name, trace in traces.items()} for metric in metrics),
         found,
     )
 
@@ -106,14 +103,12 @@ def write(experiment: Experiment, folder: Path) -> list[str]:
     settings, schedule, traces = experiment.problem.adapt, experiment.schedule, experiment.traces
     assert settings is not None
     folder.mkdir(parents=True, exist_ok=True)
-    moves = {
-        name: {
-            "residual": experiment.residual[name].tolist(),
-            "settling_time_s": experiment.settling[name].tolist(),
-            "accumulated_vibration_m_per_s": experiment.accumulated[name].tolist(),
-        }
-        for name in traces
+    metrics = {
+        "residual": experiment.residual,
+        "settling_time_s": experiment.settling,
+        "accumulated_vibration_m_per_s": experiment.accumulated,
     }
+    moves = {name: {metric: values[name].tolist() for metric, values in metrics.items()} for name in traces}
     record: dict[str, Any] = {"format": MARKER, "version": 1, "problem": experiment.problem.name, "moves": moves}
     drawn = {"accumulated": figures.accumulated(experiment.accumulated)}
     if experiment.study is not None:

@@ -43,12 +43,8 @@ class Line(NamedTuple):
     def slope(self, numbers: Numbers, points: Any) -> tuple[Any, Any]:
         """The slope and its variance, by the scatter about the line."""
         weight = numbers.select(self.weight > 0, self.weight, 1.0)
-        xx, xy, yy = (
-            self.xx - self.x**2 / weight,
-            self.xy - self.x * self.y / weight,
-            self.yy - self.y**2 / weight,
-        )
-        xx = numbers.select(xx > 0, xx, 1.0)
+        xx, yy = self.xx - self.x**2 / weight, self.yy - self.y**2 / weight
+        xy, xx = self.xy - self.x * self.y / weight, numbers.select(xx > 0, xx, 1.0)
         slope, free = xy / xx, numbers.select(points > 2, points - 2, 1)
         scatter = yy - slope * xy
         return slope, numbers.select(scatter > 0, scatter, 0.0) / free / xx

@@ -11,18 +11,17 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from jshape import _check
 from jshape._types import Scalar, State
+from jshape.adaptive.arguments import check_factor, check_leaves
 from jshape.adaptive.moves.design import retuned
 from jshape.adaptive.moves.machine import AbstractMoves, Moves, Swing
 from jshape.command import AbstractCommand, Step
 from jshape.design.energy import three_impulse
 from jshape.plants import AbstractPlant, TwoMass
 from jshape.shaper import Shaper
-from jshape.sweeps.leaves import leaf, with_leaves
+from jshape.sweeps.leaves import with_leaves
 
 STEPS = 16
 """Fixed steps between two impulses: half a period of the payload."""
@@ -54,18 +53,12 @@ class TwoMassMoves(AbstractMoves):
     def __init__(self, model: TwoMass, leaves: tuple[str, ...], horizon: Any, samples: int = 121, factor: Any = 4.0):
         if not isinstance(model, TwoMass):
             raise ValueError(f"model must be a TwoMass, not {model!r}")
-        self.model, self.leaves = model, tuple(leaves)
-        if not self.leaves:
-            raise ValueError("leaves is empty: there is nothing to adapt")
-        self.scale = jnp.stack([leaf(model, name) for name in self.leaves])
-        _check.positive(self.scale, f"leaves {', '.join(self.leaves)}")
+        self.model = model
+        self.leaves, self.scale = check_leaves(model, leaves)
         if "m2" in self.leaves and len(self.leaves) > 1:
             others = ", ".join(name for name in self.leaves if name != "m2")
             raise ValueError(f"leaves must not name the mass beside {others}: motion determines their ratios only")
-        factor = _check.scalar(factor, "factor")
-        if _check.is_concrete(factor) and not 1 < float(factor) < np.inf:
-            raise ValueError(f"factor must be greater than 1, not {_check.show(factor)}")
-        bound = jnp.full(len(self.leaves), jnp.log(factor))
+        bound = jnp.full(len(self.leaves), jnp.log(check_factor(factor, "factor")))
         super().__init__(model.natural_frequency(), horizon, samples, 2 * len(self.leaves) + 4, -bound, bound)
 
     def nominal(self) -> Float[Array, " parameters"]:

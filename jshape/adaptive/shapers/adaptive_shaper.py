@@ -26,7 +26,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jshape import _check
-from jshape.adaptive.arguments import check_band, check_time
+from jshape.adaptive.arguments import check_band, check_order, check_time
 from jshape.adaptive.formulas import JAX, NUMPY, as_jax, as_lists, like
 from jshape.adaptive.identifiers.estimate import Estimate
 from jshape.adaptive.shapers.cascade import Cascade, Shaped, ShaperState
@@ -81,9 +81,8 @@ class AdaptiveShaper(eqx.Module):
         zeta_bounds: tuple[float, float] = (0.0, 0.1),
         rounding: str = "nearest",
     ):
-        self.omega, self.zeta = (
-            jnp.atleast_1d(_check.as_array(value, name)) for value, name in ((omega, "omega"), (zeta, "zeta"))
-        )
+        self.omega = jnp.atleast_1d(_check.as_array(omega, "omega"))
+        self.zeta = jnp.atleast_1d(_check.as_array(zeta, "zeta"))
         # Concrete also where the modes are being traced.
         with jax.ensure_compile_time_eval():
             sample_time = check_time(sample_time)
@@ -94,16 +93,11 @@ class AdaptiveShaper(eqx.Module):
                 "omega, zeta and bands must have one entry a mode each, not "
                 f"{self.omega.shape}, {self.zeta.shape} and {len(edges)}"
             )
-        for word, name, words in (
-            (kind, "kind", KINDS),
-            (retune, "retune", RETUNES),
-            (rounding, "rounding", ROUNDINGS),
-        ):
-            _check.one_of(word, name, words)
+        _check.one_of(kind, "kind", KINDS)
+        _check.one_of(retune, "retune", RETUNES)
+        _check.one_of(rounding, "rounding", ROUNDINGS)
         _check.damping_ratio(zeta_bounds, "zeta_bounds")
-        low, high = (float(bound) for bound in zeta_bounds)
-        if low >= high:
-            raise ValueError(f"zeta_bounds must be (low, high) with low below high, not ({low:g}, {high:g})")
+        low, high = check_order(zeta_bounds, "zeta_bounds")
         _inside(self.omega, np.array(edges), "omega", "its bands")
         _inside(self.zeta, np.array([[low, high]]), "zeta", "zeta_bounds")
         _check.not_negative(blank, "blank")

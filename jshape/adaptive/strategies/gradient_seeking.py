@@ -21,14 +21,14 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jshape import _check
 from jshape._types import Scalar, Times
-from jshape.adaptive.arguments import check_each, check_positive
+from jshape.adaptive.arguments import check_each, check_factor, check_leaves, check_positive
 from jshape.command import AbstractCommand, as_command
 from jshape.compilation_cache import kept
 from jshape.levenberg_marquardt import levenberg_marquardt
 from jshape.plants import AbstractPlant
 from jshape.shaper import Shaper
 from jshape.simulation.simulate import simulate, with_arrays
-from jshape.sweeps.leaves import leaf, with_leaves
+from jshape.sweeps.leaves import with_leaves
 
 
 class GradientState(NamedTuple):
@@ -107,11 +107,8 @@ class GradientSeeking(eqx.Module):
     ):
         if not isinstance(plant, AbstractPlant):
             raise ValueError(f"plant must be a jshape plant, not {plant!r}")
-        self.plant, self.leaves = with_arrays(plant), (leaves,) if isinstance(leaves, str) else tuple(leaves)
-        if not self.leaves:
-            raise ValueError("leaves is empty: there is nothing to adapt")
-        self.nominal = jnp.stack([leaf(self.plant, name) for name in self.leaves])
-        _check.positive(self.nominal, f"leaves {', '.join(self.leaves)}")
+        self.plant = with_arrays(plant)
+        self.leaves, self.nominal = check_leaves(self.plant, leaves)
         self.samples = _check.count(samples, "samples", least=len(self.leaves) + 2)
         _check.one_of(signal, "signal", ("deflection", "payload"))
         self.signal = signal
@@ -120,13 +117,9 @@ class GradientSeeking(eqx.Module):
         self.horizon, self.noise = check_positive(horizon, "horizon"), check_positive(noise, "noise")
         self.spread = check_each(spread, "spread", len(self.leaves))
         self.drift = check_each(drift, "drift", len(self.leaves))
-        self.factor, self.explained = _check.scalar(factor, "factor"), _check.scalar(explained, "explained")
-        _check.finite(self.factor, "factor")
-        if _check.is_concrete(self.factor, self.explained):
-            if not self.factor > 1:
-                raise ValueError(f"factor must be greater than 1, not {_check.show(factor)}")
-            if not 0 <= self.explained < 1:
-                raise ValueError(f"explained must be at least 0 and below 1, not {_check.show(explained)}")
+        self.factor, self.explained = check_factor(factor, "factor"), _check.scalar(explained, "explained")
+        if _check.is_concrete(self.explained) and not 0 <= self.explained < 1:
+            raise ValueError(f"explained must be at least 0 and below 1, not {_check.show(explained)}")
 
     @property
     def times(self) -> Times:
