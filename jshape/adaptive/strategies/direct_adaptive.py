@@ -40,6 +40,8 @@ class DirectState(NamedTuple):
     shaper: Any
     dfts: tuple[Any, ...]
     seeking: Any
+    zeta: Any
+    """What the extremum seeking asks for, (modes,)."""
     cost: Any
     """∫ |a| dt since the last edge, m/s; NaN before the first."""
     reference: Any
@@ -103,14 +105,15 @@ class DirectAdaptive(AbstractStrategy):
 
     def initial(self, reference: Any) -> DirectState:
         seeking = () if self.seeking is None else self.seeking.start()
+        zeta = () if self.seeking is None else self.seeking.parameters(seeking)
         dfts = tuple(dft.initial() for dft in self.dfts)
-        return DirectState(self.shaper.start(reference), dfts, seeking, np.nan * reference, reference, False, 0)
+        return DirectState(self.shaper.start(reference), dfts, seeking, zeta, np.nan * reference, reference, False, 0)
 
     def online(self, reference: float = 0.0) -> OnlineStrategy:
         reference, seeking = float(reference), self.seeking and self.seeking.online()
         state = DirectState(
             self.shaper.online(reference).state, tuple(dft.initial() for dft in self.dfts),
-            seeking and seeking.state, np.nan, reference, False, 0,
+            seeking and seeking.state, seeking and seeking.parameters.tolist(), np.nan, reference, False, 0,
         )  # fmt: skip
         own = SimpleNamespace(
             cascade=self.cascade, dfts=tuple(map(plain, self.dfts)), seeking=seeking and seeking.own,
@@ -122,32 +125,34 @@ class DirectAdaptive(AbstractStrategy):
         self: Any, numbers: Numbers, state: DirectState, reference: Any, readings: Readings
     ) -> tuple[DirectState, Decision]:
         select, samples = numbers.select, (readings.tip, readings.middle)
-        tip_usable, middle_usable = (abs(sample) < np.inf for sample in samples)  # false for a NaN
+        tip_usable, middle_usable = abs(readings.tip) < np.inf, abs(readings.middle) < np.inf  # false for a NaN
         reference_usable = abs(reference) < np.inf
         moved = reference_usable & (reference != state.reference)
-        seeking, zeta = state.seeking, None
+        seeking, zeta = state.seeking, state.zeta
         if self.seeking is not None:
-            seeking = numbers.when(moved, partial(_after_move, self, numbers), lambda state: state.seeking, state)
-            zeta = perturbed(numbers, self.seeking, seeking)
+            after_move = partial(_after_move, self, numbers)
+            seeking, zeta = numbers.when(moved, after_move, lambda state: (state.seeking, state.zeta), state)
         tip = select(tip_usable, abs(readings.tip), 0.0) * self.sample_time
         cost = select(moved, 0.0, state.cost) + tip
         dfts = tuple(
             SlidingDFT.advance(dft, numbers, memory, sample, state.steady)
             for dft, memory, sample in zip(self.dfts, state.dfts, samples, strict=False)
         )
-        estimate = _together(numbers, [memory.estimate for memory in dfts], zeta)
+        estimates = [memory.estimate for memory in dfts]
+        estimate = _together(numbers, estimates, zeta if self.seeking is not None else None) if estimates else None
         shaper, shaped = self.cascade.advance(numbers, state.shaper, reference, estimate)
         rejected = state.rejected + select(tip_usable & middle_usable, 0, 1)
         reference = select(reference_usable, reference, state.reference)
         decision = Decision(shaped.command, shaped.omega, shaped.zeta, rejected + sum(shaped.rejected))
-        return DirectState(shaper, dfts, seeking, cost, reference, shaped.steady, rejected), decision
+        return DirectState(shaper, dfts, seeking, zeta, cost, reference, shaped.steady, rejected), decision
 
 
-def _after_move(own: Any, numbers: Numbers, state: DirectState) -> Any:
-    """The extremum seeking's state at an edge: a step, unless the cost has another cause than the damping ratios."""
+def _after_move(own: Any, numbers: Numbers, state: DirectState) -> tuple[Any, Any]:
+    """The extremum seeking at an edge and its damping ratios: a step, unless the cost has another cause than those."""
     counts = state.steady & _agree(numbers.xp, state.shaper)
     stepped = advanced(numbers, own.seeking, state.seeking, state.cost / own.cost_unit)
-    return numbers.select(counts, stepped, skipped(numbers, own.seeking, state.seeking))
+    seeking = numbers.select(counts, stepped, skipped(numbers, own.seeking, state.seeking))
+    return seeking, perturbed(numbers, own.seeking, seeking)
 
 
 def _agree(xp: Any, shaper: ShaperState) -> Any:
@@ -156,11 +161,9 @@ def _agree(xp: Any, shaper: ShaperState) -> Any:
     return xp.all(abs(wanted - tuned) <= AGREE * tuned)
 
 
-def _together(numbers: Numbers, estimates: list[Estimate], zeta: Any) -> Estimate | None:
+def _together(numbers: Numbers, estimates: list[Estimate], zeta: Any) -> Estimate:
     """One estimate of both modes: frequencies from the DFTs, damping ratios from the extremum seeking."""
-    if not estimates:
-        return None
-    both = Estimate(*(packed(numbers, column) for column in zip(*estimates, strict=True)))
-    if zeta is None:
-        return both
-    return both._replace(zeta=zeta, zeta_std=packed(numbers, [0.0, 0.0]))
+    omega, zetas, omega_std, zeta_std, *rest = [packed(numbers, column) for column in zip(*estimates, strict=True)]
+    if zeta is not None:
+        zetas, zeta_std = zeta, packed(numbers, [0.0, 0.0])
+    return Estimate(omega, zetas, omega_std, zeta_std, *rest)
