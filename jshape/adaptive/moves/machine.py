@@ -53,7 +53,16 @@ class AbstractMoves(eqx.Module):
     between: int = eqx.field(static=True)
 
     def __init__(self, omega: Any, horizon: Any, samples: int, least: int, lower: Array, upper: Array):
-        """Set all fields; ``omega``: natural frequency of the plant, rad/s; ``least``: fewest samples."""
+        """Set all fields.
+
+        Args:
+            omega: natural frequency of the plant, rad/s.
+            horizon: s from one move to the next.
+            samples: as many in that time, evenly.
+            least: fewest samples allowed.
+            lower: least parameters, shape (parameters,).
+            upper: greatest parameters, shape (parameters,).
+        """
         samples = _check.count(samples, "samples", least=least)
         self.times = check_positive(horizon, "horizon") * jnp.linspace(0.0, 1.0, samples)
         # No step covers more than 0.3 rad, half of what keeps eleven digits: the plant may become twice as fast.
