@@ -89,13 +89,10 @@ def experiment(problem: Problem, *, progress: Progress = lambda *_: None) -> Exp
             chunk=min(settings.schedules, 25), loads=(float(np.min(schedule.loads)), float(np.max(schedule.loads))),
             progress=progress,
         )  # fmt: skip
-    return Experiment(
-        problem,
-        schedule,
-        traces,
-        *({name: np.asarray(metric(trace, schedule)) for name, trace in traces.items()} for metric in metrics),
-        found,
+    residuals, settling, accumulated = (
+        {name: np.asarray(metric(trace, schedule)) for name, trace in traces.items()} for metric in metrics
     )
+    return Experiment(problem, schedule, traces, residuals, settling, accumulated, found)
 
 
 def write(experiment: Experiment, folder: Path) -> list[str]:

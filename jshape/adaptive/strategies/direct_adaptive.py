@@ -104,8 +104,10 @@ class DirectAdaptive(AbstractStrategy):
         return self.shaper.cascade
 
     def initial(self, reference: Any) -> DirectState:
-        seeking = () if self.seeking is None else self.seeking.start()
-        zeta = () if self.seeking is None else self.seeking.parameters(seeking)
+        seeking, zeta = (), ()
+        if self.seeking is not None:
+            seeking = self.seeking.start()
+            zeta = self.seeking.parameters(seeking)
         dfts = tuple(dft.initial() for dft in self.dfts)
         return DirectState(self.shaper.start(reference), dfts, seeking, zeta, np.nan * reference, reference, False, 0)
 
