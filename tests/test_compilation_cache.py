@@ -50,7 +50,7 @@ def energy(plant: TwoMass, times):
     runs.append("energy")
     plan = schedule(plant, 1.0, js.Shaper(jnp.full(3, 1 / 3), times))
     end, error = final_state(plant, plan, initial(plant), 32)
-    return plant.residual_energy(end, plan.final_inputs(plant)), error, jnp.linalg.eigh(jnp.outer(end, end))
+    return plant.residual_energy(end, plan.final_inputs(plant)), error, *jnp.linalg.eigh(jnp.outer(end, end))
 
 
 @pytest.fixture
