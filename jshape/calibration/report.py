@@ -176,7 +176,7 @@ def write(found: Calibration, folder: Path, axis: str) -> list[str]:
 
 
 def figures(found: Calibration) -> Iterator[tuple[str, Figure]]:
-    """What printer owners expect, each figure by its name: spectrum, spectrum behind each shaper, V(f), step response."""
+    """Each figure by its name: the spectrum, the spectrum behind each shaper, V(f), the step response."""
     modes, zeta = found.modes[0], found.zeta
     across = (0, found.ceiling)
     frequency = "frequency (Hz)"

@@ -30,6 +30,9 @@ towards the last impulse, and cancel nothing."""
 _SLACK = 1e-6
 """How much tighter, relative, a limit is in the search, so that what is handed back keeps it to the last digit."""
 
+_ROUNDING = 1e-12
+"""A share of the vibration below which nothing is left but rounding."""
+
 _AGREE = 5
 """When so many starts end at the best, and half of all are done, no more are made."""
 
@@ -133,7 +136,7 @@ def tune(
             break
     # Limits that are met come first; among equals, the best value.
     met, value, amplitudes, times = min(candidates, key=lambda one: (not one[0], one[1]))
-    if met and vibration is None and value == 0:
+    if met and vibration is None and value < _ROUNDING:
         # Of all that leave nothing, the one that blurs least.
         least_blur = tune(
             spectra, impulses=n, duration=duration, vibration=0.0, shift=shift, zetas=zetas,
@@ -156,7 +159,8 @@ def tune(
 
 
 class _Search:
-    """A local search from random starts, in the variables amplitudes, gaps (over the duration) and a bound above what is made the least."""
+    """A local search from random starts, in the variables amplitudes, gaps (over the duration) and a bound above the
+    objective."""
 
     def __init__(self, bins, impulses, duration, vibration, smoothing, corner_speed, least):
         self.bins, self.n, self.duration, self.corner_speed, self.least = bins, impulses, duration, corner_speed, least
@@ -171,8 +175,8 @@ class _Search:
         return x[: self.n], self.sums @ x[self.n : -1]
 
     def conditions(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The constraints and their derivatives: the slack of the duration, limit or bound minus vibration, and the same
-        for smoothing."""
+        """The constraints and their derivatives: the slack of the duration, limit or bound minus vibration, and the
+        same for smoothing."""
         amplitudes, times = self.split(x)
         # Nothing may remain: the sums, all 0 inside, have no slope at that limit, but each frequency has.
         nothing = self.vibration == 0
