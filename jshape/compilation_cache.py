@@ -159,14 +159,14 @@ class _Array(NamedTuple):
 def _program(function: Callable, leaves: list, tree: Any, settings: Any, folder: Path) -> Callable[[list], Any] | None:
     """What computes the function of the arrays among the leaves; ``None`` where it cannot be kept."""
     named = jax.tree.unflatten(tree, [_Array.of(leaf) if eqx.is_array(leaf) else leaf for leaf in leaves])
-    name, root = f"{function.__module__}.{function.__qualname__}", function.__module__.partition(".")[0]
+    name = f"{function.__module__}.{function.__qualname__}"
     try:
-        key = _key((name, named, repr(settings), jax.default_backend(), jax.local_device_count()))
+        key = repr(_describe((name, named, repr(settings), jax.default_backend(), jax.local_device_count())))
     except _NotOursError:
         return None
     path = folder / f"{name}-{hashlib.sha256(key.encode()).hexdigest()[:32]}"
     try:
-        result, exported = _read(path, root)
+        result, exported = _read(path)
     except Exception:  # It is not there, or damaged.
         try:
             result, exported = _export(function, leaves, tree)
@@ -174,7 +174,7 @@ def _program(function: Callable, leaves: list, tree: Any, settings: Any, folder:
                 # It could be called from among as many devices only.
                 return None
             with contextlib.suppress(OSError):
-                _write(path, _describe(result, root), exported)
+                _write(path, result, exported)
         except Exception:  # What stands in the way, if it is an error at all, the plain call reports.
             return None
     structure = jax.tree.structure(result)
@@ -207,13 +207,15 @@ def _export(function: Callable, leaves: list, tree: Any) -> tuple[Any, jax.expor
 
 
 def _write(path: Path, result: Any, exported: jax.export.Exported) -> None:
-    header = json.dumps({"format": _FORMAT, "result": result}).encode()
+    header = json.dumps({"format": _FORMAT, "result": _describe(result)}).encode()
+    if _rebuild(json.loads(header)["result"]) != result:
+        raise _NotOursError(result)
     content = header + b"\n" + exported.serialize()
     with whole(path) as file:
         file.write(hashlib.sha256(content).digest() + content)
 
 
-def _read(path: Path, root: str) -> tuple[Any, jax.export.Exported]:
+def _read(path: Path) -> tuple[Any, jax.export.Exported]:
     """What ``_write`` wrote. *Raises* one error or another unless all of it is there and unchanged."""
     read = path.read_bytes()
     digest, content = read[:32], read[32:]
@@ -223,84 +225,68 @@ def _read(path: Path, root: str) -> tuple[Any, jax.export.Exported]:
     about = json.loads(header)
     if about["format"] != _FORMAT:
         raise ValueError("of another version")
-    return _rebuild(about["result"], root), jax.export.deserialize(bytearray(code))
+    return _rebuild(about["result"]), jax.export.deserialize(bytearray(code))
 
 
 class _NotOursError(Exception):
     """Something that cannot be written down, or whose code is not jshape's or a library's."""
 
 
-def _describe(node: Any, root: str) -> Any:
-    """A tree of numbers as plain data: containers and modules by name, with their parts."""
-    if node is None or type(node) is int:
-        return node
-    if type(node) in (list, tuple):
-        return [type(node).__name__, [_describe(part, root) for part in node]]
-    if type(node) is dict and all(isinstance(key, str) for key in node):
-        return ["dict", {key: _describe(part, root) for key, part in node.items()}]
-    kind = type(node)
-    if isinstance(node, tuple) and hasattr(kind, "_fields"):
-        parts = {name: [False, _describe(part, root)] for name, part in zip(kind._fields, node, strict=True)}  # pyright: ignore[reportAttributeAccessIssue]
-    elif isinstance(node, eqx.Module):
-        fields = [(field.name, field.metadata.get("static", False)) for field in dataclasses.fields(node)]
-        parts = {
-            n: [bool(static), getattr(node, n) if static else _describe(getattr(node, n), root)] for n, static in fields
-        }
+def _describe(value: Any) -> Any:
+    """A value as plain data: containers, modules and functions by name. Equal descriptions make equal programs."""
+    kind = type(value)
+    if value is None or kind in (bool, int, float, str):
+        return value
+    if isinstance(value, np.dtype | np.generic):
+        return [kind.__name__, repr(value)]
+    if isinstance(value, type | types.FunctionType | types.BuiltinFunctionType):
+        return ["function", _name(value)]
+    if kind in (list, tuple):
+        return [kind.__name__, [_describe(part) for part in value]]
+    if isinstance(value, dict):
+        return ["dict", {key: _describe(part) for key, part in value.items()}]
+    if isinstance(value, Enum):
+        parts = {"name": value.name}
+    elif isinstance(value, tuple) and hasattr(value, "_asdict"):
+        parts = value._asdict()  # pyright: ignore[reportAttributeAccessIssue]
+    elif dataclasses.is_dataclass(value):
+        parts = {field.name: getattr(value, field.name, None) for field in dataclasses.fields(value)}
     else:
-        raise _NotOursError(kind)
-    described = [f"{kind.__module__}:{kind.__qualname__}", parts]
-    if _rebuild(json.loads(json.dumps(described)), root) != node:
-        raise _NotOursError(kind)
-    return described
+        raise _NotOursError(value)
+    return [_name(kind), {name: _describe(part) for name, part in parts.items()}]
 
 
-def _rebuild(described: Any, root: str) -> Any:
-    """The tree of a description. Classes are looked up in jshape and in the package of the program's function alone."""
-    if described is None or isinstance(described, int):
+def _name(value: Any) -> str:
+    """The name of a class or function; what it stands for must be covered by the stamp."""
+    if str(value.__module__).partition(".")[0] not in _KNOWN or "<" in value.__qualname__:
+        raise _NotOursError(value)
+    return f"{value.__module__}:{value.__qualname__}"
+
+
+def _rebuild(described: Any) -> Any:
+    """The tree of numbers of a description; its classes are jshape's own.
+
+    Raises:
+        _NotOursError: for anything else.
+    """
+    if not isinstance(described, list):
         return described
     name, parts = described
     if name in ("list", "tuple"):
-        return {"list": list, "tuple": tuple}[name](_rebuild(part, root) for part in parts)
+        return {"list": list, "tuple": tuple}[name](map(_rebuild, parts))
+    values = {key: _rebuild(part) for key, part in parts.items()}
     if name == "dict":
-        return {key: _rebuild(part, root) for key, part in parts.items()}
+        return values
     module, _, qualname = name.partition(":")
-    if module.partition(".")[0] not in ("jshape", root):
+    kind = getattr(importlib.import_module(module), qualname) if module.partition(".")[0] == "jshape" else None
+    if not isinstance(kind, type) or not issubclass(kind, eqx.Module | tuple):
         raise _NotOursError(name)
-    kind = getattr(importlib.import_module(module), qualname)
-    values = {n: part if static else _rebuild(part, root) for n, (static, part) in parts.items()}
     if issubclass(kind, tuple):
         return kind(**values)
-    if not issubclass(kind, eqx.Module):
-        raise _NotOursError(name)
     made = object.__new__(kind)
     for field, value in values.items():
         object.__setattr__(made, field, value)
     return made
-
-
-def _key(value: Any) -> str:
-    """Everything that makes a program this one, in words. *Raises* ``_NotOursError`` where something is not ours."""
-    kind = type(value)
-    if value is None or kind in (bool, int, float, complex, str, bytes):
-        return repr(value)
-    if isinstance(value, type | types.FunctionType | types.BuiltinFunctionType):
-        # By name: what the name stands for must be covered by the stamp.
-        if str(value.__module__).partition(".")[0] not in _KNOWN or "<" in value.__qualname__:
-            raise _NotOursError(value)
-        return f"{value.__module__}.{value.__qualname__}"
-    if isinstance(value, dict):
-        parts = [part for pair in value.items() for part in pair]
-    elif isinstance(value, list | tuple):
-        parts = list(value)
-    elif isinstance(value, np.dtype | np.generic):
-        return f"{kind.__name__}({value!r})"
-    elif isinstance(value, Enum):
-        parts = [value.name]
-    elif dataclasses.is_dataclass(value):
-        parts = [getattr(value, field.name, None) for field in dataclasses.fields(value)]
-    else:
-        raise _NotOursError(value)
-    return f"{_key(kind)}({','.join(map(_key, parts))})"
 
 
 def _stamp() -> str:

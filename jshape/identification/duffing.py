@@ -37,7 +37,7 @@ class IdentifiedDuffing(Result):
 
     Attributes:
         plant: the machine.
-        parameters: by name, ``k1`` (N/m), ``k3`` (N/m³), ``c`` (N s/m, or N s³/m³) and, driven by a force, ``mass`` (kg).
+        parameters: by name, ``k1`` (N/m), ``k3`` (N/m³), ``c`` (N s/m, or N s³/m³) and, under a force, ``mass`` (kg).
         std: standard deviation of each.
         covariance: in their order.
         times: s, shape (rows,).

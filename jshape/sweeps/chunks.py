@@ -5,7 +5,7 @@ much, each octave gets a bucket and a program of its own, so that slow plants do
 """
 
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -113,5 +113,5 @@ def _eigenvalues(matrices: np.ndarray) -> np.ndarray:
 
 
 @kept
-def _jacobians(plant, plan: Schedule, points: Mapping[str, Array]) -> Float[Array, "plants places state state"]:
+def _jacobians(plant, plan: Schedule, points: Mapping[str, Any]) -> Float[Array, "plants places state state"]:
     return jax.vmap(lambda values: state_jacobians(with_leaves(plant, values), plan))(points)
