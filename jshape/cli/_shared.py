@@ -22,6 +22,10 @@ if TYPE_CHECKING:
 ProblemFile = Annotated[str, typer.Argument(help="A problem file (TOML), or the name of one that comes with jshape.")]
 Out = Annotated[Path | None, typer.Option(help="Folder for the results; NAME-results unless given.")]
 
+Environment = Annotated[str, typer.Argument(help="DuffingPayload, CranePayload, FlexibleLinkPayload, HoistingCrane.")]
+Preset = Annotated[str, typer.Option(help="easy, paper, hard or out-of-distribution.")]
+Context = Annotated[str, typer.Option(help="Is the payload hidden, observed or noisy?")]
+
 
 def begin(name: str, out: Path | None) -> tuple["Problem", Path]:
     """The problem of that name and the folder for its results; says before it runs code of the problem's own."""

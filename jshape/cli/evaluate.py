@@ -6,7 +6,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from jshape.cli._shared import explained, need_environments, prepare_jax, progress_line, results_folder
+from jshape.cli._shared import (
+    Context,
+    Environment,
+    Preset,
+    explained,
+    need_environments,
+    prepare_jax,
+    progress_line,
+    results_folder,
+)
 
 if TYPE_CHECKING:
     from jshape_envs.evaluate import Interval
@@ -22,12 +31,10 @@ COLUMNS = {
 
 
 def evaluate(
-    environment: Annotated[
-        str, typer.Argument(help="DuffingPayload, CranePayload, FlexibleLinkPayload, HoistingCrane.")
-    ],
+    environment: Environment,
     out: Annotated[Path | None, typer.Option(help="Folder for the results; NAME-results unless given.")] = None,
-    preset: Annotated[str, typer.Option(help="easy, paper, hard or out-of-distribution.")] = "paper",
-    context: Annotated[str, typer.Option(help="Is the payload hidden, observed or noisy?")] = "hidden",
+    preset: Preset = "paper",
+    context: Context = "hidden",
     policy: Annotated[
         list[str],
         typer.Option(

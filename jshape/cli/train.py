@@ -6,16 +6,23 @@ from typing import Annotated
 
 import typer
 
-from jshape.cli._shared import explained, need_environments, prepare_jax, progress_line, results_folder
+from jshape.cli._shared import (
+    Context,
+    Environment,
+    Preset,
+    explained,
+    need_environments,
+    prepare_jax,
+    progress_line,
+    results_folder,
+)
 
 
 def train(
-    environment: Annotated[
-        str, typer.Argument(help="DuffingPayload, CranePayload, FlexibleLinkPayload, HoistingCrane.")
-    ],
+    environment: Environment,
     out: Annotated[Path | None, typer.Option(help="Folder for the results; NAME-policy unless given.")] = None,
-    preset: Annotated[str, typer.Option(help="easy, paper, hard or out-of-distribution.")] = "paper",
-    context: Annotated[str, typer.Option(help="Is the payload hidden, observed or noisy?")] = "hidden",
+    preset: Preset = "paper",
+    context: Context = "hidden",
     action: Annotated[str, typer.Option(help="How a shaper is written: modal, impulses or residual.")] = "modal",
     moves: Annotated[int, typer.Option(help="To train with, in all environments together.")] = 100_000,
     environments: Annotated[int, typer.Option(help="Environments that move together.")] = 16,

@@ -88,7 +88,7 @@ class Adapt(Strict):
         zeta: likewise.
         bands: of the modes, (least, greatest), rad/s.
         points: of the DFT.
-        thresholds: of the modes' amplitudes.
+        thresholds: of the DFTs, m/s².
         schedules: random ones beside the square wave, if any.
         seed: of noise and schedules.
     """

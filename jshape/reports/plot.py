@@ -196,7 +196,7 @@ def convergence(history: np.ndarray, objective: str) -> Figure:
             # Most is gained by the first few of hundreds.
             axis.set_xscale("log")
         powers(axis)
-        axis.set_xlabel("iteration" if objective == "nominal" else "shapers looked at")
+        axis.set_xlabel("iteration" if objective == "nominal" else "evaluations")
         words = {"nominal": "residual energy", "worst": "worst residual energy", "mean": "mean residual energy"}
         axis.set_ylabel(f"{words.get(objective, 'tail mean of the energy')} (J)")
         axis.margins(x=0.02)
@@ -426,7 +426,7 @@ def _panels(data: "xr.DataArray", vertical: str, across: str) -> Figure:
     )
     finite = data.values[np.isfinite(data.values)]
     greatest = np.max(finite, initial=1e-300)
-    # Shapers differ by orders of magnitude: three decades where nothing is negative, a plain scale elsewhere.
+    # Shapers differ by orders of magnitude: three decades where nothing is negative, else a plain scale.
     wide = np.min(finite, initial=0.0) >= 0
     norm = LogNorm(greatest / 1000, greatest) if wide else Normalize(finite.min(), greatest)
     drawn = None

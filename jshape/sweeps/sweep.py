@@ -190,7 +190,7 @@ def as_metrics(metric: str | Metric | Sequence[str | Metric]) -> dict[str, str |
 
 
 def leaf_unit(plant: AbstractPlant, name: str) -> str:
-    """The unit of a plant's leaf, where it is known; ``"SI"`` elsewhere."""
+    """The unit of a plant's leaf, where it is known, else ``"SI"``."""
     *parts, field = [part for part in name.split(".") if not part.isdigit()]
     owner: Any = plant
     for part in parts:
