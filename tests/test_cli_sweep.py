@@ -56,7 +56,7 @@ def test_mistakes(tmp_path):
     )
     for given, words in [
         ([str(certain)], "nothing is uncertain"),
-        (["paper_001", "--store", str(out / "pieces")], "must not lie in the folder of the results"),
+        (["paper_001", "--store", str(out / "store")], "must not lie in the folder of the results"),
         (["paper_001", "--metric", "beauty"], "metric must be one of"),
         (["paper_001", "--samples", "8", "--sampling", "dice"], "sampling must be one of"),
     ]:

@@ -72,7 +72,7 @@ def test_front_is_kept_and_resumed(both, plant, tmp_path):
     resumed = front(plant, store=tmp_path / "front", progress=lambda design, *_: again.append(design))
     assert set(again) == {"3 positive"}
     np.testing.assert_array_equal(resumed.objective, both.objective)
-    with pytest.raises(ValueError, match="holds the pieces of another computation"):
+    with pytest.raises(ValueError, match="holds the chunks of another computation"):
         front(plant, store=tmp_path / "front", starts=5)
 
 

@@ -252,12 +252,12 @@ def _jacobians(plant: AbstractPlant, plan: Schedule) -> Float[Array, "places sta
     return jnp.stack([jacobian(*place) for place in places])
 
 
-_frequencies: Any = kept(_jacobians)
+state_jacobians: Any = kept(_jacobians)
 
 
 def fastest(plant: AbstractPlant, plan: Schedule) -> float:
     """The fastest mode at this command, rad/s: at rest, or with the flexible part bent by the whole command."""
-    matrices = np.asarray(_frequencies(plant, plan), dtype=float)
+    matrices = np.asarray(state_jacobians(plant, plan), dtype=float)
     if not np.all(np.isfinite(matrices)):
         return np.inf
     return float(np.max(np.abs(np.linalg.eigvals(matrices))))

@@ -2,7 +2,6 @@
 
 import dataclasses
 import itertools
-import json
 import math
 from functools import partial
 from pathlib import Path
@@ -12,7 +11,7 @@ import jax
 import numpy as np
 import xarray as xr
 
-from jshape._files import MARKER
+from jshape._files import write_results
 from jshape._types import Progress
 from jshape.adaptive.closed_loop import loop_figures as figures
 from jshape.adaptive.closed_loop.loop import Trace, run
@@ -106,14 +105,14 @@ def write(experiment: Experiment, folder: Path) -> list[str]:
         "accumulated_vibration_m_per_s": experiment.accumulated,
     }
     moves = {name: {metric: values[name].tolist() for metric, values in metrics.items()} for name in traces}
-    record: dict[str, Any] = {"format": MARKER, "version": 1, "problem": experiment.problem.name, "moves": moves}
+    record: dict[str, Any] = {"problem": experiment.problem.name, "moves": moves}
     drawn = {"accumulated": figures.accumulated(experiment.accumulated)}
     if experiment.study is not None:
         below = recovered(experiment.study)
         record["recovered"] = {str(n): below.sel(strategy=n).values.tolist() for n in below.strategy.values}
         experiment.study.to_netcdf(folder / "study.nc", engine="scipy")
         drawn["recovery"] = recovery(experiment.study, "residual", "residual (% of move)", 100.0)
-    (folder / "results.json").write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
+    write_results(folder, record)
     time, points, bands = settings.sample_time, settings.points, settings.bands
     shaped = {name: trace for name, trace in traces.items() if name != "unshaped"} or traces
     drawn["spectra"] = figures.spectrogram(shaped, time, points, bands)

@@ -26,7 +26,7 @@ from jshape.design.tuning.slsqp import Polish
 from jshape.design.tuning.task import Point, Task
 from jshape.plants import AbstractPlant
 from jshape.simulation.simulate import with_arrays
-from jshape.sweeps.checkpoint import in_pieces
+from jshape.sweeps.checkpoint import in_chunks
 
 FRESH = 2
 """Of the starts that are no neighbours, so many of the best are polished at each duration."""
@@ -100,7 +100,7 @@ def pareto(
     if callable(objective) and store is not None:
         raise ValueError("store needs an objective by name: whether a function is still the same cannot be told")
     table = np.full((len(designs), len(times), 4 + 2 * most), np.nan)
-    for index, rows in in_pieces(compute, len(designs), None if store is None else Path(store), fingerprint, None):
+    for index, rows in in_chunks(compute, len(designs), None if store is None else Path(store), fingerprint):
         table[index] = rows
     return _dataset(
         table, designs, names, times, most, words(objective), _closed(tasks[0][0], plant, distance, objective)
