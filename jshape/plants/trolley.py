@@ -230,7 +230,10 @@ class AbstractCrane(AbstractPlant):
         speed, velocity = state[1 + n], state[2 + n : 2 + 2 * n]
         along = jnp.concatenate([velocity, rate])
         free, coupling = self.free(place, along), self.coupling(place)
-        slope = lambda place, along: jax.jvp(self.moment, (place,), (along,))[1]
+
+        def slope(place: Array, along: Array) -> Array:
+            return jax.jvp(self.moment, (place,), (along,))[1]
+
         # Newton's law for all together: (M + m) s'' + moment'' = force − friction, with angles'' = free − s'' coupling.
         pull = jax.jvp(slope, (place, along), (along, jnp.concatenate([free, bend])))[1]
         inertia = self.trolley.mass + self.carried() - slope(place, jnp.concatenate([coupling, jnp.zeros_like(bend)]))
