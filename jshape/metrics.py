@@ -1,4 +1,4 @@
-"""What a shaped move is judged by: what is left after it, and what happens during it.
+"""The performance of a shaped move: residual energy and vibration after it, overshoot, deflection and times during it.
 
 Everywhere ``distance`` is a number (a step of that size) or any command, and the shaper may be ``None`` for the bare
 command. Energies in J, vibrations as fractions of the distance, times in s::
@@ -38,16 +38,26 @@ def residual_energy(
     method: str = "dopri8",
     tolerance: float | None = None,
 ) -> Scalar:
-    """Energy left in the plant right after the last impulse, above rest at the destination, J.
+    """The residual energy of the plant right after the last impulse, above rest at the destination.
 
-    ``steps``: fixed steps a segment; chosen from the plant's frequencies unless given, under ``jit`` and ``vmap`` at
-    run time, where NaN says that the frequencies ask for more than can be chosen from then (give ``steps``).
-    ``method``: ``"dopri8"`` or ``"tsit5"``. ``tolerance``: the error allowed, as a fraction of the energy that the bare
-    command leaves; the steps are doubled until two results agree to it. Infinite if the plant has left the region from
-    which it returns to rest.
+    Args:
+        plant: the plant.
+        shaper: the shaper; ``None`` for the bare command.
+        distance: a number (a step of that size, m) or any command.
+        initial_state: at rest at input 0 unless given.
+        steps: fixed steps a segment; chosen from the plant's frequencies unless given, under ``jit`` and ``vmap`` at
+            run time.
+        method: ``"dopri8"`` or ``"tsit5"``.
+        tolerance: the error allowed, as a fraction of the energy after the bare command; the steps are doubled until
+            two results agree to it.
 
-    *Raises* ``ValueError`` for wrong arguments, if the plant has no rest at the destination, and for a tolerance that
-    cannot be met.
+    Returns:
+        J; infinite where the plant diverged. Under ``jit`` and ``vmap`` NaN where the plant's frequencies need more
+        steps than can be chosen at run time (give ``steps``).
+
+    Raises:
+        ValueError: for wrong arguments, if the plant has no rest at the destination, and for a tolerance that cannot be
+            met.
     """
     options: Any = dict(initial_state=initial_state, steps=steps, method=method, tolerance=tolerance)
     return residual_energy_and_error(plant, shaper, distance, **options)[0]
@@ -63,10 +73,11 @@ def residual_energy_and_error(
     method: str = "dopri8",
     tolerance: float | None = None,
 ) -> tuple[Scalar, Scalar]:
-    """``residual_energy`` and an estimate of its error, J.
+    """The residual energy and an estimate of its error, J.
 
     With a tolerance, the estimate is the last change when the steps were doubled; without, the state's embedded
-    estimate (that of the lower order: well above the true error) through the energy's slope.
+    estimate (that of the lower order: well above the true error) times the energy's gradient. Arguments as for
+    ``residual_energy``.
     """
     _check.one_of(method, "method", METHODS)
     plan, plant, state = _prepare(plant, shaper, distance, initial_state)
@@ -119,13 +130,23 @@ def residual_vibration(
     initial_state: Any = None,
     steps: int | None = None,
 ) -> Scalar:
-    """Amplitude of the vibration left after the last impulse, over the distance: a fraction.
+    """The residual vibration: its amplitude after the last impulse, over the distance.
 
-    For a mass on a spring, the deflection (the greater of both sides) at which the spring alone holds the residual
+    For a mass on a spring, the deflection (the greater of both sides) at which the spring alone stores the residual
     energy; with damping that bounds the amplitude. For other plants, the greatest departure of the payload from its
-    rest during the slowest mode's next two periods. Infinite if the payload will not come back.
+    rest during the slowest mode's next two periods.
 
-    *Source*: Moonmangmee and Chatlatanagulchai (2025), before Fig. 5, there read off the first overshoot.
+    Args:
+        plant: the plant.
+        shaper: the shaper; ``None`` for the bare command.
+        distance: a number (a step of that size, m) or any command.
+        initial_state: at rest at input 0 unless given.
+        steps: fixed steps a segment; chosen from the plant's frequencies unless given.
+
+    Returns:
+        A fraction; infinite where the plant diverged.
+
+    Source: Moonmangmee and Chatlatanagulchai (2025), before Fig. 5, there read off the first overshoot.
     """
     plan, plant, state = _prepare(plant, shaper, distance, initial_state)
     if steps is None:
@@ -136,11 +157,20 @@ def residual_vibration(
 
 
 def overshoot(plant: AbstractPlant, shaper: Shaper | None, distance: Any, *, initial_state: Any = None) -> Scalar:
-    """How far the payload passes its destination, over the distance: a fraction, not negative.
+    """The overshoot: how far the payload passes its destination, over the distance.
 
-    From the beginning of the move to two periods of the slowest mode after its end.
+    Observed from the beginning of the move to two periods of the slowest mode after its end.
 
-    *Source*: Moonmangmee and Chatlatanagulchai (2025), before Fig. 5: (x_p − x_d)/x_d.
+    Args:
+        plant: the plant.
+        shaper: the shaper; ``None`` for the bare command.
+        distance: a number (a step of that size, m) or any command.
+        initial_state: at rest at input 0 unless given.
+
+    Returns:
+        A fraction, not negative; infinite where the plant diverged.
+
+    Source: Moonmangmee and Chatlatanagulchai (2025), before Fig. 5: (x_p − x_d)/x_d.
     """
     plan, plant, state = _prepare(plant, shaper, distance, initial_state)
     along = track(plant, plan, state, 2.0, "payload", fine_steps(plant, plan, 2.0))
@@ -151,7 +181,17 @@ def overshoot(plant: AbstractPlant, shaper: Shaper | None, distance: Any, *, ini
 
 
 def peak_deflection(plant: AbstractPlant, shaper: Shaper | None, distance: Any, *, initial_state: Any = None) -> Scalar:
-    """Greatest bend of the flexible part (either way) from the beginning of the move to one period after it, m."""
+    """The greatest deflection of the flexible part, either way, from the beginning of the move to a period after it.
+
+    Args:
+        plant: the plant.
+        shaper: the shaper; ``None`` for the bare command.
+        distance: a number (a step of that size, m) or any command.
+        initial_state: at rest at input 0 unless given.
+
+    Returns:
+        m; infinite where the plant diverged.
+    """
     plan, plant, state = _prepare(plant, shaper, distance, initial_state)
     along = track(plant, plan, state, 1.0, "deflection", fine_steps(plant, plan, 1.0))
     both = [extremes(sign * along.value, sign * along.slope, along.step) for sign in (1, -1)]
@@ -167,10 +207,21 @@ def settling_time(
     periods: float = 20.0,
     initial_state: Any = None,
 ) -> Scalar:
-    """Time after which the payload stays within ``band`` (a fraction of the distance) of its destination, s.
+    """The settling time, after which the payload stays within a band around its destination.
 
-    Watched for ``periods`` of the slowest mode after the move; infinite if it has not settled by then.
-    *Raises* ``ValueError`` unless band and periods are positive.
+    Args:
+        plant: the plant.
+        shaper: the shaper; ``None`` for the bare command.
+        distance: a number (a step of that size, m) or any command.
+        band: half its width, a fraction of the distance.
+        periods: how long the payload is observed after the move, in periods of the slowest mode.
+        initial_state: at rest at input 0 unless given.
+
+    Returns:
+        s; infinite where the payload has not settled by then.
+
+    Raises:
+        ValueError: unless band and periods are positive.
     """
     _check.positive(band, "band")
     _check.positive(periods, "periods")
@@ -191,9 +242,21 @@ def rise_time(
     *,
     initial_state: Any = None,
 ) -> Scalar:
-    """Time from first reaching ``low`` to first reaching ``high`` (fractions of the distance) with the payload, s.
+    """The rise time of the payload, from first reaching ``low`` to first reaching ``high``.
 
-    Infinite if it does not get there within a period after the move. *Raises* ``ValueError`` unless 0 ≤ low < high ≤ 1.
+    Args:
+        plant: the plant.
+        shaper: the shaper; ``None`` for the bare command.
+        distance: a number (a step of that size, m) or any command.
+        low: a fraction of the distance.
+        high: a fraction of the distance.
+        initial_state: at rest at input 0 unless given.
+
+    Returns:
+        s; infinite where the payload does not reach ``high`` within a period after the move.
+
+    Raises:
+        ValueError: unless 0 ≤ low < high ≤ 1.
     """
     if not 0 <= low < high <= 1:
         raise ValueError(f"low and high must satisfy 0 <= low < high <= 1, not {low} and {high}")
@@ -211,8 +274,10 @@ def rise_time(
 class EnergyProfile(eqx.Module):
     """Energies against position, one row for each segment of the move.
 
-    ``position``: of the payload, m; ``kinetic``, ``potential``: J, the latter with the base where it is in that
-    segment.
+    Attributes:
+        position: of the payload, m.
+        kinetic: J.
+        potential: J, with the base where it is in that segment.
     """
 
     position: Float[Array, "segments points"]
@@ -228,8 +293,16 @@ class EnergyProfile(eqx.Module):
 def energy_profile(plant: AbstractPlant, shaper: Shaper, distance: Any, points: int = 129) -> EnergyProfile:
     """Kinetic and potential energy T(x2), U(x2) along a move, segment by segment.
 
-    *Raises* ``ValueError`` for a plant that is not a mass on a spring.
-    *Source*: Moonmangmee and Chatlatanagulchai (2025), Eqs. 24–27 and 51–54, Figs. 4, 6 and 9, here by simulation, so
+    Args:
+        plant: a mass on a spring.
+        shaper: the shaper.
+        distance: a number (a step of that size, m) or any command.
+        points: in each segment.
+
+    Raises:
+        ValueError: for a plant that is not a mass on a spring.
+
+    Source: Moonmangmee and Chatlatanagulchai (2025), Eqs. 24–27 and 51–54, Figs. 4, 6 and 9, here by simulation, so
     that it holds with damping and for any spring.
     """
     if not isinstance(plant, AbstractOscillator):
@@ -278,7 +351,7 @@ def _residual_energy(plant, plan: Schedule, state, steps: int | None, method: st
     energy, slope = jax.value_and_grad(plant.residual_energy)(end, inputs)
     curvature = jax.jvp(jax.grad(lambda y: plant.residual_energy(y, inputs)), (end,), (error,))[1]
     error = jnp.abs(slope) @ error + jnp.abs(curvature) @ error / 2
-    energy = jnp.where(plant.escaped(end, inputs), jnp.inf, energy)
+    energy = jnp.where(plant.diverged(end, inputs), jnp.inf, energy)
     return jnp.where(known, energy, jnp.nan), jnp.where(known, error, jnp.inf)
 
 
@@ -295,7 +368,7 @@ def _residual_vibration(plant, plan: Schedule, state, steps: int | None, fine: i
         away = along.value - _target(plant, plan)
         both = [extremes(sign * away, sign * along.slope, along.step) for sign in (1, -1)]
         amplitude = jnp.max(jnp.stack(both))
-    lost = plant.escaped(end, inputs) | ~jnp.isfinite(amplitude)
+    lost = plant.diverged(end, inputs) | ~jnp.isfinite(amplitude)
     return jnp.where(known, jnp.where(lost, jnp.inf, amplitude / distance), jnp.nan)
 
 
