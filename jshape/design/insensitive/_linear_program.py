@@ -109,10 +109,7 @@ def _solve(poles: Vector, tangents: list[Vector], times: Vector, duration: float
     if not solved.success:
         raise RuntimeError(f"HiGHS found no solution for a duration of {duration}: {solved.message}")
     x = solved.x[:-1]
-    if unity:
-        amplitudes = np.diff(np.concatenate([[0.0], x, [1.0]]))
-    else:
-        amplitudes = (one * x).reshape(-1, count).sum(0)
+    amplitudes = np.diff(np.concatenate([[0.0], x, [1.0]])) if unity else (one * x).reshape(-1, count).sum(0)
     multipliers = np.maximum(-solved.ineqlin.marginals[: len(rows)], 0)
     weights = np.zeros(len(poles), complex)
     np.add.at(weights, owner, multipliers * turn)

@@ -73,14 +73,10 @@ class _Conditions:
     active: list[Peak]
 
     @property
-    def minimises_vibration(self) -> bool:
-        return self.specification.vibration is None
-
-    @property
     def objective_gradient(self) -> Vector:
         """Of the duration, which is the last unknown time; 0 where the objective is V."""
         gradient = np.zeros(len(self.amplitudes) + len(self.times))
-        if not self.minimises_vibration:
+        if not self.specification.minimises_vibration:
             gradient[-1] = 1.0
         return gradient
 
@@ -112,7 +108,7 @@ class _Conditions:
         return [peak.of(amplitudes, times) for peak in self.active]
 
     def residual(self, unknowns: Vector) -> Vector:
-        """Gradient of the Lagrangian, V over its limit at the active peaks, and the sums of amplitudes and multipliers."""
+        """Gradient of the Lagrangian, V less its limit at the active peaks, and both sums less 1."""
         amplitudes, times, multipliers, limit = self.unpack(unknowns)
         at = self.peaks_of(amplitudes, times)
         stationarity = self.objective_gradient + multipliers @ self.vibration_gradients(amplitudes, times, at)
@@ -122,7 +118,7 @@ class _Conditions:
             sum_multiplier = unknowns[len(stationarity) + len(multipliers)]
             stationarity = stationarity + sum_multiplier * self.sum_gradient
             sums.append(amplitudes.sum() - 1)
-        if self.minimises_vibration:
+        if self.specification.minimises_vibration:
             sums.append(multipliers.sum() - 1)
         return np.concatenate([stationarity, excess, sums])
 
@@ -132,17 +128,18 @@ class _Conditions:
         total = self.sum_gradient
         matrix = np.vstack([self.vibration_gradients(amplitudes, times, self.active), total, -total]).T
         right = -self.objective_gradient
-        if self.minimises_vibration:
+        if self.specification.minimises_vibration:
             matrix = np.vstack([matrix, np.append(np.ones(len(self.active)), [0.0, 0.0])])
             right = np.append(right, 1.0)
         solution, _ = nnls(matrix, right)
         multipliers, sum_multiplier = solution[:-2], solution[-2] - solution[-1]
         kept = np.flatnonzero(multipliers > 1e-7 * multipliers.max(initial=1e-300))
-        unknowns = [amplitudes[self.amplitudes], times[self.times], multipliers[kept]]
-        unknowns += [[sum_multiplier]] * bool(len(self.amplitudes)) + [
-            [self.design.vibration]
-        ] * self.minimises_vibration
-        return dataclasses.replace(self, active=[self.active[i] for i in kept]), np.concatenate(unknowns)
+        unknowns = np.concatenate([amplitudes[self.amplitudes], times[self.times], multipliers[kept]])
+        if len(self.amplitudes):
+            unknowns = np.append(unknowns, sum_multiplier)
+        if self.specification.minimises_vibration:
+            unknowns = np.append(unknowns, self.design.vibration)
+        return dataclasses.replace(self, active=[self.active[i] for i in kept]), unknowns
 
 
 def refine(specification: Specification, design: Design) -> Design:
@@ -180,8 +177,9 @@ def _with_candidates(specification: Specification, design: Design) -> _Condition
         free = np.abs(design.amplitudes) < kind.limit - 1e-6
     else:
         free = np.full(len(times), kind.name == "positive")
-    at_longest = specification.vibration is None and longest is not None and times[-1] > longest * (1 - 1e-7)
-    if at_longest:
+    at_longest = 0
+    if specification.minimises_vibration and longest is not None and times[-1] > longest * (1 - 1e-7):
+        at_longest = 1
         times = np.append(times[:-1], longest)
     near = [
         peak

@@ -6,7 +6,7 @@ The nonlinear program limits V at fixed poles; where it comes out larger between
 import dataclasses
 
 import numpy as np
-from scipy.optimize import Bounds, minimize
+from scipy.optimize import minimize
 
 from jshape.design.insensitive._band import Vector, peaks
 from jshape.design.insensitive._specification import Design, Specification
@@ -22,10 +22,6 @@ class _Program:
     poles: Vector
 
     @property
-    def minimises_vibration(self) -> bool:
-        return self.specification.vibration is None
-
-    @property
     def free(self) -> int:
         """How many amplitudes are unknown: all or none."""
         return 0 if self.specification.kind.name == "unity" else len(self.start.times)
@@ -33,13 +29,15 @@ class _Program:
     @property
     def is_gap(self) -> Vector:
         """1 for each gap in x, so that its product with x is the duration."""
-        last = [0.0] * self.minimises_vibration
+        last = [0.0] * self.specification.minimises_vibration
         return np.concatenate([np.zeros(self.free), np.ones(len(self.start.times) - 1), last])
 
     def initial(self) -> Vector:
         """The x of the given design."""
         amplitudes, times = self.start.amplitudes, self.start.times
-        level = [np.abs(transform(amplitudes, times, self.poles)).max()] if self.minimises_vibration else []
+        level = (
+            [np.abs(transform(amplitudes, times, self.poles)).max()] if self.specification.minimises_vibration else []
+        )
         return np.concatenate([amplitudes[: self.free], np.diff(times), level])
 
     def impulses(self, x: Vector) -> tuple[Vector, Vector]:
@@ -63,12 +61,16 @@ class _Program:
         by_gaps = np.cumsum(self.poles[:, None] * responses[:, :-1] * amplitudes[:-1], axis=1)
         by_impulses = np.hstack([responses[:, : self.free], by_gaps])
         rows = -2 / level * np.real(np.conj(values)[:, None] * by_impulses)
-        return np.column_stack([rows, 1 + np.abs(values) ** 2 / level**2]) if self.minimises_vibration else rows
+        return (
+            np.column_stack([rows, 1 + np.abs(values) ** 2 / level**2])
+            if self.specification.minimises_vibration
+            else rows
+        )
 
     def solve(self) -> Vector:
         """x at the solution, or where SLSQP stopped."""
         kind, duration = self.specification.kind, self.specification.duration
-        count, last, is_gap = len(self.start.times), int(self.minimises_vibration), self.is_gap
+        count, last, is_gap = len(self.start.times), int(self.specification.minimises_vibration), self.is_gap
         lowest = 0.0 if kind.name == "positive" else -kind.limit
         lower = [lowest] * self.free + [0.0] * (count - 1) + [1e-6] * last
         longest = 2 * np.pi / self.specification.region.low
@@ -85,7 +87,7 @@ class _Program:
                 lambda x: gradient @ x,
                 np.clip(self.initial(), lower, upper),
                 jac=lambda x: gradient,
-                bounds=Bounds(lower, upper),
+                bounds=list(zip(lower, upper, strict=True)),
                 constraints=constraints,
                 method="SLSQP",
                 options={"ftol": 1e-13, "maxiter": 100},

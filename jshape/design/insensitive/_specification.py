@@ -18,6 +18,11 @@ class Specification:
     vibration: float | None = None
     duration: float | None = None
 
+    @property
+    def minimises_vibration(self) -> bool:
+        """Whether V is minimised, rather than the duration."""
+        return self.vibration is None
+
     def met_by(self, design: "Design") -> bool:
         """Whether the design keeps the limit on V, if there is one."""
         return self.vibration is None or design.vibration <= self.vibration * (1 + 1e-9)
