@@ -76,30 +76,26 @@ def _undamped_humps(humps: int, zeta: Scalar, limit: Scalar) -> tuple[Impulses, 
 
 
 def _undamped(humps: int, limit: Scalar) -> Float[Array, " unknowns"]:
-    """The unknowns of ``_humps`` without damping, in closed form.
+    """The unknowns of ``_humps`` without damping, in closed form: a Dolph–Chebyshev filter.
 
-    Impulses lie half a period apart, so that V is a polynomial in c = cos(πr/2) of the frequency ratio r.
+    Impulses lie half a period apart, so that the transform is a polynomial of degree m = humps + 1 in cos(πr/2), r the
+    frequency ratio. The one that ripples between ±V is V T_m(x₀ cos(πr/2)) with T_m(x₀) = 1/V; for one to three humps
+    its amplitudes are those that Singhose, Seering and Singer (1994) and Singhose, Porter, Tuttle and Singer (1997)
+    print.
+
+    Source: Dolph (1946), "A current distribution for broadside arrays".
     """
-    if humps == 1:
-        first = jnp.stack([(1 + limit) / 4, (1 - limit) / 2])
-        lower = [jnp.arccos(-(1 - limit) / (1 + limit)) / jnp.pi]
-        tops = []
-    elif humps == 2:
-        x = jnp.cbrt(limit**2 * (jnp.sqrt(1 - limit**2) + 1))
-        a = (3 * x**2 + 2 * x + 3 * limit**2) / (16 * x)
-        first = jnp.stack([a, 0.5 - a, 0.5 - a])
-        square = (4 * a - 0.5) / (4 * a)  # of c at the zeros; a third of it at the tops
-        lower = [2 / jnp.pi * jnp.arccos(jnp.sqrt(square))]
-        tops = [2 / jnp.pi * jnp.arccos(jnp.sqrt(square / 3))]
-    else:
-        a = (1 + 3 * limit + 2 * jnp.sqrt(2 * (limit**2 + limit))) / 16
-        b = (1 - limit) / 4
-        c = 1 - 2 * (a + b)
-        first = jnp.stack([a, b, c, b])
-        root = jnp.sqrt(b**2 - 4 * a * (c - 2 * a))  # of 4a y² + 2b y + c − 2a in y = cos(πr)
-        lower = [jnp.arccos((-b + sign * root) / (4 * a)) / jnp.pi for sign in (1, -1)]
-        tops = [jnp.arccos(-b / (4 * a)) / jnp.pi]
-    phases = jnp.pi * jnp.arange(1, humps + 2, dtype=limit.dtype)
-    upper = [1 / (2 - r) for r in reversed(lower)]
-    both = jnp.stack([*lower, *upper, *tops, *(2 - r for r in reversed(tops))])
-    return jnp.concatenate([first, phases, both])
+    m, half = humps + 1, (humps + 1) // 2
+    edge = jnp.cosh(jnp.arccosh(1 / limit) / m)
+    phase = np.pi * np.arange(m + 1) / (m + 1)
+    before, polynomial = jnp.ones(m + 1, limit.dtype), edge * np.cos(phase)
+    for _ in range(m - 1):
+        before, polynomial = polynomial, 2 * edge * np.cos(phase) * polynomial - before
+    # The polynomial is Σ A_k cos((m − 2k) πr/2): a discrete Fourier transform gives the amplitudes.
+    amplitudes = limit * np.cos(np.outer(m - 2 * np.arange(m), phase)) @ polynomial / (m + 1)
+    zeros, tops = (
+        2 / np.pi * jnp.arccos(np.cos(np.pi * at / m) / edge) for at in (np.arange(m) + 0.5, np.arange(1, m))
+    )
+    phases = np.pi * jnp.arange(1, m + 1, dtype=limit.dtype)
+    both = [zeros[:half], 1 / zeros[m - half :], tops[: humps // 2], tops[humps - humps // 2 :]]
+    return jnp.concatenate([amplitudes, phases, *both])
