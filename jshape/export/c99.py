@@ -4,13 +4,13 @@ The filter is one state machine for all arithmetics (``templates/shaper.h``); wh
 ``templates/arithmetics.toml``.
 """
 
+import textwrap
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
 from jshape import _check
-from jshape.export.fixed_point import error_bound, quantise
 from jshape.export.text import TEMPLATES, digitised_about, fill, identifier, substituted
 from jshape.shaper import Shaper
 
@@ -67,16 +67,41 @@ def c99(
         sample_time=repr(float(sample_time)),
         capacity=len(taps),
         count=len(delays),
-        delays=_rows([str(d) for d in delays]),
-        gains=_rows([gains[d] for d in delays]),
+        delays=_rows(map(str, delays.tolist())),
+        gains=_rows(gains[d] for d in delays),
     )
 
 
-def _rows(items: list[str], width: int = 100) -> list[str]:
-    """Items separated by commas, in lines of about that width."""
-    lines = [""]
-    for item in items:
-        if len(lines[-1]) + len(item) > width:
-            lines.append("")
-        lines[-1] += f"{item}, "
-    return [line.rstrip() for line in lines]
+def quantise(taps: np.ndarray, bits: int) -> np.ndarray:
+    """Taps as whole multiples of 2^-``bits``, each off by less than one, that sum to 2^``bits``.
+
+    At rest the output is then the command, bit for bit: rounding leaves no offset. All are rounded down and the
+    remainder goes to the largest remainders, one each, so that the total error is the smallest that such a sum allows.
+    *Raises* ``ValueError`` if the magnitudes sum to 4 or more: the accumulator of the filter would overflow.
+    """
+    one = 1 << bits
+    scaled = np.asarray(taps, float) / np.sum(taps) * one
+    whole = np.floor(scaled).astype(np.int64)
+    missing = one - int(whole.sum())
+    whole[np.argsort(whole - scaled, kind="stable")[:missing]] += 1
+    if np.abs(whole).sum() >= 4 * one or np.abs(whole).max() >= 2 * one:
+        raise ValueError(
+            f"amplitudes: their magnitudes sum to {np.abs(taps).sum():.6g}, the largest is {np.abs(taps).max():.6g}; "
+            "in fixed point the sum must be below 4 and each below 2"
+        )
+    return whole
+
+
+def error_bound(taps: np.ndarray, whole: np.ndarray, bits: int, samples: int) -> float:
+    """The greatest error of the output against the exact ``taps``, in steps of a sample of ``samples`` bits.
+
+    For any commands within full scale: the taps' rounding against full-scale commands of the worst signs, and half a
+    step for the one rounding of the output.
+    """
+    full = 2.0 ** (samples - 1)
+    return float(np.abs(whole / 2.0**bits - taps).sum() * full + 0.5)
+
+
+def _rows(items: Iterable[str]) -> list[str]:
+    """Items separated by commas, in lines."""
+    return textwrap.wrap(", ".join(items) + ",", 100, break_on_hyphens=False)

@@ -39,9 +39,10 @@ def on_off(
     _check.positive(sample_time, "sample_time")
     if np.abs(amplitudes - (-1.0) ** np.arange(len(times))).max() > 1e-6 or len(times) % 2 == 0:
         raise ValueError(f"amplitudes must be 1, -1, ..., 1 for an on-off output, not {_check.show(amplitudes)}")
-    if not pairs(modes):
+    checked = pairs(modes)
+    if not checked:
         raise ValueError("modes is empty: at least one (omega, zeta) is needed, to judge the rounding by")
-    cycles = switching_cycles(amplitudes, times, sample_time, pairs(modes))
+    cycles = switching_cycles(amplitudes, times, sample_time, checked)
     rounded = Shaper(amplitudes, cycles * sample_time)
     table = [f"    {'cycle':>8} {'s':>12}"]
     for index, cycle in enumerate(cycles.tolist()):

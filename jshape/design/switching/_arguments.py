@@ -100,9 +100,5 @@ def numbers(value: Any, name: str) -> Real:
     """A concrete array of float64. Traced values are refused."""
     if not _check.is_concrete(value):
         raise ValueError(f"{name} must be known here: a switched input is designed outside of jit, vmap and grad")
-    if isinstance(value, bool | str | bytes):
-        raise ValueError(f"{name} must be a number, not {value!r}")
-    try:
-        return np.array(value, dtype=float)
-    except (TypeError, ValueError):
-        raise ValueError(f"{name} must be numeric, not {value!r}") from None
+    _check.as_array(value, name)
+    return np.array(value, dtype=float)
