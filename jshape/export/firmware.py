@@ -41,7 +41,7 @@ def klipper(shaper: Shaper, *, axis: str = "x", firmware: str = "current", toler
     error, frequency, zeta = found[kind]
     if not error <= tolerance:
         nearest = f"; the nearest, {kind} at {frequency} Hz and zeta {zeta}, is off by {error:.2g}" if error < 1 else ""
-        raise ValueError(f"Klipper knows {', '.join(KINDS)} alone, and this shaper is none of them{nearest}")
+        raise ValueError(f"Klipper has {', '.join(KINDS)} alone, and this shaper is none of them{nearest}")
     note = f"Klipper ({firmware}) computes its own {kind}: amplitudes, and times over the duration, within {error:.1g}."
     body = f"shaper_type_{axis}: {kind}\nshaper_freq_{axis}: {frequency}\ndamping_ratio_{axis}: {zeta}\n"
     return comment("#", [*about(shaper), "", note]) + "[input_shaper]\n" + body

@@ -137,17 +137,19 @@ def _undamped(humps: int, limit: Scalar) -> Float[Array, " unknowns"]:
 
     Source: Dolph (1946), "A current distribution for broadside arrays".
     """
-    m, half = humps + 1, (humps + 1) // 2
+    m, half, dtype = humps + 1, (humps + 1) // 2, limit.dtype
     edge = jnp.cosh(jnp.arccosh(1 / limit) / m)
     phase = np.pi * np.arange(m + 1) / (m + 1)
-    before, polynomial = jnp.ones(m + 1, limit.dtype), edge * np.cos(phase)
+    x = edge * np.cos(phase).astype(dtype)
+    before, polynomial = jnp.ones_like(x), x
     for _ in range(m - 1):
-        before, polynomial = polynomial, 2 * edge * np.cos(phase) * polynomial - before
+        before, polynomial = polynomial, 2 * x * polynomial - before
     # The polynomial is Σ A_k cos((m − 2k) πr/2): a discrete Fourier transform gives the amplitudes.
-    amplitudes = limit * np.cos(np.outer(m - 2 * np.arange(m), phase)) @ polynomial / (m + 1)
-    zeros, tops = (
-        2 / np.pi * jnp.arccos(np.cos(np.pi * at / m) / edge) for at in (np.arange(m) + 0.5, np.arange(1, m))
-    )
-    phases = np.pi * jnp.arange(1, m + 1, dtype=limit.dtype)
+    waves = np.cos(np.outer(m - 2 * np.arange(m), phase)).astype(dtype)
+    amplitudes = limit / (m + 1) * waves @ polynomial
+    extrema = np.cos(np.pi * np.arange(0.5, m, 0.5) / m).astype(dtype)
+    ratios = 2 / np.pi * jnp.arccos(extrema / edge)
+    zeros, tops = ratios[::2], ratios[1::2]
+    phases = jnp.pi * jnp.arange(1, m + 1, dtype=dtype)
     both = [zeros[:half], 1 / zeros[m - half :], tops[: humps // 2], tops[humps - humps // 2 :]]
     return jnp.concatenate([amplitudes, phases, *both])
