@@ -20,7 +20,7 @@ from jshape.calibration.score import CEILING, ZETAS, Bins, Rated, vibration
 from jshape.calibration.smoothing import CORNER_SPEED, rounded
 from jshape.calibration.spectrum import Spectrum
 from jshape.calibration.tuned import LEAST, Tuned, tune
-from jshape.export import write_csv, write_json
+from jshape.export import export
 from jshape.export.firmware import REPRAP, klipper, reprapfirmware
 from jshape.klipper import DAMPING
 from jshape.reports import plot
@@ -166,8 +166,8 @@ def write(found: Calibration, folder: Path, axis: str) -> list[str]:
     write_results(folder, numbers(found))
     (folder / "paste.txt").write_text(lines(found, axis), encoding="utf-8")
     for rated in found.shapers:
-        write_json(rated.shaper, folder / "shapers" / f"{rated.name}.json", rated.name)
-        write_csv(rated.shaper, folder / "shapers" / f"{rated.name}.csv")
+        export(rated.shaper, "json", folder / "shapers" / f"{rated.name}.json", name=rated.name)
+        export(rated.shaper, "csv", folder / "shapers" / f"{rated.name}.csv")
         names += [f"shapers/{rated.name}.json", f"shapers/{rated.name}.csv"]
     for name, figure in figures(found):
         plot.save(figure, folder / f"{name}.png")

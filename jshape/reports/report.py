@@ -17,7 +17,7 @@ from jshape._files import write_results
 from jshape.command import as_command
 from jshape.design.closed_forms import closed_forms
 from jshape.design.tuning.solution import Solution
-from jshape.export import write_csv, write_json
+from jshape.export import export
 from jshape.metrics import energy_profile, residual_energy
 from jshape.plants import AbstractOscillator
 from jshape.problems.problem import Problem
@@ -186,8 +186,8 @@ def write(report: Report, folder: Path, step: Step = lambda _: None, draw: Draw 
     (folder / "figures").mkdir(exist_ok=True)
     for row in report.rows:
         stem = row.name.replace(",", "").replace(" ", "_").replace("-", "_")
-        write_json(row.shaper, folder / "shapers" / f"{stem}.json", row.name)
-        write_csv(row.shaper, folder / "shapers" / f"{stem}.csv")
+        export(row.shaper, "json", folder / "shapers" / f"{stem}.json", name=row.name)
+        export(row.shaper, "csv", folder / "shapers" / f"{stem}.csv")
     (folder / "problem.toml").write_text(report.problem.text, encoding="utf-8")
     for name, curves in report.curves.items():
         with (folder / f"sensitivity_{name}.csv").open("w", newline="", encoding="utf-8") as file:
