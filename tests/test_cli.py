@@ -104,7 +104,7 @@ def test_another_process_finds_the_programs_and_tells_the_same(tmp_path):
     kept = {name.partition("-")[0] for name in programs[0]}
     assert {
         "jshape.design.tuning.levenberg_marquardt._run",
-        "jshape.design.tuning.evaluate.look",
+        "jshape.design.tuning.evaluate.linearise",
         "jshape.sweeps.evaluate._many",
     } <= kept
 

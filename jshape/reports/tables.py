@@ -34,7 +34,7 @@ def show_report(report: Report, folder: Path, figures: list[Path]) -> None:
     for name, reason in report.left_out.items():
         console.print(f"left out: {name}: {reason}", style="dim", highlight=False)
     if report.solution is not None:
-        console.print(f"tuned: {report.solution.result}", highlight=False)
+        console.print(f"tuned: {report.solution.message}", highlight=False)
         for line in report.gains():
             console.print(line, highlight=False)
     if uncertain:
