@@ -1,6 +1,6 @@
 """Metrics of many plants, piece by piece: side by side on all local devices, or on the workers of a cluster.
 
-A ``Task`` says what is computed for a plant; ``evaluate`` does so for all of them.
+An ``Evaluation`` says what is computed for a plant; ``evaluate`` does so for all of them.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -37,7 +37,7 @@ STEPPED = ("residual_energy", "residual_vibration")
 """The metrics whose fixed steps are chosen here; the others choose their own."""
 
 
-class Task(eqx.Module):
+class Evaluation(eqx.Module):
     """What is computed for every plant: metrics of the shapers (stacked along a leading axis), and their slopes.
 
     ``slopes``: the leaves with respect to which each metric is derived; none, if there are none.
@@ -88,10 +88,10 @@ class Task(eqx.Module):
 
 def task(
     plant, command, shapers: list[Shaper], metrics: tuple[str | Metric, ...], slopes: tuple[str, ...] = ()
-) -> Task:
+) -> Evaluation:
     """A task with plain NumPy leaves, which any device and any process can take."""
     stacked = jax.tree.map(lambda *leaves: np.stack(leaves), *shapers)
-    made = Task(plant, command, stacked, metrics, slopes)
+    made = Evaluation(plant, command, stacked, metrics, slopes)
     return jax.tree.map(lambda leaf: np.asarray(leaf) if isinstance(leaf, jax.Array) else leaf, made)
 
 
@@ -103,7 +103,7 @@ def padded_shapers(shapers: Iterable[Shaper | None]) -> list[Shaper]:
 
 
 def evaluate(
-    of: Task,
+    of: Evaluation,
     points: Mapping[str, np.ndarray],
     cut: list[Piece],
     store: Path | None = None,
@@ -138,7 +138,9 @@ def _filled(piece: Piece) -> np.ndarray:
     return np.append(piece.at, np.full(piece.size - len(piece.at), piece.at[-1]))
 
 
-def side_by_side(of: Task, points: Mapping[str, np.ndarray], steps: int) -> Float[np.ndarray, "values shapers plants"]:
+def side_by_side(
+    of: Evaluation, points: Mapping[str, np.ndarray], steps: int
+) -> Float[np.ndarray, "values shapers plants"]:
     """The task's values for some plants, shared out evenly among all local devices."""
     count = len(next(iter(points.values())))
     devices = jax.local_devices()
@@ -150,11 +152,11 @@ def side_by_side(of: Task, points: Mapping[str, np.ndarray], steps: int) -> Floa
 
 
 @kept
-def _many(of: Task, points: Mapping[str, Any], steps: int, lanes: int) -> Array:
+def _many(of: Evaluation, points: Mapping[str, Any], steps: int, lanes: int) -> Array:
     mesh = Mesh(np.array(jax.local_devices()), ("plants",))
     arrays, rest = eqx.partition(of, eqx.is_array)
 
-    def share(arrays: Task, points: Mapping[str, Any]) -> Array:
+    def share(arrays: Evaluation, points: Mapping[str, Any]) -> Array:
         of = eqx.combine(arrays, rest)
         each = lambda shaper: jax.lax.map(lambda values: of(shaper, values, steps), points, batch_size=lanes)
         return jnp.moveaxis(jax.lax.map(each, of.shapers), -1, 0)
@@ -171,13 +173,13 @@ def _many(of: Task, points: Mapping[str, Any], steps: int, lanes: int) -> Array:
     return shared(arrays, points)
 
 
-def _elsewhere(of: Task, points: dict[str, np.ndarray], steps: int, wide: bool) -> np.ndarray:
+def _elsewhere(of: Evaluation, points: dict[str, np.ndarray], steps: int, wide: bool) -> np.ndarray:
     """In a worker, whose JAX has a precision of its own."""
     with jax.enable_x64(wide):
         return side_by_side(of, points, steps)
 
 
-def _fingerprint(of: Task, points: Mapping[str, np.ndarray], cut: list[Piece]) -> bytes:
+def _fingerprint(of: Evaluation, points: Mapping[str, np.ndarray], cut: list[Piece]) -> bytes:
     """Everything that the numbers depend on: the program that is run for a plant, as text, and all that it is given."""
     arrays, rest = eqx.partition(of, lambda leaf: isinstance(leaf, np.ndarray))
     first = jax.tree.map(lambda leaf: leaf[0], arrays.shapers), {name: values[0] for name, values in points.items()}

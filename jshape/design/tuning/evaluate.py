@@ -1,7 +1,7 @@
 """Residual energies and limits of one design on many plants, with their derivatives, as compiled programs."""
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -42,18 +42,25 @@ def energies(scenarios: Scenarios, point: Point) -> Float[Array, " plants"]:
     return _every_plant(scenarios, lambda plant: energy(scenarios, plant, point))
 
 
-@kept
-def linearise(
-    scenarios: Scenarios, point: Point
-) -> tuple[
-    Float[Array, " plants"], Float[Array, "plants variables"], Float[Array, " limits"], Float[Array, "limits variables"]
-]:
-    """Residual energies and slacks of the limits, each with its Jacobian.
+class Linearisation(NamedTuple):
+    """Energies and slacks at a design, each with its Jacobian in the amplitudes, then the gaps, then the leaves.
 
-    Returns:
-        Energies (J), their Jacobian, slacks (negative where a limit is missed, 1 where none of it is used), their
-        Jacobian. The variables are the amplitudes, then the gaps, then the leaves.
+    Attributes:
+        energies: residual energies, J, shape (plants,).
+        jacobian: theirs, shape (plants, variables).
+        slacks: negative where a limit is missed, 1 where none of it is used, shape (limits,).
+        slack_jacobian: theirs, shape (limits, variables).
     """
+
+    energies: Any
+    jacobian: Any
+    slacks: Any
+    slack_jacobian: Any
+
+
+@kept
+def linearise(scenarios: Scenarios, point: Point) -> Linearisation:
+    """Residual energies and slacks of the limits, each with its Jacobian."""
     flat, unravel = ravel_pytree(point)
 
     if len(flat) <= FORWARD:
@@ -68,9 +75,9 @@ def linearise(
         )
 
     if not scenarios.limits.any:
-        return values, jacobian, jnp.zeros(0), jnp.zeros((0, len(flat)))
+        return Linearisation(values, jacobian, jnp.zeros(0), jnp.zeros((0, len(flat))))
     slack, slack_jacobian = _with_jacobian(lambda x: slacks(scenarios, unravel(x)), flat)
-    return values, jacobian, jnp.nan_to_num(slack, nan=-1.0), slack_jacobian
+    return Linearisation(values, jacobian, jnp.nan_to_num(slack, nan=-1.0), slack_jacobian)
 
 
 def slacks(scenarios: Scenarios, point: Point) -> Float[Array, " limits"]:

@@ -9,7 +9,7 @@ import dataclasses
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -23,7 +23,7 @@ from jshape.design.tuning.design_problem import DesignProblem, design_problem, s
 from jshape.design.tuning.evaluate import energies
 from jshape.design.tuning.objective import Objective, objective_name, value_of
 from jshape.design.tuning.scenarios import Limits, Point
-from jshape.design.tuning.search import on_finer_set, status_of
+from jshape.design.tuning.search import Candidate, on_finer_set, status_of
 from jshape.design.tuning.slsqp import EpigraphSLSQP
 from jshape.design.tuning.starts import starts as starting_points
 from jshape.plants import AbstractPlant
@@ -128,14 +128,6 @@ def pareto(
     return _dataset(table, designs, times, objective, _closed(problems[0], distance))
 
 
-class Candidate(NamedTuple):
-    """A design with its objective (J) and whether it is an optimum."""
-
-    objective: float
-    point: Point
-    optimal: bool
-
-
 def _front(
     problem: DesignProblem,
     times: np.ndarray,
@@ -154,10 +146,10 @@ def _front(
         for point in points:
             found, optimal = search(search.problem.bounds.clip(point), iterations)
             candidates.append(Candidate(search.merit(found), found, optimal))
-        return min(candidates, key=lambda candidate: candidate.objective)
+        return min(candidates, key=lambda candidate: candidate.merit)
 
     for done, search in enumerate(searches):
-        report(done, front[-1].objective if front else np.inf)
+        report(done, front[-1].merit if front else np.inf)
         points = sorted(starting_points(search.problem, starts, seed), key=search.merit)[:FRESH]
         if front:
             before = front[-1].point
@@ -169,8 +161,8 @@ def _front(
         if after.gaps.sum() > times[index]:
             front[index] = best_of(searches[index], [after], [front[index]])
     for index in range(1, len(times)):
-        front[index] = min(front[index], front[index - 1], key=lambda candidate: candidate.objective)
-    report(len(times), front[-1].objective)
+        front[index] = min(front[index], front[index - 1], key=lambda candidate: candidate.merit)
+    report(len(times), front[-1].merit)
     return front
 
 

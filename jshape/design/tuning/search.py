@@ -125,7 +125,7 @@ class Search:
             starts = [self.problem.bounds.clip(end) for end in descend(self.problem, starts, DESCENT)[0]]
 
         def report(value: float) -> None:
-            self.history.append(min(value, *self.history[-1:]))
+            self.history.append(min([value, *self.history[-1:]]))
             self.progress("SLSQP", refined, total, self.history[-1])
 
         search = EpigraphSLSQP(self.problem, report=report)

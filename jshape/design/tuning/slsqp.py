@@ -6,7 +6,6 @@ quadratic model, linearised constraints, an ℓ1 merit function) converges to ro
 constraints. ``EpigraphSLSQP.optimality`` judges any design by the Karush–Kuhn–Tucker conditions of the same problem.
 """
 
-import dataclasses
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -16,7 +15,7 @@ from jaxtyping import Float
 from scipy.optimize import lsq_linear, minimize
 
 from jshape.design.tuning.design_problem import DesignProblem
-from jshape.design.tuning.evaluate import linearise
+from jshape.design.tuning.evaluate import Linearisation, linearise
 from jshape.design.tuning.objective import TAIL, Objective, value_of, weights_of
 from jshape.design.tuning.scenarios import Point
 
@@ -34,17 +33,7 @@ Vector = Float[np.ndarray, " variables"]
 Rows = Float[np.ndarray, "constraints variables"]
 
 
-class Linearisation(NamedTuple):
-    """Energies (J) and slacks of the limits at a point, each with its Jacobian in the search's units."""
-
-    energies: np.ndarray
-    jacobian: np.ndarray
-    slacks: np.ndarray
-    slack_jacobian: np.ndarray
-
-
-@dataclasses.dataclass(frozen=True)
-class Optimality:
+class Optimality(NamedTuple):
     """How far a design is from the first-order conditions of an optimum (Karush, Kuhn and Tucker).
 
     Attributes:
@@ -75,18 +64,15 @@ class EpigraphSLSQP:
         self.units = np.concatenate([np.ones(sizes[0]), np.full(sizes[1], bounds.longest), span])
         self.lower = np.concatenate([bounds.lower, np.zeros(sizes[1]), bounds.least]) / self.units
         self.upper = np.concatenate([bounds.upper, np.full(sizes[1], bounds.longest), bounds.most]) / self.units
-        # Linear constraints: normals · x = level, and normals · x ≥ level.
         amplitudes, self.duration = np.repeat([1.0, 0.0, 0.0], sizes), np.repeat([0.0, 1.0, 0.0], sizes)
-        both = np.array([-self.duration, self.duration]), np.array([-1.0, bounds.shortest / bounds.longest])
-        if bounds.fixed_duration:
-            self.equalities = np.array([amplitudes, -self.duration]), np.array([1.0, -1.0])
-            self.inequalities = both[0][:0], both[1][:0]
-        else:
-            self.equalities = amplitudes[None], np.ones(1)
-            self.inequalities = both if bounds.shortest > 0 else (both[0][:1], both[1][:1])
-        self.free = self.upper > self.lower
-        if fixed_gaps:
-            self.free &= self.duration == 0
+        self.free = (self.upper > self.lower) & ((self.duration == 0) | (not fixed_gaps))
+        # The sum of the amplitudes and the duration, as equalities normals · x = levels and inequalities ≥ levels.
+        sums = np.stack([amplitudes, self.duration])
+        least, most = np.array([1.0, bounds.shortest / bounds.longest]), np.ones(2)
+        held = sums[:, self.free].any(axis=1)
+        equal, ranged = held & (least == most), held & (least < most)
+        self.equalities = sums[equal], least[equal]
+        self.inequalities = np.vstack([-sums[ranged], sums[ranged]]), np.append(-most[ranged], least[ranged])
         self._last: tuple[bytes, Linearisation] | None = None
 
     def vector(self, point: Point) -> Vector:
@@ -99,7 +85,7 @@ class EpigraphSLSQP:
         return Point(*np.split(x * self.units, [n, 2 * n - 1]))
 
     def evaluate(self, x: Vector) -> Linearisation:
-        """Energies, slacks and Jacobians at a vector; those of the last one are remembered."""
+        """Energies, slacks, and their Jacobians in the search's units; those of the last vector are remembered."""
         key = x.tobytes()
         if self._last is None or self._last[0] != key:
             point = self.point(x)
@@ -131,15 +117,11 @@ class EpigraphSLSQP:
     def _descend(self, start: Point, iterations: int) -> tuple[Point, bool]:
         """One run of SLSQP: the design at the end, and whether the method converged."""
         program = _Program(self, self.vector(start))
+        tolerance = max(1e-13, float(jnp.finfo(jnp.result_type(float)).eps))
         end = minimize(
-            program.objective,
-            program.start,
-            jac=program.gradient,
-            bounds=program.bounds,
-            constraints=program.constraints(),
-            method="SLSQP",
-            options=dict(maxiter=iterations, ftol=max(1e-13, float(jnp.finfo(jnp.result_type(float)).eps))),
-        )
+            program.objective, program.start, jac=True, bounds=program.bounds, constraints=program.constraints(),
+            method="SLSQP", options=dict(maxiter=iterations, ftol=tolerance),
+        )  # fmt: skip
         point = self.point(program.split(end.x)[0])
         clipped = self.problem.bounds.clip(point)
         return clipped._replace(gaps=point.gaps) if self.fixed_gaps else clipped, bool(end.success)
@@ -180,7 +162,7 @@ class EpigraphSLSQP:
             heavy = 1e3 * max(steepest, 1e-300)
             matrix = np.vstack([columns, heavy * np.repeat([1.0, 0.0, 0.0], counts)])
             target = np.append(target, heavy)
-        balance = lsq_linear(matrix, target, (lower, upper), method="bvls").x
+        balance = lsq_linear(matrix, target, (lower, upper), method="bvls").x if len(lower) else lower
         multipliers[active] = balance[: len(active)]
         residual = np.linalg.norm(columns @ balance + gradient)
         return Optimality(multipliers, float(residual / steepest) if steepest > 0 else 0.0)
@@ -208,11 +190,8 @@ class _Program:
         self.time_cost = search.time_cost(self.scale) * search.duration
         self.cost, self.auxiliary, start, lower = _epigraph(search.problem.objective, energies / self.scale)
         self.start = np.concatenate([begin[self.free], start])
-        ends = (
-            np.append(search.lower[self.free], lower),
-            np.append(search.upper[self.free], np.full(len(lower), np.inf)),
-        )
-        self.bounds = [tuple(end if np.isfinite(end) else None for end in pair) for pair in zip(*ends, strict=True)]
+        upper = np.append(search.upper[self.free], np.full(len(lower), np.inf))
+        self.bounds = np.stack([np.append(search.lower[self.free], lower), upper], axis=1)
 
     def split(self, z: Vector) -> tuple[Vector, Vector]:
         """All variables of the design, and the auxiliary ones."""
@@ -220,55 +199,38 @@ class _Program:
         x[self.free], a = np.split(z, [int(self.free.sum())])
         return x, a
 
-    def objective(self, z: Vector) -> float:
-        """The objective with the cost of time."""
+    def objective(self, z: Vector) -> tuple[float, Vector]:
+        """The objective with the cost of time, and its gradient."""
         x, a = self.split(z)
-        if len(a):
-            energy = self.cost @ a
-        else:
-            energy = value_of(self.search.problem.objective, self.search.evaluate(x).energies) / self.scale
-        return float(energy + self.time_cost @ x)
-
-    def gradient(self, z: Vector) -> Vector:
-        """The objective's gradient."""
-        x, a = self.split(z)
-        slope = self.time_cost
+        value, gradient = self.cost @ a + self.time_cost @ x, self.time_cost
         if not len(a):
-            found = self.search.evaluate(x)
-            slope = slope + weights_of(self.search.problem.objective, found.energies) @ found.jacobian / self.scale
-        return np.append(slope[self.free], self.cost)
+            objective, found = self.search.problem.objective, self.search.evaluate(x)
+            value = value_of(objective, found.energies) / self.scale + value
+            gradient = gradient + weights_of(objective, found.energies) @ found.jacobian / self.scale
+        return float(value), np.append(gradient[self.free], self.cost)
 
-    def inequalities(self, z: Vector) -> Vector:
-        """What must not be negative: linear constraints, slacks of the limits on the move, the epigraph's."""
+    def inequalities(self, z: Vector) -> tuple[Vector, Rows]:
+        """What must not be negative (linear constraints, slacks of the limits, the epigraph's), and its Jacobian."""
         x, a = self.split(z)
-        normals, levels = self._linear(self.search.inequalities)
-        found = self.search.evaluate(x)
-        above = self.auxiliary @ a - found.energies / self.scale if len(a) else a
-        return np.concatenate([normals @ x - levels, found.slacks, above])
-
-    def inequality_jacobian(self, z: Vector) -> Rows:
-        """The inequalities' Jacobian."""
-        x, a = self.split(z)
-        normals, _ = self._linear(self.search.inequalities)
-        found = self.search.evaluate(x)
-        design = np.vstack([normals, found.slack_jacobian, *([-found.jacobian / self.scale] if len(a) else [])])
-        auxiliary = np.zeros((len(design), len(a)))
-        auxiliary[len(design) - len(self.auxiliary) :] = self.auxiliary
-        return np.hstack([design[:, self.free], auxiliary])
+        found, (normals, levels) = self.search.evaluate(x), self.search.inequalities
+        active = slice(None if len(a) else 0)
+        energies, jacobian = found.energies[active] / self.scale, found.jacobian[active] / self.scale
+        values = np.concatenate([normals @ x - levels, found.slacks, self.auxiliary @ a - energies])
+        design = np.vstack([normals, found.slack_jacobian, -jacobian])[:, self.free]
+        auxiliary = np.vstack([np.zeros((len(design) - len(energies), len(a))), self.auxiliary])
+        return values, np.hstack([design, auxiliary])
 
     def constraints(self) -> list[dict[str, Any]]:
-        """The constraints as SciPy takes them, without those that hold no free variable."""
-        normals, levels = self._linear(self.search.equalities)
+        """The constraints as SciPy takes them."""
+        normals, levels = self.search.equalities
         jacobian = np.hstack([normals[:, self.free], np.zeros((len(normals), len(self.cost)))])
-        equal = dict(type="eq", fun=lambda z: normals @ self.split(z)[0] - levels, jac=lambda _: jacobian)
-        above = dict(type="ineq", fun=self.inequalities, jac=self.inequality_jacobian)
-        return ([equal] if len(normals) else []) + ([above] if len(self.inequalities(self.start)) else [])
-
-    def _linear(self, constraints: tuple[Rows, Vector]) -> tuple[Rows, Vector]:
-        """Those linear constraints that hold a free variable."""
-        normals, levels = constraints
-        held = normals[:, self.free].any(axis=1)
-        return normals[held], levels[held]
+        found = []
+        if len(levels):
+            found.append(dict(type="eq", fun=lambda z: normals @ self.split(z)[0] - levels, jac=lambda _: jacobian))
+        if len(self.inequalities(self.start)[0]):
+            value, slope = lambda z: self.inequalities(z)[0], lambda z: self.inequalities(z)[1]
+            found.append(dict(type="ineq", fun=value, jac=slope))
+        return found
 
 
 def _epigraph(objective: Objective, energies: Vector) -> tuple[Vector, np.ndarray, Vector, Vector]:
