@@ -4,7 +4,7 @@ With many starts it goes first, and the best of its ends are refined. It is also
 nor a linear solve with SLSQP, and needs one derivative only.
 """
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -13,6 +13,7 @@ from jaxtyping import Array
 
 from jshape._types import Scalar
 from jshape.compilation_cache import kept
+from jshape.design.tuning.bounds import Bounds
 from jshape.design.tuning.design_problem import DesignProblem
 from jshape.design.tuning.evaluate import energies, slacks
 from jshape.design.tuning.objective import TAIL, Objective
@@ -34,35 +35,23 @@ def descend(problem: DesignProblem, starts: list[Point], iterations: int) -> tup
     Returns:
         The designs at the end, and the smoothed objective at every step, J, shape (starts, iterations).
     """
-    bounds = problem.bounds
-    box = _Box(*map(jnp.asarray, (bounds.lower, bounds.upper, bounds.least, bounds.most)))
-    durations, cost = jnp.asarray([bounds.shortest, bounds.longest]), jnp.asarray(problem.time_cost)
-    ends, values = _run(problem.scenarios, box, durations, problem.objective, stack(starts), iterations, cost)
+    bounds, time_cost = jax.tree.map(jnp.asarray, (problem.bounds, problem.time_cost))
+    ends, values = _run(problem.scenarios, bounds, problem.objective, stack(starts), iterations, time_cost)
     return unstack(ends), np.asarray(values)
 
 
-class _Box(NamedTuple):
-    """Bounds of the amplitudes and of the designed leaves."""
-
-    lower: Array
-    upper: Array
-    least: Array
-    most: Array
-
-
 @kept
-def _run(scenarios: Scenarios, box: _Box, durations, objective: Objective, starts: Point, iterations: int, time_cost):
+def _run(scenarios: Scenarios, bounds: Bounds, objective: Objective, starts: Point, iterations: int, time_cost: Scalar):
     import optax  # Loaded here: half a second that most designs do not need.
 
     optimiser = optax.adam(optax.cosine_decay_schedule(LEARNING_RATE, iterations, alpha=0.01))
-    shortest, longest = durations
-    span = jnp.where(box.most > box.least, box.most - box.least, 1.0)
+    span = jnp.where(bounds.most > bounds.least, bounds.most - bounds.least, 1.0)
 
     def in_units(x: Point) -> Point:
-        return Point(x.amplitudes, x.gaps * longest, box.least + x.leaves * span)
+        return Point(x.amplitudes, x.gaps * bounds.longest, bounds.least + x.leaves * span)
 
     def one(start: Point) -> tuple[Point, Array]:
-        begin = Point(start.amplitudes, start.gaps / longest, (start.leaves - box.least) / span)
+        begin = Point(start.amplitudes, start.gaps / bounds.longest, (start.leaves - bounds.least) / span)
         scale = jnp.max(energies(scenarios, in_units(begin)))
 
         def loss(x: Point, sharpness: Array) -> Scalar:
@@ -79,11 +68,11 @@ def _run(scenarios: Scenarios, box: _Box, durations, objective: Objective, start
             value, slope = jax.value_and_grad(loss)(x, sharpness)
             slope = jax.tree.map(jnp.nan_to_num, slope)
             # Along the sums that stay as they are: what points across them would only drown the rest in Adam's scale.
-            level = jnp.where(shortest == longest, jnp.mean(slope.gaps), 0.0)
+            level = jnp.where(bounds.fixed_duration, jnp.mean(slope.gaps), 0.0)
             slope = Point(slope.amplitudes - jnp.mean(slope.amplitudes), slope.gaps - level, slope.leaves)
             change, state = optimiser.update(slope, state, x)
             moved: Any = optax.apply_updates(x, change)
-            return (_project(moved, box, shortest / longest), state), value * scale
+            return (_project(moved, bounds), state), value * scale
 
         (x, _), values = jax.lax.scan(advance, (begin, optimiser.init(begin)), jnp.arange(iterations))
         return in_units(x), values
@@ -103,14 +92,14 @@ def _smoothed(objective: Objective, energies: Array, scale: Array, sharpness: Ar
     return jnp.mean(energies)
 
 
-def _project(x: Point, box: _Box, shortest: Array) -> Point:
-    """The nearest design within the bounds; gaps and ``shortest`` over the longest duration, leaves over their span."""
+def _project(x: Point, bounds: Bounds) -> Point:
+    """The nearest design within the bounds; gaps are over the longest duration, leaves over their span."""
     clipped = jnp.clip(x.gaps, 0.0, 1.0)
-    total = jnp.sum(clipped)
+    total, shortest = jnp.sum(clipped), bounds.shortest / bounds.longest
     zero, one = jnp.zeros_like(x.gaps), jnp.ones_like(x.gaps)
     long, short = _onto_sum(x.gaps, zero, one, 1.0), _onto_sum(x.gaps, zero, one, shortest)
     gaps = jnp.where(total > 1, long, jnp.where(total < shortest, short, clipped))
-    return Point(_onto_sum(x.amplitudes, box.lower, box.upper, 1.0), gaps, jnp.clip(x.leaves, 0.0, 1.0))
+    return Point(_onto_sum(x.amplitudes, bounds.lower, bounds.upper, 1.0), gaps, jnp.clip(x.leaves, 0.0, 1.0))
 
 
 def _onto_sum(x: Array, lower: Array, upper: Array, total: Any) -> Array:

@@ -1,9 +1,9 @@
 """Bounds of a design: of its amplitudes, its duration and the plant's leaves that are designed with them."""
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import equinox as eqx
 import numpy as np
 
 from jshape import _check
@@ -18,8 +18,7 @@ SPAN = 10.0
 """A leaf that is designed without stated bounds may become so many times greater or smaller."""
 
 
-@dataclasses.dataclass(frozen=True)
-class Bounds:
+class Bounds(eqx.Module):
     """The set of designs that a search considers.
 
     Attributes:
@@ -32,13 +31,13 @@ class Bounds:
         most: upper bounds of those leaves.
     """
 
-    lower: np.ndarray
-    upper: np.ndarray
-    shortest: float
-    longest: float
-    leaves: np.ndarray
-    least: np.ndarray
-    most: np.ndarray
+    lower: Any
+    upper: Any
+    shortest: Any
+    longest: Any
+    leaves: Any
+    least: Any
+    most: Any
 
     @property
     def impulses(self) -> int:

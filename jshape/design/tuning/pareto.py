@@ -6,6 +6,7 @@ them as points.
 """
 
 import dataclasses
+import functools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
@@ -108,11 +109,7 @@ def pareto(
 
     def compute(missing: list[int]) -> Iterator[tuple[int, np.ndarray]]:
         for index in missing:
-
-            def report(done: int, best: float, name: str = names[index]) -> None:
-                if progress is not None:
-                    progress(name, done, len(times), best)
-
+            report = functools.partial(progress, names[index]) if progress is not None else lambda *_: None
             front = _front(problems[index], times, starts, seed, iterations, report)
             yield index, np.array([_row(problems[index], candidate, most) for candidate in front])
 
@@ -134,7 +131,7 @@ def _front(
     starts: int,
     seed: int,
     iterations: int,
-    report: Callable[[int, float], None],
+    report: Callable[[int, int, float], Any],
 ) -> list[Candidate]:
     """Up through the durations, each from the one before and from the best of fresh starts; then down again."""
     front: list[Candidate] = []
@@ -149,7 +146,7 @@ def _front(
         return min(candidates, key=lambda candidate: candidate.merit)
 
     for done, search in enumerate(searches):
-        report(done, front[-1].merit if front else np.inf)
+        report(done, len(times), front[-1].merit if front else np.inf)
         points = sorted(starting_points(search.problem, starts, seed), key=search.merit)[:FRESH]
         if front:
             before = front[-1].point
@@ -162,7 +159,7 @@ def _front(
             front[index] = best_of(searches[index], [after], [front[index]])
     for index in range(1, len(times)):
         front[index] = min(front[index], front[index - 1], key=lambda candidate: candidate.merit)
-    report(len(times), front[-1].merit)
+    report(len(times), len(times), front[-1].merit)
     return front
 
 

@@ -92,30 +92,26 @@ class Search:
         self.progress("Levenberg–Marquardt", 0, 1, np.inf)
         ends, values = levenberg_marquardt(self.problem, starts, iterations)
         valid = np.isfinite(values[:, -1]) & [bounds.contains(end) for end in ends]
-        if not valid.any():
-            # Every start has left the bounds: keep the best of them as it was.
-            best = int(np.argmin(values[:, 0]))
-            self.history = [values[best, 0]]
-            self.candidates = [Candidate(values[best, 0], starts[best], False)]
-            self.summary = "no start stayed within the bounds"
-            return
         final = np.where(valid, values[:, -1], np.inf)
-        optimal = bool(np.any(final <= self._zero))
-        best = int(np.argmax(final <= self._zero)) if optimal else int(np.argmin(final))
-        amplitudes, gaps, leaves = ends[best]
-        point = Point(np.clip(amplitudes, bounds.lower, bounds.upper), np.maximum(gaps, 0.0), leaves)
-        settled = iterations
-        if optimal:
+        zero = np.flatnonzero(final <= self._zero)
+        if len(zero):
+            best = int(zero[0])
             settled = int(np.argmax(values[best] <= max(2 * final[best], self._zero)))
             self.summary = f"no residual energy but rounding after {settled} Levenberg–Marquardt iterations"
-        else:
+        elif valid.any():
+            best, settled = int(np.argmin(final)), iterations
             self.summary = (
                 f"{final[best]:.3g} J after {iterations} Levenberg–Marquardt iterations; no shaper with these impulses "
                 "and this duration was found that leaves no residual energy"
             )
+        else:
+            best, settled = int(np.argmin(values[:, 0])), 0
+            self.summary = "no start stayed within the bounds"
         self.history = values[best, : settled + 1].tolist()
-        self.candidates = [Candidate(final[best], point, optimal)]
-        self.progress("Levenberg–Marquardt", 1, 1, float(final[best]))
+        amplitudes, gaps, leaves = ends[best] if valid.any() else starts[best]
+        point = Point(np.clip(amplitudes, bounds.lower, bounds.upper), np.maximum(gaps, 0.0), leaves)
+        self.candidates = [Candidate(self.history[-1], point, len(zero) > 0)]
+        self.progress("Levenberg–Marquardt", 1, 1, self.history[-1])
 
     def _robust(self, starts: list[Point], iterations: int) -> None:
         """SLSQP from the best of the starts; the best of its ends are refined to the end."""
@@ -158,18 +154,18 @@ class Search:
 
     def _digital(self, sample_time: float, iterations: int) -> None:
         """The best design near the best candidate whose impulses stand at multiples of the sample time, s."""
-        before = self.best
+        found = self.best
         search = EpigraphSLSQP(self.problem, fixed_gaps=True)
 
         def report(tried: int, best: float) -> None:
             self.progress("impulses to the samples", tried, 0, best)
 
-        point, ended = digital.on_ticks(search, before.point, sample_time, iterations, report)
+        point, ended = digital.on_ticks(search, found.point, sample_time, iterations, report)
         self.interrupted |= not ended
-        after = self.judge.merit(point)
+        before, after = self.judge.merit(found.point), self.judge.merit(point)
         self.history.append(after)
-        self.candidates = [Candidate(after, point, before.optimal)]
-        self.summary += f"; at multiples of {sample_time:g} s {after:.6g} instead of {before.merit:.6g}"
+        self.candidates = [Candidate(after, point, found.optimal)]
+        self.summary += f"; at multiples of {sample_time:g} s {after:.6g} instead of {before:.6g}"
 
     def _add(self, point: Point, optimal: bool) -> None:
         self.candidates.append(Candidate(self.judge.merit(point), point, optimal))
