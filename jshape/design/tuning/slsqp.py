@@ -213,8 +213,8 @@ class _Program:
         """What must not be negative (linear constraints, slacks of the limits, the epigraph's), and its Jacobian."""
         x, a = self.split(z)
         found, (normals, levels) = self.search.evaluate(x), self.search.inequalities
-        active = slice(None if len(a) else 0)
-        energies, jacobian = found.energies[active] / self.scale, found.jacobian[active] / self.scale
+        plants = slice(None) if len(a) else slice(0)  # A smooth objective has no epigraph.
+        energies, jacobian = found.energies[plants] / self.scale, found.jacobian[plants] / self.scale
         values = np.concatenate([normals @ x - levels, found.slacks, self.auxiliary @ a - energies])
         design = np.vstack([normals, found.slack_jacobian, -jacobian])[:, self.free]
         auxiliary = np.vstack([np.zeros((len(design) - len(energies), len(a))), self.auxiliary])
