@@ -66,13 +66,13 @@ class EpigraphSLSQP:
         self.upper = np.concatenate([bounds.upper, np.full(sizes[1], bounds.longest), bounds.most]) / self.units
         amplitudes, self.duration = np.repeat([1.0, 0.0, 0.0], sizes), np.repeat([0.0, 1.0, 0.0], sizes)
         self.free = (self.upper > self.lower) & ((self.duration == 0) | (not fixed_gaps))
-        # The sum of the amplitudes and the duration, as equalities normals · x = levels and inequalities ≥ levels.
-        sums = np.stack([amplitudes, self.duration])
-        least, most = np.array([1.0, bounds.shortest / bounds.longest]), np.ones(2)
+        # Sum of the amplitudes and (negative) duration, as equalities normals · x = levels and inequalities ≥ levels.
+        sums = np.stack([amplitudes, -self.duration])
+        least, most = np.array([1.0, -1.0]), np.array([1.0, -bounds.shortest / bounds.longest])
         held = sums[:, self.free].any(axis=1)
         equal, ranged = held & (least == most), held & (least < most)
         self.equalities = sums[equal], least[equal]
-        self.inequalities = np.vstack([-sums[ranged], sums[ranged]]), np.append(-most[ranged], least[ranged])
+        self.inequalities = np.vstack([sums[ranged], -sums[ranged]]), np.append(least[ranged], -most[ranged])
         self._last: tuple[bytes, Linearisation] | None = None
 
     def vector(self, point: Point) -> Vector:
