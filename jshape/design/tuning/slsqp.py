@@ -72,7 +72,8 @@ class EpigraphSLSQP:
         held = sums[:, self.free].any(axis=1)
         equal, ranged = held & (least == most), held & (least < most)
         self.equalities = sums[equal], least[equal]
-        self.inequalities = np.vstack([sums[ranged], -sums[ranged]]), np.append(least[ranged], -most[ranged])
+        bounded = ranged & (most < 0)
+        self.inequalities = np.vstack([sums[ranged], -sums[bounded]]), np.append(least[ranged], -most[bounded])
         self._last: tuple[bytes, Linearisation] | None = None
 
     def vector(self, point: Point) -> Vector:
