@@ -150,7 +150,7 @@ class EpigraphSLSQP:
             share = 1 / (TAIL * plants)
             active = np.flatnonzero(energies >= np.quantile(energies, 1 - TAIL) - near * scale)
         else:
-            multipliers = weights_of(objective, energies)
+            multipliers = np.array(weights_of(objective, energies))
             gradient = gradient + multipliers @ slopes
         equalities, inequalities = self.equalities[0][:, free], self._active(x, found, near)[:, free]
         columns = np.vstack([slopes[active], -inequalities, equalities]).T
