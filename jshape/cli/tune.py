@@ -25,6 +25,7 @@ def tune(
         from jshape.export import read_shaper
         from jshape.reports import report
         from jshape.reports.tables import show_report
+        from jshape.status import Status
 
         read, folder = begin(problem, out)
         design = read.design
@@ -48,6 +49,8 @@ def tune(
             result = report.build(read, solution, step, closed.result())
             figures = report.write(result, folder, step, draw)
         show_report(result, folder, figures)
+        if solution.status is Status.INTERRUPTED:
+            raise typer.Exit(130)
 
 
 def compare(problem: ProblemFile, out: Out = None) -> None:

@@ -59,7 +59,7 @@ class Design(Strict):
     objective: Literal["nominal", "worst", "mean", "cvar"] | None = None
     also: list[str] | dict[str, Any] = []
     peak_deflection: Positive | None = None
-    rate: Positive | None = None
+    speed_limit: Positive | None = None
     command_overshoot: Annotated[float, Field(ge=0, strict=False)] | None = None
     starts: int = Field(default=32, ge=1, le=100_000)
     seed: int = Field(default=0, ge=0)

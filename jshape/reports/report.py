@@ -223,9 +223,10 @@ def numbers(report: Report) -> dict[str, Any]:
     tuned = None
     if solution is not None:
         tuned = {
-            "result": solution.result,
+            "status": solution.status.value,
+            "message": solution.message,
             "objective": solution.objective,
-            "certified": solution.certified,
+            "objective_on_finer_set": solution.objective_on_finer_set,
             "integration_error": solution.error,
             "history": np.asarray(solution.history).tolist(),
         }

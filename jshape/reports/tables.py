@@ -31,7 +31,7 @@ def show_report(report: Report, folder: Path, figures: list[Path]) -> None:
     console.print(table)
     _show_left_out(console, report.left_out)
     if report.solution is not None:
-        console.print(f"tuned: {report.solution.result}", highlight=False)
+        console.print(f"tuned: {report.solution.message}", highlight=False)
         for line in report.gains():
             console.print(line, highlight=False)
     if uncertain:
