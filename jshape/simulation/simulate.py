@@ -6,6 +6,7 @@ instants.
 derivatives of every order. Both run segment by segment in a time that is rescaled to [0, 1] on each of them.
 """
 
+import html
 from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
@@ -23,6 +24,7 @@ from jshape.shaper import Shaper
 from jshape.simulation.integrate import integrate
 from jshape.simulation.schedule import Schedule, Segments, inputs_at, schedule
 from jshape.simulation.steps import TOLERANCE, field_of
+from jshape.status import Result, Status
 
 if TYPE_CHECKING:
     import diffrax
@@ -38,13 +40,18 @@ _ORDER = {"dopri8": 8, "tsit5": 5}
 _MOST_STEPS = 65536
 
 
-class Response(eqx.Module):
-    """What a plant did. All arrays have a leading time axis.
+class Response(Result, eqx.Module):
+    """The response of a plant to a command. All arrays have a leading time axis.
 
-    ``times``: s; ``states``: as the plant documents them; ``command``: the (shaped) command; ``payload``: what is to
-    arrive, m; ``deflection``: how far the flexible part is bent, m; ``energy``: above rest at the input of that
-    instant, J; ``diverged``: whether the plant has left the region from which it returns; ``error``: estimate of the
-    worst absolute error of any state at any sample. ``result`` says in words how it ended.
+    Attributes:
+        times: s.
+        states: shape (times, state), as the plant documents them.
+        command: the (shaped) command, m.
+        payload: position of what is to arrive, m.
+        deflection: of the flexible part, m.
+        energy: above rest at the input of that instant, J.
+        diverged: whether the plant has left the region from which it returns to rest.
+        error: estimate of the worst absolute error of any state at any sample.
     """
 
     times: Times
@@ -57,13 +64,48 @@ class Response(eqx.Module):
     error: Scalar
 
     @property
-    def result(self) -> str:
-        """How the simulation ended, in words (for concrete responses, not under a JAX transformation)."""
-        if bool(self.diverged):
-            finite = np.all(np.isfinite(np.asarray(self.states)), axis=1)
-            lost = "" if finite.all() else f"; not finite from {float(self.times[np.argmin(finite)]):.4g} s on"
-            return f"diverged: the plant left the region from which it returns to rest{lost}"
-        return f"completed, states within about {float(self.error):.1e}"
+    def status(self) -> Status:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """``CONVERGED`` or ``DIVERGED``; for concrete responses, not under a JAX transformation."""
+        return Status.DIVERGED if bool(self.diverged) else Status.CONVERGED
+
+    @property
+    def message(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """The status in a sentence, with the states' accuracy."""
+        if not bool(self.diverged):
+            return f"converged: states within about {float(self.error):.1e}"
+        finite = np.all(np.isfinite(np.asarray(self.states)), axis=1)
+        until = "" if finite.all() else f"; not finite from {float(self.times[np.argmin(finite)]):.4g} s on"
+        return f"diverged: the plant left the region from which it returns to rest{until}"
+
+    def __repr__(self) -> str:
+        if self.times.ndim != 1 or not _check.is_concrete(self):
+            return f"Response(times of shape {self.times.shape})"
+        return f"Response({len(self.times)} samples to {float(self.times[-1]):.4g} s, {self.message})"
+
+    def _repr_html_(self) -> str:
+        if self.times.ndim != 1 or not _check.is_concrete(self):
+            return f"<code>{html.escape(repr(self))}</code>"
+        peak, left = float(jnp.max(jnp.abs(self.deflection))), float(self.energy[-1])
+        rows = [("status", self.message), ("peak deflection", f"{peak:.4g} m"), ("energy at the end", f"{left:.4g} J")]
+        table = "".join(f"<tr><th>{name}</th><td>{html.escape(text)}</td></tr>" for name, text in rows)
+        return f"<div>{_curves(self.times, self.command, self.payload)}<table>{table}</table></div>"
+
+
+def _curves(times: Any, *curves: Any) -> str:
+    """Command (grey) and payload against time as a small SVG picture."""
+    width, height = 320, 120
+    values = np.nan_to_num(np.array([np.asarray(curve, float) for curve in curves]), posinf=0.0, neginf=0.0)
+    x = np.asarray(times, float) / max(float(times[-1]), 1e-300) * width
+    y = height * (1 - (values - values.min()) / max(np.ptp(values), 1e-300))
+    lines = [
+        f'<polyline fill="none" stroke="{colour}" points="{_points(x, row)}"/>'
+        for colour, row in zip(("#999", "#06c"), y, strict=False)
+    ]
+    return f'<svg viewBox="-4 -4 {width + 8} {height + 8}" width="{width}" role="img">{"".join(lines)}</svg>'
+
+
+def _points(x: np.ndarray, y: np.ndarray) -> str:
+    return " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, y, strict=True))
 
 
 def simulate(
@@ -193,12 +235,12 @@ def _jacobians(plant: AbstractPlant, plan: Schedule) -> Float[Array, "places sta
     return jnp.stack([jacobian(*place) for place in places])
 
 
-_frequencies: Any = kept(_jacobians)
+state_jacobians: Any = kept(_jacobians)
 
 
 def fastest(plant: AbstractPlant, plan: Schedule) -> float:
     """The fastest mode at this command, rad/s: at rest, or with the flexible part bent by the whole command."""
-    matrices = np.asarray(_frequencies(plant, plan), dtype=float)
+    matrices = np.asarray(state_jacobians(plant, plan), dtype=float)
     if not np.all(np.isfinite(matrices)):
         return np.inf
     return float(np.max(np.abs(np.linalg.eigvals(matrices))))
@@ -280,6 +322,6 @@ def _response(plant, times, states, segments: Segments, at, error) -> Response:
         payload=jax.vmap(plant.payload)(states, command),
         deflection=jax.vmap(plant.deflection)(states, command),
         energy=jax.vmap(plant.residual_energy)(states, inputs),
-        diverged=plant.escaped(states[-1], end) | ~jnp.all(jnp.isfinite(states)),
+        diverged=plant.diverged(states[-1], end) | ~jnp.all(jnp.isfinite(states)),
         error=error,
     )

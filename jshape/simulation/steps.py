@@ -49,7 +49,7 @@ class Checked(NamedTuple):
         state: NaN where the tolerance was not met.
         error: estimate of the error of the energy, relative to ``scale``.
         scale: the greatest energy at the beginning or end of any segment, J.
-        escaped: whether the plant has left the region from which it returns to rest.
+        diverged: whether the plant has left the region from which it returns to rest.
         met: whether the tolerance was met.
         steps: of each segment.
     """
@@ -57,7 +57,7 @@ class Checked(NamedTuple):
     state: State
     error: Scalar
     scale: Scalar
-    escaped: Bool[Array, ""]
+    diverged: Bool[Array, ""]
     met: Bool[Array, ""]
     steps: Int[Array, " segments"]
 
@@ -78,15 +78,16 @@ def checked_state(plant: AbstractPlant, plan: Schedule, initial_state: State, to
     """
     if len(plan.breaks) == 1:
         zero = jnp.zeros((), initial_state.dtype)
-        escaped = plant.escaped(initial_state, plan.final_inputs(plant))
-        return Checked(initial_state, zero, zero, escaped, jnp.asarray(True), jnp.zeros(0, jnp.int32))
+        diverged = plant.diverged(initial_state, plan.final_inputs(plant))
+        return Checked(initial_state, zero, zero, diverged, jnp.asarray(True), jnp.zeros(0, jnp.int32))
     asked = TOLERANCE if tolerance is None else tolerance
     asked = jnp.maximum(jnp.asarray(asked, initial_state.dtype), least_tolerance(initial_state.dtype))
     dynamic, static = eqx.partition((plant, plan.segments(), plan, initial_state), eqx.is_array)
 
     @jax.custom_jvp
     def run(dynamic: Any, tolerance: Any) -> Any:
-        return _pilot(*eqx.combine(dynamic, static), tolerance)
+        plant, segments, plan, state = eqx.combine(dynamic, static)
+        return _pilot(plant, segments, plan, state, tolerance)
 
     @run.defjvp
     def _(primals: Any, tangents: Any):
@@ -167,13 +168,13 @@ def _square(values: Any) -> Any:
 
 class _Run(NamedTuple):
     """One run of the pilot: states at the segments' ends, sums of their steps' absolute error estimates, the energies
-    at their beginnings and ends, whether all steps were resolved, and if not, whether the plant had escaped there."""
+    at their beginnings and ends, whether all steps were resolved, and if not, whether the plant had diverged there."""
 
     ends: Float[Array, "segments state"]
     errors: Float[Array, "segments state"]
     energies: Float[Array, "segments two"]
     resolved: Bool[Array, ""]
-    escaped: Bool[Array, ""]
+    diverged: Bool[Array, ""]
 
 
 def _run(plant: AbstractPlant, segments: Segments, state: State, steps: Int[Array, " segments"]) -> _Run:
@@ -181,7 +182,7 @@ def _run(plant: AbstractPlant, segments: Segments, state: State, steps: Int[Arra
     rounding = (1e3 * float(jnp.finfo(state.dtype).eps)) ** 2
 
     def advance_segment(carry, item):
-        state, resolved, escaped = carry
+        state, resolved, diverged = carry
         segment, count = item
         step = segment.duration / count.astype(segment.duration.dtype)
 
@@ -203,13 +204,13 @@ def _run(plant: AbstractPlant, segments: Segments, state: State, steps: Int[Arra
         _, state, error, still = jax.lax.while_loop(lambda inside: inside[0] < count, advance, inside)
         inputs = inputs_at(plant, segment.coefficients, segment.age + segment.duration)
         end = jnp.stack(state)
-        escaped = escaped | (resolved & ~still & plant.escaped(end, inputs))
+        diverged = diverged | (resolved & ~still & plant.diverged(end, inputs))
         energies = jnp.stack([begin, plant.residual_energy(end, inputs)])
-        return (state, still, escaped), (end, jnp.stack(error), energies)
+        return (state, still, diverged), (end, jnp.stack(error), energies)
 
     begin = (tuple(state), jnp.asarray(True), jnp.asarray(False))
-    (_, resolved, escaped), found = jax.lax.scan(advance_segment, begin, (segments, steps))
-    return _Run(*found, resolved, escaped)
+    (_, resolved, diverged), found = jax.lax.scan(advance_segment, begin, (segments, steps))
+    return _Run(*found, resolved, diverged)
 
 
 def _in_energy(plant, segments: Segments, states, changes, scale) -> Float[Array, " segments"]:
@@ -235,7 +236,7 @@ class _Pilot(NamedTuple):
     estimate: Scalar
     compared: Bool[Array, ""]
     """Whether the last run can serve as the coarser one of a comparison."""
-    escaped: Bool[Array, ""]
+    diverged: Bool[Array, ""]
     error: Scalar
     scale: Scalar
     met: Bool[Array, ""]
@@ -262,8 +263,8 @@ def _pilot(plant, segments: Segments, plan: Schedule, state: State, tolerance: S
         error = amplification * jnp.sum(estimates * ratio)
         sound = run.resolved & jnp.isfinite(estimate)
         compared = last.compared & sound & (difference <= 1e-2)
-        escaped = jnp.where(run.resolved, plant.escaped(run.ends[-1], end_inputs), run.escaped)
-        met = (compared & (error <= tolerance)) | (~run.resolved & escaped & last.escaped)
+        diverged = jnp.where(run.resolved, plant.diverged(run.ends[-1], end_inputs), run.diverged)
+        met = (compared & (error <= tolerance)) | (~run.resolved & diverged & last.diverged)
         # The next numbers: from a run that is fine enough everywhere to the tolerance, from another one to such a run.
         fine = sound & (estimate <= 10 * _PROBE)
         ready = _batch_maximum((~(fine | met)).astype(dtype)) == 0
@@ -279,7 +280,7 @@ def _pilot(plant, segments: Segments, plan: Schedule, state: State, tolerance: S
         steps = jnp.ceil(last.steps * growth - 1e-6).astype(jnp.int32)
         go_on = go_on & (last.runs + 1 < _RUNS) & (jnp.max(steps) <= MOST_STEPS)
         return _Pilot(
-            jnp.where(go_on, steps, last.steps), last.steps, run.ends, estimate, fine, escaped, error, scale, met,
+            jnp.where(go_on, steps, last.steps), last.steps, run.ends, estimate, fine, diverged, error, scale, met,
             last.runs + 1, go_on,
         )  # fmt: skip
 
@@ -292,7 +293,7 @@ def _pilot(plant, segments: Segments, plan: Schedule, state: State, tolerance: S
     )  # fmt: skip
     last = jax.lax.while_loop(lambda last: last.go_on, attempt, start)
     end = jnp.where(last.met, last.ends[-1], jnp.nan)
-    return Checked(end, last.error, last.scale, last.escaped, last.met, last.steps)
+    return Checked(end, last.error, last.scale, last.diverged, last.met, last.steps)
 
 
 def _of_batch(axis_size: int, in_batched: list[bool], value: Array):
