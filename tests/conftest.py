@@ -61,7 +61,7 @@ def forget_programs():
     if memory() > MOST_MEMORY:
         jax.clear_caches()
     # A command that was run here keeps its programs; the tests after it shall compile their own.
-    programs._shelf = None
+    programs._folder = None
 
 
 @pytest.fixture(scope="session")

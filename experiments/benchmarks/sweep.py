@@ -49,7 +49,7 @@ def measure(derivatives: bool = False, shapers: int = 1, decade: bool = False, b
 
     jax.config.update("jax_enable_x64", True)
     import jshape as js
-    from jshape.sweeps import chunks as _pieces
+    from jshape.sweeps import chunks
 
     plant = js.plants.TwoMass(spring=js.plants.Duffing(10.0, 100.0))
     times = np.array([0.0, 0.8214899715396663, 1.6429799430793326])
@@ -59,7 +59,7 @@ def measure(derivatives: bool = False, shapers: int = 1, decade: bool = False, b
         plant = js.plants.ModalPlant([3.0], [0.0])
         given = dict(over={"omega.0": np.random.default_rng(0).permutation(np.geomspace(1, 10, DECADE))})
     if not buckets:
-        _pieces.FEW = 10**9
+        chunks.FEW = 10**9
     run = lambda: js.sweep(plant, named, 1.0, metric="residual_energy", derivatives=derivatives, **given)
     begin = time.perf_counter()
     run()

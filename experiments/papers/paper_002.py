@@ -197,7 +197,7 @@ def surpassed(found: dict[str, Any]) -> list[Surpassed]:
     return [
         Surpassed(
             "largest V of either mode, payload unknown", theirs, largest(calm), "", by, worst(calm), 1e-9, limit,
-            words(calm) + "; " + found["calm"].result,
+            words(calm) + "; " + found["calm"].message,
         ),
         Surpassed(
             "duration for no more vibration than that", float(paper.duration), float(short.duration), "s",
