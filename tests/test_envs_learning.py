@@ -119,13 +119,13 @@ def test_what_is_no_policy_is_told(trained, tmp_path):
     for name, words in (("other", "holds no policy"), ("broken", "holds no policy"), ("cut", "has shape")):
         with pytest.raises(ValueError, match=words):
             load_policy(tmp_path / f"{name}.npz")
-    with pytest.raises(ValueError, match="there is no policy 'DuffingPayload paper noisy'"):
+    with pytest.raises(ValueError, match="there is no policy 'DuffingPayload_paper_noisy'"):
         load_policy("DuffingPayload", context="noisy")
 
 
 @pytest.mark.parametrize("path", sorted(POLICIES.glob("*.npz")), ids=lambda path: path.stem)
 def test_policies_that_come_with_the_package_are_small_and_fit_their_environments(path):
-    name, preset, context = path.stem.split(" ")
+    name, preset, context = path.stem.split("_")
     policy = load_policy(name, preset, context)
     assert sizes_of(parameters(name, preset, context=context)) == policy.sizes
     assert path.stat().st_size < 300e3

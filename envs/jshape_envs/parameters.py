@@ -182,7 +182,7 @@ def _shipped(environment: Any, preset: str, chosen: Preset, energy_weight: float
     if not isinstance(environment, str) or (energy_weight, time_weight) != (ENERGY_WEIGHT, TIME_WEIGHT):
         return None
     own = ENVIRONMENTS[environment].presets[preset]
-    path = TABLES / f"{environment} {preset}.npz"
+    path = TABLES / f"{environment}_{preset}.npz"
     if (own.payload, own.distance) != (tuple(chosen.payload), tuple(chosen.distance)) or not path.exists():
         return None
     with np.load(path) as stored:

@@ -168,7 +168,7 @@ def load_policy(name: str | Path, preset: str = "paper", context: str = "hidden"
 
     *Raises* ``ValueError`` if there is none, or the file holds something else.
     """
-    path = Path(name) if str(name).endswith(".npz") else POLICIES / f"{name} {preset} {context}.npz"
+    path = Path(name) if str(name).endswith(".npz") else POLICIES / f"{name}_{preset}_{context}.npz"
     if not path.exists():
         there = ", ".join(sorted(repr(each.stem) for each in POLICIES.glob("*.npz")))
         raise ValueError(
@@ -188,7 +188,7 @@ def load_policy(name: str | Path, preset: str = "paper", context: str = "hidden"
 
 def shipped_policy(name: str, preset: str = "paper", context: str = "hidden") -> Path | None:
     """The file of the policy that comes with the package for an environment, if there is one."""
-    path = POLICIES / f"{name} {preset} {context}.npz"
+    path = POLICIES / f"{name}_{preset}_{context}.npz"
     return path if path.exists() else None
 
 

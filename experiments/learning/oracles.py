@@ -32,7 +32,7 @@ def main(names: list[str]) -> None:
             table = design_table(p.machine, p.payload, p.distance, weights, p.period, p.steps, grid)
             # Single precision keeps the file small and loses nothing: the costs are flat about the shapers.
             arrays: Any = {key: np.asarray(getattr(table, key), np.float32) for key in table.__dataclass_fields__}
-            path, part = TABLES / f"{name} {preset}.npz", TABLES / "part.npz"
+            path, part = TABLES / f"{name}_{preset}.npz", TABLES / "part.npz"
             np.savez_compressed(part, **arrays)
             part.replace(path)
             print(

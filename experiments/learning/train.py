@@ -60,14 +60,14 @@ def main() -> None:
 
 def ship(name: str, context: str) -> None:
     """The policy that comes with the package, unless it is there already."""
-    path, params = POLICIES / f"{name} paper {context}.npz", parameters(name, context=context)
+    path, params = POLICIES / f"{name}_paper_{context}.npz", parameters(name, context=context)
     if (oracle := f"oracle of {name}") not in read(RECORD):
         done(oracle, judged(Oracle(), params))
     key, begin = f"{name} {context} shipped", time.process_time()
     if path.exists() and key in read(RECORD):
         return
     price = params if context == "hidden" else strict(params)
-    found = train(price, SHIP, checkpoint=CHECKPOINTS / f"{key}.npz", progress=tell(key))
+    found = train(price, SHIP, checkpoint=CHECKPOINTS / f"{key.replace(' ', '_')}.npz", progress=tell(key))
     made = SHIP.updates * SHIP.batch
     save_policy(found.policy, path, dict(environment=name, preset="paper", context=context, action="modal", moves=made))
     done(key, {"moves": made, "processor_seconds": time.process_time() - begin, **judged(load_policy(path), params)})
@@ -81,7 +81,7 @@ def strict(params: Params) -> Params:
 def curve(name: str, seed: int) -> dict[str, Any]:
     """One training of 100,000 moves and what it led to."""
     begin, params, recipe = time.process_time(), parameters(name), Recipe(moves=MOVES, seed=seed)
-    found = train(params, recipe, checkpoint=CHECKPOINTS / f"{name} {seed}.npz", progress=tell(f"{name} {seed}"))
+    found = train(params, recipe, checkpoint=CHECKPOINTS / f"{name}_{seed}.npz", progress=tell(f"{name} {seed}"))
     spent = time.process_time() - begin
     history = {key: np.round(value, 6).tolist() for key, value in found.history._asdict().items()}
     made = dict(made=recipe.updates * recipe.batch, processor_seconds=spent)

@@ -5,7 +5,7 @@ Each script has one function ``results(draw=True) -> Paper`` and ends with::
     if __name__ == "__main__":
         main(results)
 
-so that it runs alone: ``python experiments/papers/paper_001.py --out out/papers`` prints the tables and writes each
+so that it runs alone: ``python -m experiments.papers.paper_001 --out out/papers`` prints the tables and writes each
 figure there as PNG. ``python -m experiments.papers`` runs them all and writes README.md and one SVG a paper, too.
 
 A row whose printed value is a number is best made by ``compare``, which asks whether what was computed rounds to the

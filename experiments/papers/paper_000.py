@@ -1,6 +1,6 @@
 """Chatlatanagulchai, Moonmangmee and Intarawirat (2017): shapers by work and energy, and a flexible joint.
 
-    python experiments/papers/paper_000.py --out out/papers
+    python -m experiments.papers.paper_000 --out out/papers
 
 The plant of all numbers but the robot's: m2 = 1 kg, k1 = 10 N/m, k2 = 100 N/m³ (k3 elsewhere), a move of 1 m. The
 robot's parameters are not given; ``joint`` finds some with which a closed loop answers as in Fig. 7.
@@ -12,11 +12,11 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from frame import Paper, Picture, Row, Surpassed, after, cannot, compare, figure, main
 from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
 
 import jshape as js
+from experiments.papers.frame import Paper, Picture, Row, Surpassed, after, cannot, compare, figure, main
 from jshape.reports.plot import COLOURS
 
 K1, K2, C = 10.0, 100.0, 0.1

@@ -1,6 +1,6 @@
 """Moonmangmee and Chatlatanagulchai (2025): general, robust and fast shapers by energy, and how sensitive they are.
 
-    python experiments/papers/paper_001.py --out out/papers
+    python -m experiments.papers.paper_001 --out out/papers
 
 The plant of all numbers: m1 = m2 = 1 kg, k1 = 10 N/m, k3 = 100 N/m³, a move of 1 m. PRV is the paper's percentage
 residual vibration, the first overshoot over the distance. ``paper_001_designs`` computes, ``paper_001_judge`` judges,
@@ -10,8 +10,11 @@ residual vibration, the first overshoot over the distance. ``paper_001_designs``
 import jax
 import jax.numpy as jnp
 import numpy as np
-from frame import Paper, Row, Surpassed, compare, main
-from paper_001_designs import (
+from scipy.optimize import brentq
+
+import jshape as js
+from experiments.papers.frame import Paper, Row, Surpassed, compare, main
+from experiments.papers.paper_001_designs import (
     DAMPINGS,
     LONGEST,
     MASSES,
@@ -26,11 +29,8 @@ from paper_001_designs import (
     residuals,
     shapers,
 )
-from paper_001_figures import pictures
-from paper_001_judge import K1, K3, vibration, width, worst
-from scipy.optimize import brentq
-
-import jshape as js
+from experiments.papers.paper_001_figures import pictures
+from experiments.papers.paper_001_judge import K1, K3, vibration, width, worst
 
 
 def rows_of_designs(found: dict[str, js.Shaper], peaks: np.ndarray) -> list[Row]:

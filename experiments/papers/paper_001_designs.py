@@ -5,10 +5,10 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from paper_001_judge import K1, K3, TWENTY
 from scipy.optimize import brentq
 
 import jshape as js
+from experiments.papers.paper_001_judge import K1, K3, TWENTY
 
 PLANT = js.plants.TwoMass(1.0, 1.0, spring=js.plants.Duffing(K1, K3))
 DAMPED = js.plants.TwoMass(1.0, 1.0, spring=js.plants.Duffing(K1, K3), damper=js.plants.PowerDamper(0.1, 3))

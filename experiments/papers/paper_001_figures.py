@@ -3,11 +3,11 @@
 from typing import Any
 
 import numpy as np
-from frame import Picture, figure
-from paper_001_designs import DAMPINGS, LONGEST, MASSES, PLANT, PRESENTED, RATIOS, at
 from scipy.optimize import brentq
 
 import jshape as js
+from experiments.papers.frame import Picture, figure
+from experiments.papers.paper_001_designs import DAMPINGS, LONGEST, MASSES, PLANT, PRESENTED, RATIOS, at
 from jshape.reports.plot import COLOURS, LINES
 
 

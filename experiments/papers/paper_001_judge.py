@@ -3,10 +3,10 @@
 from collections.abc import Callable
 
 import numpy as np
-from frame import after
 from scipy.optimize import brentq
 
 import jshape as js
+from experiments.papers.frame import after
 
 K1, K3 = 10.0, 100.0
 TWENTY = np.linspace(0.8, 1.2, 41)

@@ -1,6 +1,6 @@
 """Chatlatanagulchai, Chotana and Prutthapong: a flexible link whose payload changes, and a shaper that follows it.
 
-    python experiments/papers/paper_002.py --out out/papers
+    python -m experiments.papers.paper_002 --out out/papers
 
 The plant of all numbers: a two-foot link with modes of 8.5, 7.3, 5.7 and 74, 70, 66 rad/s at 0, 10 and 20 coins,
 damping ratios of 0.017 and 0.019, and a servo of 40 rad/s with a damping ratio of 0.9 in the place of the motor and
@@ -12,11 +12,13 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-import paper_002_adaptive as adaptive
-import paper_002_judge as judge
-from frame import Paper, Row, Surpassed, cannot, compare, main
-from paper_002_figures import pictures
-from paper_002_link import (
+
+import jshape as js
+from experiments.papers import paper_002_adaptive as adaptive
+from experiments.papers import paper_002_judge as judge
+from experiments.papers.frame import Paper, Row, Surpassed, cannot, compare, main
+from experiments.papers.paper_002_figures import pictures
+from experiments.papers.paper_002_link import (
     BANDS,
     COINS,
     FIRST,
@@ -31,8 +33,6 @@ from paper_002_link import (
     link,
     second_in_middle,
 )
-
-import jshape as js
 from jshape.design import insensitive, linear
 
 

@@ -9,11 +9,11 @@ from typing import Any
 
 import jax
 import numpy as np
-import paper_002_judge as judge
-from frame import Row, Surpassed, cannot
-from paper_002_link import TICK
 
 import jshape as js
+from experiments.papers import paper_002_judge as judge
+from experiments.papers.frame import Row, Surpassed, cannot
+from experiments.papers.paper_002_link import TICK
 from jshape.adaptive.closed_loop import loop_figures as figures
 from jshape.adaptive.closed_loop import report
 from jshape.problems import problem

@@ -3,12 +3,12 @@
 from typing import Any
 
 import numpy as np
-from frame import Picture, figure
-from paper_002_adaptive import settings
-from paper_002_judge import STEP, ZETAS, modes
-from paper_002_link import BANDS, TICK, fixed, gain, link
 
 import jshape as js
+from experiments.papers.frame import Picture, figure
+from experiments.papers.paper_002_adaptive import settings
+from experiments.papers.paper_002_judge import STEP, ZETAS, modes
+from experiments.papers.paper_002_link import BANDS, TICK, fixed, gain, link
 from jshape.adaptive.closed_loop import loop_figures as figures
 from jshape.adaptive.closed_loop import report
 from jshape.reports.plot import COLOURS, LINES

@@ -8,11 +8,11 @@ import itertools
 from typing import Any
 
 import numpy as np
-from frame import after
 from scipy import signal
 from scipy.integrate import solve_ivp
 
 import jshape as js
+from experiments.papers.frame import after
 
 ZETAS = np.array([0.017, 0.019])
 SERVO, DAMPING = 40.0, 0.9

@@ -8,9 +8,9 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from paper_002_judge import DAMPING, MIDDLE, SERVO, STEP, TIP, ZETAS, modes, replay
 
 import jshape as js
+from experiments.papers.paper_002_judge import DAMPING, MIDDLE, SERVO, STEP, TIP, ZETAS, modes, replay
 from jshape.design import insensitive, linear
 
 FIRST, SECOND = (9.0, 0.017), (70.0, 0.019)

@@ -1,6 +1,6 @@
 """Peláez, Doval-Gandoy, Caparrini and García-Prada (2006): an on-off filter for a band of a physical pendulum.
 
-    python experiments/papers/paper_003.py --out out/papers
+    python -m experiments.papers.paper_003 --out out/papers
 
 The plant of all numbers: a rod of 205 g and 1 m with a bob of 115 g on it, pinned to a trolley that is switched on and
 off. V is what the filter leaves of the vibration that its first impulse alone would. ``paper_003_pendulum`` computes,
@@ -8,12 +8,12 @@ off. V is what the filter leaves of the vibration that its first impulse alone w
 """
 
 import numpy as np
-from frame import Paper, Row, Surpassed, cannot, compare, main
-from paper_003_figures import pictures
-from paper_003_judge import M1, M2, WIDTH, L, left, mode, swing, vibration
-from paper_003_pendulum import BAND, DISTANCE, FAST, HERTZ, bob_at, largest, on_off, pendulum, ride
 
 import jshape as js
+from experiments.papers.frame import Paper, Row, Surpassed, cannot, compare, main
+from experiments.papers.paper_003_figures import pictures
+from experiments.papers.paper_003_judge import M1, M2, WIDTH, L, left, mode, swing, vibration
+from experiments.papers.paper_003_pendulum import BAND, DISTANCE, FAST, HERTZ, bob_at, largest, on_off, pendulum, ride
 from jshape.design import insensitive
 
 

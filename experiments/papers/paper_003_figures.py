@@ -1,11 +1,11 @@
 """The figures of paper_003: every one that is not a sketch, a photograph or a measurement."""
 
 import numpy as np
-from frame import Picture, figure
-from paper_003_judge import WIDTH, G, L
-from paper_003_pendulum import BAND, DISTANCE, HERTZ, bob_at, on_off, pendulum, ride
 
 import jshape as js
+from experiments.papers.frame import Picture, figure
+from experiments.papers.paper_003_judge import WIDTH, G, L
+from experiments.papers.paper_003_pendulum import BAND, DISTANCE, HERTZ, bob_at, on_off, pendulum, ride
 from jshape.design import insensitive
 from jshape.reports.plot import COLOURS, LINES
 

@@ -1,9 +1,9 @@
 """The judge of paper_003: equations of its own, integrated by SciPy, apart from jshape."""
 
 import numpy as np
-from frame import after
 
 import jshape as js
+from experiments.papers.frame import after
 
 M1, M2, L, G = 0.205, 0.115, 1.0, 9.81
 """Rod and bob (kg), length (m), gravity (m/s²)."""

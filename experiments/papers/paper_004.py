@@ -1,6 +1,6 @@
 """Dhanda, Vaughan and Singhose: bang-bang filters and moves from states that are not rest.
 
-    python experiments/papers/paper_004.py --out out/papers
+    python -m experiments.papers.paper_004 --out out/papers
 
 Inputs are limited to |u| ≤ 1. The filters of Fig. 2 are for ω = 1 rad/s, ζ = 0 and x(0) = [0.1, −0.1], the move of
 Fig. 5 for ω = 10 rad/s and 100 m, the crane of Fig. 4 has a cable of 1.15 m and swings by 5°.
@@ -9,9 +9,9 @@ Fig. 5 for ω = 10 rad/s and 100 m, the crane of Fig. 4 has a cable of 1.15 m an
 import dataclasses
 
 import numpy as np
-from frame import Paper, Picture, Row, Surpassed, after, cannot, compare, figure, main
 
 import jshape as js
+from experiments.papers.frame import Paper, Picture, Row, Surpassed, after, cannot, compare, figure, main
 from jshape.design import switching
 from jshape.design.switching import Switched
 from jshape.reports.plot import COLOURS, LINES
