@@ -44,8 +44,7 @@ class Renderer:
             (self.payload,) = below.plot([], [], color=COLOURS[0], linewidth=1.6, label="payload")
             self.impulses = below.vlines([], 0, 1, color=COLOURS[1], linewidth=0.8, linestyle=":", label="impulses")
             self.now = below.axvline(0.0, color="0.7", linewidth=0.8)
-            below.set_xlabel("time (s)")
-            below.set_ylabel(self.scene.unit)
+            below.set(xlabel="time (s)", ylabel=self.scene.unit)
             below.legend(loc="upper left", ncols=3)
             self.below = below
             self.words = self.figure.text(0.09, 0.955, "", fontsize=9)

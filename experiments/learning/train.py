@@ -179,8 +179,7 @@ def draw(ax: Any, name: str, mine: list[dict[str, Any]], others: list[dict[str, 
     for row in mine[:1]:
         ax.axhline(row["reward"] + row["regret"], color="0.3", linestyle="--", linewidth=0.8, label="oracle")
     ax.set_title(name)
-    ax.set_xlabel("moves")
-    ax.set_ylabel("mean reward of a move")
+    ax.set(xlabel="moves", ylabel="mean reward of a move")
 
 
 if __name__ == "__main__":

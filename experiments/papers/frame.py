@@ -10,8 +10,7 @@ figure there as PNG. ``python -m experiments.papers`` runs them all and writes R
 
 A row whose printed value is a number is best made by ``compare``, which asks whether what was computed rounds to the
 digits in print; ``Row`` itself is for verdicts of another kind, and ``cannot`` for numbers that nobody can recompute.
-A design that surpasses the paper's is a ``Surpassed``; ``after`` integrates the script's own equations by SciPy, apart
-from jshape, for its verification.
+A design that surpasses the paper's is a ``Surpassed``, verified by ``experiments.papers.judge``.
 """
 
 import argparse
@@ -29,8 +28,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 from PIL import Image
-from scipy.integrate import solve_ivp
 
+import jshape as js
+from experiments.markdown import table
 from jshape.reports import plot
 
 # Before any script makes a plant: double precision; figures in jshape's style, to files only, their text as text, the
@@ -51,6 +51,11 @@ Written by `python -m experiments.papers`, which also draws every figure that ca
 same axes, into `out/papers`. *Agrees*: the computed value rounds to the printed digits. Every design under
 *Surpassed* has been judged by a simulation apart from jshape (SciPy's DOP853, relative tolerance 1e-11, or
 its discrete linear system) of equations that stand in the script's judge."""
+
+
+ROWS = ("what", "where", "printed", "computed", "agrees", "why not, or a remark")
+SURPASSED = ("what", "the paper's", "jshape's", "times better", "design", "under the limits", "verified by", "gives")
+"""Heads of the two tables."""
 
 
 @dataclass(frozen=True)
@@ -118,6 +123,12 @@ class Surpassed:
         expected = self.ours if self.expected is None else self.expected
         return bool(ahead and abs(self.verified_value - expected) <= self.tolerance)
 
+    def cells(self) -> list[str]:
+        """Its row under ``SURPASSED``."""
+        values = (f"{value:.6g} {self.unit}".strip() for value in (self.theirs, self.ours))
+        checked = f"{self.verified_value:.6g}" + ("" if self.holds else " (does not hold)")
+        return [self.what, *values, times(self.factor), self.design, self.limits, self.verified_by, checked]
+
     @property
     def factor(self) -> float:
         """How many times better, greater than 1."""
@@ -161,45 +172,6 @@ def cannot(what: str, where: str, printed: str, why: str) -> Row:
     return Row(what, where, printed, "", None, why)
 
 
-def after(
-    field: Callable[[float, np.ndarray, float], Any],
-    start: Sequence[float],
-    times: Any,
-    amplitudes: Any,
-    until: float,
-    at: Any = None,
-    tolerance: float = 1e-11,
-) -> np.ndarray:
-    """States by DOP853 under a staircase, restarted at every step so that none is integrated across.
-
-    ``field(t, y, u)``: derivatives of the state with the command at level u; ``times``, ``amplitudes``: of the steps,
-    s and the command's unit. ``at``: times wanted, ascending, none after ``until`` (default: it alone). Returns one row
-    a time.
-    """
-    wanted = np.atleast_1d(until if at is None else np.asarray(at, float))
-    edges = np.append(np.asarray(times, float), np.inf)
-    levels = np.cumsum(np.asarray(amplitudes, float))
-    state, found = np.asarray(start, float), np.empty((len(wanted), len(start)))
-    if edges[0] > 0:
-        edges, levels = np.insert(edges, 0, 0.0), np.insert(levels, 0, 0.0)
-    for i, level in enumerate(levels):
-        begin, end = edges[i], min(edges[i + 1], until)
-        inside = (wanted >= begin) & ((wanted < end) | (end >= until))
-        if end <= begin:
-            found[inside] = state
-            continue
-        run = solve_ivp(
-            field, (begin, end), state, method="DOP853", rtol=tolerance, atol=1e-13, args=(level,),
-            t_eval=np.append(wanted[inside & (wanted < end)], end),
-        )  # fmt: skip
-        if not run.success:
-            raise ValueError(f"the judge stopped at {run.t[-1]} s: {run.message}")
-        found[inside & (wanted < end)] = run.y.T[:-1]
-        found[inside & (wanted >= end)] = run.y[:, -1]
-        state = run.y[:, -1]
-    return found
-
-
 def figure(rows: int = 1, columns: int = 1, height: float = 2.4, **options: Any) -> tuple[Figure, Any]:
     """A figure and its axes (always an array) in the style of ``jshape.reports.plot``; ``height``: inches a row."""
     return plt.subplots(rows, columns, figsize=(plot.WIDTH * min(columns, 2), height * rows), squeeze=False, **options)
@@ -215,6 +187,12 @@ def main(results: Callable[[], Paper]) -> None:
     save(paper, out)
 
 
+def words(shaper: js.Shaper) -> str:
+    """A design in words: amplitudes and times to five decimals."""
+    amplitudes, times = (", ".join(f"{float(x):.5f}" for x in part) for part in (shaper.amplitudes, shaper.times))
+    return f"A = {amplitudes} at {times} s"
+
+
 def verdict(row: Row) -> str:
     """The table's last-but-one column."""
     return {True: "yes", False: "no", None: "—"}[row.agrees]
@@ -223,16 +201,6 @@ def verdict(row: Row) -> str:
 def times(factor: float) -> str:
     """How many times better, in words that fit a table."""
     return f"{factor:.3g}" if factor < 1000 else f"{factor:,.0f}" if factor < 1e6 else "more than a million"
-
-
-def table(head: Sequence[str], body: Sequence[Sequence[str]]) -> list[str]:
-    """Markdown."""
-    cell = lambda text: str(text).replace("|", "\\|").replace("\n", " ")
-    return [
-        "| " + " | ".join(head) + " |",
-        "| " + " | ".join("---" for _ in head) + " |",
-        *("| " + " | ".join(cell(text) for text in line) + " |" for line in body),
-    ]
 
 
 def lines(paper: Paper) -> list[str]:
@@ -247,7 +215,7 @@ def lines(paper: Paper) -> list[str]:
         "be recomputed; the last column says why.",
         "",
         *table(
-            ["what", "where", "printed", "computed", "agrees", "why not, or a remark"],
+            ROWS,
             [[row.what, row.where, row.printed, row.computed, verdict(row), row.why] for row in paper.rows],
         ),
         "",
@@ -256,31 +224,7 @@ def lines(paper: Paper) -> list[str]:
         text += [
             "### Surpassed",
             "",
-            *table(
-                [
-                    "what",
-                    "the paper's",
-                    "jshape's",
-                    "times better",
-                    "design",
-                    "under the limits",
-                    "verified by",
-                    "gives",
-                ],
-                [
-                    [
-                        item.what,
-                        f"{item.theirs:.6g} {item.unit}".strip(),
-                        f"{item.ours:.6g} {item.unit}".strip(),
-                        times(item.factor),
-                        item.design,
-                        item.limits,
-                        item.verified_by,
-                        f"{item.verified_value:.6g}" + ("" if item.holds else " (does not hold)"),
-                    ]
-                    for item in paper.surpassed
-                ],
-            ),
+            *table(SURPASSED, [item.cells() for item in paper.surpassed]),
             "",
         ]
     if paper.notes:

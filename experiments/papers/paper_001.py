@@ -13,7 +13,8 @@ import numpy as np
 from scipy.optimize import brentq
 
 import jshape as js
-from experiments.papers.frame import Paper, Row, Surpassed, compare, main
+from experiments.papers.frame import Paper, Row, Surpassed, compare, main, words
+from experiments.papers.judge import K1, K3, worst, worst_case
 from experiments.papers.paper_001_designs import (
     DAMPINGS,
     LONGEST,
@@ -30,7 +31,7 @@ from experiments.papers.paper_001_designs import (
     shapers,
 )
 from experiments.papers.paper_001_figures import pictures
-from experiments.papers.paper_001_judge import K1, K3, vibration, width, worst
+from experiments.papers.paper_001_judge import vibration, width
 
 
 def rows_of_designs(found: dict[str, js.Shaper], peaks: np.ndarray) -> list[Row]:
@@ -100,7 +101,7 @@ def rows_of_robustness(prv: dict[str, dict[str, np.ndarray]], damped: dict[str, 
     strong = {name: at(at(damped[name], 1.0, MASSES), 0.6, DAMPINGS) for name in PRESENTED}
     plateau = [np.round(at(damped[name], 1.0, MASSES)) for name in PRESENTED[:2]]
     both = DAMPINGS[(plateau[0] == 23) & (plateau[1] == 17)]
-    elsewhere = f"23 and 17 both hold for c from {both[0]:.2f} to {both[-1]:.2f}, where the curves are flat"
+    flat = f"23 and 17 both hold for c from {both[0]:.2f} to {both[-1]:.2f}, where the curves are flat"
     k1_order = [at(k1[f"{n}-impulse"], 0.8) for n in (3, 4, 5, 6)]
     grows = bool(np.any(np.diff(k1_order) > 0))
     robust = [f"{n}-impulse" for n in (3, 4, 5, 6)]
@@ -140,10 +141,10 @@ def rows_of_robustness(prv: dict[str, dict[str, np.ndarray]], damped: dict[str, 
             ", ".join(f"{gain(mass, ratio):.1f}" for ratio in (0.8, 1.2)), False, "less than half; true of k3 only",
         ),
         compare(
-            "two impulses at c = 0.6: PRV (%)", "Fig. 14", "23", strong["2-impulse"], elsewhere, 4
+            "two impulses at c = 0.6: PRV (%)", "Fig. 14", "23", strong["2-impulse"], flat, 4
         ),
         compare(
-            "fast three impulses at c = 0.6: PRV (%)", "Fig. 14", "17", strong["fast 3-impulse"], elsewhere, 4,
+            "fast three impulses at c = 0.6: PRV (%)", "Fig. 14", "17", strong["fast 3-impulse"], flat, 4,
         ),
         Row(
             "three to six impulses: greatest PRV for c up to 0.6 (%)", "Fig. 14", "not exceeding 5", f"{most:.2f}",
@@ -160,10 +161,7 @@ def surpassed(found: dict[str, js.Shaper], energies: dict[str, np.ndarray]) -> l
     """
 
     def least(name: str, paper: str, what: str, limits: str) -> Surpassed:
-        return Surpassed(
-            f"{what}: worst residual energy, m2 ± 20 %", worst(found[paper]), float(energies[name].max()), "J",
-            "the worst of 41 payloads", worst(found[name]), 1e-8, limits, words(found[name]),
-        )  # fmt: skip
+        return worst_case(what, found[paper], found[name], float(energies[name].max()), limits)
 
     three, sooner = found["3-impulse"], found["tuned, at most"]
     return [
@@ -186,11 +184,6 @@ def surpassed(found: dict[str, js.Shaper], energies: dict[str, np.ndarray]) -> l
         least("tuned, four", "4-impulse", "four impulses, sooner", "four positive impulses, at most 2.71298 s"),
         least("tuned, bounded", "fast 3-impulse", "as fast as fast three", "no impulse over 1 m either way, 0.92633 s"),
     ]  # fmt: skip
-
-
-def words(shaper: js.Shaper) -> str:
-    listed = lambda values: ", ".join(f"{float(value):.5f}" for value in values)
-    return f"A = {listed(shaper.amplitudes)} at {listed(shaper.times)} s"
 
 
 def results(draw: bool = True) -> Paper:

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 import jshape as js
-from experiments.papers.paper_001_judge import K1, K3, TWENTY
+from experiments.papers.judge import K1, K3, TWENTY
 
 PLANT = js.plants.TwoMass(1.0, 1.0, spring=js.plants.Duffing(K1, K3))
 DAMPED = js.plants.TwoMass(1.0, 1.0, spring=js.plants.Duffing(K1, K3), damper=js.plants.PowerDamper(0.1, 3))

@@ -16,7 +16,8 @@ import numpy as np
 import jshape as js
 from experiments.papers import paper_002_adaptive as adaptive
 from experiments.papers import paper_002_judge as judge
-from experiments.papers.frame import Paper, Row, Surpassed, cannot, compare, main
+from experiments.papers.frame import Paper, Row, Surpassed, cannot, compare, main, words
+from experiments.papers.judge import alone
 from experiments.papers.paper_002_figures import pictures
 from experiments.papers.paper_002_link import (
     BANDS,
@@ -44,8 +45,8 @@ def rows_of_design(paper: js.Shaper) -> list[Row]:
         k = np.exp(-zeta * np.pi / root)
         a, t = np.array([1, 2 * k, k**2]) / (1 + 2 * k + k**2), np.pi / (omega * root) * np.arange(3)
         same = np.allclose(shaper.amplitudes, a, atol=1e-15) and np.allclose(shaper.times, t, atol=1e-15)
-        words = f"A {impulses(shaper.amplitudes)}; t {impulses(shaper.times)} s"
-        rows.append(Row(f"shaper for {omega:g} rad/s, ζ = {zeta:g}", "Eq. 4", "the formulas", words, same))
+        formulas = f"A {impulses(shaper.amplitudes)}; t {impulses(shaper.times)} s"
+        rows.append(Row(f"shaper for {omega:g} rad/s, ζ = {zeta:g}", "Eq. 4", "the formulas", formulas, same))
     pole = complex(-FIRST[0] * FIRST[1], FIRST[0] * np.sqrt(1 - FIRST[1] ** 2))
     zvd, zv = linear.zvd(*FIRST), linear.zv(*FIRST)
     terms = np.asarray(zvd.amplitudes) * np.exp(-pole * np.asarray(zvd.times))
@@ -179,14 +180,9 @@ def rows_of_link(paper: js.Shaper) -> list[Row]:
     ]  # fmt: skip
 
 
-def words(shaper: js.Shaper) -> str:
-    listed = lambda values: ", ".join(f"{float(value):.5f}" for value in values)
-    return f"A = {listed(shaper.amplitudes)} at {listed(shaper.times)} s"
-
-
 def surpassed(found: dict[str, Any]) -> list[Surpassed]:
     """Fixed shapers for any payload against the paper's, unadapted: theirs by SciPy alone, jshape's by both."""
-    paper, calm, short, tuned = found["paper"], found["calm"].shaper, found["short"].shaper, found["tuned"].shaper
+    paper, robust, short, tuned = found["paper"], found["robust"].shaper, found["short"].shaper, found["tuned"].shaper
     limit = f"positive impulses, {float(paper.duration):.5f} s, 0 to 20 coins"
     worst = lambda shaper: max(judge.vibration(shaper, coins) for coins in COINS)
     theirs, by = worst(paper), "SciPy: servo and both modes, 41 payloads"
@@ -196,8 +192,8 @@ def surpassed(found: dict[str, Any]) -> list[Surpassed]:
     apart = js.Shaper(linear.zvd(*SECOND).amplitudes, [0.0, 0.04, 0.09])
     return [
         Surpassed(
-            "largest V of either mode, payload unknown", theirs, largest(calm), "", by, worst(calm), 1e-9, limit,
-            words(calm) + "; " + found["calm"].result,
+            "largest V of either mode, payload unknown", theirs, largest(robust), "", by, worst(robust), 1e-9, limit,
+            words(robust) + "; " + found["robust"].result,
         ),
         Surpassed(
             "duration for no more vibration than that", float(paper.duration), float(short.duration), "s",
@@ -211,13 +207,13 @@ def surpassed(found: dict[str, Any]) -> list[Surpassed]:
         ),
         Surpassed(
             "duration of a ZVD for both modes", float(paper.duration), float(both.duration), "s",
-            "SciPy: V at 0.01 % to either side of both", max(judge.alone(both, *mode) for mode in near), 2e-6,
+            "SciPy: V at 0.01 % to either side of both", max(alone(both, *mode) for mode in near), 2e-6,
             "positive impulses, V and its slope 0 at 9 and 70 rad/s", words(both), 0.0,
         ),
         Surpassed(
-            "V at 70 rad/s on a clock of 10 ms", judge.alone(apart, *SECOND),
+            "V at 70 rad/s on a clock of 10 ms", alone(apart, *SECOND),
             float(js.percentage_vibration(found["digital"], *SECOND)), "", "SciPy: the mode alone",
-            judge.alone(found["digital"], *SECOND), 1e-9, "impulses on the clock; 90 ms, ours one tick more",
+            alone(found["digital"], *SECOND), 1e-9, "impulses on the clock; 90 ms, ours one tick more",
             words(found["digital"]),
         ),
     ]  # fmt: skip
@@ -226,8 +222,8 @@ def surpassed(found: dict[str, Any]) -> list[Surpassed]:
 def results(draw: bool = True) -> Paper:
     """The whole paper; the figures only if they are wanted."""
     found, run = designs(), adaptive.experiment()
-    paper, calm, after_adaption = found["paper"], found["calm"].shaper, found["as adapted"]
-    rounded = insensitive.rounded(calm, TICK, BANDS, FIRST[1]).shaper
+    paper, robust, after_adaption = found["paper"], found["robust"].shaper, found["as adapted"]
+    rounded = insensitive.rounded(robust, TICK, BANDS, FIRST[1]).shaper
     recovered, note = adaptive.surpassed()
     reference, late = np.asarray(run.schedule.reference), slice(round(95 / TICK), round(100 / TICK))
     left = lambda payload: float(np.degrees(np.max(np.abs(np.asarray(payload) - reference)[late])))
@@ -237,7 +233,7 @@ def results(draw: bool = True) -> Paper:
         "Direct adaptive input shaping using on-line frequency domain information and extremum-seeking optimization",
         "Withit Chatlatanagulchai, Serm Sak Chotana and Chonlawit Prutthapong, Kasetsart Journal (Natural Science).",
         [*rows_of_design(paper), *rows_of_link(paper), *adaptive.rows_of_adaption(run)],
-        pictures(paper, calm, rounded, run) if draw else [],
+        pictures(paper, robust, rounded, run) if draw else [],
         [*surpassed(found), recovered],
         [
             *NOTES,
@@ -251,7 +247,7 @@ def results(draw: bool = True) -> Paper:
             "±30°).",
             "What is least over all payloads is not least for each: with 0 coins, next to what the paper's fixed "
             "shaper was designed for, that one leaves 0.72 %, jshape's "
-            f"{100 * float(js.percentage_vibration(calm, 8.5, 0.017)):.2f} %.",
+            f"{100 * float(js.percentage_vibration(robust, 8.5, 0.017)):.2f} %.",
         ],
     )
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 import jshape as js
-from experiments.papers.frame import after
+from experiments.papers.judge import after
 
 M1, M2, L, G = 0.205, 0.115, 1.0, 9.81
 """Rod and bob (kg), length (m), gravity (m/s²)."""
@@ -44,7 +44,7 @@ def vibration(shaper: js.Shaper, x: float) -> float:
     return float(np.hypot(phi, (p - first / second) / omega) / (first / second / omega))
 
 
-def left(shaper: js.Shaper, x: float, speed: float) -> float:
+def residual(shaper: js.Shaper, x: float, speed: float) -> float:
     """Energy (J) after a shaped pulse of ``WIDTH``, by the nonlinear equation."""
     first, second = moments(x)
     command = shaper.shape(js.Pulse(speed, WIDTH))
@@ -57,10 +57,3 @@ def left(shaper: js.Shaper, x: float, speed: float) -> float:
 def swing(energy: float, x: float) -> float:
     """The angle (degrees) to which that energy lifts the pendulum."""
     return float(np.degrees(np.arccos(1 - energy / (moments(x)[0] * G))))
-
-
-def mode(shaper: js.Shaper, omega: float) -> float:
-    """V of a mode of any frequency, x'' + ω² x = ω² u: a band that is no pendulum's needs one of its own."""
-    field = lambda t, y, u: [y[1], omega**2 * (u - y[0])]
-    end = after(field, [0.0, 0.0], shaper.times, shaper.amplitudes, float(shaper.duration))[0]
-    return float(np.hypot(end[0] - 1, end[1] / omega))

@@ -11,7 +11,8 @@ import dataclasses
 import numpy as np
 
 import jshape as js
-from experiments.papers.frame import Paper, Picture, Row, Surpassed, after, cannot, compare, figure, main
+from experiments.papers.frame import Paper, Picture, Row, Surpassed, cannot, compare, figure, main
+from experiments.papers.judge import after
 from jshape.design import switching
 from jshape.design.switching import Switched
 from jshape.reports.plot import COLOURS, LINES
@@ -210,11 +211,9 @@ def _sensitivities(filters: dict[str, Switched]) -> Picture:
     for i, (name, design) in enumerate(filters.items()):
         for place, omega in ((axis, np.linspace(0.5, 1.5, 301)), (inset, np.linspace(0.95, 1.05, 61))):
             place.plot(omega, design.sensitivity(omega), color=COLOURS[i], linestyle=LINES[i], label=name)
-    axis.set_xlim(0.5, 1.5)
-    axis.set_ylim(0, 1.5)
+    axis.set(xlim=(0.5, 1.5), ylim=(0, 1.5))
     inset.set_ylim(0, 0.1)
-    axis.set_xlabel("frequency ω (rad/s)")
-    axis.set_ylabel("vibration sensitivity S")
+    axis.set(xlabel="frequency ω (rad/s)", ylabel="vibration sensitivity S")
     axis.legend(loc="upper left")
     return Picture("paper_004_figure_02", drawn, "Fig. 2: sensitivity of the ZV and ZVD filters, x(0) = [0.1, −0.1].")
 
@@ -231,8 +230,7 @@ def _crane() -> Picture:
         left = [peak_to_peak(*move, d) for d in degrees]
         axis.plot(degrees, left, color=COLOURS[2 - i], linestyle=LINES[i], marker=".", label=name)
     axis.set_ylim(bottom=0)
-    axis.set_xlabel("initial deflection (°)")
-    axis.set_ylabel("residual swing (°, peak to peak)")
+    axis.set(xlabel="initial deflection (°)", ylabel="residual swing (°, peak to peak)")
     axis.legend()
     words = f"Fig. 4 without its measurements: designed for 5°; {SPEED} m/s is assumed. ZV and ZVD coincide."
     return Picture("paper_004_figure_04", drawn, words)
@@ -322,7 +320,8 @@ def surpassed(filters: dict[str, Switched], move: Switched, closed: Switched) ->
     return items, notes
 
 
-def results() -> Paper:
+def results(draw: bool = True) -> Paper:
+    """The whole paper; the figures only if they are wanted."""
     filters = {
         "ZV": switching.time_optimal_filter(1.0, 0.0, X0),
         "ZVD": switching.time_optimal_filter(1.0, 0.0, X0, robust=True),
@@ -335,7 +334,7 @@ def results() -> Paper:
         "Optimal filters for non-zero initial states",
         "A. Dhanda, J. Vaughan and W. Singhose: *Optimal Input Shaping Filters for Non-Zero Initial States*.",
         printed(filters, move, closed),
-        [_sensitivities(filters), _crane(), _acceleration(*closed)],
+        [_sensitivities(filters), _crane(), _acceleration(*closed)] if draw else [],
         items,
         notes,
     )
