@@ -1,4 +1,4 @@
-"""Gymnasium environments over jshape: sequences of moves with a payload that nobody tells about.
+"""Gymnasium environments over jshape: sequences of point-to-point moves with a hidden payload that changes.
 
 Importing this package registers them::
 

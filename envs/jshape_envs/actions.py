@@ -26,22 +26,27 @@ class AbstractAction(eqx.Module):
     @property
     @abc.abstractmethod
     def size(self) -> int:
-        """How many entries an action has."""
+        """Number of entries of an action."""
 
     @abc.abstractmethod
     def shaper(self, action: Float[Array, " size"]) -> Shaper:
-        """The shaper of an action; entries beyond [−1, 1] count as ±1."""
+        """The shaper that an action stands for; entries beyond [−1, 1] count as ±1."""
 
 
 class ModalAction(AbstractAction):
     """(ω̂, ζ̂) of every mode, then the robustness.
 
-    ``slowest``, ``fastest``: what −1 and 1 mean for each mode's frequency (rad/s, on a logarithmic scale); ``damping``:
-    what 1 means for a damping ratio (−1 is 0). The shaper is a ZV for each mode, convolved; the robustness r ∈ [0, 1]
-    convolves it with a second pair of impulses, for the first mode, whose delay is r times that of its ZV. The zero at
-    ω̂ stays; at r = 0 the second pair does nothing, at r = 1 both are a ZVD, and the duration grows evenly between.
+    The shaper is a ZV for each mode, convolved; the robustness r ∈ [0, 1] convolves it with a second pair of impulses,
+    for the first mode, whose delay is r times that of its ZV. The zero at ω̂ stays; at r = 0 the second pair does
+    nothing, at r = 1 both are a ZVD, and the duration grows evenly between.
 
-    *Raises* ``ValueError`` for frequencies that are not positive or do not fit, or a damping outside [0, 1).
+    Attributes:
+        slowest: each mode's frequency at an entry of −1, rad/s; the scale to 1 is logarithmic.
+        fastest: each mode's frequency at an entry of 1, rad/s.
+        damping: the damping ratio at an entry of 1; −1 is undamped.
+
+    Raises:
+        ValueError: for frequencies that are not positive or do not fit, or a damping ratio outside [0, 1).
     """
 
     slowest: Float[Array, " modes"]
@@ -78,12 +83,17 @@ class ModalAction(AbstractAction):
 
 
 class ImpulseAction(AbstractAction):
-    """Amplitudes and gaps of ``impulses`` impulses.
+    """Amplitudes and gaps of the impulses themselves.
 
     The first entries are the logarithms of the amplitudes after the first, relative to it and in units of 3, so that
-    all are positive and sum to 1; the others are the gaps, from 0 to ``longest`` (s) each.
+    all are positive and sum to 1; the others are the gaps.
 
-    *Raises* ``ValueError`` for fewer than two impulses or a gap that is not positive.
+    Attributes:
+        longest: the gap at an entry of 1, s; −1 is none.
+        impulses: number of impulses.
+
+    Raises:
+        ValueError: for fewer than two impulses or a gap that is not positive.
     """
 
     longest: Scalar
@@ -103,11 +113,15 @@ class ImpulseAction(AbstractAction):
     def shaper(self, action: Float[Array, " size"]) -> Shaper:
         weights, gaps = jnp.split(jnp.clip(action, -1.0, 1.0), 2)
         logits = jnp.concatenate([jnp.zeros_like(weights[:1]), LOGIT * weights])
-        return Shaper(jax.nn.softmax(logits), _times((gaps + 1) / 2 * self.longest))
+        return from_logits(logits, (gaps + 1) / 2 * self.longest)
 
 
 class ResidualAction(AbstractAction):
-    """A classical shaper, corrected: its amplitudes' logarithms move by up to 3, its gaps by a factor up to e."""
+    """A correction to a classical shaper: its amplitudes' logarithms move by up to 3, its gaps by a factor up to e.
+
+    Attributes:
+        classical: the shaper of an action of zeros.
+    """
 
     classical: Shaper
 
@@ -118,19 +132,20 @@ class ResidualAction(AbstractAction):
     def shaper(self, action: Float[Array, " size"]) -> Shaper:
         weights, gaps = jnp.split(jnp.clip(action, -1.0, 1.0), 2)
         logits = jnp.log(self.classical.amplitudes).at[1:].add(LOGIT * weights)
-        return Shaper(jax.nn.softmax(logits), _times(jnp.diff(self.classical.times) * jnp.exp(gaps)))
+        return from_logits(logits, jnp.diff(self.classical.times) * jnp.exp(gaps))
 
 
-def _times(gaps: Float[Array, " gaps"]) -> Impulses:
-    return jnp.concatenate([jnp.zeros_like(gaps[:1]), jnp.cumsum(gaps)])
+def from_logits(logits: Impulses, gaps: Float[Array, " gaps"]) -> Shaper:
+    """The positive shaper with those logarithms of amplitudes, up to a constant, and gaps between impulses, s."""
+    return Shaper(jax.nn.softmax(logits), jnp.concatenate([jnp.zeros_like(gaps[:1]), jnp.cumsum(gaps)]))
 
 
 def _pair(delay: Scalar, ratio: Scalar) -> Shaper:
+    """Two impulses, the second so many times the first, that delay (s) after it."""
     return Shaper(jnp.stack([jnp.ones_like(ratio), ratio]) / (1 + ratio), jnp.stack([jnp.zeros_like(delay), delay]))
 
 
 def _convolve(first: Shaper, short: Shaper) -> Shaper:
     """Two pairs convolved, the second no longer than the first, so that their order is known without sorting."""
-    (a, b), (c, d) = first.amplitudes, short.amplitudes
-    zero, long, brief = jnp.zeros_like(first.times[1]), first.times[1], short.times[1]
-    return Shaper(jnp.stack([a * c, a * d, b * c, b * d]), jnp.stack([zero, brief, long, long + brief]))
+    amplitudes = jnp.outer(first.amplitudes, short.amplitudes)
+    return Shaper(jnp.ravel(amplitudes), jnp.ravel(first.times[:, None] + short.times))

@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 from scipy import stats
 
-from jshape import Shaper, _check
+from jshape import _check
 from jshape_envs.baselines import baseline
 from jshape_envs.core import EnvState, Info, Params
 from jshape_envs.parameters import parameters
@@ -183,12 +183,9 @@ class Transferred(AbstractPolicy):
     home: Params
 
     def start(self, params: Params) -> Any:
-        del params
         return self.policy.start(self.home)
 
-    def choose(
-        self, memory: Any, observation: Float[Array, " observation"], params: Params, state: EnvState
-    ) -> tuple[Shaper, Float[Array, " size"], Any]:
+    def choose(self, memory: Any, observation: Observation, params: Params, state: EnvState) -> Choice:
         place = params.sensor.size + params.action.size
         known = observation.at[place].multiply(params.distance[1] / self.home.distance[1])
         return self.policy.choose(memory, known, self.home, state)

@@ -14,7 +14,7 @@ from jshape_envs.core import Params
 
 
 class Scene(abc.ABC):
-    """A drawing on one pair of axes: ``take`` a move's tracks, ``draw`` it at one of its instants."""
+    """A drawing on one pair of axes: ``take`` a move's trajectory, ``draw`` it at one of its instants."""
 
     unit = "position (m)"
     short = "m"
@@ -53,7 +53,7 @@ class Scene(abc.ABC):
 
 
 class Blocks(Scene):
-    """A base that follows the command and a payload on a spring, both on a floor; for plants that tell no more."""
+    """A base that follows the command and a payload on a spring, both on a floor; for any plant."""
 
     def prepare(self) -> None:
         wide = self.reach()
@@ -69,7 +69,6 @@ class Blocks(Scene):
         self.gap = 0.35 * wide
 
     def places(self, command, payload, states):
-        del states
         level = np.full_like(command, self.size)
         return np.stack([command, level], 1), np.stack([payload + self.gap, level], 1)
 
@@ -130,7 +129,6 @@ class LinkScene(Scene):
         (self.link,) = self.axes.plot([], [], color="0.2", linewidth=2.5, zorder=2)
 
     def places(self, command, payload, states):
-        del command
         # The motor's angle and the tip's, about straight up.
         return np.stack([states[:, 0], payload], 1), np.stack([-np.sin(payload), np.cos(payload)], 1)
 

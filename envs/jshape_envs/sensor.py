@@ -1,4 +1,4 @@
-"""What a sensor on the machine tells of the vibration after a move: samples of the deflection, or features of them."""
+"""The sensor that observes the vibration after a move: samples of the deflection, or features of them."""
 
 from typing import Any
 
@@ -14,18 +14,22 @@ OBSERVATIONS = ("samples", "features")
 
 
 class Sensor(eqx.Module):
-    """Samples of the deflection from its rest, evenly over a window after the last impulse.
+    """Samples of the deflection from rest, evenly over a window after the last impulse, the last at the window's end.
 
-    ``reach``: the greatest deflection it can tell, m (rad for an angle; beyond, it saturates); ``noise``: standard
-    deviation, white, m; ``resolution``: the quantisation step, m, 0 for none; ``window``: how long it measures, s,
-    while the machine stands still; ``samples``: how many, the last one at the window's end; ``kind``: ``"samples"``,
-    over the reach, or ``"features"``: their root mean square, the cosine of the phase from one to the next (a
-    frequency; 1 where nothing vibrates), the last sample and the mean of the last two changes.
+    Rounding has no slope: in derivatives it counts as the identity.
 
-    Rounding has no slope, so the quantisation step counts as 1 in derivatives.
+    Attributes:
+        reach: greatest deflection, m (rad for an angle), beyond which the sensor saturates.
+        noise: standard deviation of its white noise, m.
+        resolution: the quantisation step, m; 0 for none.
+        window: how long it measures, s, while the machine stands still.
+        samples: number of samples.
+        kind: ``"samples"``, over the reach, or ``"features"``: their root mean square, the cosine of the phase from one
+            to the next (a frequency; 1 where nothing vibrates), the last sample and the mean of the last two changes.
 
-    *Raises* ``ValueError`` for a reach or window that is not positive, negative noise or resolution, fewer than four
-    samples, or an unknown kind.
+    Raises:
+        ValueError: for a reach or window that is not positive, negative noise or resolution, fewer than four samples,
+            or an unknown kind.
     """
 
     reach: Scalar
@@ -60,13 +64,15 @@ class Sensor(eqx.Module):
 
     @property
     def size(self) -> int:
-        """How many numbers it tells."""
+        """Number of entries of a reading."""
         return self.samples if self.kind == "samples" else 4
 
     def read(self, deflection: Float[Array, " samples"], noise: Float[Array, " samples"]) -> Float[Array, " size"]:
-        """What is told of these deflections (m), within [−1, 1]; 0 where one is not finite.
+        """The reading of these deflections (m), within [−1, 1]; 0 where one is not finite.
 
-        ``noise``: standard normal numbers.
+        Args:
+            deflection: from rest, m.
+            noise: standard normal numbers.
         """
         measured = deflection + self.noise * noise
         step = jnp.where(self.resolution > 0, self.resolution, 1.0)
@@ -77,6 +83,7 @@ class Sensor(eqx.Module):
 
 
 def _features(x: Float[Array, " samples"]) -> Float[Array, "4"]:
+    """Root mean square, cosine of the phase between samples, last sample, mean of the last two changes."""
     # For a sine, x[k+1] + x[k−1] = 2 cos(phase) x[k]; the least-squares fit of that cosine.
     middle, square = x[1:-1], jnp.mean(x**2)
     power = jnp.sum(middle**2)

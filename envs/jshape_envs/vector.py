@@ -18,13 +18,20 @@ from jshape_envs.machine import AbstractMachine
 
 
 class MoveVectorEnv(gym.vector.VectorEnv):
-    """``num_envs`` environments as ``MoveEnv`` describes them; a seed s gives lane i the episodes of seed s + i alone.
+    """Environments as ``MoveEnv`` describes them; a seed s gives lane i the episodes of seed s + i alone.
 
-    ``max_episode_steps``: the horizon, in the place of the one among the params. ``autoreset_mode``: ``NEXT_STEP``,
-    ``SAME_STEP`` (the last observation and info then stand under ``"final_obs"`` and ``"final_info"``, as arrays with
-    a row for every lane) or ``DISABLED`` (``reset(options={"reset_mask": …})`` begins lanes anew).
+    Args:
+        num_envs: number of environments.
+        environment: a name, a machine, or ``Params``.
+        max_episode_steps: the horizon, in the place of the one among the params.
+        autoreset_mode: ``NEXT_STEP``, ``SAME_STEP`` (the last observation and info then stand under ``"final_obs"`` and
+            ``"final_info"``, as arrays with a row for every lane) or ``DISABLED`` (``reset(options={"reset_mask": …})``
+            begins lanes anew).
+        render_mode: None.
+        keywords: those of ``parameters``.
 
-    *Raises* ``ValueError`` as ``parameters`` does, and for an unknown mode.
+    Raises:
+        ValueError: as ``parameters`` does, and for an unknown mode.
     """
 
     def __init__(
@@ -53,16 +60,9 @@ class MoveVectorEnv(gym.vector.VectorEnv):
         self._lanes: Lanes | None = None
 
     def reset(self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None):
-        seeds = self._seeds(seed)
-        mask = np.ones(self.num_envs, bool)
-        if options and "reset_mask" in options:
-            mask = np.asarray(options["reset_mask"], bool)
-            if mask.shape != (self.num_envs,) or not mask.any():
-                raise ValueError(f"reset_mask must tell of each of {self.num_envs} lanes, and ask for one at least")
-            if self._lanes is None and not mask.all():
-                raise gym.error.ResetNeeded("the lanes that reset_mask leaves out have not begun: call reset first")
+        seeds, mask = self._seeds(seed), self._mask(options)
         if self._lanes is None or seeds is not None:
-            chosen = seeds if seeds is not None else self._seeds(int(np.random.SeedSequence().generate_state(1)[0]))
+            chosen = self._seeds(int(np.random.SeedSequence().generate_state(1)[0])) if seeds is None else seeds
             assert chosen is not None
             base = base_keys(seeded(chosen))
             episode = jnp.zeros(len(base), jnp.int32)
@@ -77,7 +77,19 @@ class MoveVectorEnv(gym.vector.VectorEnv):
         info = {"evaluation": {"payload": payload, "_payload": mask.copy()}, "_evaluation": mask.copy()}
         return np.array(observation)[: self.num_envs], info
 
+    def _mask(self, options: dict[str, Any] | None) -> np.ndarray:
+        """The lanes that a reset begins anew."""
+        mask = np.ones(self.num_envs, bool)
+        if options and "reset_mask" in options:
+            mask = np.asarray(options["reset_mask"], bool)
+            if mask.shape != (self.num_envs,) or not mask.any():
+                raise ValueError(f"reset_mask must have {self.num_envs} entries, one a lane, and one true at least")
+            if self._lanes is None and not mask.all():
+                raise gym.error.ResetNeeded("the lanes that reset_mask leaves out have not begun: call reset first")
+        return mask
+
     def _seeds(self, seed: int | list[int | None] | None) -> list[int] | None:
+        """A seed for each lane; none where none was given."""
         if seed is None:
             return None
         if isinstance(seed, int | np.integer):
@@ -103,7 +115,7 @@ class MoveVectorEnv(gym.vector.VectorEnv):
 
 
 def as_dict(info: Info | Evaluation, mask: np.ndarray) -> dict[str, Any]:
-    """An info as Gymnasium's vector environments give it: arrays, each with the mask of the lanes that it tells of."""
+    """An info as Gymnasium's vector environments give it: arrays, each with the mask of the lanes that it is for."""
     found: dict[str, Any] = {}
     for name, value in info._asdict().items():
         nested = hasattr(value, "_asdict")
