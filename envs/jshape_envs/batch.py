@@ -136,8 +136,8 @@ def _advance(lanes: Lanes, actions: Array, params: Params, mode: AutoresetMode) 
             done = done & moved
         else:
             done = jnp.zeros_like(done)
-    single = (x.astype(jnp.float32) for x in (observation, final, reward))
-    outcome = Outcome(*single, terminated, truncated, moved, info)
+    observation, final, reward = (x.astype(jnp.float32) for x in (observation, final, reward))
+    outcome = Outcome(observation, final, reward, terminated, truncated, moved, info)
     return Lanes(lanes.base, episode, state, done), outcome
 
 

@@ -120,7 +120,7 @@ def cheapest(cost: Callable[[Shaper], Scalar], begin: Shaper, most: int) -> tupl
 
 
 def retuned(begin: Shaper, cost: Callable[[Shaper], Scalar], most: int) -> Shaper:
-    """The positive shaper of least cost near ``begin``, in at most so many steps of BFGS; ``begin`` if it is no better."""
+    """The positive shaper of least cost near ``begin``, in at most so many steps of BFGS, or ``begin`` if better."""
     point, least = cheapest(cost, begin, most)
     better = least < cost(begin)
     return jax.tree.map(lambda new, old: jnp.where(better, new, old), _shaper(point), begin)

@@ -27,8 +27,8 @@ class MoveVecEnv(VecEnv):
     """Environments in one compiled program, for trainers of stable-baselines3.
 
     An ended episode begins anew in the same step; its info holds its last observation as ``"terminal_observation"``,
-    whether only the horizon ended it as ``"TimeLimit.truncated"``, and its mean reward a move and its number of moves as
-    ``"episode"``: what trainers log as return and length.
+    whether only the horizon ended it as ``"TimeLimit.truncated"``, and, as ``"episode"``, its mean reward a move and
+    its number of moves: what trainers log as return and length.
 
     Args:
         params: the environment.

@@ -56,7 +56,6 @@ class MoveVectorEnv(gym.vector.VectorEnv):
         self.single_observation_space, self.single_action_space = box_spaces(self.params)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
-        self._generators: list[np.random.Generator] | None = None
         self._lanes: Lanes | None = None
 
     def reset(self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None):

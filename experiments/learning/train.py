@@ -7,8 +7,8 @@
 What is done is kept, in ``learning.json`` and in checkpoints under ``out/learning``; interrupted, it goes on there.
 PPO's side is made by ``experiments.learning.trainers``. Everything is judged on episodes that no training sees.
 
-Policies that know the payload are trained, as the oracle is searched for, with residual energy ``STRICTNESS`` times as
-dear as the environment has it, so that they may be held against the oracle by what they leave.
+Policies that know the payload are trained, as the oracle is searched for, with ``STRICTNESS`` times the
+environment's weight of residual energy, so that they may be held against the oracle by what they leave.
 """
 
 import argparse
@@ -25,9 +25,10 @@ from jshape_envs.apg import Recipe, train
 from jshape_envs.baselines import Oracle
 from jshape_envs.design import STRICTNESS
 from jshape_envs.evaluate import evaluate
-from jshape_envs.policy import POLICIES, load_policy, save_policy
+from jshape_envs.policy import load_policy, policy_file, save_policy
 
 from experiments.learning.record import keep, read
+from jshape._types import Progress
 from jshape.reports.plot import COLOURS, STYLE
 
 HERE = Path(__file__).parent
@@ -60,28 +61,28 @@ def main() -> None:
 
 def ship(name: str, context: str) -> None:
     """The policy that comes with the package, unless it is there already."""
-    path, params = POLICIES / f"{name}_paper_{context}.npz", parameters(name, context=context)
+    path, params = policy_file(name, context=context), parameters(name, context=context)
     if (oracle := f"oracle of {name}") not in read(RECORD):
         done(oracle, judged(Oracle(), params))
     key, begin = f"{name} {context} shipped", time.process_time()
     if path.exists() and key in read(RECORD):
         return
-    price = params if context == "hidden" else strict(params)
-    found = train(price, SHIP, checkpoint=CHECKPOINTS / f"{key.replace(' ', '_')}.npz", progress=tell(key))
+    weighted = params if context == "hidden" else strict(params)
+    found = train(weighted, SHIP, checkpoint=CHECKPOINTS / f"{key.replace(' ', '_')}.npz", progress=printed(key))
     made = SHIP.updates * SHIP.batch
     save_policy(found.policy, path, dict(environment=name, preset="paper", context=context, action="modal", moves=made))
     done(key, {"moves": made, "processor_seconds": time.process_time() - begin, **judged(load_policy(path), params)})
 
 
 def strict(params: Params) -> Params:
-    """The environment with residual energy as dear as in the search for the oracle."""
+    """The environment with the weight of residual energy of the search for the oracle."""
     return eqx.tree_at(lambda p: p.energy_weight, params, STRICTNESS * params.energy_weight)
 
 
 def curve(name: str, seed: int) -> dict[str, Any]:
     """One training of 100,000 moves and what it led to."""
     begin, params, recipe = time.process_time(), parameters(name), Recipe(moves=MOVES, seed=seed)
-    found = train(params, recipe, checkpoint=CHECKPOINTS / f"{name}_{seed}.npz", progress=tell(f"{name} {seed}"))
+    found = train(params, recipe, checkpoint=CHECKPOINTS / f"{name}_{seed}.npz", progress=printed(f"{name} {seed}"))
     spent = time.process_time() - begin
     history = {key: np.round(value, 6).tolist() for key, value in found.history._asdict().items()}
     made = dict(made=recipe.updates * recipe.batch, processor_seconds=spent)
@@ -93,10 +94,12 @@ def judged(policy: Any, params: Any) -> dict[str, float]:
     return {key: float(value[0]) for key, value in scores._asdict().items()}
 
 
-def tell(what: str) -> Any:
-    def progress(update: int, updates: int, reward: float) -> None:
-        if update % max(1, updates // 10) == 0:
-            print(f"{what}: update {update} of {updates}, mean reward {reward:.4f}", flush=True)
+def printed(what: str) -> Progress:
+    """Progress of a training, ten times, on the terminal."""
+
+    def progress(stage: str, done: int, total: int, best: float) -> None:
+        if done % max(1, total // 10) == 0:
+            print(f"{what}: {stage} {done} of {total}, least mean cost {best:.4f}", flush=True)
 
     return progress
 

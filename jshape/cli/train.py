@@ -38,6 +38,7 @@ def train(
         from jshape_envs.policy import save_policy
 
         from jshape._files import MARKER, check_writable
+        from jshape.status import Status
 
         folder = out or Path(f"{environment}-policy")
         check_writable(folder)
@@ -58,13 +59,14 @@ def train(
                     params,
                     recipe,
                     checkpoint=checkpoint,
-                    progress=lambda update, updates, reward: tell(
-                        f"mean reward {reward:.4f}, update", update, updates, float("inf")
-                    ),
+                    # Without a best value, which the line would show in J.
+                    progress=lambda stage, done, total, best: tell(stage, done, total, float("inf")),
                 )
             except KeyboardInterrupt:
                 typer.echo(f"what is learned lies in {checkpoint}; the same command goes on from there", err=True)
                 raise
+            if found.status is Status.DIVERGED:
+                raise ValueError(f"training diverged: {found.message}")
             step("the policy is judged")
             scores = evaluate(found.policy, params, episodes=64, seeds=1, seed=1_000_000)
         figures = {name: float(value[0]) for name, value in scores._asdict().items()}

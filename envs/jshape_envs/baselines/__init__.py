@@ -20,11 +20,11 @@ from jshape_envs.baselines.best import best_of, scales
 from jshape_envs.baselines.direct import DirectAdaptive, FrequencyTracker, direct_adaptive, frequency_tracker
 from jshape_envs.baselines.fixed import Fixed, FixedEnergy, fixed_energy, fixed_linear
 from jshape_envs.baselines.model_based import ModelBased, model_based
-from jshape_envs.baselines.observed import middle
+from jshape_envs.baselines.observed import evenly, middle
 from jshape_envs.baselines.oracles import FullOracle, Oracle
 from jshape_envs.baselines.posterior import FixedPayload, Hedge, hedges
 from jshape_envs.core import Params
-from jshape_envs.policy import AbstractPolicy, Choice, Observation
+from jshape_envs.policy import AbstractPolicy
 
 __all__ = [
     "BASELINES",
@@ -74,7 +74,7 @@ def _best_fixed(params: Params) -> AbstractPolicy:
 
 
 def _best_energy(params: Params) -> AbstractPolicy:
-    payloads = np.asarray(jnp.linspace(*params.payload, 9))
+    payloads = np.asarray(evenly(params.payload, 9))
     tuned = [FixedPayload(jnp.asarray(p, params.period.dtype), h) for p in payloads[1:-1] for h in hedges(params)]
     closed_forms = (1, 2) if "energy" in applicable(params) else ()
     return best_of([*tuned, *(fixed_energy(params, rests, p) for rests in closed_forms for p in payloads)], params)

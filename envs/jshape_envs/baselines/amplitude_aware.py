@@ -13,6 +13,7 @@ from jaxtyping import Array, Float, Int
 from jshape._types import Scalar
 from jshape_envs.baselines.frequency import Tones, fit_tones
 from jshape_envs.baselines.observed import (
+    evenly,
     frequency_bands,
     middle,
     no_action,
@@ -87,7 +88,7 @@ class AmplitudeAware(AbstractPolicy):
 def amplitude_aware(params: Params) -> AmplitudeAware:
     """The tracker of a machine whose model is known, its table made from windows after swings of every size."""
     bands = frequency_bands(params)
-    payloads = jnp.linspace(*params.payload, PAYLOADS)
+    payloads = evenly(params.payload, PAYLOADS)
     return AmplitudeAware(bands, payloads, *_table(params, bands, payloads), no_hedge(params))
 
 

@@ -11,7 +11,7 @@ import jshape as js
 from jshape import Shaper, _check
 from jshape.design.linear import multi_mode
 from jshape.plants import AbstractOscillator
-from jshape_envs.baselines.observed import middle, modes_of, no_action, observed
+from jshape_envs.baselines.observed import evenly, middle, modes_of, no_action, observed
 from jshape_envs.core import EnvState, Params
 from jshape_envs.policy import AbstractPolicy, Choice, Observation
 
@@ -59,7 +59,7 @@ class FixedEnergy(AbstractPolicy):
 
     def choose(self, memory: tuple[()], observation: Observation, params: Params, state: EnvState) -> Choice:
         size = jnp.abs(observed(observation, params).distance)
-        sizes = jnp.linspace(*params.distance, SIZES)
+        sizes = evenly(params.distance, SIZES)
         at = jax.vmap(lambda column: jnp.interp(size, sizes, column), in_axes=1)
         return Shaper(at(self.amplitudes), at(self.times)), no_action(params), memory
 
@@ -85,7 +85,7 @@ def fixed_energy(params: Params, rests: int = 1, payload: Any = None) -> FixedEn
     rests = _check.count(rests, "rests")
     # In the best precision that there is: a design is no place to save time.
     plant, ends = jax.tree.map(lambda x: jnp.asarray(x, float), (plant, params.distance))
-    found = _robust(plant, jnp.linspace(*ends, SIZES), rests)
+    found = _robust(plant, evenly(ends, SIZES), rests)
     return FixedEnergy(*(x.astype(params.period.dtype) for x in (found.amplitudes, found.times)))
 
 

@@ -1,7 +1,7 @@
 """Frequencies from a short window of samples: the peak of its Fourier transform, or a least-squares fit of sines.
 
-Each mode is looked for in a band. It may lie beyond half the sample rate, as long as no two frequencies of the bands are
-aliases of each other.
+Each mode is looked for in a band. It may lie beyond half the sample rate, as long as no two frequencies of the bands
+are aliases of each other.
 """
 
 from typing import NamedTuple
@@ -11,6 +11,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from jshape._types import Scalar
+from jshape_envs.baselines.observed import evenly
 
 GRID = 64
 """Number of frequencies tried in a band."""
@@ -69,7 +70,7 @@ def peaks(
     """
 
     def one(band: Float[Array, "2"]) -> tuple[Scalar, Scalar]:
-        grid = jnp.linspace(*band, GRID)
+        grid = evenly(band, GRID)
         power = jnp.mean(jax.vmap(lambda x: transform(x, times, grid))(windows), axis=0)
         return _at_peak(grid, power), 2 / len(times) * jnp.sqrt(jnp.max(power))
 
@@ -106,7 +107,7 @@ def fit_tones(
 
     omega = jnp.mean(bands, axis=1)
     for mode in [m for _ in range(SWEEPS if modes > 1 else 1) for m in range(modes)]:
-        grid = jnp.linspace(*bands[mode], GRID)
+        grid = evenly(bands[mode], GRID)
         misfit = jax.vmap(lambda w, mode=mode, omega=omega: fit(omega.at[mode].set(w))[0])(grid)
         omega = omega.at[mode].set(_at_peak(grid, -misfit))
     misfit, weights = fit(omega)

@@ -13,7 +13,7 @@ from jaxtyping import Array, Float, Int
 from jshape import Shaper, _check
 from jshape._types import Scalar, State
 from jshape_envs.baselines.frequency import peak
-from jshape_envs.baselines.observed import middle, no_action, observed, sensor_deviation
+from jshape_envs.baselines.observed import evenly, middle, no_action, observed, sensor_deviation
 from jshape_envs.baselines.posterior import Hedge, no_hedge, tuned_shaper
 from jshape_envs.core import EnvState, Params
 from jshape_envs.physics import plan_move, run_move, run_window
@@ -100,7 +100,7 @@ def model_based(params: Params, models: int = 17) -> ModelBased:
     Raises:
         ValueError: for fewer than three.
     """
-    return ModelBased(jnp.linspace(*params.payload, _check.count(models, "models", least=3)), no_hedge(params))
+    return ModelBased(evenly(params.payload, _check.count(models, "models", least=3)), no_hedge(params))
 
 
 def _predicted(params: Params, memory: BankState, payload: Scalar) -> tuple[State, Float[Array, " samples"]]:

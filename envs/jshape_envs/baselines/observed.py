@@ -54,6 +54,11 @@ def no_action(params: Params) -> Float[Array, " size"]:
     return jnp.zeros(params.action.size, params.period.dtype)
 
 
+def evenly(ends: Float[Array, "2"], count: int) -> Float[Array, " values"]:
+    """So many values from the one end to the other."""
+    return jnp.linspace(ends[0], ends[1], count)
+
+
 def middle(params: Params) -> Scalar:
     """The mean of the prior over payloads: what is assumed before the first move."""
     return jnp.mean(params.payload)
