@@ -75,8 +75,8 @@ class ModalAction(AbstractAction):
         zeta = self.damping * share[1:-1:2]
         root = jnp.sqrt(1 - zeta**2)
         delay, ratio = jnp.pi / (omega * root), jnp.exp(-jnp.pi * zeta / root)
-        parts = [_pair(d, k) for d, k in zip(delay, ratio, strict=True)]
-        shaper = _convolve(parts[0], _pair(share[-1] * delay[0], ratio[0] ** share[-1]))
+        parts = [pair(d, k) for d, k in zip(delay, ratio, strict=True)]
+        shaper = _convolve(parts[0], pair(share[-1] * delay[0], ratio[0] ** share[-1]))
         for part in parts[1:]:
             shaper = shaper.convolve(part)
         return shaper
@@ -140,7 +140,7 @@ def from_logits(logits: Impulses, gaps: Float[Array, " gaps"]) -> Shaper:
     return Shaper(jax.nn.softmax(logits), jnp.concatenate([jnp.zeros_like(gaps[:1]), jnp.cumsum(gaps)]))
 
 
-def _pair(delay: Scalar, ratio: Scalar) -> Shaper:
+def pair(delay: Scalar, ratio: Scalar) -> Shaper:
     """Two impulses, the second so many times the first, that delay (s) after it."""
     return Shaper(jnp.stack([jnp.ones_like(ratio), ratio]) / (1 + ratio), jnp.stack([jnp.zeros_like(delay), delay]))
 

@@ -73,10 +73,9 @@ class MoveEnv(gym.Env):
         self._last_move = (before, actions)
         if self.render_mode == "human":
             self._draw()
-        info = jax.tree.map(lambda x: np.asarray(x)[0].item(), outcome.info)
-        flags = bool(np.asarray(outcome.terminated)[0]), bool(np.asarray(outcome.truncated)[0])
-        info = info._asdict() | {"evaluation": info.evaluation._asdict()}
-        return np.array(outcome.observation)[0], float(np.asarray(outcome.reward)[0]), *flags, info
+        plain = jax.tree.map(lambda x: np.asarray(x)[0].tolist(), outcome)
+        info = plain.info._asdict() | {"evaluation": plain.info.evaluation._asdict()}
+        return np.array(outcome.observation)[0], plain.reward, plain.terminated, plain.truncated, info
 
     def render(self) -> Any:
         if self.render_mode is None:

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from experiments.benchmarks.record import about, keep
+from experiments.markdown import table
 
 PLANTS = 1_000_000
 DECADE = 100_000
@@ -49,7 +50,7 @@ def measure(derivatives: bool = False, shapers: int = 1, decade: bool = False, b
 
     jax.config.update("jax_enable_x64", True)
     import jshape as js
-    from jshape.sweeps import chunks as _pieces
+    from jshape.sweeps import chunks
 
     plant = js.plants.TwoMass(spring=js.plants.Duffing(10.0, 100.0))
     times = np.array([0.0, 0.8214899715396663, 1.6429799430793326])
@@ -59,7 +60,7 @@ def measure(derivatives: bool = False, shapers: int = 1, decade: bool = False, b
         plant = js.plants.ModalPlant([3.0], [0.0])
         given = dict(over={"omega.0": np.random.default_rng(0).permutation(np.geomspace(1, 10, DECADE))})
     if not buckets:
-        _pieces.FEW = 10**9
+        chunks.FEW = 10**9
     run = lambda: js.sweep(plant, named, 1.0, metric="residual_energy", derivatives=derivatives, **given)
     begin = time.perf_counter()
     run()
@@ -82,16 +83,22 @@ def measure(derivatives: bool = False, shapers: int = 1, decade: bool = False, b
 
 
 def write(rows: list[dict[str, Any]]) -> None:
-    lines = [
-        "| sweep | plants × shapers | s | first, compiling (s) | a second | peak memory (MB) | steps | error (J) |",
-        "| --- | --- | --- | --- | --- | --- | --- | --- |",
-    ]
+    head = (
+        "sweep",
+        "plants × shapers",
+        "s",
+        "first, compiling (s)",
+        "a second",
+        "peak memory (MB)",
+        "steps",
+        "error (J)",
+    )
+    cells = []
     for r in rows:
         steps = f"{r['least_steps']} … {r['steps']}" if r["least_steps"] < r["steps"] else f"{r['steps']}"
-        lines.append(
-            f"| {r['case']} | {r['plants']:,} | {r['seconds']:.3g} | {r['first_seconds']:.3g} "
-            f"| {r['plants_a_second']:.3g} | {r['peak_megabytes']:.0f} | {steps} | {r['error']:.1e} |"
-        )
+        times = (f"{r[name]:.3g}" for name in ("seconds", "first_seconds", "plants_a_second"))
+        cells.append((r["case"], f"{r['plants']:,}", *times, f"{r['peak_megabytes']:.0f}", steps, f"{r['error']:.1e}"))
+    lines = table(head, cells)
     bucketed, flat = rows[-2]["seconds"], rows[-1]["seconds"]
     lines += ["", f"Over a decade of frequencies, buckets make the sweep {flat / bucketed:.2g} times as fast."]
     ran = about(f"{os.cpu_count()} cores", "jshape", "jax", "scipy", "numpy", "xarray")

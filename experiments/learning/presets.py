@@ -28,6 +28,7 @@ from jshape_envs.oracle import ShaperTable  # noqa: E402
 
 import jshape as js  # noqa: E402
 from experiments.learning.record import keep, read  # noqa: E402
+from experiments.markdown import table  # noqa: E402
 from jshape.plants import AbstractOscillator  # noqa: E402
 
 RECORD = Path(__file__).with_suffix(".json")
@@ -47,7 +48,7 @@ def main(names: list[str]) -> None:
                 continue
             row = judge(parameters(name, preset))
             keep(RECORD, f"{name} {preset}", row, indent=2)
-            RECORD.with_suffix(".md").write_text(table(read(RECORD)), encoding="utf-8")
+            RECORD.with_suffix(".md").write_text(report(read(RECORD)), encoding="utf-8")
             print(name, preset, {k: (round(v["cost"], 4), round(v["residual"], 4)) for k, v in row.items()}, flush=True)
             # The programs of sixteen presets would not fit into the system's table of memory maps.
             jax.clear_caches()
@@ -165,18 +166,17 @@ def closed_forms(params: Params) -> dict[str, ShaperTable]:
     return tables
 
 
-def table(record: dict[str, Any]) -> str:
+def report(record: dict[str, Any]) -> str:
+    """The whole page: costs, residual energies, and what was chosen."""
     labels = ["unshaped", "fixed linear", "fixed energy", "linear oracle", "nonlinear oracle"]
-    lines = []
-    for what, words in (("cost", "Mean cost of a move"), ("residual", "Mean normalised residual energy")):
-        lines += [f"| {words} | " + " | ".join(labels) + " |", "| --- |" + " --- |" * len(labels)]
-        for name, row in record.items():
-            cells = [f"{row[k][what]:.4f} ± {row[k][what + '_interval']:.4f}" for k in labels]
-            lines.append(f"| {name} | " + " | ".join(cells) + " |")
-        lines.append("")
-    lines += ["| Chosen | fixed linear | fixed energy | linear oracle |", "| --- | --- | --- | --- |"]
-    for name, row in record.items():
-        lines.append(f"| {name} | " + " | ".join(row[k]["which"] for k in labels[1:4]) + " |")
+    chosen, lines = labels[1:4], []
+    for what, title in (("cost", "Mean cost of a move"), ("residual", "Mean normalised residual energy")):
+        cell = lambda score, what=what: f"{score[what]:.4f} ± {score[what + '_interval']:.4f}"
+        lines += [
+            *table([title, *labels], [[name, *(cell(row[k]) for k in labels)] for name, row in record.items()]),
+            "",
+        ]
+    lines += table(["Chosen", *chosen], [[name, *(row[k]["which"] for k in chosen)] for name, row in record.items()])
     return "\n".join(lines) + "\n"
 
 

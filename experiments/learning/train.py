@@ -13,6 +13,7 @@ environment's weight of residual energy, so that they may be held against the or
 
 import argparse
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,7 @@ from jshape_envs.evaluate import evaluate
 from jshape_envs.policy import load_policy, policy_file, save_policy
 
 from experiments.learning.record import keep, read
+from experiments.markdown import table
 from jshape._types import Progress
 from jshape.reports.plot import COLOURS, STYLE
 
@@ -37,6 +39,13 @@ CHECKPOINTS = Path("out/learning")
 MOVES, SEEDS = 100_000, 5
 SHIPPED = [(name, "hidden") for name in ENVIRONMENTS] + [("DuffingPayload", "observed"), ("CranePayload", "observed")]
 SHIP = Recipe(moves=500_000, environments=32)
+CURVES = (
+    "`paper`, hidden", "reward, analytic gradients, 100,000 moves", "PPO, 1,000,000 moves", "processor time, s"
+)  # fmt: skip
+POLICIES = (
+    "shipped policy", "moves", "mean reward", "regret", "residual, %", "oracle's, %", "5 % within two moves"
+)  # fmt: skip
+"""Heads of the tables."""
 EPISODES, JUDGED = 512, 1_000_000
 """Episodes to judge on, and their seed."""
 
@@ -113,25 +122,24 @@ def report() -> None:
     """The table and the figure of everything that has been made so far."""
     record, ppo = read(RECORD), read(PPO)
     names = [name for name in ENVIRONMENTS if any(key.startswith(name) for key in record)]
-    lines = [
-        "| `paper`, hidden | reward, analytic gradients, 100,000 moves | PPO, 1,000,000 moves | processor time, s |",
-        "| --- | --- | --- | --- |",
-    ]
+    curves = []
     for name in names:
         mine, others = rows(record, name), rows(ppo, name)
-        words = [spread([r["reward"] for r in mine]), spread([r["reward"][-1] for r in others])]
         spent = [f"{np.mean([r['processor_seconds'] for r in part]):.0f}" for part in (mine, others) if part]
-        lines.append(f"| {name} | {words[0]} | {words[1]} | {', '.join(spent)} |")
-    columns = "| shipped policy | moves | mean reward | regret | residual, % | oracle's, % | 5 % within two moves |"
-    lines += ["", columns, "| --- |" + " --- |" * 6]
+        ends = spread([r["reward"] for r in mine]), spread([r["reward"][-1] for r in others])
+        curves.append((name, *ends, ", ".join(spent)))
+    shipped = []
     for name, context in SHIPPED:
         if row := record.get(f"{name} {context} shipped"):
-            cells = f"{row['moves']:,} | {row['reward']:.4f} | {row['regret']:.4f}"
-            left = f"{100 * row['residual']:.2g} | {100 * record[f'oracle of {name}']['residual']:.2g}"
-            lines.append(f"| {name}, {context} | {cells} | {left} | {100 * row['recovered']:.1f} % |")
-    lines += [
+            residuals = (f"{100 * r['residual']:.2g}" for r in (row, record[f"oracle of {name}"]))
+            scores = f"{row['moves']:,}", f"{row['reward']:.4f}", f"{row['regret']:.4f}"
+            shipped.append((f"{name}, {context}", *scores, *residuals, f"{100 * row['recovered']:.1f} %"))
+    lines = [
+        *table(CURVES, curves),
         "",
-        *other_trainers(),
+        *table(POLICIES, shipped),
+        "",
+        *table(("other trainers", "moves", "reward", "processor time, s"), other_trainers()),
         "",
         "Mean over seeds, least and greatest in brackets. Processor time: of all cores, compilation included.",
         "Residuals: of the same episodes. The oracle's shapers are for rest; moves begin with what the last one left.",
@@ -147,17 +155,15 @@ def report() -> None:
         figure.savefig(HERE / "learning.svg", metadata={"Date": None})
 
 
-def other_trainers() -> list[str]:
-    """What ``experiments.learning.trainers`` has made besides PPO on all environments, a line for each."""
-    lines = ["| other trainers | moves | reward | processor time, s |", "| --- | --- | --- | --- |"]
+def other_trainers() -> Iterator[tuple[str, ...]]:
+    """What ``experiments.learning.trainers`` has made besides PPO on all environments, a row for each."""
     for path in sorted(HERE.glob("*sac.json")) + sorted(HERE.glob("jax-ppo.json")):
         record = read(path)
         for name in sorted({key.rpartition(" ")[0] for key in record}):
             runs = rows(record, name)
-            words = spread([r["reward"][-1] for r in runs])
             spent = np.mean([r["processor_seconds"] for r in runs])
-            lines.append(f"| {path.stem}, {name} | {runs[0]['moves'][-1]:,} | {words} | {spent:.0f} |")
-    return lines
+            rewards = spread([r["reward"][-1] for r in runs])
+            yield f"{path.stem}, {name}", f"{runs[0]['moves'][-1]:,}", rewards, f"{spent:.0f}"
 
 
 def rows(record: dict[str, Any], name: str) -> list[dict[str, Any]]:

@@ -12,6 +12,7 @@ from jaxtyping import Array, Int
 
 from jshape import Shaper
 from jshape._types import Scalar
+from jshape_envs.actions import pair
 from jshape_envs.baselines.observed import no_action, observed
 from jshape_envs.core import EnvState, Params
 from jshape_envs.policy import AbstractPolicy, Choice, Observation
@@ -35,9 +36,7 @@ class Hedge(NamedTuple):
         half = len(shaper.times) // 2
         amplitudes, times = shaper.amplitudes, self.scale * shaper.times
         ratio = (jnp.sum(amplitudes[half:]) / jnp.sum(amplitudes[:half])) ** self.robustness
-        pair = jnp.stack([jnp.ones_like(ratio), ratio]) / (1 + ratio)
-        delays = jnp.stack([jnp.zeros_like(ratio), self.robustness * times[half]])
-        return Shaper(amplitudes, times).convolve(Shaper(pair, delays))
+        return Shaper(amplitudes, times).convolve(pair(self.robustness * times[half], ratio))
 
 
 def no_hedge(params: Params) -> Hedge:
