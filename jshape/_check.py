@@ -1,12 +1,20 @@
-"""Checks of arguments: concrete values are judged, traced ones pass.
+"""Checks of arguments: concrete values are checked, traced ones pass.
 
 Every public constructor and entry point uses these, so that a wrong number is met with an error which names
-the argument and its value, while the same code runs under ``jit``, ``vmap`` and ``grad``.
+the argument and its value, while the same code runs under ``jit``, ``vmap`` and ``grad``. A function calls them one by
+one; a module declares them with its fields::
+
+    class Spring(Checked):
+        k: Scalar = eqx.field(converter=Argument(positive))
+        preload: Scalar = eqx.field(default=0.0, converter=Argument(finite))
 """
 
+import dataclasses
 import warnings
+from collections.abc import Callable
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -15,7 +23,7 @@ from jaxtyping import Array
 
 
 def is_concrete(*trees: Any) -> bool:
-    """Whether no leaf of the trees is being traced by JAX."""
+    """Whether no leaf of the trees is traced by JAX."""
     return not any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(trees))
 
 
@@ -25,16 +33,15 @@ def numerics(*trees: Any) -> Any:
 
 
 def on_device(value: Any) -> Array:
-    """``value`` as a JAX array. A few plain numbers go there as they are: ``jnp.asarray`` compiles a program for each
-    shape of them.
-    """
+    """``value`` as a JAX array; NumPy's without ``jnp.asarray``, which compiles a program for each of their shapes."""
     return jax.device_put(value) if isinstance(value, np.ndarray | np.generic) else jnp.asarray(value)
 
 
 def as_array(value: Any, name: str) -> Array:
     """``value`` as an array of floats: its own float type if it has one, JAX's default otherwise.
 
-    *Raises* ``ValueError`` if the value is not numeric.
+    Raises:
+        ValueError: for a value that is not numeric.
     """
     if isinstance(value, bool | str | bytes):
         raise ValueError(f"{name} must be a number, not {value!r}")
@@ -50,72 +57,155 @@ def as_array(value: Any, name: str) -> Array:
 
 
 def scalar(value: Any, name: str) -> Array:
-    """``value`` as a zero-dimensional float array. *Raises* ``ValueError`` naming it if it is an array."""
+    """``value`` as a zero-dimensional float array.
+
+    Raises:
+        ValueError: for a concrete array of one or more dimensions, and for a value that is not numeric.
+    """
     array = as_array(value, name)
     if array.ndim and is_concrete(array):
         raise ValueError(f"{name} must be a single number, not an array of shape {array.shape}")
     return array
 
 
+def _require(value: Any, name: str, holds: Callable[[np.ndarray], Any], words: str) -> None:
+    """Raises ``ValueError`` unless every entry of a concrete value passes."""
+    if is_concrete(value) and not np.all(holds(np.asarray(value))):
+        raise ValueError(f"{name} must {words}, not {show(value)}")
+
+
 def finite(value: Any, name: str) -> None:
-    """*Raises* ``ValueError`` if a concrete value holds a NaN or an infinity."""
-    if is_concrete(value) and not np.all(np.isfinite(np.asarray(value))):
-        raise ValueError(f"{name} must be finite, not {show(value)}")
+    """Raises ``ValueError`` if a concrete value holds a NaN or an infinity."""
+    _require(value, name, np.isfinite, "be finite")
 
 
 def positive(value: Any, name: str) -> None:
-    """*Raises* ``ValueError`` unless every concrete value is finite and greater than 0."""
+    """Raises ``ValueError`` unless every concrete value is finite and greater than 0."""
     finite(value, name)
-    if is_concrete(value) and not np.all(np.asarray(value) > 0):
-        raise ValueError(f"{name} must be greater than 0, not {show(value)}")
+    _require(value, name, lambda x: x > 0, "be greater than 0")
 
 
 def not_negative(value: Any, name: str) -> None:
-    """*Raises* ``ValueError`` unless every concrete value is finite and at least 0."""
+    """Raises ``ValueError`` unless every concrete value is finite and at least 0."""
     finite(value, name)
-    if is_concrete(value) and not np.all(np.asarray(value) >= 0):
-        raise ValueError(f"{name} must not be negative, not {show(value)}")
+    _require(value, name, lambda x: x >= 0, "not be negative")
 
 
 def not_zero(value: Any, name: str) -> None:
-    """*Raises* ``ValueError`` if a concrete value is 0 or not finite."""
+    """Raises ``ValueError`` if a concrete value is 0 or not finite."""
     finite(value, name)
     if is_concrete(value) and np.any(np.asarray(value) == 0):
         raise ValueError(f"{name} must not be 0: there is nothing to shape")
 
 
 def damping_ratio(value: Any, name: str = "zeta") -> None:
-    """*Raises* ``ValueError`` unless every concrete value lies in [0, 1)."""
+    """Raises ``ValueError`` unless every concrete value lies in [0, 1)."""
     finite(value, name)
-    if is_concrete(value) and not np.all((np.asarray(value) >= 0) & (np.asarray(value) < 1)):
-        raise ValueError(
-            f"{name} must be at least 0 and below 1 (an overdamped mode needs no shaper), not {show(value)}"
-        )
+    words = "be at least 0 and below 1 (an overdamped mode needs no shaper)"
+    _require(value, name, lambda x: (x >= 0) & (x < 1), words)
 
 
 def one_of(value: str, name: str, allowed: tuple[str, ...]) -> None:
-    """*Raises* ``ValueError`` if ``value`` is not among the allowed words."""
+    """Raises ``ValueError`` if ``value`` is not among the allowed words."""
     if value not in allowed:
         raise ValueError(f"{name} must be one of {', '.join(map(repr, allowed))}, not {value!r}")
 
 
 def count(value: Any, name: str, least: int = 1) -> int:
-    """``value`` as an int. *Raises* ``ValueError`` unless it is a whole number of at least ``least``."""
+    """``value`` as an int; raises ``ValueError`` unless it is a whole number of at least ``least``."""
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
         raise ValueError(f"{name} must be a whole number of at least {least}, not {value!r}")
     return int(value)
 
 
+def instants(values: Array, name: str) -> None:
+    """Raises ``ValueError`` if concrete times (s, one at least) do not begin at 0, or decrease."""
+    if is_concrete(values):
+        plain = np.asarray(values)
+        if plain[0] != 0:
+            raise ValueError(f"{name} must begin at 0, not {plain[0]}")
+        if np.any(np.diff(plain) < 0):
+            raise ValueError(f"{name} must not decrease, not {show(plain)}")
+
+
+def as_given(value: Any, name: str) -> Any:
+    """``value`` unchanged: for fields that are no arrays."""
+    del name
+    return value
+
+
+class Argument:
+    """The converter of a field: converts what is given for it and checks it, under the field's own name.
+
+    Args:
+        *checks: called with the converted value and the name; each raises ``ValueError`` for what it does not accept.
+        convert: from what is given and the name to the field's value; a scalar unless another is named.
+        optional: whether ``None`` is accepted, and stays.
+    """
+
+    name = "value"
+
+    def __init__(
+        self,
+        *checks: Callable[[Any, str], None],
+        convert: Callable[[Any, str], Any] = scalar,
+        optional: bool = False,
+    ):
+        self.checks, self.convert, self.optional = checks, convert, optional
+
+    def __call__(self, value: Any) -> Any:
+        if value is None and self.optional:
+            return None
+        value = self.convert(value, self.name)
+        for check in self.checks:
+            check(value, self.name)
+        return value
+
+
+def choice(*allowed: str) -> Argument:
+    """The converter of a field that is one of the allowed words."""
+    return Argument(lambda value, name: one_of(value, name, allowed), convert=as_given)
+
+
+class Checked(eqx.Module):
+    """A module whose fields are checked at construction: an ``Argument`` as converter learns its field's name here.
+
+    Fields without one are left as they are, and what concerns several fields stands in ``__check_init__``, which runs
+    after the converters. Type checkers count a variable annotated with equinox's ``AbstractVar`` among the arguments of
+    every constructor below it, but not a ``ClassVar``; abstract classes therefore import the latter under that name
+    where types are checked.
+    """
+
+    def __init_subclass__(cls, **kwargs: Any):
+        super().__init_subclass__(**kwargs)
+        for name, value in vars(cls).items():
+            converter = value.metadata.get("converter") if isinstance(value, dataclasses.Field) else None
+            if isinstance(converter, Argument):
+                converter.name = name
+
+
+def recheck(module: eqx.Module) -> None:
+    """Checks a module and its parts as construction does: for leaves that were replaced since."""
+    for field in dataclasses.fields(module):
+        value, converter = getattr(module, field.name), field.metadata.get("converter")
+        if isinstance(converter, Argument):
+            converter(value)
+        if isinstance(value, eqx.Module):
+            recheck(value)
+    for kind in type(module).__mro__:
+        if "__check_init__" in vars(kind):
+            vars(kind)["__check_init__"](module)
+
+
 def show(value: Any) -> str:
-    """A value as an error message prints it: plain, short."""
+    """A value as an error message prints it: at most twelve entries, eight digits."""
     return np.array2string(np.asarray(value), precision=8, threshold=12, separator=", ")
 
 
 def warn_if_single() -> None:
-    """Say once a place that JAX is in its 32-bit mode, so that results carry about seven digits.
+    """Warns, once for each calling line, that JAX is in its 32-bit mode, so that results carry about seven digits.
 
-    Nobody asked for single precision by leaving JAX as it comes; whoever does want it turns on 64 bits and hands
-    over ``float32`` arrays, which are then respected without a word.
+    To compute in single precision on purpose, turn on 64 bits and pass ``float32`` arrays: their type is kept.
     """
     if not jax.config.jax_enable_x64:  # pyright: ignore[reportAttributeAccessIssue]
         warnings.warn(

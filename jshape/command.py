@@ -1,20 +1,21 @@
 """Reference motions as piecewise polynomials.
 
-A command is what the machine is told to do: ``Step(1.0)`` jumps a metre, ``Trapezoid(1.0, speed, acceleration)``
-drives it. Each is a piecewise polynomial in time, so that shaping it (a sum of delayed copies) gives a piecewise
-polynomial again, and every derivative is exact::
+A command is the motion that the machine is to follow: ``Step(1.0)`` jumps a metre, ``Trapezoid(1.0, speed,
+acceleration)`` drives it. Each is a piecewise polynomial in time, so that shaping it (a sum of delayed copies) gives a
+piecewise polynomial again, and every derivative is exact::
 
     command = js.Trapezoid(1.0, speed=0.5, acceleration=2.0)
     command(0.3), command(0.3, derivative=1)      # position, speed
     shaper.shape(command)                         # a command, too
 
-Before its first break (always 0) a command is 0; after its last one it goes on as its last piece says, for a
-move the constant ``distance``.
+Before its first break (always 0) a command is 0; after its last one it continues its last piece, for a move the
+constant ``distance``.
 """
 
 import abc
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any, ClassVar
+from typing import ClassVar as AbstractVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -22,13 +23,17 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jshape import _check
+from jshape._check import Argument, Checked, as_array, finite, not_zero, positive
 from jshape._types import Breaks, Coefficients, Impulses, Scalar
 
+if not TYPE_CHECKING:
+    from equinox import AbstractVar
 
-class AbstractCommand(eqx.Module):
-    """A motion as a piecewise polynomial: ``pieces()`` says all."""
 
-    smoothness: eqx.AbstractVar[int]
+class AbstractCommand(Checked):
+    """A motion as a piecewise polynomial, which ``pieces()`` gives."""
+
+    smoothness: AbstractVar[int]
     """Order of the lowest derivative that jumps: 0 a step, 1 a ramp, 2 a trapezoid of speed, 3 an S-curve."""
 
     @abc.abstractmethod
@@ -42,12 +47,17 @@ class AbstractCommand(eqx.Module):
 
     @property
     def final(self) -> Scalar:
-        """Value after the last break, m (rad, N: whatever the plant is driven by)."""
+        """Value after the last break, m (rad, N: the unit of the plant's drive)."""
         return self.pieces()[1][-1, 0]
 
     def __call__(self, t: Any, derivative: int = 0) -> Array:
-        """Value (or a derivative) at the times ``t``, s, of any shape; at a break the later piece counts."""
-        t = _check.as_array(t, "t")
+        """The command's value, or one of its derivatives.
+
+        Args:
+            t: times, s, of any shape; at a break the later piece counts.
+            derivative: order, 0 for the value itself.
+        """
+        t = as_array(t, "t")
         breaks, coefficients = self.pieces()
         index = jnp.clip(jnp.searchsorted(breaks, t, side="right") - 1, 0)
         value = polynomial(coefficients[index], t - breaks[index], derivative)
@@ -63,64 +73,64 @@ def polynomial(coefficients: Float[Array, "... powers"], t: Array, derivative: i
 
 
 class PiecewisePolynomial(AbstractCommand):
-    """Any piecewise polynomial, by its breaks and coefficients.
+    """A piecewise polynomial by its breaks and coefficients.
 
-    ``breaks``: s, not decreasing, the first is 0. ``coefficients``: one row a break, in powers of the time since it.
-    ``smoothness``: as in ``AbstractCommand``. *Raises* ``ValueError`` for unsorted or non-finite values.
+    Attributes:
+        breaks: s, not decreasing, the first is 0; shape (breaks,).
+        coefficients: one row a break, in powers of the time since it; shape (breaks, powers).
+        smoothness: order of the lowest derivative that jumps.
+
+    Raises:
+        ValueError: for shapes that do not fit, unsorted breaks or values that are not finite.
     """
 
-    breaks: Breaks
-    coefficients: Coefficients
-    smoothness: int = eqx.field(static=True)
+    breaks: Breaks = eqx.field(converter=Argument(finite, convert=as_array))
+    coefficients: Coefficients = eqx.field(converter=Argument(finite, convert=as_array))
+    smoothness: int = eqx.field(default=0, static=True)
 
-    def __init__(self, breaks: Any, coefficients: Any, smoothness: int = 0):
-        self.breaks = _check.as_array(breaks, "breaks")
-        self.coefficients = _check.as_array(coefficients, "coefficients")
-        self.smoothness = smoothness
+    def __check_init__(self):
         if self.breaks.ndim != 1 or self.coefficients.ndim != 2 or not 0 < len(self.breaks) == len(self.coefficients):
             raise ValueError(
                 "coefficients must have one row for each of the breaks, at least one, not shapes "
                 f"{self.coefficients.shape} and {self.breaks.shape}"
             )
-        _check_times(self.breaks, "breaks")
-        _check.finite(self.coefficients, "coefficients")
+        _check.instants(self.breaks, "breaks")
 
     def pieces(self) -> tuple[Breaks, Coefficients]:
         return self.breaks, self.coefficients
 
 
 class Step(AbstractCommand):
-    """A jump of ``size`` at time 0. *Raises* ``ValueError`` if the size is 0 or not finite."""
+    """A jump at time 0.
 
-    size: Scalar
+    Attributes:
+        size: m (rad, N: the unit of the plant's drive).
 
-    def __init__(self, size: Any):
-        self.size = _check.scalar(size, "size")
-        _check.not_zero(self.size, "size")
+    Raises:
+        ValueError: for a size that is 0 or not finite.
+    """
 
-    @property
-    def smoothness(self) -> int:
-        return 0
+    size: Scalar = eqx.field(converter=Argument(not_zero))
+    smoothness: ClassVar = 0
 
     def pieces(self) -> tuple[Breaks, Coefficients]:
         return jnp.zeros_like(self.size)[None], self.size[None, None]
 
 
 class Pulse(AbstractCommand):
-    """``height`` for ``width`` seconds, then 0: an on-off speed command, say."""
+    """A rectangular pulse, such as an on-off speed command.
 
-    height: Scalar
-    width: Scalar
+    Attributes:
+        height: the value during the pulse, in the unit of the plant's drive.
+        width: s.
 
-    def __init__(self, height: Any, width: Any):
-        self.height = _check.scalar(height, "height")
-        self.width = _check.scalar(width, "width")
-        _check.not_zero(self.height, "height")
-        _check.positive(self.width, "width")
+    Raises:
+        ValueError: for a height of 0 or a width that is not positive.
+    """
 
-    @property
-    def smoothness(self) -> int:
-        return 0
+    height: Scalar = eqx.field(converter=Argument(not_zero))
+    width: Scalar = eqx.field(converter=Argument(positive))
+    smoothness: ClassVar = 0
 
     def pieces(self) -> tuple[Breaks, Coefficients]:
         breaks = jnp.stack([jnp.zeros_like(self.width), self.width])
@@ -128,27 +138,21 @@ class Pulse(AbstractCommand):
 
 
 class Trapezoid(AbstractCommand):
-    """A move of ``distance`` (m) at up to ``speed`` (m/s) with constant ``acceleration`` (m/s²) at both ends.
+    """A move with a trapezoidal speed profile; a triangular one where it is too short for the full speed.
 
-    Where the distance is too short for the full speed the profile is a triangle. The distance may be negative.
-    *Raises* ``ValueError`` for a zero distance or limits that are not positive.
+    Attributes:
+        distance: m, may be negative.
+        speed: the greatest, m/s.
+        acceleration: at both ends, m/s².
+
+    Raises:
+        ValueError: for a zero distance or limits that are not positive.
     """
 
-    distance: Scalar
-    speed: Scalar
-    acceleration: Scalar
-
-    def __init__(self, distance: Any, speed: Any, acceleration: Any):
-        self.distance = _check.scalar(distance, "distance")
-        self.speed = _check.scalar(speed, "speed")
-        self.acceleration = _check.scalar(acceleration, "acceleration")
-        _check.not_zero(self.distance, "distance")
-        _check.positive(self.speed, "speed")
-        _check.positive(self.acceleration, "acceleration")
-
-    @property
-    def smoothness(self) -> int:
-        return 2
+    distance: Scalar = eqx.field(converter=Argument(not_zero))
+    speed: Scalar = eqx.field(converter=Argument(positive))
+    acceleration: Scalar = eqx.field(converter=Argument(positive))
+    smoothness: ClassVar = 2
 
     def pieces(self) -> tuple[Breaks, Coefficients]:
         length, a = jnp.abs(self.distance), self.acceleration
@@ -158,30 +162,25 @@ class Trapezoid(AbstractCommand):
 
 
 class SCurve(AbstractCommand):
-    """A move of ``distance`` (m) with limited ``speed`` (m/s), ``acceleration`` (m/s²) and ``jerk`` (m/s³).
+    """A move with limited speed, acceleration and jerk: seven pieces of constant jerk, symmetric in time.
 
-    Seven pieces of constant jerk, symmetric; those that a short move does not need have no length. The distance may
-    be negative. *Raises* ``ValueError`` for a zero distance or limits that are not positive.
+    Pieces that a short move does not need have no length.
+
+    Attributes:
+        distance: m, may be negative.
+        speed: the greatest, m/s.
+        acceleration: the greatest, m/s².
+        jerk: m/s³.
+
+    Raises:
+        ValueError: for a zero distance or limits that are not positive.
     """
 
-    distance: Scalar
-    speed: Scalar
-    acceleration: Scalar
-    jerk: Scalar
-
-    def __init__(self, distance: Any, speed: Any, acceleration: Any, jerk: Any):
-        self.distance = _check.scalar(distance, "distance")
-        self.speed = _check.scalar(speed, "speed")
-        self.acceleration = _check.scalar(acceleration, "acceleration")
-        self.jerk = _check.scalar(jerk, "jerk")
-        _check.not_zero(self.distance, "distance")
-        _check.positive(self.speed, "speed")
-        _check.positive(self.acceleration, "acceleration")
-        _check.positive(self.jerk, "jerk")
-
-    @property
-    def smoothness(self) -> int:
-        return 3
+    distance: Scalar = eqx.field(converter=Argument(not_zero))
+    speed: Scalar = eqx.field(converter=Argument(positive))
+    acceleration: Scalar = eqx.field(converter=Argument(positive))
+    jerk: Scalar = eqx.field(converter=Argument(positive))
+    smoothness: ClassVar = 3
 
     def pieces(self) -> tuple[Breaks, Coefficients]:
         length, a, j = jnp.abs(self.distance), self.acceleration, self.jerk
@@ -198,32 +197,32 @@ class SCurve(AbstractCommand):
 
 
 class Sampled(AbstractCommand):
-    """Straight lines through measured or planned points ``(times, values)``; constant after the last one.
+    """Straight lines through measured or planned points; constant after the last one.
 
-    ``times``: s, strictly increasing, the first is 0. ``values``: at those times; the first is where the motion
-    begins (a jump to it, if it is not 0). *Raises* ``ValueError`` for unequal lengths, fewer than two points,
-    unsorted times or values that are not finite.
+    Attributes:
+        times: s, strictly increasing, the first is 0; shape (breaks,).
+        values: at those times; the first is where the motion begins (a jump to it, if it is not 0).
+
+    Raises:
+        ValueError: for unequal lengths, fewer than two points, unsorted times or values that are not finite.
     """
 
-    times: Breaks
-    values: Breaks
+    times: Breaks = eqx.field(converter=Argument(finite, convert=as_array))
+    values: Breaks = eqx.field(converter=Argument(finite, convert=as_array))
 
-    def __init__(self, times: Any, values: Any):
-        self.times = _check.as_array(times, "times")
-        self.values = _check.as_array(values, "values")
+    def __check_init__(self):
         if self.times.ndim != 1 or self.times.shape != self.values.shape or len(self.times) < 2:
             raise ValueError(
                 "times and values must be two lists of the same length, at least 2, not of shapes "
                 f"{self.times.shape} and {self.values.shape}"
             )
-        _check_times(self.times, "times")
-        _check.finite(self.values, "values")
+        _check.instants(self.times, "times")
         if _check.is_concrete(self.times) and np.any(np.diff(np.asarray(self.times)) <= 0):
             raise ValueError(f"times must increase strictly, not {_check.show(self.times)}")
 
     @property
     def smoothness(self) -> int:
-        """0 where the first value is a jump or not known yet; 1, a line's, otherwise."""
+        """0 where the first value is a jump or is traced; 1, that of a line, otherwise."""
         return 1 if _check.is_concrete(self.values) and float(np.asarray(self.values)[0]) == 0 else 0
 
     def pieces(self) -> tuple[Breaks, Coefficients]:
@@ -232,7 +231,11 @@ class Sampled(AbstractCommand):
 
 
 def as_command(distance: Any, name: str = "distance") -> AbstractCommand:
-    """A number as a step of that size; a command as it is. *Raises* ``ValueError`` for anything else."""
+    """A number as a step of that size; a command as it is.
+
+    Raises:
+        ValueError: for anything else, and for 0.
+    """
     if isinstance(distance, AbstractCommand):
         return distance
     size = _check.scalar(distance, name)
@@ -241,10 +244,15 @@ def as_command(distance: Any, name: str = "distance") -> AbstractCommand:
 
 
 def superpose(command: AbstractCommand, amplitudes: Impulses, times: Impulses) -> PiecewisePolynomial:
-    """The sum of copies of a command, copy i delayed by ``times[i]`` (s) and multiplied by ``amplitudes[i]``.
+    """The sum of delayed copies of a command.
 
-    The times need not be sorted. Which piece of which copy is active is told from the sorted order, never by
-    comparing times, so that coincident breaks are exact and derivatives follow the order at hand.
+    Which piece of which copy is active follows from the sorted order of all breaks, never from comparing times, so
+    that coincident breaks are exact and derivatives follow the order at hand.
+
+    Args:
+        command: the command.
+        amplitudes: factor of each copy, shape (impulses,).
+        times: delay of each copy, s, shape (impulses,); need not be sorted.
     """
     breaks, coefficients = command.pieces()
     copies, pieces = len(times), len(breaks)
@@ -258,8 +266,7 @@ def superpose(command: AbstractCommand, amplitudes: Impulses, times: Impulses) -
     weight = jnp.where(started > 0, amplitudes[None, :], 0.0)
     age = merged[:, None] - (times[None, :] + breaks[active])
     shifted = taylor_shift(coefficients[active], age)
-    smoothness = command.smoothness
-    return PiecewisePolynomial(merged, jnp.sum(weight[..., None] * shifted, axis=1), smoothness)
+    return PiecewisePolynomial(merged, jnp.sum(weight[..., None] * shifted, axis=1), command.smoothness)
 
 
 def taylor_shift(coefficients: Float[Array, "... powers"], shift: Float[Array, "..."]) -> Float[Array, "... powers"]:
@@ -269,7 +276,7 @@ def taylor_shift(coefficients: Float[Array, "... powers"], shift: Float[Array, "
 
 
 def _from_derivatives(distance: Scalar, durations: list[Scalar], highest: Array, order: int):
-    """Pieces of a symmetric rest-to-rest move whose derivative of that order is constant on each piece."""
+    """Pieces of a rest-to-rest move whose derivative of that order is constant on each, with the values ``highest``."""
     rows = [jnp.zeros(order + 1, highest.dtype)]
     for duration, value in zip(durations, highest, strict=True):
         begin = rows[-1].at[order].set(jnp.sign(distance) * value / math.factorial(order))
@@ -279,13 +286,3 @@ def _from_derivatives(distance: Scalar, durations: list[Scalar], highest: Array,
     rows[-1] = jnp.zeros_like(rows[-1]).at[0].set(distance)
     breaks = jnp.concatenate([jnp.zeros(1, highest.dtype), jnp.cumsum(jnp.stack(durations))])
     return breaks, jnp.stack(rows)
-
-
-def _check_times(times: Array, name: str) -> None:
-    _check.finite(times, name)
-    if _check.is_concrete(times):
-        values = np.asarray(times)
-        if values[0] != 0:
-            raise ValueError(f"{name} must begin at 0, not {values[0]}")
-        if np.any(np.diff(values) < 0):
-            raise ValueError(f"{name} must not decrease, not {_check.show(values)}")

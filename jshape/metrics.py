@@ -278,7 +278,7 @@ def _residual_energy(plant, plan: Schedule, state, steps: int | None, method: st
     energy, slope = jax.value_and_grad(plant.residual_energy)(end, inputs)
     curvature = jax.jvp(jax.grad(lambda y: plant.residual_energy(y, inputs)), (end,), (error,))[1]
     error = jnp.abs(slope) @ error + jnp.abs(curvature) @ error / 2
-    energy = jnp.where(plant.escaped(end, inputs), jnp.inf, energy)
+    energy = jnp.where(plant.diverged(end, inputs), jnp.inf, energy)
     return jnp.where(known, energy, jnp.nan), jnp.where(known, error, jnp.inf)
 
 
@@ -295,7 +295,7 @@ def _residual_vibration(plant, plan: Schedule, state, steps: int | None, fine: i
         away = along.value - _target(plant, plan)
         both = [extremes(sign * away, sign * along.slope, along.step) for sign in (1, -1)]
         amplitude = jnp.max(jnp.stack(both))
-    lost = plant.escaped(end, inputs) | ~jnp.isfinite(amplitude)
+    lost = plant.diverged(end, inputs) | ~jnp.isfinite(amplitude)
     return jnp.where(known, jnp.where(lost, jnp.inf, amplitude / distance), jnp.nan)
 
 

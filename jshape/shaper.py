@@ -9,6 +9,7 @@ A shaper is its normalised amplitudes (they sum to 1) and its times::
     js.export(s, "c99", "shaper.h", sample_time=0.005)
 """
 
+import html
 from collections.abc import Sequence
 from typing import Any
 
@@ -18,27 +19,30 @@ import numpy as np
 from jaxtyping import Float
 
 from jshape import _check
+from jshape._check import Argument, Checked, as_array, finite
 from jshape._types import Impulses, Scalar
 from jshape.command import AbstractCommand, PiecewisePolynomial, superpose
 
 
-class Shaper(eqx.Module):
-    """An input shaper.
+class Shaper(Checked):
+    """An input shaper: a short sequence of impulses with which a command is convolved.
 
-    ``amplitudes``: normalised, they sum to 1 (to 1e-6; to 1e-4 in single precision). ``times``: s, not decreasing,
-    the first is 0; equal times are allowed. Both are leaves, so a shaper passes through ``jit``, ``vmap`` and ``grad``;
-    concrete values are checked here, traced ones pass, also when their order changes.
+    Both fields are leaves, so a shaper passes through ``jit``, ``vmap`` and ``grad``. Concrete values are checked at
+    construction; traced ones pass, also when their order changes.
 
-    *Raises* ``ValueError`` if there is no impulse, the lengths differ, a value is not finite, the times decrease or
-    do not begin at 0, or the amplitudes do not sum to 1.
+    Attributes:
+        amplitudes: normalised, they sum to 1 (to 1e-6; to 1e-4 in single precision); shape (impulses,).
+        times: s, not decreasing, the first is 0; equal times are allowed; shape (impulses,).
+
+    Raises:
+        ValueError: if there is no impulse, the lengths differ, a value is not finite, the times decrease or do not
+            begin at 0, or the amplitudes do not sum to 1.
     """
 
-    amplitudes: Impulses
-    times: Impulses
+    amplitudes: Impulses = eqx.field(converter=Argument(finite, convert=as_array))
+    times: Impulses = eqx.field(converter=Argument(finite, convert=as_array))
 
-    def __init__(self, amplitudes: Any, times: Any):
-        self.amplitudes = _check.as_array(amplitudes, "amplitudes")
-        self.times = _check.as_array(times, "times")
+    def __check_init__(self):
         shape = self.amplitudes.shape
         if self.amplitudes.ndim != 1 or self.times.shape != shape:
             raise ValueError(
@@ -47,19 +51,33 @@ class Shaper(eqx.Module):
             )
         if not shape[0]:
             raise ValueError("amplitudes is empty: a shaper needs at least one impulse")
-        _check.finite(self.amplitudes, "amplitudes")
-        _check.finite(self.times, "times")
-        if _check.is_concrete(self.times):
-            times_ = np.asarray(self.times)
-            if times_[0] != 0:
-                raise ValueError(f"times must begin at 0, not {times_[0]}")
-            if np.any(np.diff(times_) < 0):
-                raise ValueError(f"times must not decrease, not {_check.show(times_)}")
+        _check.instants(self.times, "times")
         if _check.is_concrete(self.amplitudes):
             total = float(np.sum(np.asarray(self.amplitudes, dtype=np.float64)))
             tolerance = 1e-4 if self.amplitudes.dtype == jnp.float32 else 1e-6
             if abs(total - 1) > tolerance:
                 raise ValueError(f"amplitudes must sum to 1, not {total:.9g} (they are {_check.show(self.amplitudes)})")
+
+    def _rows(self) -> list[tuple[float, float]] | None:
+        """Amplitude and time of each impulse; ``None`` for a batch of shapers and for traced or replaced leaves."""
+        leaves = (self.amplitudes, self.times)
+        if not _check.is_concrete(self) or not all(eqx.is_array(leaf) and leaf.ndim == 1 for leaf in leaves):
+            return None
+        return list(zip(*(np.asarray(leaf, float).tolist() for leaf in leaves), strict=True))
+
+    def __repr__(self) -> str:
+        rows = self._rows()
+        if rows is None:
+            return f"Shaper(amplitudes={_short(self.amplitudes)}, times={_short(self.times)})"
+        return f"Shaper({', '.join(f'{amplitude:.4g} at {time:.4g} s' for amplitude, time in rows)})"
+
+    def _repr_html_(self) -> str:
+        rows = self._rows()
+        if rows is None:
+            return f"<code>{html.escape(repr(self))}</code>"
+        cells = "".join(f"<tr><td>{amplitude:.6g}</td><td>{time:.6g}</td></tr>" for amplitude, time in rows)
+        head = "<tr><th>amplitude</th><th>time, s</th></tr>"
+        return f"<div>{_stems(rows)}<table><thead>{head}</thead><tbody>{cells}</tbody></table></div>"
 
     @property
     def duration(self) -> Scalar:
@@ -68,7 +86,11 @@ class Shaper(eqx.Module):
         return _check.on_device(xp.max(xp.asarray(self.times)))
 
     def convolve(self, other: "Shaper") -> "Shaper":
-        """Both shapers one after the other: impulses at every ``t_i + t_j`` with amplitudes ``A_i A_j``, sorted."""
+        """The convolution of two shapers: impulses at every ``t_i + t_j`` with amplitudes ``A_i A_j``, sorted.
+
+        Raises:
+            ValueError: for what is no ``Shaper``.
+        """
         if not isinstance(other, Shaper):
             raise ValueError(f"other must be a Shaper, not {other!r}")
         times = (self.times[:, None] + other.times[None, :]).reshape(-1)
@@ -77,16 +99,20 @@ class Shaper(eqx.Module):
         return Shaper(amplitudes[order], times[order])
 
     def scale(self, factor: Any) -> "Shaper":
-        """The same shaper with its times multiplied by ``factor`` (> 0): for a frequency divided by it."""
+        """The same shaper with its times multiplied by ``factor`` (> 0): for a frequency divided by it.
+
+        Raises:
+            ValueError: for a factor that is not positive.
+        """
         factor = _check.scalar(factor, "factor")
         _check.positive(factor, "factor")
         return Shaper(self.amplitudes, self.times * factor)
 
     def pad(self, impulses: int) -> "Shaper":
-        """The same shaper with impulses of no amplitude at its end, ``impulses`` in all, so that several can be
-        stacked.
+        """The same shaper with impulses of amplitude 0 at its end, ``impulses`` in all, so that several can be stacked.
 
-        *Raises* ``ValueError`` if it has more than that already.
+        Raises:
+            ValueError: if it has more than that already.
         """
         missing = impulses - len(self.times)
         if missing < 0:
@@ -97,7 +123,11 @@ class Shaper(eqx.Module):
         return Shaper(xp.concatenate([amplitudes, xp.zeros(missing, amplitudes.dtype)]), times)
 
     def shape(self, command: AbstractCommand) -> PiecewisePolynomial:
-        """The shaped command: the sum of the command's copies, delayed and weighted, itself a command."""
+        """The shaped command: the sum of the command's copies, delayed and weighted, itself a command.
+
+        Raises:
+            ValueError: for what is no command.
+        """
         if not isinstance(command, AbstractCommand):
             raise ValueError(f"command must be a jshape command, such as Step, not {command!r}")
         return superpose(command, self.amplitudes, self.times)
@@ -105,18 +135,22 @@ class Shaper(eqx.Module):
     def digitise(
         self, sample_time: Any, method: str = "nearest", modes: Sequence[tuple[float, float]] = ()
     ) -> Float[np.ndarray, " taps"]:
-        """Taps of the FIR filter that a controller with that sample time (s) runs; they sum to 1.
+        """The taps of the shaper as a digital FIR filter; for concrete shapers only.
 
-        ``method``:
+        Args:
+            sample_time: of the controller that runs the filter, s.
+            method: ``"nearest"`` puts each impulse at its nearest sample. ``"split"`` shares each between its two
+                neighbouring samples, so that its mean time stays. ``"zeros"`` splits, then makes the smallest change
+                of the taps that gives the filter, at each of the modes, exactly the response that the shaper has
+                there: a zero stays a zero, and a double one (of a ZVD) a double one.
+            modes: pairs (omega, zeta) for ``"zeros"``, rad/s and –.
 
-        - ``"nearest"``: each impulse at its nearest sample.
-        - ``"split"``: each impulse shared between its two neighbouring samples, so that its mean time stays.
-        - ``"zeros"``: split, then corrected by the smallest change of the taps that gives the filter, at each of the
-          ``modes`` ``(omega, zeta)`` (rad/s, –), exactly the response that the shaper has there: a zero stays a zero,
-          and so does a double one (a ZVD).
+        Returns:
+            The taps, shape (taps,); they sum to 1.
 
-        For concrete shapers only. *Raises* ``ValueError`` for a sample time that is not positive, an unknown method,
-        ``"zeros"`` without modes, or modes that that sample time has no room for.
+        Raises:
+            ValueError: for a sample time that is not positive, an unknown method, ``"zeros"`` without modes, or modes
+                too many or too fast for that sample time.
         """
         sample_time = _check.scalar(sample_time, "sample_time")
         _check.positive(sample_time, "sample_time")
@@ -135,8 +169,40 @@ class Shaper(eqx.Module):
         return taps if method == "split" else _place_zeros(taps, amplitudes, position, float(sample_time), modes)
 
 
+def _short(leaf: Any) -> str:
+    """A leaf without its values: type and shape of an array, else the type's name."""
+    kind = getattr(leaf, "dtype", type(leaf).__name__)
+    return f"{kind}[{','.join(map(str, leaf.shape))}]" if hasattr(leaf, "shape") else str(kind)
+
+
+def _stems(rows: list[tuple[float, float]]) -> str:
+    """An SVG picture of the impulses: a stem each over a time axis, negative ones below it."""
+    width, height, margin = 320, 120, 12
+    amplitudes = [amplitude for amplitude, _ in rows]
+    longest = max(time for _, time in rows) or 1.0
+    top, bottom = max(*amplitudes, 0.0), min(*amplitudes, 0.0)
+    span = top - bottom or 1.0
+
+    def across(time: float) -> float:
+        return margin + time / longest * (width - 2 * margin)
+
+    def down(value: float) -> float:
+        return margin + (top - value) / span * (height - 2 * margin)
+
+    stems = "".join(
+        f'<line x1="{across(time):.1f}" y1="{down(0.0):.1f}" x2="{across(time):.1f}" y2="{down(amplitude):.1f}"/>'
+        f'<circle cx="{across(time):.1f}" cy="{down(amplitude):.1f}" r="3"/>'
+        for amplitude, time in rows
+    )
+    axis = f'<line x1="0" y1="{down(0.0):.1f}" x2="{width}" y2="{down(0.0):.1f}" stroke-opacity="0.4"/>'
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="{height}" role="img" '
+        f'aria-label="impulses over time" stroke="currentColor" fill="currentColor">{axis}{stems}</svg>'
+    )
+
+
 def _place_zeros(taps, amplitudes, position, sample_time: float, modes) -> Float[np.ndarray, " taps"]:
-    """The taps corrected so that transform and slope at every mode's pole are the shaper's own."""
+    """The taps, corrected so that transform and slope at every mode's pole are the shaper's own."""
     if np.ndim(modes) != 2 or np.shape(modes)[1] != 2:
         raise ValueError(f'modes must be at least one pair (omega, zeta) for method="zeros", not {modes!r}')
     # One free tap on either side of each impulse is enough room for the corrections of several modes.
@@ -152,9 +218,9 @@ def _place_zeros(taps, amplitudes, position, sample_time: float, modes) -> Float
         pole = omega * sample_time * complex(-zeta, np.sqrt(1 - zeta**2))
         for power in (0, 1):
             row = support**power * np.exp(-pole * support)
-            want = np.sum(amplitudes * position**power * np.exp(-pole * position)) - row @ wide[support]
+            wanted = np.sum(amplitudes * position**power * np.exp(-pole * position)) - row @ wide[support]
             rows += [row.real, row.imag]
-            targets += [want.real, want.imag]
+            targets += [wanted.real, wanted.imag]
     matrix, target = np.array(rows), np.array(targets)
     scale = np.linalg.norm(matrix, axis=1, keepdims=True)
     change, *_ = np.linalg.lstsq(matrix / scale, target / scale[:, 0], rcond=None)

@@ -30,7 +30,7 @@ def stretch(plant, state, inputs, duration):
 def test_a_link_goes_as_its_matrix_exponential_says_with_any_servo(damping):
     state = jnp.asarray([0.3, -2.0, 0.1, -0.04, 0.8, 3.0])
     for duration in (0.0, 1e-4, 0.05, 0.7):
-        found, exact = stretch(link(servo_damping=damping), state, jnp.asarray(0.5), jnp.asarray(duration))
+        found, exact = stretch(link(servo_zeta=damping), state, jnp.asarray(0.5), jnp.asarray(duration))
         np.testing.assert_allclose(found, exact, atol=1e-9)
 
 
@@ -48,7 +48,7 @@ def test_derivatives_are_those_of_differences(damping):
     @jax.jit
     def end(values):
         load, servo, loose, duration = values
-        plant = js.plants.FlexibleLink(load=load, servo_frequency=servo, servo_damping=loose)
+        plant = js.plants.FlexibleLink(load=load, servo_omega=servo, servo_zeta=loose)
         coast = plant.coast()
         assert coast is not None
         return coast(state, jnp.asarray(0.5), duration)

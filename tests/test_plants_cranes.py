@@ -496,17 +496,17 @@ def test_peaks_inside_a_piece():
     assert peaks(PiecewisePolynomial([0.0, 1.0], [[0, 0, 3, -2], [1, 0, 0, 0]], 2)) == pytest.approx((1.5, 6.0))
 
 
-def test_limits_are_told_not_imposed():
+def test_limits_are_reported_not_imposed():
     trolley = plants.Trolley(speed_limit=0.6, acceleration_limit=1.5)
     found = trolley.check(js.Trapezoid(2.0, speed=0.5, acceleration=2.0))
     assert not found.kept
-    assert found.result == "exceeded: speed 0.5 of 0.6 m/s, acceleration 2 of 1.5 m/s²"
+    assert found.message == "exceeded: speed 0.5 of 0.6 m/s, acceleration 2 of 1.5 m/s²"
     assert trolley.check(js.Trapezoid(2.0, speed=0.6, acceleration=1.5)).kept
-    assert plants.Trolley().check(js.Step(1.0)).result == "kept: there are no limits"
+    assert plants.Trolley().check(js.Step(1.0)).message == "kept: there are no limits"
 
 
 @pytest.mark.parametrize(
-    ("plant", "state", "escaped"),
+    ("plant", "state", "diverged"),
     [
         (plants.Crane(1.0), [1.5, 0.0], False),
         (plants.Crane(1.0), [-1.6, 0.0], True),
@@ -522,8 +522,8 @@ def test_limits_are_told_not_imposed():
         (plants.HoistingCrane(1.0, HOIST), [0.1, 0.0, -0.1], True),
     ],
 )
-def test_escaping(plant, state, escaped):
-    assert bool(plant.escaped(jnp.asarray(state), jnp.zeros(()))) is escaped
+def test_divergence(plant, state, diverged):
+    assert bool(plant.diverged(jnp.asarray(state), jnp.zeros(()))) is diverged
 
 
 @pytest.mark.slow

@@ -289,7 +289,7 @@ def test_vibration_is_known_before_the_servo_has_settled(integral):
 )
 def test_a_fixed_shaper_and_other_loads(load, printed):
     # 002.V: a ZVD for 9 rad/s at 8.5, 7.3 and 5.7 rad/s. One mode; the servo does not change the ratio.
-    link = plants.TabulatedLink(frequencies=[[8.5, 7.3, 5.7]], tip_gains=[1.0], middle_gains=[1.0])
+    link = plants.TabulatedLink(omega=[[8.5, 7.3, 5.7]], tip_gains=[1.0], middle_gains=[1.0])
     plant = plants.FlexibleLink(load, link, 0.017)
     linear = plants.Linearised(plant)
     shaper = js.design.linear.zvd(9.0, 0.017)
@@ -371,7 +371,7 @@ def test_beam_on_a_motor():
 def test_every_field_is_a_leaf():
     plant = plants.FlexibleLink()
     assert leaf_names(plant)[0] == "load"
-    assert "link.frequencies.0" in leaf_names(plant)
+    assert "link.omega.0" in leaf_names(plant)
     names = leaf_names(joint(CONTROLLERS["PD"]))
     assert {"controller.kp", "controller.kd", "controller.limit", "spring.k3", "motor_damping"} <= set(names)
 
@@ -408,11 +408,11 @@ WRONG = {
     "zeta": (lambda: plants.FlexibleLink(zeta=[0.1, 0.1, 0.1]), r"zeta must have one entry for each of 2 modes"),
     "zeta size": (lambda: plants.FlexibleLink(zeta=1.0), "zeta must be at least 0 and below 1"),
     "load": (lambda: plants.FlexibleLink(80.0), "load must leave every frequency positive, not 80"),
-    "servo": (lambda: plants.FlexibleLink(servo_frequency=0.0), "servo_frequency must be greater than 0"),
+    "servo": (lambda: plants.FlexibleLink(servo_omega=0.0), "servo_omega must be greater than 0"),
     "integral": (lambda: plants.FlexibleLink(servo_integral=72.0), "servo_integral must be below 72, not 72"),
     "negative load": (lambda: plants.FlexibleLink(-0.1, plants.Beam(1.0, 1.0, 1.0)), "load must not be negative"),
     "loads": (lambda: plants.TabulatedLink([0.0, 20.0, 10.0]), "loads must increase"),
-    "table": (lambda: plants.TabulatedLink([0.0, 20.0]), "frequencies must have a row for each mode"),
+    "table": (lambda: plants.TabulatedLink([0.0, 20.0]), "omega must have a row for each mode"),
     "gains": (lambda: plants.TabulatedLink(tip_gains=[1.0]), "tip_gains and middle_gains must have one entry"),
     "length": (lambda: plants.Beam(-1.0, 1.0, 1.0), "length must be greater than 0"),
     "tip_mass": (lambda: plants.Beam(1.0, 1.0, 1.0, -0.1), "tip_mass must not be negative"),

@@ -85,7 +85,7 @@ def run_window(
         end = states[:, -1]
     rest = plant.deflection(plant.rest_state(inputs), place)
     deflection = jax.vmap(lambda y: plant.deflection(y, place), in_axes=1)(states)
-    return end, deflection - rest, plant.escaped(state, inputs) | plant.escaped(end, inputs)
+    return end, deflection - rest, plant.diverged(state, inputs) | plant.diverged(end, inputs)
 
 
 def greatest_energy(plant: AbstractPlant, command: AbstractCommand, steps: Steps) -> Scalar:

@@ -84,7 +84,7 @@ def flexible_link(servo: float) -> AbstractMachine:
 
     Source: Chatlatanagulchai, Chotana and Prutthapong, Figs. 5 and 8.
     """
-    return Machine(js.plants.FlexibleLink(servo_frequency=servo), payload="load")
+    return Machine(js.plants.FlexibleLink(servo_omega=servo), payload="load")
 
 
 def hoisting_crane(hoist: float) -> AbstractMachine:

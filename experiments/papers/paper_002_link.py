@@ -25,7 +25,7 @@ TICK, POINTS = 0.005, 3000
 
 
 def link(coins: Any) -> js.plants.FlexibleLink:
-    return js.plants.FlexibleLink(coins, servo_frequency=SERVO, servo_damping=DAMPING)
+    return js.plants.FlexibleLink(coins, servo_omega=SERVO, servo_zeta=DAMPING)
 
 
 def largest(shaper: js.Shaper) -> float:

@@ -1,4 +1,4 @@
-"""A damped oscillator left to itself, in closed form."""
+"""The free vibration of a damped oscillator, in closed form."""
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -13,17 +13,26 @@ def swing(
     v: Float[Array, "..."],
     duration: Scalar,
 ) -> tuple[Array, Array]:
-    """Where x'' + 2 ζ ω x' + ω² x = 0 leads from x, v after a duration (s), for any ζ that is not negative."""
+    """Position and velocity of x'' + 2 ζ ω x' + ω² x = 0 after a while.
+
+    Args:
+        omega: undamped natural frequency, rad/s.
+        zeta: damping ratio, any that is not negative; all shapes broadcast.
+        x: initial position.
+        v: initial velocity.
+        duration: s.
+    """
     phase, square = omega * duration, 1 - zeta**2
     critical = jnp.abs(square) < jnp.finfo(square.dtype).eps ** (1 / 3)
-    creeps = (square < 0) & ~critical
+    overdamped = (square < 0) & ~critical
     root = jnp.sqrt(jnp.where(critical, 1.0, jnp.abs(square)))
     angle = root * phase
     # Beyond ζ = 1: cosh and sinh times the decay, written so that nothing grows and nothing cancels.
-    decay = jnp.exp(-jnp.where(creeps, zeta - root, zeta) * phase)
-    gone = jnp.expm1(-2 * jnp.where(creeps, angle, 0.0)) / 2
-    even, odd = jnp.where(creeps, 1 + gone, jnp.cos(angle)), jnp.where(creeps, -gone, jnp.sin(angle)) / root
-    # About ζ = 1: the first terms of their series in 1 − ζ², which leave out as little as rounding would spoil.
+    decay = jnp.exp(-jnp.where(overdamped, zeta - root, zeta) * phase)
+    decayed = jnp.expm1(-2 * jnp.where(overdamped, angle, 0.0)) / 2
+    even = jnp.where(overdamped, 1 + decayed, jnp.cos(angle))
+    odd = jnp.where(overdamped, -decayed, jnp.sin(angle)) / root
+    # About ζ = 1: the first terms of their series in 1 − ζ², whose truncation is as small as rounding.
     even = decay * jnp.where(critical, 1 - square * phase**2 / 2, even)
     odd = decay * jnp.where(critical, phase * (1 - square * phase**2 / 6), odd)
     return even * x + odd * (zeta * x + v / omega), even * v - odd * (zeta * v + omega * x)

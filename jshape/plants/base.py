@@ -1,4 +1,4 @@
-"""What vibrates: the face that every plant shows to the rest of jshape.
+"""The interface of a plant: what simulation, design and sweeps ask of it.
 
 A plant of your own takes ten lines: its parameters as fields, what drives it, its equation of motion, its energy and
 where it rests. Everything downstream (simulation, gradients, design by ``js.tune``, sweeps) then works with it::
@@ -22,33 +22,58 @@ where it rests. Everything downstream (simulation, gradients, design by ``js.tun
 
 import abc
 from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+from typing import ClassVar as AbstractClassVar
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from jshape._check import Argument, Checked
 from jshape._types import Breaks, Inputs, Scalar, State
 
+if not TYPE_CHECKING:
+    from equinox import AbstractClassVar
+
 Coast = Callable[[State, Inputs, Scalar], State]
-"""``coast(state, inputs, duration)``: the state after so many seconds at a constant input."""
+"""``coast(state, inputs, duration)``: the state after that many seconds at a constant input."""
 
 DRIVES = {"displacement": 0, "force": 0, "velocity": 1, "acceleration": 2}
 """What can drive a plant, and which derivative of the command it is."""
 
 
-class AbstractPlant(eqx.Module):
+def part(kind: type, default: Callable[[], Any] | None = None) -> Argument:
+    """The converter of a field that holds a part of a plant.
+
+    Args:
+        kind: the class that the part must be an instance of.
+        default: makes the part that ``None`` stands for, if there is one.
+    """
+    name = kind.__name__
+    words = f"one of jshape.plants' {name[8:].lower()}s" if name.startswith("Abstract") else f"a {name}"
+
+    def convert(value: Any, name: str) -> Any:
+        if value is None and default is not None:
+            return default()
+        if not isinstance(value, kind):
+            raise ValueError(f"{name} must be {words}, not {value!r}")
+        return value
+
+    return Argument(convert=convert)
+
+
+class AbstractPlant(Checked):
     """A flexible machine as an ordinary differential equation with parameters as leaves.
 
-    ``drive`` says what the command does to it: ``"displacement"``, ``"velocity"`` or ``"acceleration"`` of its base,
-    the command being the base's position (m), or ``"force"``, the command being the force itself (N). ``inputs``, in
-    every method, is that quantity at one instant, a scalar; a plant that needs more than one lists them,
-    ``drive = ("displacement", "velocity")``, and gets a tuple in that order. The first is what must not jump
-    further than the command allows; the others are taken between the command's jumps.
+    ``inputs``, in every method, is the quantity that ``drive`` names at one instant, a scalar; for several names a
+    tuple in their order. The first is what must not jump further than the command allows; the others are taken between
+    the command's jumps.
     """
 
-    drive: eqx.AbstractClassVar[str | tuple[str, ...]]
+    drive: AbstractClassVar[str | tuple[str, ...]]
+    """What the command drives: ``"displacement"``, ``"velocity"`` or ``"acceleration"`` of the base, the command being
+    the base's position (m), or ``"force"``, the command being the force itself (N)."""
 
     @abc.abstractmethod
     def vector_field(self, t: Scalar, state: State, inputs: Inputs) -> State:
@@ -60,35 +85,35 @@ class AbstractPlant(eqx.Module):
 
     @abc.abstractmethod
     def rest_state(self, inputs: Inputs) -> State:
-        """The state in which the plant stays for ever at this input."""
+        """The state of equilibrium at this input."""
 
     def coast(self) -> Coast | None:
-        """How the plant goes on at a constant input, in closed form: no steps in time, and exact. ``None`` where there
-        is no formula for it."""
+        """The plant's motion at a constant input in closed form, exact and without steps; ``None`` where there is no
+        formula for it."""
         return None
 
     def payload(self, state: State, position: Scalar) -> Scalar:
-        """What is to arrive without vibrating, m: the first state unless a plant knows better.
+        """What is to arrive without vibration, m: the first state unless a plant defines it otherwise.
 
-        ``position``: the command's value at that time.
+        Args:
+            state: the plant's state.
+            position: the command's value at that time.
         """
-        del position
         return state[0]
 
     def deflection(self, state: State, position: Scalar) -> Scalar:
-        """How far the flexible part is bent, m: payload less command unless a plant knows better."""
+        """How far the flexible part is bent, m: payload less command unless a plant defines it otherwise."""
         return self.payload(state, position) - position
 
-    def escaped(self, state: State, inputs: Inputs) -> Bool[Array, ""]:
-        """Whether the plant has left the region from which it returns to rest by itself."""
-        del inputs
+    def diverged(self, state: State, inputs: Inputs) -> Bool[Array, ""]:
+        """Whether the plant has left the region from which it returns to rest, or a number is not finite."""
         return ~jnp.all(jnp.isfinite(state))
 
     def natural_frequency(self) -> Float[Array, "..."]:
         """Undamped natural frequencies of the plant linearised about rest at input 0, rad/s, ascending.
 
-        A scalar where there is only one. They come from the eigenvalues of the linearised equation (on the CPU alone,
-        as JAX's ``eigvals`` does); a plant with a formula overrides this.
+        A scalar where there is only one. They come from the eigenvalues of the linearised equation, which JAX computes
+        on the CPU alone; a plant with a formula overrides this.
         """
         zero = self.zero_inputs()
         state = self.rest_state(zero)
@@ -98,14 +123,18 @@ class AbstractPlant(eqx.Module):
         return frequencies[0] if len(frequencies) == 1 else frequencies
 
     def breaks(self) -> Breaks | None:
-        """Instants (s, not negative) at which motions of the plant's own, told by time, have breaks, or ``None``.
+        """Instants (s, not negative) at which the plant's own motions, functions of time, have breaks, or ``None``.
 
         A simulation begins a new segment there, and residual energies are those after the last of them.
         """
         return None
 
     def drives(self) -> tuple[str, ...]:
-        """``drive`` as a tuple. *Raises* ``ValueError`` for a word that is not among ``DRIVES``."""
+        """``drive`` as a tuple.
+
+        Raises:
+            ValueError: for a word that is not among ``DRIVES``.
+        """
         drives = (self.drive,) if isinstance(self.drive, str) else tuple(self.drive)
         for name in drives:
             if name not in DRIVES:
@@ -113,7 +142,7 @@ class AbstractPlant(eqx.Module):
         return drives
 
     def zero_inputs(self) -> Inputs:
-        """Inputs at which the plant begins: all zero, in the shape that the methods take."""
+        """Inputs that are all zero, in the form that the methods take."""
         kinds = [x.dtype for x in jax.tree.leaves(self) if isinstance(x, jax.Array | np.ndarray)]
         zero = jnp.zeros((), jnp.result_type(*kinds) if kinds else float)
         return zero if isinstance(self.drive, str) else tuple(zero for _ in self.drives())

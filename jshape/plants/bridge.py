@@ -1,76 +1,54 @@
 """A bridge crane: a trolley on a bridge, two axes, and a payload that swings in both."""
 
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Bool
+from jaxtyping import Array
 
-from jshape import _check
+from jshape._check import Argument, choice, finite, not_negative, positive
 from jshape._types import Breaks, Scalar
 from jshape.command import AbstractCommand
-from jshape.plants.trolley import AbstractCrane, Trolley, check_trolley
+from jshape.plants.base import part
+from jshape.plants.trolley import AbstractCrane, Trolley, smooth_command
 
 
 class BridgeCrane(AbstractCrane):
-    """A point mass on a cable below a trolley that moves in a plane: a spherical pendulum.
+    """A crane with a point mass on a cable below a trolley that moves in a plane: a spherical pendulum.
 
-    The command moves the trolley along a straight line, ``direction`` rad from the x axis: both axes then share one
-    command and one shaper. ``cross``: a command of its own for the y axis (m), added to that, which starts when the
-    motion does and is not shaped with it (shape it beforehand if it is to be); ``None`` for none.
-    ``cable_length``, ``payload_mass``, ``gravity``, ``damping`` (N s/m, on the payload's speed against the trolley),
-    ``trolley``: as for ``Crane``; ``drive``: ``"acceleration"`` or ``"velocity"``.
-
-    Two angles: θx tilts the plane in which the cable hangs, θy tilts the cable within it; the payload is at l (sin θx
-    cos θy, sin θy, −cos θx cos θy) from the trolley. State: θx, θy, then the rates (rad/s) that they would have if the
+    The command moves the trolley along a straight line: both axes then share one command and one shaper. Two angles: θx
+    tilts the plane in which the cable hangs, θy tilts the cable within it; the payload is at l (sin θx cos θy, sin θy,
+    −cos θx cos θy) from the trolley. State: θx, θy, then the angular velocities (rad/s) that they would have if the
     ``cross`` axis (for ``"velocity"``, both) stopped dead. ``payload`` and ``deflection`` are measured along
     ``direction``; ``offsets`` gives both axes. Energy and rest, too, are those behind a trolley whose ``cross`` axis
     has stopped dead, so design for a cross motion that ends before the move does.
 
-    *Raises* ``ValueError`` as ``Crane`` does, and for a cross motion that is no command or jumps.
+    Attributes:
+        cable_length: m.
+        direction: of the command's line from the x axis, rad.
+        cross: a command of its own for the y axis, m, added to that, which starts when the motion does and is not
+            shaped with it (shape it beforehand if it is to be); ``None`` for none.
+        payload_mass: kg.
+        gravity: m/s².
+        damping: on the payload's speed against the trolley, N s/m.
+        trolley: its mass, friction and limits; the default ``Trolley`` unless given.
+        drive: ``"acceleration"`` or ``"velocity"``.
 
-    *Source*: Moonmangmee and Chatlatanagulchai (2025) name it as future work; the equations are from the Lagrangian.
+    Raises:
+        ValueError: as for ``Crane``, and for a cross motion that is no command or jumps.
+
+    Source: Moonmangmee and Chatlatanagulchai (2025) name it as future work; the equations are from the Lagrangian.
     """
 
-    cable_length: Scalar
-    direction: Scalar
-    cross: AbstractCommand | None
-    payload_mass: Scalar
-    gravity: Scalar
-    damping: Scalar
-    trolley: Trolley
-    drive: str = eqx.field(static=True)
+    cable_length: Scalar = eqx.field(converter=Argument(positive))
+    direction: Scalar = eqx.field(default=0.0, converter=Argument(finite))
+    cross: AbstractCommand | None = eqx.field(default=None, converter=smooth_command(optional=True))
+    payload_mass: Scalar = eqx.field(default=1.0, converter=Argument(positive))
+    gravity: Scalar = eqx.field(default=9.81, converter=Argument(positive))
+    damping: Scalar = eqx.field(default=0.0, converter=Argument(not_negative))
+    trolley: Trolley = eqx.field(default=None, converter=part(Trolley, Trolley))
+    drive: str = eqx.field(default="acceleration", static=True, converter=choice("acceleration", "velocity"))
     angles: ClassVar = 2
-
-    def __init__(
-        self,
-        cable_length: Any,
-        direction: Any = 0.0,
-        cross: AbstractCommand | None = None,
-        payload_mass: Any = 1.0,
-        gravity: Any = 9.81,
-        damping: Any = 0.0,
-        trolley: Trolley | None = None,
-        drive: str = "acceleration",
-    ):
-        self.cable_length = _check.scalar(cable_length, "cable_length")
-        self.direction = _check.scalar(direction, "direction")
-        self.cross = cross
-        self.payload_mass = _check.scalar(payload_mass, "payload_mass")
-        self.gravity = _check.scalar(gravity, "gravity")
-        self.damping = _check.scalar(damping, "damping")
-        self.trolley = check_trolley(trolley)
-        self.drive = drive
-
-    def __check_init__(self):
-        _check.positive(self.cable_length, "cable_length")
-        _check.finite(self.direction, "direction")
-        if self.cross is not None and not (isinstance(self.cross, AbstractCommand) and self.cross.smoothness >= 1):
-            raise ValueError(f"cross must be a command without jumps, such as Trapezoid, not {self.cross!r}")
-        _check.positive(self.payload_mass, "payload_mass")
-        _check.positive(self.gravity, "gravity")
-        _check.not_negative(self.damping, "damping")
-        _check.one_of(self.drive, "drive", ("acceleration", "velocity"))
 
     def breaks(self) -> Breaks | None:
         return None if self.cross is None else self.cross.pieces()[0]
@@ -79,7 +57,7 @@ class BridgeCrane(AbstractCrane):
         return self.payload_mass
 
     def _couplings(self, place: Array) -> Array:
-        """How much an acceleration of 1 m/s² along x (first column) and y (second) turns the angles back."""
+        """Angular acceleration, turned back, for each m/s² along x (first column) and y (second), rad/m."""
         (sx, sy), (cx, cy) = jnp.sin(place), jnp.cos(place)
         return jnp.stack([jnp.stack([cx / cy, jnp.zeros_like(cx)]), jnp.stack([-sx * sy, cy])]) / self.cable_length
 
@@ -127,10 +105,6 @@ class BridgeCrane(AbstractCrane):
         height = self.cable_length * jnp.sum((cable - pull / weight) ** 2) / 2
         speed = self.cable_length**2 * ((rates[0] * jnp.cos(place[1])) ** 2 + rates[1] ** 2)
         return self.payload_mass * (speed / 2 + weight * height)
-
-    def beyond(self, place: Array, rates: Array, acceleration: Scalar) -> Bool[Array, ""]:
-        del rates, acceleration
-        return jnp.any(jnp.abs(place) >= jnp.pi / 2)
 
     def natural_frequency(self) -> Scalar:
         """√(g / l), rad/s: the same for both directions of small swings."""

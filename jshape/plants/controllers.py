@@ -1,38 +1,47 @@
 """Controllers of a motor: from the tracking error to the torque, saturated or not."""
 
 import abc
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar as AbstractVar
 
 import equinox as eqx
 import jax.numpy as jnp
 
-from jshape import _check
+from jshape._check import Argument, Checked, not_negative, positive
 from jshape._types import Scalar
 
+if not TYPE_CHECKING:
+    from equinox import AbstractVar
 
-class AbstractController(eqx.Module):
-    """Torque u(error, rate, integral), clipped to ±``limit`` (N m; ``None`` for no limit).
 
-    error: reference less motor angle, rad; rate: of the motor angle, rad/s (the reference's jumps are not
-    differentiated); integral: of the error, rad s, which goes on growing while the torque is clipped.
+class AbstractController(Checked):
+    """A controller of a motor: from the tracking error to the torque, clipped to ±``limit``.
+
+    Every method takes, of these, what it needs: ``error``, reference less motor angle, rad; ``speed`` of the motor,
+    rad/s (the reference's jumps are not differentiated); ``integral`` of the error, rad s, which goes on growing while
+    the torque is clipped.
+
+    Attributes:
+        kp: proportional gain, N m/rad.
+        limit: the greatest torque, N m; ``None`` for no limit.
     """
 
-    kp: eqx.AbstractVar[Scalar]
-    limit: eqx.AbstractVar[Scalar | None]
-    integrates: eqx.AbstractClassVar[bool]
+    kp: AbstractVar[Scalar]
+    limit: AbstractVar[Scalar | None]
+    integrates: AbstractVar[bool]
     """Whether the controller has a state of its own, the integral."""
 
     @abc.abstractmethod
-    def demand(self, error: Scalar, rate: Scalar, integral: Scalar) -> Scalar:
+    def demand(self, error: Scalar, speed: Scalar, integral: Scalar) -> Scalar:
         """The torque before it is clipped, N m."""
 
-    def effort(self, error: Scalar, rate: Scalar, integral: Scalar) -> Scalar:
+    def effort(self, error: Scalar, speed: Scalar, integral: Scalar) -> Scalar:
         """The motor's torque, N m."""
-        demand = self.demand(error, rate, integral)
+        demand = self.demand(error, speed, integral)
         return demand if self.limit is None else jnp.clip(demand, -self.limit, self.limit)
 
     def energy(self, error: Scalar, integral: Scalar) -> Scalar:
-        """What the controller holds in store for the motor, J: as a spring of stiffness kp, softer once it is clipped.
+        """Energy of the spring that the controller acts as, J: of stiffness kp, softer once the torque is clipped.
 
         An integral counts by the torque that it adds: (kp error + ki integral)²/2 kp beside kp error²/2, which is no
         energy that is conserved, but 0 only at rest.
@@ -51,80 +60,65 @@ class AbstractController(eqx.Module):
 
 
 class ProportionalController(AbstractController):
-    """u = kp error. ``kp``: N m/rad; ``limit``: N m. *Raises* ``ValueError`` unless both are positive.
+    """A proportional controller, u = kp error.
 
-    *Source*: Chatlatanagulchai, Moonmangmee and Intarawirat (2017), Fig. 2 and before Fig. 8.
+    Attributes:
+        kp: proportional gain, N m/rad.
+        limit: the greatest torque, N m; ``None`` for no limit.
+
+    Raises:
+        ValueError: unless both are positive.
+
+    Source: Chatlatanagulchai, Moonmangmee and Intarawirat (2017), Fig. 2 and before Fig. 8.
     """
 
-    kp: Scalar
-    limit: Scalar | None
+    kp: Scalar = eqx.field(converter=Argument(positive))
+    limit: Scalar | None = eqx.field(default=None, converter=Argument(positive, optional=True))
     integrates: ClassVar = False
 
-    def __init__(self, kp: Any, limit: Any = None):
-        self.kp = _check.scalar(kp, "kp")
-        self.limit = None if limit is None else _check.scalar(limit, "limit")
-
-    def __check_init__(self):
-        _check_gains(self)
-
-    def demand(self, error: Scalar, rate: Scalar, integral: Scalar) -> Scalar:
-        del rate, integral
+    def demand(self, error: Scalar, speed: Scalar, integral: Scalar) -> Scalar:
         return self.kp * error
 
 
 class PIController(AbstractController):
-    """u = kp error + ki ∫ error dt. ``kp``: N m/rad; ``ki``: N m/(rad s); ``limit``: N m.
+    """A proportional–integral controller, u = kp error + ki ∫ error dt.
 
-    *Raises* ``ValueError`` unless kp and the limit are positive and ki is not negative.
+    Attributes:
+        kp: proportional gain, N m/rad.
+        ki: integral gain, N m/(rad s).
+        limit: the greatest torque, N m; ``None`` for no limit.
 
-    *Source*: Chatlatanagulchai, Chotana and Prutthapong, their flexible link's controller.
+    Raises:
+        ValueError: unless kp and the limit are positive and ki is not negative.
+
+    Source: Chatlatanagulchai, Chotana and Prutthapong, their flexible link's controller.
     """
 
-    kp: Scalar
-    ki: Scalar
-    limit: Scalar | None
+    kp: Scalar = eqx.field(converter=Argument(positive))
+    ki: Scalar = eqx.field(converter=Argument(not_negative))
+    limit: Scalar | None = eqx.field(default=None, converter=Argument(positive, optional=True))
     integrates: ClassVar = True
 
-    def __init__(self, kp: Any, ki: Any, limit: Any = None):
-        self.kp = _check.scalar(kp, "kp")
-        self.ki = _check.scalar(ki, "ki")
-        self.limit = None if limit is None else _check.scalar(limit, "limit")
-
-    def __check_init__(self):
-        _check_gains(self)
-        _check.not_negative(self.ki, "ki")
-
-    def demand(self, error: Scalar, rate: Scalar, integral: Scalar) -> Scalar:
-        del rate
+    def demand(self, error: Scalar, speed: Scalar, integral: Scalar) -> Scalar:
         return self.kp * error + self.ki * integral
 
 
 class PDController(AbstractController):
-    """u = kp error − kd × motor speed. ``kp``: N m/rad; ``kd``: N m s/rad; ``limit``: N m.
+    """A proportional–derivative controller, u = kp error − kd × motor speed.
 
-    *Raises* ``ValueError`` unless kp and the limit are positive and kd is not negative.
+    Attributes:
+        kp: proportional gain, N m/rad.
+        kd: derivative gain, N m s/rad.
+        limit: the greatest torque, N m; ``None`` for no limit.
+
+    Raises:
+        ValueError: unless kp and the limit are positive and kd is not negative.
     """
 
-    kp: Scalar
-    kd: Scalar
-    limit: Scalar | None
+    kp: Scalar = eqx.field(converter=Argument(positive))
+    kd: Scalar = eqx.field(converter=Argument(not_negative))
+    limit: Scalar | None = eqx.field(default=None, converter=Argument(positive, optional=True))
     integrates: ClassVar = False
 
-    def __init__(self, kp: Any, kd: Any, limit: Any = None):
-        self.kp = _check.scalar(kp, "kp")
-        self.kd = _check.scalar(kd, "kd")
-        self.limit = None if limit is None else _check.scalar(limit, "limit")
-
-    def __check_init__(self):
-        _check_gains(self)
-        _check.not_negative(self.kd, "kd")
-
-    def demand(self, error: Scalar, rate: Scalar, integral: Scalar) -> Scalar:
-        del integral
-        return self.kp * error - self.kd * rate
-
-
-def _check_gains(controller: AbstractController) -> None:
-    _check.positive(controller.kp, "kp")
-    if controller.limit is not None:
-        _check.positive(controller.limit, "limit")
+    def demand(self, error: Scalar, speed: Scalar, integral: Scalar) -> Scalar:
+        return self.kp * error - self.kd * speed

@@ -2,16 +2,15 @@
 
 import abc
 from collections.abc import Callable
-from typing import Any
 
 import equinox as eqx
 
-from jshape import _check
+from jshape._check import Argument, Checked, as_array, as_given, not_negative, positive
 from jshape._types import Scalar
 from jshape.plants.springs import as_leaf, signed_power
 
 
-class AbstractDamper(eqx.Module):
+class AbstractDamper(Checked):
     """A damper between the payload and its base."""
 
     @abc.abstractmethod
@@ -20,53 +19,53 @@ class AbstractDamper(eqx.Module):
 
 
 class LinearDamper(AbstractDamper):
-    """F = c v. ``c``: N s/m. *Raises* ``ValueError`` if c is negative or not finite."""
+    """A viscous damper, F = c v.
 
-    c: Scalar
+    Attributes:
+        c: N s/m.
 
-    def __init__(self, c: Any):
-        self.c = _check.scalar(c, "c")
+    Raises:
+        ValueError: for a c that is negative or not finite.
+    """
 
-    def __check_init__(self):
-        _check.not_negative(self.c, "c")
+    c: Scalar = eqx.field(converter=Argument(not_negative))
 
     def force(self, velocity: Scalar) -> Scalar:
         return self.c * velocity
 
 
 class PowerDamper(AbstractDamper):
-    """F = c |v|^p sign(v): the papers' cubic damper is ``PowerDamper(c, 3)``.
+    """A power-law damper, F = c |v|^p sign(v): the papers' cubic damper is ``PowerDamper(c, 3)``.
 
-    ``c``: N (s/m)^p. ``power``: p > 0, fixed (not a leaf). *Raises* ``ValueError`` if c is negative or p not positive.
+    Attributes:
+        c: N (s/m)^p.
+        power: the exponent p, fixed (not a leaf).
 
-    *Source*: Chatlatanagulchai, Moonmangmee and Intarawirat (2017), after Eq. 5.
+    Raises:
+        ValueError: for a negative c or a power that is not positive.
+
+    Source: Chatlatanagulchai, Moonmangmee and Intarawirat (2017), after Eq. 5.
     """
 
-    c: Scalar
-    power: float = eqx.field(static=True)
-
-    def __init__(self, c: Any, power: float = 3):
-        self.c = _check.scalar(c, "c")
-        self.power = power
-
-    def __check_init__(self):
-        _check.not_negative(self.c, "c")
-        _check.positive(self.power, "power")
+    c: Scalar = eqx.field(converter=Argument(not_negative))
+    power: float = eqx.field(default=3, static=True, converter=Argument(positive, convert=as_given))
 
     def force(self, velocity: Scalar) -> Scalar:
         return self.c * signed_power(velocity, self.power)
 
 
 class ForceDamper(AbstractDamper):
-    """A damper by its force: any JAX function of the relative velocity (m/s → N).
+    """A damper by its force: any JAX function of the relative velocity.
 
-    ``function``: a plain function, or an ``equinox.Module`` whose parameters are then leaves of the plant.
+    Attributes:
+        function: velocity (m/s) → force (N); a plain function, or an ``equinox.Module`` whose parameters are then
+            leaves of the plant.
+
+    Raises:
+        ValueError: for what cannot be called.
     """
 
-    function: Callable[[Scalar], Scalar]
-
-    def __init__(self, function: Callable[[Scalar], Scalar]):
-        self.function = as_leaf(function)
+    function: Callable[[Scalar], Scalar] = eqx.field(converter=Argument(convert=as_leaf))
 
     def force(self, velocity: Scalar) -> Scalar:
-        return self.function(_check.as_array(velocity, "velocity"))
+        return self.function(as_array(velocity, "velocity"))

@@ -4,69 +4,52 @@ from typing import Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
-from jshape import _check
+from jshape._check import Argument, choice, not_negative, positive
 from jshape._types import Scalar
-from jshape.plants.pendulum import DRIVES
-from jshape.plants.trolley import AbstractCrane, Trolley, check_trolley
+from jshape.plants.base import part
+from jshape.plants.trolley import CRANE_DRIVES, AbstractCrane, Trolley
 
 
 class DoublePendulumCrane(AbstractCrane):
-    """A hook on a cable, a payload on slings below it; both angles against the vertical.
+    """A crane with a hook on a cable and a payload on slings below it; both angles against the vertical.
 
-    ``hook_length``: from trolley to hook, ``payload_length``: from hook to payload, m; ``hook_mass``, ``payload_mass``:
-    kg; ``damping``: of either joint, by the rate of the angle between its two sides, N m s/rad; the others as for
-    ``Crane``. Past the horizontal a cable is slack and the payload counts as lost.
+    Past the horizontal a cable is slack and the payload counts as diverged.
 
-    *Raises* ``ValueError`` for a length, mass or gravity that is not positive, negative damping, an unknown drive or a
-    trolley that is none.
+    Attributes:
+        hook_length: from trolley to hook, m.
+        payload_length: from hook to payload, m.
+        hook_mass: kg.
+        payload_mass: kg.
+        gravity: m/s².
+        damping: of either joint, by the angular velocity between its two sides, N m s/rad.
+        trolley: its mass, friction and limits; the default ``Trolley`` unless given.
+        drive: ``"acceleration"``, ``"velocity"`` or ``"force"``; ``AbstractCrane`` says what the state is.
 
-    *Source*: Singhose, Kim and Kenison, ASME Journal of Dynamic Systems, Measurement, and Control 130 (2008) 034504;
+    Raises:
+        ValueError: for a length, mass or gravity that is not positive, negative damping, an unknown drive, or what is
+            no trolley.
+
+    Source: Singhose, Kim and Kenison, ASME Journal of Dynamic Systems, Measurement, and Control 130 (2008) 034504;
     the equations here are the full ones, from the Lagrangian.
     """
 
-    hook_length: Scalar
-    payload_length: Scalar
-    hook_mass: Scalar
-    payload_mass: Scalar
-    gravity: Scalar
-    damping: Scalar
-    trolley: Trolley
-    drive: str = eqx.field(static=True)
+    hook_length: Scalar = eqx.field(converter=Argument(positive))
+    payload_length: Scalar = eqx.field(converter=Argument(positive))
+    hook_mass: Scalar = eqx.field(default=1.0, converter=Argument(positive))
+    payload_mass: Scalar = eqx.field(default=1.0, converter=Argument(positive))
+    gravity: Scalar = eqx.field(default=9.81, converter=Argument(positive))
+    damping: Scalar = eqx.field(default=0.0, converter=Argument(not_negative))
+    trolley: Trolley = eqx.field(default=None, converter=part(Trolley, Trolley))
+    drive: str = eqx.field(default="acceleration", static=True, converter=choice(*CRANE_DRIVES))
     angles: ClassVar = 2
-
-    def __init__(
-        self,
-        hook_length: Any,
-        payload_length: Any,
-        hook_mass: Any = 1.0,
-        payload_mass: Any = 1.0,
-        gravity: Any = 9.81,
-        damping: Any = 0.0,
-        trolley: Trolley | None = None,
-        drive: str = "acceleration",
-    ):
-        self.hook_length = _check.scalar(hook_length, "hook_length")
-        self.payload_length = _check.scalar(payload_length, "payload_length")
-        self.hook_mass = _check.scalar(hook_mass, "hook_mass")
-        self.payload_mass = _check.scalar(payload_mass, "payload_mass")
-        self.gravity = _check.scalar(gravity, "gravity")
-        self.damping = _check.scalar(damping, "damping")
-        self.trolley = check_trolley(trolley)
-        self.drive = drive
-
-    def __check_init__(self):
-        for name in ("hook_length", "payload_length", "hook_mass", "payload_mass", "gravity"):
-            _check.positive(getattr(self, name), name)
-        _check.not_negative(self.damping, "damping")
-        _check.one_of(self.drive, "drive", DRIVES)
 
     def carried(self) -> Scalar:
         return self.hook_mass + self.payload_mass
 
     def _moments(self) -> Array:
-        """What stands before sin θ in Σ mass × distance, one entry an angle, kg m."""
+        """The factors of sin θ in Σ mass × distance, one entry an angle, kg m."""
         return jnp.stack([self.carried() * self.hook_length, self.payload_mass * self.payload_length])
 
     def _inertias(self, between: Any) -> tuple[Scalar, Scalar, Scalar]:
@@ -105,15 +88,11 @@ class DoublePendulumCrane(AbstractCrane):
     def offset(self, place: Array) -> Scalar:
         return self.hook_length * jnp.sin(place[0]) + self.payload_length * jnp.sin(place[1])
 
-    def beyond(self, place: Array, rates: Array, acceleration: Scalar) -> Bool[Array, ""]:
-        del rates, acceleration
-        return jnp.any(jnp.abs(place) >= jnp.pi / 2)
-
     def natural_frequency(self) -> Float[Array, "2"]:
         """Both frequencies of small swings, rad/s, ascending: det(K − ω² M) = 0.
 
-        *Source*: Singhose, Kim and Kenison (2008), where the trolley's motion is given; with a force as input the
-        trolley gives way, and M loses what it takes along.
+        Source: Singhose, Kim and Kenison (2008), where the trolley's motion is given; with a force as input the
+        trolley moves freely, and M is reduced by what it takes along.
         """
         a, b, d = self._inertias(1.0)
         p, q = self._moments()

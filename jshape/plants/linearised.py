@@ -1,4 +1,4 @@
-"""Any plant as small swings see it, and its exact response: the judge of every simulator."""
+"""Any plant linearised about rest, and its exact response, the reference for every simulator."""
 
 from typing import Any
 
@@ -16,10 +16,14 @@ from jshape.plants.base import DRIVES, AbstractPlant
 class Linearised(AbstractPlant):
     """A plant's equation of motion, energy and payload to first (energy: second) order about rest at input 0.
 
-    ``plant``: the plant, whose parameters stay leaves (``"plant.cable_length"``); one that changes in time is taken as
-    it is at time 0. State as that of the plant. ``propagate`` gives its exact response.
+    State as that of the plant. ``propagate`` gives its exact response.
 
-    *Raises* ``ValueError`` for a plant that is none.
+    Attributes:
+        plant: the plant, whose parameters stay leaves (``"plant.cable_length"``); one that changes in time is taken as
+            it is at time 0.
+
+    Raises:
+        ValueError: for what is no plant.
     """
 
     plant: AbstractPlant
@@ -40,11 +44,13 @@ class Linearised(AbstractPlant):
     def _slope(self, state: State, inputs: Inputs) -> State:
         """The equation of motion's derivative at rest, along a departure of the state and the inputs."""
         rest, zero = self._rest()
-        field = lambda y, u: self.plant.vector_field(jnp.zeros_like(rest[0]), y, u)
+
+        def field(y: State, u: Inputs) -> State:
+            return self.plant.vector_field(jnp.zeros_like(rest[0]), y, u)
+
         return jax.jvp(field, (rest, zero), (state, _like(inputs, zero)))[1]
 
     def vector_field(self, t: Scalar, state: State, inputs: Inputs) -> State:
-        del t
         return self._slope(state - self._rest()[0], inputs)
 
     def residual_energy(self, state: State, inputs: Inputs) -> Scalar:
@@ -58,12 +64,12 @@ class Linearised(AbstractPlant):
         return rest + jax.jvp(self.plant.rest_state, (zero,), (_like(inputs, zero),))[1]
 
     def payload(self, state: State, position: Scalar) -> Scalar:
-        return self._read(self.plant.payload, state, position)
+        return self._linear(self.plant.payload, state, position)
 
     def deflection(self, state: State, position: Scalar) -> Scalar:
-        return self._read(self.plant.deflection, state, position)
+        return self._linear(self.plant.deflection, state, position)
 
-    def _read(self, quantity: Any, state: State, position: Scalar) -> Scalar:
+    def _linear(self, quantity: Any, state: State, position: Scalar) -> Scalar:
         rest, _ = self._rest()
         position = jnp.asarray(position, rest.dtype)
         value, change = jax.jvp(quantity, (rest, jnp.zeros_like(position)), (state - rest, position))
@@ -74,13 +80,18 @@ class Linearised(AbstractPlant):
         return self.plant.natural_frequency()
 
     def propagate(self, command: Any, initial_state: State | None = None, time: Any = None) -> State:
-        """The exact state at ``time`` (s; after the command's last break, unless given), by matrix exponentials.
+        """The exact state at a time, by matrix exponentials.
 
-        ``command``: any command, shaped (``shaper.shape(command)``) or not; a number is a step. Each of its pieces, a
-        polynomial, is the output of a chain of integrators, with which the plant is one linear system without input: no
-        step size enters, and the answer is exact to rounding.
+        Each piece of the command, a polynomial, is the output of a chain of integrators, with which the plant is one
+        linear system without input: no step size enters, and the answer is exact to rounding.
 
-        *Raises* ``ValueError`` for what is no command, and a plant that is driven by a derivative that it has not got.
+        Args:
+            command: any command, shaped (``shaper.shape(command)``) or not; a number is a step.
+            initial_state: at rest unless given.
+            time: s; right after the command's last break unless given.
+
+        Raises:
+            ValueError: for what is no command, and one without the derivative that drives the plant.
         """
         command = as_command(command, "command")
         orders = [DRIVES[name] for name in self.plant.drives()]
@@ -95,23 +106,27 @@ class Linearised(AbstractPlant):
         n, powers = len(rest), coefficients.shape[1]
         system = jax.jacfwd(lambda y: self._slope(y, zero))(jnp.zeros_like(rest))
 
-        def driven(rates: Array) -> State:
-            values = tuple(rates[k] if k < powers else jnp.zeros_like(rates[0]) for k in orders)
+        def driven(derivatives: Array) -> State:
+            values = tuple(derivatives[k] if k < powers else jnp.zeros_like(derivatives[0]) for k in orders)
             return self._slope(jnp.zeros_like(rest), values[0] if isinstance(self.drive, str) else values)
 
-        pushed = jax.jacfwd(driven)(jnp.zeros(powers, rest.dtype))
+        gain = jax.jacfwd(driven)(jnp.zeros(powers, rest.dtype))
         chain = jnp.eye(powers, k=1, dtype=rest.dtype)
-        whole = jnp.block([[system, pushed], [jnp.zeros((powers, n), rest.dtype), chain]])
-        # The command's own derivatives at each break, and what a stretch of each length does to all.
-        rates = jnp.stack([polynomial(coefficients, jnp.zeros_like(breaks), k) for k in range(powers)], axis=1)
+        whole = jnp.block([[system, gain], [jnp.zeros((powers, n), rest.dtype), chain]])
+        # The command's own derivatives at each break, and the flow of the whole system over each piece.
+        derivatives = jnp.stack([polynomial(coefficients, jnp.zeros_like(breaks), k) for k in range(powers)], axis=1)
         flows = jax.vmap(lambda duration: jax.scipy.linalg.expm(whole * duration))(durations)
-        advance = lambda away, piece: ((piece[0] @ jnp.concatenate([away, piece[1]]))[:n], None)
+
+        def advance(away: State, piece: tuple[Array, Array]) -> tuple[State, None]:
+            flow, driving = piece
+            return (flow @ jnp.concatenate([away, driving]))[:n], None
+
         away = jnp.zeros_like(rest) if initial_state is None else initial_state - rest
-        return rest + jax.lax.scan(advance, away, (flows, rates))[0]
+        return rest + jax.lax.scan(advance, away, (flows, derivatives))[0]
 
 
 def _like(inputs: Inputs, zero: Inputs) -> Inputs:
-    """Inputs in the types of ``zero``, as derivatives along them want it."""
+    """Inputs in the types of ``zero``, as derivatives along them require."""
     if isinstance(zero, tuple):
         given = inputs if isinstance(inputs, tuple) else (inputs, *zero[1:])
         return tuple(jnp.asarray(value, like.dtype) for value, like in zip(given, zero, strict=True))

@@ -5,7 +5,8 @@ motor.
 """
 
 import abc
-from typing import Any
+from typing import TYPE_CHECKING, Any
+from typing import ClassVar as AbstractVar
 
 import equinox as eqx
 import jax
@@ -13,8 +14,12 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jshape import _check
+from jshape._check import Argument, Checked, as_array, finite, not_negative, positive
 from jshape._roots import bracketed_root, integral
 from jshape._types import Scalar
+
+if not TYPE_CHECKING:
+    from equinox import AbstractVar
 
 _TIP_GAINS = (1.13765149, -0.18153357)
 _MIDDLE_GAINS = (0.77251795, 0.25910862)
@@ -24,9 +29,12 @@ _MIDDLE_GAINS = (0.77251795, 0.25910862)
 class LinkModes(eqx.Module):
     """The modes of a link clamped to its motor.
 
-    ``omega``: rad/s. ``tip``, ``middle``: what a mode's coordinate adds to the angle (displacement over distance from
-    the motor) under which the tip and the middle are seen. Mode j's coordinate η (rad) obeys η'' + 2 ζ ω η' + ω² η =
-    −θ'', with θ the motor's angle.
+    Mode j's coordinate η (rad) obeys η'' + 2 ζ ω η' + ω² η = −θ'', with θ the motor's angle.
+
+    Attributes:
+        omega: undamped natural frequencies, rad/s, shape (modes,).
+        tip: what a mode's coordinate adds to the angle (displacement over distance from the motor) of the tip.
+        middle: the same for the middle of the link.
     """
 
     omega: Float[Array, " modes"]
@@ -34,12 +42,13 @@ class LinkModes(eqx.Module):
     middle: Float[Array, " modes"]
 
 
-class AbstractLink(eqx.Module):
-    """A flexible link of ``length`` (m) with a load at its tip."""
+class AbstractLink(Checked):
+    """A flexible link with a load at its tip."""
 
-    length: eqx.AbstractVar[Scalar]
-    count: eqx.AbstractVar[int]
-    """How many modes it has."""
+    length: AbstractVar[Scalar]
+    """m."""
+    count: AbstractVar[int]
+    """Number of modes."""
 
     @abc.abstractmethod
     def modes(self, load: Scalar) -> LinkModes:
@@ -47,48 +56,44 @@ class AbstractLink(eqx.Module):
 
     @abc.abstractmethod
     def check_load(self, load: Scalar) -> None:
-        """*Raises* ``ValueError`` for a load that the link cannot have."""
+        """Raises ``ValueError`` for a load that the link cannot have."""
 
 
 class TabulatedLink(AbstractLink):
-    """Frequencies measured at a few loads, between them the polynomial through all of them.
+    """A link whose frequencies were measured at a few loads; between them, the polynomial through all of them.
 
-    ``loads``: increasing, in a unit of your own; ``frequencies``: rad/s, a row for each mode, a column for each load;
-    ``tip_gains``, ``middle_gains``: as in ``LinkModes``, the same at all loads; ``length``: m. Without arguments it is
-    the paper's link: 0, 10 and 20 coins, 8.5 / 7.3 / 5.7 and 74 / 70 / 66 rad/s, two feet long; the gains, which the
-    paper does not give, are those of a uniform ``Beam`` without a load. Do not go beyond the table by much.
+    Without arguments it is the paper's link: 0, 10 and 20 coins, 8.5 / 7.3 / 5.7 and 74 / 70 / 66 rad/s, two feet long;
+    the gains, which the paper does not give, are those of a uniform ``Beam`` without a load. Do not extrapolate far.
 
-    *Raises* ``ValueError`` for loads that do not increase, a table that does not fit them, or frequencies or a length
-    that are not positive.
+    Attributes:
+        loads: increasing, in a unit of your own, shape (loads,).
+        omega: natural frequencies, rad/s, a row for each mode, a column for each load.
+        tip_gains: as in ``LinkModes``, the same at all loads, shape (modes,).
+        middle_gains: likewise.
+        length: m.
 
-    *Source*: Chatlatanagulchai, Chotana and Prutthapong, Fig. 8 and the text about it.
+    Raises:
+        ValueError: for loads that do not increase, a table that does not fit them, or frequencies or a length that are
+            not positive.
+
+    Source: Chatlatanagulchai, Chotana and Prutthapong, Fig. 8 and the text about it.
     """
 
-    loads: Float[Array, " loads"]
-    frequencies: Float[Array, "modes loads"]
-    tip_gains: Float[Array, " modes"]
-    middle_gains: Float[Array, " modes"]
-    length: Scalar
-
-    def __init__(
-        self,
-        loads: Any = (0.0, 10.0, 20.0),
-        frequencies: Any = ((8.5, 7.3, 5.7), (74.0, 70.0, 66.0)),
-        tip_gains: Any = _TIP_GAINS,
-        middle_gains: Any = _MIDDLE_GAINS,
-        length: Any = 0.6096,
-    ):
-        self.loads = _check.as_array(loads, "loads")
-        self.frequencies = _check.as_array(frequencies, "frequencies")
-        self.tip_gains = _check.as_array(tip_gains, "tip_gains")
-        self.middle_gains = _check.as_array(middle_gains, "middle_gains")
-        self.length = _check.scalar(length, "length")
+    loads: Float[Array, " loads"] = eqx.field(default=(0.0, 10.0, 20.0), converter=Argument(finite, convert=as_array))
+    omega: Float[Array, "modes loads"] = eqx.field(
+        default=((8.5, 7.3, 5.7), (74.0, 70.0, 66.0)), converter=Argument(positive, convert=as_array)
+    )
+    tip_gains: Float[Array, " modes"] = eqx.field(default=_TIP_GAINS, converter=Argument(finite, convert=as_array))
+    middle_gains: Float[Array, " modes"] = eqx.field(
+        default=_MIDDLE_GAINS, converter=Argument(finite, convert=as_array)
+    )
+    length: Scalar = eqx.field(default=0.6096, converter=Argument(positive))
 
     def __check_init__(self):
-        shape = self.frequencies.shape
+        shape = self.omega.shape
         if self.loads.ndim != 1 or len(shape) != 2 or shape[1] != len(self.loads):
             raise ValueError(
-                f"frequencies must have a row for each mode and a column for each of the loads, not shape {shape} for "
+                f"omega must have a row for each mode and a column for each of the loads, not shape {shape} for "
                 f"{self.loads.shape} loads"
             )
         if not self.tip_gains.shape == self.middle_gains.shape == shape[:1]:
@@ -96,17 +101,12 @@ class TabulatedLink(AbstractLink):
                 f"tip_gains and middle_gains must have one entry for each of {shape[0]} modes, not shapes "
                 f"{self.tip_gains.shape} and {self.middle_gains.shape}"
             )
-        _check.finite(self.loads, "loads")
         if _check.is_concrete(self.loads) and bool(jnp.any(jnp.diff(self.loads) <= 0)):
             raise ValueError(f"loads must increase, not {_check.show(self.loads)}")
-        _check.positive(self.frequencies, "frequencies")
-        _check.finite(self.tip_gains, "tip_gains")
-        _check.finite(self.middle_gains, "middle_gains")
-        _check.positive(self.length, "length")
 
     @property
     def count(self) -> int:
-        return self.frequencies.shape[0]
+        return self.omega.shape[0]
 
     def modes(self, load: Scalar) -> LinkModes:
         n = len(self.loads)
@@ -114,7 +114,7 @@ class TabulatedLink(AbstractLink):
         # Lagrange's polynomials: 1 at their own load, 0 at every other.
         apart = jnp.where(others, self.loads[:, None] - self.loads[None, :], 1.0)
         share = jnp.prod(jnp.where(others, load - self.loads[None, :], 1.0) / apart, axis=1)
-        return LinkModes(self.frequencies @ share, self.tip_gains, self.middle_gains)
+        return LinkModes(self.omega @ share, self.tip_gains, self.middle_gains)
 
     def check_load(self, load: Scalar) -> None:
         omega = self.modes(load).omega
@@ -122,41 +122,37 @@ class TabulatedLink(AbstractLink):
             raise ValueError(f"load must leave every frequency positive, not {_check.show(load)}")
 
 
+def _whole(value: Any, name: str) -> int:
+    """A positive whole number, also one written as a float."""
+    return _check.count(int(value) if isinstance(value, float) and value == int(value) else value, name)
+
+
 class Beam(AbstractLink):
-    """A uniform beam, clamped at the motor, with a point mass at its tip, bending by Euler and Bernoulli.
+    """A uniform Euler–Bernoulli beam, clamped at the motor, with a point mass at its tip; the load, kg, is added to it.
 
-    ``length``: m; ``bending_stiffness`` EI: N m²; ``mass_per_length``: kg/m; ``tip_mass``: what is always at the tip,
-    kg; a load, kg, is added to it; ``count``: how many modes are kept, fixed (not a leaf).
+    Attributes:
+        length: m.
+        bending_stiffness: EI, N m².
+        mass_per_length: kg/m.
+        tip_mass: what is always at the tip, kg.
+        count: how many modes are kept, fixed (not a leaf).
 
-    *Raises* ``ValueError`` for a length, stiffness or mass per length that is not positive, a negative tip mass, or no
-    modes.
+    Raises:
+        ValueError: for a length, stiffness or mass per length that is not positive, a negative tip mass, or no modes.
 
-    *Source*: Blevins, Formulas for Natural Frequency and Mode Shape (1979), for the cantilever and its β_n L; with a
+    Source: Blevins, Formulas for Natural Frequency and Mode Shape (1979), for the cantilever and its β_n L; with a
     tip mass μ times the beam's own, 1 + cos β cosh β + μ β (cos β sinh β − sin β cosh β) = 0, from the boundary
     conditions.
     """
 
-    length: Scalar
-    bending_stiffness: Scalar
-    mass_per_length: Scalar
-    tip_mass: Scalar
-    count: int = eqx.field(static=True)
-
-    def __init__(self, length: Any, bending_stiffness: Any, mass_per_length: Any, tip_mass: Any = 0.0, count: int = 2):
-        self.length = _check.scalar(length, "length")
-        self.bending_stiffness = _check.scalar(bending_stiffness, "bending_stiffness")
-        self.mass_per_length = _check.scalar(mass_per_length, "mass_per_length")
-        self.tip_mass = _check.scalar(tip_mass, "tip_mass")
-        self.count = _check.count(int(count) if isinstance(count, float) and count == int(count) else count, "count")
-
-    def __check_init__(self):
-        _check.positive(self.length, "length")
-        _check.positive(self.bending_stiffness, "bending_stiffness")
-        _check.positive(self.mass_per_length, "mass_per_length")
-        _check.not_negative(self.tip_mass, "tip_mass")
+    length: Scalar = eqx.field(converter=Argument(positive))
+    bending_stiffness: Scalar = eqx.field(converter=Argument(positive))
+    mass_per_length: Scalar = eqx.field(converter=Argument(positive))
+    tip_mass: Scalar = eqx.field(default=0.0, converter=Argument(not_negative))
+    count: int = eqx.field(default=2, static=True, converter=Argument(convert=_whole))
 
     def mass_ratio(self, load: Any = 0.0) -> Scalar:
-        """Mass at the tip over the beam's own."""
+        """Ratio of the mass at the tip to the beam's own."""
         return (self.tip_mass + load) / (self.mass_per_length * self.length)
 
     def wave_numbers(self, load: Any = 0.0) -> Float[Array, " modes"]:
@@ -172,12 +168,13 @@ class Beam(AbstractLink):
 
         return jax.vmap(root)(jnp.arange(1, self.count + 1))
 
-    def frequencies(self, load: Any = 0.0) -> Float[Array, " modes"]:
-        """The natural frequencies, rad/s: (β_n L)² √(EI / (mass per length × L⁴))."""
-        return self.wave_numbers(load) ** 2 * jnp.sqrt(self.bending_stiffness / self.mass_per_length / self.length**4)
-
     def shape(self, wave_number: Scalar, x: Scalar) -> Scalar:
-        """The mode with that β L at x (a fraction of the length): cosh − cos − σ (sinh − sin) of β x."""
+        """The mode shape, cosh − cos − σ (sinh − sin) of β x.
+
+        Args:
+            wave_number: β L of the mode.
+            x: distance from the motor, a fraction of the length.
+        """
         b, decay = wave_number, jnp.exp(-wave_number)
         below = 1 - decay**2 + 2 * decay * jnp.sin(b)
         sigma = (1 + decay**2 + 2 * decay * jnp.cos(b)) / below
@@ -196,7 +193,8 @@ class Beam(AbstractLink):
             return lever / mass * end, lever / mass * self.shape(b, jnp.full_like(b, 0.5)) / 0.5
 
         tip, middle = jax.vmap(gains)(wave_numbers)
-        return LinkModes(self.frequencies(load), tip, middle)
+        scale = jnp.sqrt(self.bending_stiffness / self.mass_per_length / self.length**4)
+        return LinkModes(wave_numbers**2 * scale, tip, middle)
 
     def check_load(self, load: Scalar) -> None:
-        _check.not_negative(load, "load")
+        not_negative(load, "load")

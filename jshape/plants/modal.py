@@ -6,39 +6,36 @@ import jax
 import jax.numpy as jnp
 import jax.scipy.linalg
 import numpy as np
-from jaxtyping import Array, Float
 
 from jshape._types import Inputs, Scalar, State
-from jshape.plants._mode_lists import check_modes, mode_lists
 from jshape.plants._swing import swing
-from jshape.plants.base import AbstractPlant, Coast
+from jshape.plants.base import Coast
+from jshape.plants.modes import AbstractModes
 
 
-class ModalPlant(AbstractPlant):
-    """Modes q_i'' + 2 ζ_i ω_i q_i' + ω_i² q_i = ω_i² r, seen together at the payload Σ gain_i q_i.
+class ModalPlant(AbstractModes):
+    """Modes that follow the command r, q_i'' + 2 ζ_i ω_i q_i' + ω_i² q_i = ω_i² r, with the payload at Σ gain_i q_i.
 
-    ``omega``: rad/s, ``zeta``: –, ``gains``: – (equal parts, if not given; they sum to 1 where the payload is to reach
-    the command). State: q_1 … q_n (m), then q_1' … q_n' (m/s). Energies are those of modes with unit mass weighted by
-    gain², J per kg.
+    State: q_1 … q_n (m), then q_1' … q_n' (m/s). Energies, J per kg, are those of unit masses weighted by gain².
 
-    *Raises* ``ValueError`` for lists of different lengths, a frequency that is not positive, a damping outside [0, 1).
+    Attributes:
+        omega: undamped natural frequencies, rad/s, shape (modes,).
+        zeta: damping ratios; a single number counts for every mode.
+        gains: of the modes at the payload; equal parts unless given. They sum to 1 where the payload is to reach the
+            command.
 
-    *Source*: Chatlatanagulchai, Chotana and Prutthapong, Eq. 3.
+    Raises:
+        ValueError: for lists of different lengths, a frequency that is not positive, or a damping ratio outside [0, 1).
+
+    Source: Chatlatanagulchai, Chotana and Prutthapong, Eq. 3.
     """
 
-    omega: Float[Array, " modes"]
-    zeta: Float[Array, " modes"]
-    gains: Float[Array, " modes"]
     drive: ClassVar = "displacement"
 
     def __init__(self, omega: Any, zeta: Any = 0.0, gains: Any = None):
-        self.omega, self.zeta, self.gains = mode_lists(omega, zeta, 1 / np.size(omega) if gains is None else gains)
-
-    def __check_init__(self):
-        check_modes(self.omega, self.zeta, self.gains)
+        super().__init__(omega, zeta, 1 / np.size(omega) if gains is None else gains)
 
     def vector_field(self, t: Scalar, state: State, inputs: Inputs) -> State:
-        del t
         n = len(self.omega)
         q, v = state[:n], state[n:]
         return jnp.concatenate([v, self.omega**2 * (inputs - q) - 2 * self.zeta * self.omega * v])
@@ -53,15 +50,10 @@ class ModalPlant(AbstractPlant):
         return jnp.concatenate([zero + inputs, zero])
 
     def payload(self, state: State, position: Scalar) -> Scalar:
-        del position
         return jnp.sum(self.gains * state[: len(self.omega)])
 
-    def natural_frequency(self) -> Float[Array, "..."]:
-        """The modes' frequencies, rad/s, ascending; a scalar where there is only one."""
-        return self.omega[0] if len(self.omega) == 1 else jnp.sort(self.omega)
-
     def coast(self) -> Coast:
-        """Every mode swings by itself."""
+        """The free vibration of every mode by itself."""
 
         def coast(state: State, inputs: Inputs, duration: Scalar) -> State:
             q, v = jnp.split(state, 2)
@@ -71,10 +63,7 @@ class ModalPlant(AbstractPlant):
         return coast
 
     def propagate(self, state: State, inputs: Inputs, duration: Scalar) -> State:
-        """The exact state after ``duration`` (s) at a constant input, by the matrix exponential.
-
-        The judge of every simulator: no step size enters.
-        """
+        """The exact state after ``duration`` (s) at a constant input, by the matrix exponential, without steps."""
         rest = self.rest_state(inputs)
         matrix = jax.jacfwd(lambda y: self.vector_field(duration, y, inputs))(rest)
         return rest + jax.scipy.linalg.expm(matrix * duration) @ (state - rest)

@@ -1,12 +1,12 @@
-"""One mass on one spring: what the energy shapers of the literature are about.
+"""One mass on one spring: the plant of the energy shapers of the literature.
 
-The spring's deflection decides everything: its potential, the mass's kinetic energy, how far it swings back. Plants
-of this kind differ in what drives them only (``two_mass.py``, ``forced.py``).
+Plants of this kind (``two_mass.py``, ``forced.py``) differ only in what drives them.
 """
 
 import abc
+from typing import TYPE_CHECKING
+from typing import ClassVar as AbstractVar
 
-import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
@@ -15,6 +15,9 @@ from jshape.plants.base import AbstractPlant
 from jshape.plants.dampers import AbstractDamper
 from jshape.plants.springs import AbstractSpring
 
+if not TYPE_CHECKING:
+    from equinox import AbstractVar
+
 
 class AbstractOscillator(AbstractPlant):
     """A mass held by a spring and a damper: m x'' = force − F_c(x' − base') − F_s(x − base).
@@ -22,12 +25,12 @@ class AbstractOscillator(AbstractPlant):
     State: position (m) and velocity (m/s) of the mass, both absolute.
     """
 
-    spring: eqx.AbstractVar[AbstractSpring]
-    damper: eqx.AbstractVar[AbstractDamper]
+    spring: AbstractVar[AbstractSpring]
+    damper: AbstractVar[AbstractDamper]
 
     @abc.abstractmethod
     def inertia(self) -> Scalar:
-        """The mass that swings, kg."""
+        """The mass that vibrates, kg."""
 
     @abc.abstractmethod
     def base(self, inputs: Inputs) -> tuple[Scalar, Scalar, Scalar]:
@@ -38,7 +41,6 @@ class AbstractOscillator(AbstractPlant):
         """The spring's deflection at rest, m. NaN where there is no rest."""
 
     def vector_field(self, t: Scalar, state: State, inputs: Inputs) -> State:
-        del t
         base, base_velocity, force = self.base(inputs)
         x, v = state[0], state[1]
         pull = self.spring.force(x - base) + self.damper.force(v - base_velocity)
@@ -62,7 +64,7 @@ class AbstractOscillator(AbstractPlant):
         position = base + self.rest_deflection(inputs)
         return jnp.stack([position, jnp.zeros_like(position)])
 
-    def escaped(self, state: State, inputs: Inputs) -> Bool[Array, ""]:
+    def diverged(self, state: State, inputs: Inputs) -> Bool[Array, ""]:
         """Whether the net force at that deflection points away from rest, or the state is not finite."""
         base, _, force = self.base(inputs)
         x, rest = state[0] - base, self.rest_deflection(inputs)

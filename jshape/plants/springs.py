@@ -10,7 +10,8 @@ A force is positive for a positive deflection: it pulls back. Every spring is re
 
 import abc
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any, ClassVar
+from typing import ClassVar as AbstractVar
 
 import equinox as eqx
 import jax
@@ -18,14 +19,18 @@ import jax.numpy as jnp
 import numpy as np
 
 from jshape import _check
+from jshape._check import Argument, Checked, as_given, finite, positive
 from jshape._roots import bracketed_root, integral, safe_sqrt
 from jshape._types import Scalar
 
+if not TYPE_CHECKING:
+    from equinox import AbstractVar
 
-class AbstractSpring(eqx.Module):
+
+class AbstractSpring(Checked):
     """A conservative spring: force = dU/dx, with U(0) = 0 and no force at 0."""
 
-    odd: eqx.AbstractVar[bool]
+    odd: AbstractVar[bool]
     """Whether the force is an odd function, the same for pull and push."""
 
     @abc.abstractmethod
@@ -36,12 +41,21 @@ class AbstractSpring(eqx.Module):
     def force(self, x: Scalar) -> Scalar:
         """Restoring force at deflection x (m), N."""
 
-    @abc.abstractmethod
     def amplitude(self, energy: Scalar) -> Scalar:
-        """The greatest deflection (m, not negative, to either side) of a swing with that energy (J).
+        """The greatest deflection (m, not negative, to either side) of a vibration with that energy (J).
 
-        Infinite where no deflection stores that much: the payload would not come back.
+        Infinite where no deflection stores that much. By a search over the potential, unless a spring has a formula.
         """
+        energy = _check.as_array(energy, "energy")
+        grid = jnp.asarray(np.concatenate([[0.0], np.logspace(-12, 6, 217)]), energy.dtype)
+
+        def one_side(sign: float) -> Scalar:
+            reached = jax.vmap(self.potential)(sign * grid) >= energy
+            index = jnp.maximum(jnp.argmax(reached), 1)
+            root = bracketed_root(lambda a: self.potential(sign * a) - energy, grid[index - 1], grid[index])
+            return jnp.where(jnp.any(reached), root, jnp.inf)
+
+        return jnp.where(energy > 0, jnp.maximum(one_side(1.0), one_side(-1.0)), 0.0)
 
     def stiffness(self, x: Any) -> Scalar:
         """Slope of the force at deflection x (m), N/m."""
@@ -49,19 +63,17 @@ class AbstractSpring(eqx.Module):
 
 
 class LinearSpring(AbstractSpring):
-    """F = k x. ``k``: N/m. *Raises* ``ValueError`` unless k > 0."""
+    """A linear spring, F = k x.
 
-    k: Scalar
+    Attributes:
+        k: stiffness, N/m.
 
-    def __init__(self, k: Any):
-        self.k = _check.scalar(k, "k")
+    Raises:
+        ValueError: for a stiffness that is not positive.
+    """
 
-    def __check_init__(self):
-        _check.positive(self.k, "k")
-
-    @property
-    def odd(self) -> bool:
-        return True
+    k: Scalar = eqx.field(converter=Argument(positive))
+    odd: ClassVar = True
 
     def potential(self, x: Scalar) -> Scalar:
         return self.k * x**2 / 2
@@ -74,28 +86,22 @@ class LinearSpring(AbstractSpring):
 
 
 class Duffing(AbstractSpring):
-    """F = k1 x + k3 x³: hardening for k3 > 0, softening for k3 < 0 (unstable beyond x² = −k1/k3).
+    """A Duffing spring, F = k1 x + k3 x³: hardening for k3 > 0, softening for k3 < 0 (unstable beyond x² = −k1/k3).
 
-    ``k1``: N/m, ``k3``: N/m³. *Raises* ``ValueError`` if k1 is not positive or k3 not finite.
+    Attributes:
+        k1: linear stiffness, N/m.
+        k3: cubic stiffness, N/m³.
 
-    *Source*: Chatlatanagulchai, Moonmangmee and Intarawirat (2017), after Eq. 4; Moonmangmee and Chatlatanagulchai
+    Raises:
+        ValueError: for a k1 that is not positive or a k3 that is not finite.
+
+    Source: Chatlatanagulchai, Moonmangmee and Intarawirat (2017), after Eq. 4; Moonmangmee and Chatlatanagulchai
     (2025), Eq. 6, where what is printed as the force is the energy.
     """
 
-    k1: Scalar
-    k3: Scalar
-
-    def __init__(self, k1: Any, k3: Any):
-        self.k1 = _check.scalar(k1, "k1")
-        self.k3 = _check.scalar(k3, "k3")
-
-    def __check_init__(self):
-        _check.positive(self.k1, "k1")
-        _check.finite(self.k3, "k3")
-
-    @property
-    def odd(self) -> bool:
-        return True
+    k1: Scalar = eqx.field(converter=Argument(positive))
+    k3: Scalar = eqx.field(converter=Argument(finite))
+    odd: ClassVar = True
 
     def potential(self, x: Scalar) -> Scalar:
         return self.k1 * x**2 / 2 + self.k3 * x**4 / 4
@@ -112,26 +118,19 @@ class Duffing(AbstractSpring):
 
 
 class SaturatingSpring(AbstractSpring):
-    """F = F0 tanh(k x / F0): softens towards a greatest force, yet always pulls back.
+    """A saturating spring, F = F0 tanh(k x / F0): softens towards a greatest force, yet always pulls back.
 
-    ``k``: stiffness at rest, N/m; ``limit``: the greatest force F0, N. *Raises* ``ValueError`` unless both are
-    positive.
+    Attributes:
+        k: stiffness at rest, N/m.
+        limit: the greatest force F0, N.
+
+    Raises:
+        ValueError: unless both are positive.
     """
 
-    k: Scalar
-    limit: Scalar
-
-    def __init__(self, k: Any, limit: Any):
-        self.k = _check.scalar(k, "k")
-        self.limit = _check.scalar(limit, "limit")
-
-    def __check_init__(self):
-        _check.positive(self.k, "k")
-        _check.positive(self.limit, "limit")
-
-    @property
-    def odd(self) -> bool:
-        return True
+    k: Scalar = eqx.field(converter=Argument(positive))
+    limit: Scalar = eqx.field(converter=Argument(positive))
+    odd: ClassVar = True
 
     def potential(self, x: Scalar) -> Scalar:
         # log cosh without overflow.
@@ -141,31 +140,21 @@ class SaturatingSpring(AbstractSpring):
     def force(self, x: Scalar) -> Scalar:
         return self.limit * jnp.tanh(self.k * x / self.limit)
 
-    def amplitude(self, energy: Scalar) -> Scalar:
-        return _greatest_deflection(self, energy)
-
 
 class PowerLawSpring(AbstractSpring):
-    """F = k |x|^p sign(x): 1 linear, 3 the pure cubic, 1.5 a Hertzian contact.
+    """A power-law spring, F = k |x|^p sign(x): 1 linear, 3 the pure cubic, 1.5 a Hertzian contact.
 
-    ``k``: N/m^p. ``power``: p > 0, fixed (not a leaf: its derivative does not exist at rest). *Raises* ``ValueError``
-    unless both are positive.
+    Attributes:
+        k: N/m^p.
+        power: the exponent p, fixed (not a leaf: its derivative does not exist at rest).
+
+    Raises:
+        ValueError: unless both are positive.
     """
 
-    k: Scalar
-    power: float = eqx.field(static=True)
-
-    def __init__(self, k: Any, power: float):
-        self.k = _check.scalar(k, "k")
-        self.power = power
-
-    def __check_init__(self):
-        _check.positive(self.k, "k")
-        _check.positive(self.power, "power")
-
-    @property
-    def odd(self) -> bool:
-        return True
+    k: Scalar = eqx.field(converter=Argument(positive))
+    power: float = eqx.field(static=True, converter=Argument(positive, convert=as_given))
+    odd: ClassVar = True
 
     def potential(self, x: Scalar) -> Scalar:
         return self.k * signed_power(x, self.power) * x / (self.power + 1)
@@ -178,64 +167,6 @@ class PowerLawSpring(AbstractSpring):
         return jnp.where(ratio > 0, jnp.where(ratio > 0, ratio, 1.0) ** (1 / (self.power + 1)), 0.0)
 
 
-class PotentialSpring(AbstractSpring):
-    """A spring by its potential: any JAX function of the deflection, symmetric or not.
-
-    ``function``: deflection (m) → energy (J), a scalar function; a plain function, or an ``equinox.Module`` whose
-    parameters are then leaves of the plant. ``odd``: say so if the force is an odd function (it saves a root search).
-    *Raises* ``ValueError`` if the function has a force at deflection 0.
-    """
-
-    function: Callable[[Scalar], Scalar]
-    odd: bool = eqx.field(static=True)
-
-    def __init__(self, function: Callable[[Scalar], Scalar], odd: bool = False):
-        self.function = as_leaf(function)
-        self.odd = odd
-
-    def __check_init__(self):
-        _check_rest(self)
-
-    def potential(self, x: Scalar) -> Scalar:
-        x = _check.as_array(x, "x")
-        return self.function(x) - self.function(jnp.zeros_like(x))
-
-    def force(self, x: Scalar) -> Scalar:
-        return jax.grad(self.function)(_check.as_array(x, "x"))
-
-    def amplitude(self, energy: Scalar) -> Scalar:
-        return _greatest_deflection(self, energy)
-
-
-class ForceSpring(AbstractSpring):
-    """A spring by its force: any JAX function of the deflection, odd or not.
-
-    ``function``: deflection (m) → force (N), as in ``PotentialSpring``. The potential is its integral, by
-    Gauss–Legendre quadrature with 64 points: exact to rounding for smooth forces. *Raises* ``ValueError`` if there is
-    a force at 0.
-    """
-
-    function: Callable[[Scalar], Scalar]
-    odd: bool = eqx.field(static=True)
-
-    def __init__(self, function: Callable[[Scalar], Scalar], odd: bool = False):
-        self.function = as_leaf(function)
-        self.odd = odd
-
-    def __check_init__(self):
-        _check_rest(self)
-
-    def potential(self, x: Scalar) -> Scalar:
-        x = _check.as_array(x, "x")
-        return x * integral(lambda s: self.function(s * x), 0.0, 1.0)
-
-    def force(self, x: Scalar) -> Scalar:
-        return self.function(_check.as_array(x, "x"))
-
-    def amplitude(self, energy: Scalar) -> Scalar:
-        return _greatest_deflection(self, energy)
-
-
 class _Function(eqx.Module):
     """A plain Python function as a pytree without leaves, so that plants that hold one pass through ``jit``."""
 
@@ -245,30 +176,69 @@ class _Function(eqx.Module):
         return self.function(*args)
 
 
-def as_leaf(function: Callable[..., Any]) -> Callable[..., Any]:
-    """A function in a form that a pytree may hold. *Raises* ``ValueError`` if it cannot be called."""
+def as_leaf(function: Callable[..., Any], name: str = "function") -> Callable[..., Any]:
+    """A function in a form that a pytree may hold.
+
+    Raises:
+        ValueError: for what cannot be called.
+    """
     if not callable(function):
-        raise ValueError(f"function must be a callable on JAX arrays, not {function!r}")
+        raise ValueError(f"{name} must be a callable on JAX arrays, not {function!r}")
     return function if isinstance(function, eqx.Module) else _Function(function)  # pyright: ignore
 
 
-def _greatest_deflection(spring: AbstractSpring, energy: Scalar) -> Scalar:
-    """Where the potential first reaches that energy, on the side on which it is farther away."""
-    energy = _check.as_array(energy, "energy")
-    grid = jnp.asarray(np.concatenate([[0.0], np.logspace(-12, 6, 217)]), energy.dtype)
-    sides = []
-    for sign in (1.0, -1.0):
-        reached = jax.vmap(spring.potential)(sign * grid) >= energy
-        index = jnp.maximum(jnp.argmax(reached), 1)
-        root = bracketed_root(lambda a, sign=sign: spring.potential(sign * a) - energy, grid[index - 1], grid[index])
-        sides.append(jnp.where(jnp.any(reached), root, jnp.inf))
-    return jnp.where(energy > 0, jnp.maximum(*sides), 0.0)
+class AbstractFunctionSpring(AbstractSpring):
+    """A spring by a function of the deflection."""
+
+    function: Callable[[Scalar], Scalar] = eqx.field(converter=Argument(convert=as_leaf))
+    odd: bool = eqx.field(default=False, static=True)
+
+    def __check_init__(self):
+        force = self.force(jnp.zeros(()))
+        if _check.is_concrete(force) and not abs(float(force)) < 1e-9:
+            raise ValueError(f"function must give no force at deflection 0, where the spring rests, not {float(force)}")
 
 
-def _check_rest(spring: AbstractSpring) -> None:
-    force = spring.force(jnp.zeros(()))
-    if _check.is_concrete(force) and not abs(float(force)) < 1e-9:
-        raise ValueError(f"function must give no force at deflection 0, where the spring rests, not {float(force)}")
+class PotentialSpring(AbstractFunctionSpring):
+    """A spring by its potential: any JAX function of the deflection, symmetric or not.
+
+    Attributes:
+        function: deflection (m) → energy (J), a scalar function; a plain function, or an ``equinox.Module`` whose
+            parameters are then leaves of the plant.
+        odd: whether the force is an odd function (which saves a root search).
+
+    Raises:
+        ValueError: for a function with a force at deflection 0.
+    """
+
+    def potential(self, x: Scalar) -> Scalar:
+        x = _check.as_array(x, "x")
+        return self.function(x) - self.function(jnp.zeros_like(x))
+
+    def force(self, x: Scalar) -> Scalar:
+        return jax.grad(self.function)(_check.as_array(x, "x"))
+
+
+class ForceSpring(AbstractFunctionSpring):
+    """A spring by its force: any JAX function of the deflection, odd or not.
+
+    The potential is the force's integral, by Gauss–Legendre quadrature with 64 points: exact to rounding for smooth
+    forces.
+
+    Attributes:
+        function: deflection (m) → force (N), as in ``PotentialSpring``.
+        odd: whether the force is an odd function.
+
+    Raises:
+        ValueError: for a function with a force at deflection 0.
+    """
+
+    def potential(self, x: Scalar) -> Scalar:
+        x = _check.as_array(x, "x")
+        return x * integral(lambda s: self.function(s * x), 0.0, 1.0)
+
+    def force(self, x: Scalar) -> Scalar:
+        return self.function(_check.as_array(x, "x"))
 
 
 def signed_power(x: Scalar, power: float) -> Scalar:

@@ -1,6 +1,8 @@
 """Two bodies joined by a spring, of which the second is the payload: what their plants share."""
 
-import equinox as eqx
+from typing import TYPE_CHECKING
+from typing import ClassVar as AbstractVar
+
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
@@ -8,24 +10,24 @@ from jshape._types import Inputs, Scalar, State
 from jshape.plants.base import AbstractPlant
 from jshape.plants.springs import AbstractSpring
 
+if not TYPE_CHECKING:
+    from equinox import AbstractVar
+
 
 class AbstractSprungPair(AbstractPlant):
-    """Bodies at the first two places of the state; the spring feels the second less the first."""
+    """A pair whose positions are the first two entries of the state; the spring acts on the second less the first."""
 
-    spring: eqx.AbstractVar[AbstractSpring]
+    spring: AbstractVar[AbstractSpring]
 
     def payload(self, state: State, position: Scalar) -> Scalar:
         """Where the second body is, m or rad."""
-        del position
         return state[1]
 
     def deflection(self, state: State, position: Scalar) -> Scalar:
         """The spring's stretch, second less first, m or rad."""
-        del position
         return state[1] - state[0]
 
-    def escaped(self, state: State, inputs: Inputs) -> Bool[Array, ""]:
+    def diverged(self, state: State, inputs: Inputs) -> Bool[Array, ""]:
         """Whether the spring pushes away, or the state is not finite."""
-        del inputs
         stretch = state[1] - state[0]
         return ~jnp.all(jnp.isfinite(state)) | (self.spring.force(stretch) * stretch < 0)

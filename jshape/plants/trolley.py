@@ -1,11 +1,12 @@
 """What hangs from a trolley: cranes driven by the trolley's acceleration, its velocity, or a force on it.
 
-Each crane (``pendulum.py``, ``hoisting.py``, ``double_pendulum.py``, ``bridge.py``) says how its angles would
-accelerate if the trolley stood still, and how strongly the trolley's acceleration turns them back; the rest is here.
+Each crane (``pendulum.py``, ``hoisting.py``, ``double_pendulum.py``, ``bridge.py``) gives the angles' accelerations
+while the trolley stands still, and their coupling to the trolley's acceleration; the rest is here.
 """
 
 import abc
-from typing import Any
+from typing import TYPE_CHECKING, Any
+from typing import ClassVar as AbstractVar
 
 import equinox as eqx
 import jax
@@ -13,17 +14,25 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from jshape import _check
+from jshape._check import Argument, Checked, not_negative, positive
 from jshape._types import Inputs, Scalar, State
-from jshape.command import as_command
+from jshape.command import AbstractCommand, as_command
 from jshape.plants.base import AbstractPlant
+
+if not TYPE_CHECKING:
+    from equinox import AbstractVar
+
+CRANE_DRIVES = ("acceleration", "velocity", "force")
 
 
 class TrolleyCheck(eqx.Module):
-    """What a command asks of a trolley beside what the trolley can do.
+    """The peaks of a command beside the limits of a trolley.
 
-    ``speed`` (m/s) and ``acceleration`` (m/s²): the command's peaks, the latter infinite where the speed jumps, both
-    infinite where the position does. The limits are ``None`` where the trolley has none.
+    Attributes:
+        speed: the command's greatest, m/s; infinite where the position jumps.
+        acceleration: the command's greatest, m/s²; infinite where the speed jumps.
+        speed_limit: the trolley's, m/s; ``None`` where it has none.
+        acceleration_limit: the trolley's, m/s²; ``None`` where it has none.
     """
 
     speed: float
@@ -38,7 +47,7 @@ class TrolleyCheck(eqx.Module):
         return all(limit is None or peak <= limit * (1 + 1e-9) for peak, limit in pairs)
 
     @property
-    def result(self) -> str:
+    def message(self) -> str:
         """The same in words."""
         names = (
             ("speed", self.speed, self.speed_limit, "m/s"),
@@ -48,46 +57,56 @@ class TrolleyCheck(eqx.Module):
         return f"{'kept' if self.kept else 'exceeded'}: {', '.join(words) or 'there are no limits'}"
 
 
-class Trolley(eqx.Module):
+class Trolley(Checked):
     """The trolley of a crane.
 
-    ``mass``: kg; ``damping``: viscous, against the track, N s/m: both matter where a force drives the crane.
-    ``speed_limit`` (m/s), ``acceleration_limit`` (m/s²): what the motor can do, ``None`` for no limit. A simulation
-    does what its command says whatever the limits are, nothing saturates; ``check`` tells whether a command keeps them.
+    A simulation follows its command whatever the limits are, nothing saturates; ``check`` compares a command with them.
 
-    *Raises* ``ValueError`` for a mass or a limit that is not positive, or negative damping.
+    Attributes:
+        mass: kg; it matters where a force drives the crane, as does the damping.
+        damping: viscous, against the track, N s/m.
+        speed_limit: of the motor, m/s; ``None`` for no limit.
+        acceleration_limit: of the motor, m/s²; ``None`` for no limit.
+
+    Raises:
+        ValueError: for a mass or a limit that is not positive, or negative damping.
     """
 
-    mass: Scalar
-    damping: Scalar
-    speed_limit: Scalar | None
-    acceleration_limit: Scalar | None
-
-    def __init__(self, mass: Any = 1.0, damping: Any = 0.0, speed_limit: Any = None, acceleration_limit: Any = None):
-        self.mass = _check.scalar(mass, "mass")
-        self.damping = _check.scalar(damping, "damping")
-        self.speed_limit = None if speed_limit is None else _check.scalar(speed_limit, "speed_limit")
-        limit = acceleration_limit
-        self.acceleration_limit = None if limit is None else _check.scalar(limit, "acceleration_limit")
-
-    def __check_init__(self):
-        _check.positive(self.mass, "mass")
-        _check.not_negative(self.damping, "damping")
-        for name in ("speed_limit", "acceleration_limit"):
-            if getattr(self, name) is not None:
-                _check.positive(getattr(self, name), name)
+    mass: Scalar = eqx.field(default=1.0, converter=Argument(positive))
+    damping: Scalar = eqx.field(default=0.0, converter=Argument(not_negative))
+    speed_limit: Scalar | None = eqx.field(default=None, converter=Argument(positive, optional=True))
+    acceleration_limit: Scalar | None = eqx.field(default=None, converter=Argument(positive, optional=True))
 
     def check(self, command: Any) -> TrolleyCheck:
-        """The peaks of a command (the trolley's position, shaped or not) beside the limits; concrete values only."""
+        """The peaks of a command beside the limits.
+
+        Args:
+            command: the trolley's position, m, shaped or not; concrete values only.
+        """
         speed, acceleration = peaks(command)
         limits = (None if x is None else float(x) for x in (self.speed_limit, self.acceleration_limit))
         return TrolleyCheck(speed, acceleration, *limits)
 
 
-def peaks(command: Any) -> tuple[float, float]:
-    """The greatest speed (m/s) and acceleration (m/s²), either way, of a position command; exact for its polynomials.
+def smooth_command(optional: bool = False) -> Argument:
+    """The converter of a field that holds a command without jumps: a motion of the crane's own."""
 
-    Infinite where the position or the speed jumps by more than rounding. Concrete values only.
+    def convert(value: Any, name: str) -> AbstractCommand:
+        if not isinstance(value, AbstractCommand) or value.smoothness < 1:
+            raise ValueError(f"{name} must be a command without jumps, such as Trapezoid, not {value!r}")
+        return value
+
+    return Argument(convert=convert, optional=optional)
+
+
+def peaks(command: Any) -> tuple[float, float]:
+    """The greatest speed and acceleration, either way, of a position command; exact for its polynomials.
+
+    Args:
+        command: a position, m; concrete values only.
+
+    Returns:
+        m/s and m/s²; infinite where the position or the speed jumps by more than rounding.
     """
     command = as_command(command)
     breaks, coefficients = (np.asarray(x, float) for x in command.pieces())
@@ -100,9 +119,9 @@ def peaks(command: Any) -> tuple[float, float]:
         after = np.array([path(0.0), path.deriv()(0.0)])
         jump = np.abs(after - before)
         speed = np.inf if jump[0] > 1e-9 * size else speed
-        # Rounding in a position's coefficients grows by the fastest rate there is, 1 over the shortest piece.
-        slack = 1e-9 * max(np.max(np.abs(coefficients[:, 1:2]), initial=0.0), size / max(breaks[-1], 1e-300))
-        acceleration = np.inf if jump[1] > slack or jump[0] > 1e-9 * size else acceleration
+        # Rounding in a position's coefficients grows by 1 over the shortest piece.
+        tolerance = 1e-9 * max(np.max(np.abs(coefficients[:, 1:2]), initial=0.0), size / max(breaks[-1], 1e-300))
+        acceleration = np.inf if jump[1] > tolerance or jump[0] > 1e-9 * size else acceleration
         speed = max(speed, _peak(path.deriv(1), duration))
         acceleration = max(acceleration, _peak(path.deriv(2), duration))
         before = np.array([path(duration), path.deriv()(duration)])
@@ -116,33 +135,39 @@ def _peak(curve: np.polynomial.Polynomial, duration: float) -> float:
 
 
 class AbstractCrane(AbstractPlant):
-    """A load that hangs from a trolley on a straight track, its shape told by angles.
+    """A load that hangs from a trolley on a straight track, its configuration given by angles.
 
     ``drive`` is chosen at construction:
 
-    - ``"acceleration"`` of the trolley, the command being its position. State: the angles (rad), their rates (rad/s).
-    - ``"velocity"``. State: the angles, then the rates that they would have if the trolley stopped dead, which are
+    - ``"acceleration"`` of the trolley, the command being its position. State: the angles (rad), their velocities
+      (rad/s).
+    - ``"velocity"``. State: the angles, then the velocities that they would have if the trolley stopped dead, which are
       momenta over inertias: they do not jump where the speed does, so an on-off motor needs no impulses.
     - ``"force"`` on the trolley, N. State: the trolley's position (m), the angles, the trolley's speed (m/s), the
-      rates. Nothing holds the trolley, so rest is to stand still anywhere on the track, and the energy above it is
-      all kinetic energy, the trolley's included, and the load's height. Under a constant force there is no rest, as
-      the whole crane accelerates; the energy is then counted as if there were no force.
+      angles' velocities. Nothing holds the trolley, so rest is to stand still anywhere on the track, and the energy
+      above it is all kinetic energy, the trolley's included, and the load's height. Under a constant force there is no
+      rest, as the whole crane accelerates; the energy is then counted as if there were no force.
 
     A trolley's displacement to the right (+) makes the load lag: the angles turn negative. Lengths that change in
     time stand at the end of the state.
     """
 
-    gravity: eqx.AbstractVar[Scalar]
-    trolley: eqx.AbstractVar[Trolley]
-    angles: eqx.AbstractClassVar[int]
+    gravity: AbstractVar[Scalar]
+    trolley: AbstractVar[Trolley]
+    angles: AbstractVar[int]
 
     @abc.abstractmethod
     def free(self, place: Array, rates: Array) -> Array:
-        """How the angles accelerate, rad/s², while the trolley stands still. ``place``: angles, then lengths."""
+        """Angular accelerations while the trolley stands still, rad/s².
+
+        Args:
+            place: angles (rad), then lengths (m).
+            rates: angular velocities (rad/s), then speeds of the lengths (m/s).
+        """
 
     @abc.abstractmethod
     def coupling(self, place: Array) -> Array:
-        """How much a trolley's acceleration of 1 m/s² turns the angles back, rad/s²."""
+        """Angular acceleration, turned back, for each m/s² of the trolley's acceleration, rad/m."""
 
     @abc.abstractmethod
     def moment(self, place: Array) -> Scalar:
@@ -164,22 +189,20 @@ class AbstractCrane(AbstractPlant):
     def offset(self, place: Array) -> Scalar:
         """How far the payload is ahead of the trolley, m."""
 
-    @abc.abstractmethod
     def beyond(self, place: Array, rates: Array, acceleration: Scalar) -> Bool[Array, ""]:
-        """Whether the load has left the region from which it swings back."""
+        """Whether the load cannot return to rest: past the horizontal, unless a crane defines it otherwise."""
+        return jnp.any(jnp.abs(place[: self.angles]) >= jnp.pi / 2)
 
     def lengths(self) -> Float[Array, " lengths"]:
         """The lengths that change in time, at the beginning, m: none unless a crane has some."""
         return jnp.zeros(0, self.gravity.dtype)
 
     def length_rates(self, t: Scalar) -> tuple[Array, Array]:
-        """First and second derivative of those lengths, m/s and m/s²."""
-        del t
+        """First and second derivative of those lengths at time t (s), m/s and m/s²."""
         return jnp.zeros(0, self.gravity.dtype), jnp.zeros(0, self.gravity.dtype)
 
     def swept(self, t: Scalar, place: Array) -> Array:
-        """What a motion of the trolley across its track, not given by the inputs, adds to the rates, rad/s: nothing."""
-        del t
+        """What a motion of the trolley across its track adds to the angles' velocities, rad/s: 0 without one."""
         return jnp.zeros_like(place[: self.angles])
 
     def vector_field(self, t: Scalar, state: State, inputs: Inputs) -> State:
@@ -215,8 +238,7 @@ class AbstractCrane(AbstractPlant):
         return jnp.concatenate([speed[None], velocity, acceleration[None], free - acceleration * coupling, rate])
 
     def relative(self, state: State, inputs: Inputs) -> tuple[Array, Array, Scalar]:
-        """Angles and lengths, the angles' true rates (rad/s) and the trolley's acceleration (m/s², 0 where it is not
-        given)."""
+        """Angles and lengths, the angles' true velocities (rad/s), the trolley's acceleration (m/s²; 0 without it)."""
         n = self.angles
         if self.drive == "force":
             place = jnp.concatenate([state[1 : 1 + n], state[2 + 2 * n :]])
@@ -257,17 +279,7 @@ class AbstractCrane(AbstractPlant):
 
     def deflection(self, state: State, position: Scalar) -> Scalar:
         """How far the payload is ahead of the trolley, m."""
-        del position
         return self.offset(self.relative(state, self.zero_inputs())[0])
 
-    def escaped(self, state: State, inputs: Inputs) -> Bool[Array, ""]:
+    def diverged(self, state: State, inputs: Inputs) -> Bool[Array, ""]:
         return ~jnp.all(jnp.isfinite(state)) | self.beyond(*self.relative(state, inputs))
-
-
-def check_trolley(trolley: Trolley | None) -> Trolley:
-    """A trolley as it is, the default one for ``None``. *Raises* ``ValueError`` for anything else."""
-    if trolley is None:
-        return Trolley()
-    if not isinstance(trolley, Trolley):
-        raise ValueError(f"trolley must be a Trolley, not {trolley!r}")
-    return trolley

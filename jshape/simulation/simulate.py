@@ -339,6 +339,6 @@ def _response(plant, times, states, segments: Segments, at, error) -> Response:
         payload=jax.vmap(plant.payload)(states, command),
         deflection=jax.vmap(plant.deflection)(states, command),
         energy=jax.vmap(plant.residual_energy)(states, inputs),
-        diverged=plant.escaped(states[-1], end) | ~jnp.all(jnp.isfinite(states)),
+        diverged=plant.diverged(states[-1], end) | ~jnp.all(jnp.isfinite(states)),
         error=error,
     )

@@ -62,7 +62,7 @@ def track(plant, plan: Schedule, state, periods: float, name: str, steps: int, p
         return jax.jvp(quantity, (y, position), (rate, velocity))
 
     value, slope = jax.vmap(jax.vmap(at, in_axes=(None, 0, 0)))(segments, states, local)
-    lost = plant.escaped(states[-1, -1], plan.final_inputs(plant)) | ~jnp.all(jnp.isfinite(value))
+    lost = plant.diverged(states[-1, -1], plan.final_inputs(plant)) | ~jnp.all(jnp.isfinite(value))
     return Track(segments.begin[:, None] + local, value, slope, segments.duration / steps, lost)
 
 

@@ -7,7 +7,6 @@ grid::
     over = {"m2": jnp.linspace(0.8, 1.2, 41), "spring.k1": [0.9, 1.0, 1.1]}     # 123 plants
 """
 
-import dataclasses
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -103,16 +102,6 @@ def _check_construction(plant: AbstractPlant, name: str, values: Array) -> None:
         return
     for value in map(_check.on_device, (np.min(np.asarray(values)), np.max(np.asarray(values)))):
         try:
-            _recheck(with_leaves(plant, {name: value}))
+            _check.recheck(with_leaves(plant, {name: value}))
         except ValueError as error:
             raise ValueError(f"over[{name!r}]: {error}") from None
-
-
-def _recheck(module: eqx.Module) -> None:
-    check = getattr(module, "__check_init__", None)
-    if check is not None:
-        check()
-    for field in dataclasses.fields(module):
-        part = getattr(module, field.name)
-        if isinstance(part, eqx.Module):
-            _recheck(part)

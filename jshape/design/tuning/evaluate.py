@@ -33,7 +33,7 @@ def energy(task: Task, plant: AbstractPlant, point: Point) -> Array:
     plan = schedule(plant, task.command, shaper)
     end, _ = final_state(plant, plan, initial(plant, task.state), task.steps)
     value = plant.residual_energy(end, plan.final_inputs(plant))
-    lost = plant.escaped(end, plan.final_inputs(plant)) | ~jnp.isfinite(value)
+    lost = plant.diverged(end, plan.final_inputs(plant)) | ~jnp.isfinite(value)
     return jnp.where(lost, LOST, value)
 
 
