@@ -6,6 +6,7 @@ action 0 leaves as it is.
 """
 
 import abc
+from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -13,14 +14,15 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jshape import Shaper, _check
+from jshape import Shaper
+from jshape._check import Argument, Checked, as_array, count, damping_ratio, positive
 from jshape._types import Impulses, Scalar
 
 LOGIT = 3.0
 """By how much an amplitude's logarithm moves as an entry of the action goes from 0 to 1."""
 
 
-class AbstractAction(eqx.Module):
+class AbstractAction(Checked):
     """A way to write a shaper as a point of [−1, 1]^size."""
 
     @property
@@ -31,6 +33,11 @@ class AbstractAction(eqx.Module):
     @abc.abstractmethod
     def shaper(self, action: Float[Array, " size"]) -> Shaper:
         """The shaper that an action stands for; entries beyond [−1, 1] count as ±1."""
+
+
+def _modes(value: Any, name: str) -> Array:
+    """One value a mode."""
+    return jnp.atleast_1d(as_array(value, name))
 
 
 class ModalAction(AbstractAction):
@@ -49,21 +56,13 @@ class ModalAction(AbstractAction):
         ValueError: for frequencies that are not positive or do not fit, or a damping ratio outside [0, 1).
     """
 
-    slowest: Float[Array, " modes"]
-    fastest: Float[Array, " modes"]
-    damping: Scalar
-
-    def __init__(self, slowest: Any, fastest: Any, damping: Any = 0.1):
-        self.slowest = jnp.atleast_1d(_check.as_array(slowest, "slowest"))
-        self.fastest = jnp.atleast_1d(_check.as_array(fastest, "fastest"))
-        self.damping = _check.scalar(damping, "damping")
+    slowest: Float[Array, " modes"] = eqx.field(converter=Argument(positive, convert=_modes))
+    fastest: Float[Array, " modes"] = eqx.field(converter=Argument(positive, convert=_modes))
+    damping: Scalar = eqx.field(default=0.1, converter=Argument(damping_ratio))
 
     def __check_init__(self):
         if self.slowest.shape != self.fastest.shape:
             raise ValueError(f"fastest must have one entry a mode, {len(self.slowest)}, not {len(self.fastest)}")
-        _check.positive(self.slowest, "slowest")
-        _check.positive(self.fastest, "fastest")
-        _check.damping_ratio(self.damping, "damping")
 
     @property
     def size(self) -> int:
@@ -96,15 +95,8 @@ class ImpulseAction(AbstractAction):
         ValueError: for fewer than two impulses or a gap that is not positive.
     """
 
-    longest: Scalar
-    impulses: int = eqx.field(static=True)
-
-    def __init__(self, longest: Any, impulses: int = 3):
-        self.longest = _check.scalar(longest, "longest")
-        self.impulses = _check.count(impulses, "impulses", least=2)
-
-    def __check_init__(self):
-        _check.positive(self.longest, "longest")
+    longest: Scalar = eqx.field(converter=Argument(positive))
+    impulses: int = eqx.field(default=3, static=True, converter=Argument(convert=partial(count, least=2)))
 
     @property
     def size(self) -> int:

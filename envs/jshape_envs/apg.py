@@ -33,7 +33,7 @@ from jshape._files import whole
 from jshape._types import Progress
 from jshape.status import Result, Status
 from jshape_envs.core import EnvState, Params, reset
-from jshape_envs.policy import GRUPolicy, advance_policy, sizes_of
+from jshape_envs.policy import GRUPolicy, advance_policy, named_arrays, sizes_of, with_arrays
 
 FALL = 0.02
 """The last learning rate over the first."""
@@ -252,9 +252,8 @@ def _digest(params: Params, recipe: Recipe) -> str:
 
 def _save(path: Path, training: Training, records: list[np.ndarray], digest: str) -> None:
     """Write a checkpoint."""
-    leaves = jax.tree.leaves(eqx.filter(training, eqx.is_array))
-    arrays: dict[str, Any] = {f"leaf_{i:03d}": np.asarray(leaf) for i, leaf in enumerate(leaves)}
     with whole(path) as file:
+        arrays: dict[str, Any] = named_arrays(training)
         np.savez(file, allow_pickle=False, digest=digest, records=np.reshape(records, (-1, 3)), **arrays)
 
 
@@ -273,7 +272,4 @@ def _load(path: Path, like: Training, digest: str) -> tuple[Training, list[np.nd
         raise ValueError(
             f"checkpoint: {path} is of another training (its environment or recipe differ); name another file"
         )
-    dynamic, static = eqx.partition(like, eqx.is_array)
-    structure = jax.tree.structure(dynamic)
-    leaves = [jnp.asarray(found[f"leaf_{i:03d}"]) for i in range(structure.num_leaves)]
-    return eqx.combine(jax.tree.unflatten(structure, leaves), static), list(found["records"])
+    return with_arrays(like, found), list(found["records"])

@@ -8,7 +8,6 @@ Any jshape plant becomes one: name the leaf that is the payload, and say what a 
 
 import abc
 from collections.abc import Callable
-from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -16,6 +15,7 @@ from jaxtyping import Array, Float, Int
 
 import jshape as js
 from jshape import _check
+from jshape._check import Argument, Checked, not_negative, positive
 from jshape._types import Scalar, State
 from jshape.command import AbstractCommand, PiecewisePolynomial
 from jshape.plants import AbstractPlant, HoistingCrane
@@ -34,7 +34,7 @@ class StepProfile(eqx.Module):
         return js.Step(distance)
 
 
-class RampProfile(eqx.Module):
+class RampProfile(Checked):
     """A move at constant speed: the trolley's motor is on or off.
 
     Attributes:
@@ -44,13 +44,7 @@ class RampProfile(eqx.Module):
         ValueError: for a speed that is not positive.
     """
 
-    speed: Scalar
-
-    def __init__(self, speed: Any):
-        self.speed = _check.scalar(speed, "speed")
-
-    def __check_init__(self):
-        _check.positive(self.speed, "speed")
+    speed: Scalar = eqx.field(converter=Argument(positive))
 
     def __call__(self, distance: Scalar) -> AbstractCommand:
         duration = jnp.abs(distance) / self.speed
@@ -59,7 +53,7 @@ class RampProfile(eqx.Module):
         return PiecewisePolynomial(jnp.stack([zero, duration]), jnp.stack(rows), smoothness=1)
 
 
-class TrapezoidProfile(eqx.Module):
+class TrapezoidProfile(Checked):
     """A move with a trapezoid of speed.
 
     Attributes:
@@ -70,22 +64,14 @@ class TrapezoidProfile(eqx.Module):
         ValueError: for a speed or acceleration that is not positive.
     """
 
-    speed: Scalar
-    acceleration: Scalar
-
-    def __init__(self, speed: Any, acceleration: Any):
-        self.speed = _check.scalar(speed, "speed")
-        self.acceleration = _check.scalar(acceleration, "acceleration")
-
-    def __check_init__(self):
-        _check.positive(self.speed, "speed")
-        _check.positive(self.acceleration, "acceleration")
+    speed: Scalar = eqx.field(converter=Argument(positive))
+    acceleration: Scalar = eqx.field(converter=Argument(positive))
 
     def __call__(self, distance: Scalar) -> AbstractCommand:
         return js.Trapezoid(distance, self.speed, self.acceleration)
 
 
-class AbstractMachine(eqx.Module):
+class AbstractMachine(Checked):
     """A machine that makes point-to-point moves. ``moves``, in every method: how many it has made before."""
 
     @abc.abstractmethod
@@ -174,27 +160,14 @@ class HoistingMachine(AbstractMachine):
         ValueError: for values that are not positive, or a low hook that does not hang below the high one.
     """
 
-    low: Scalar
-    high: Scalar
+    low: Scalar = eqx.field(converter=Argument(positive))
+    high: Scalar = eqx.field(converter=Argument(positive))
     profile: TrapezoidProfile
-    hoist_speed: Scalar
-    hoist_acceleration: Scalar
-    damping: Scalar
-
-    def __init__(
-        self, low: Any, high: Any, profile: TrapezoidProfile, hoist_speed: Any, hoist_acceleration: Any, damping: Any
-    ):
-        self.low = _check.scalar(low, "low")
-        self.high = _check.scalar(high, "high")
-        self.profile = profile
-        self.hoist_speed = _check.scalar(hoist_speed, "hoist_speed")
-        self.hoist_acceleration = _check.scalar(hoist_acceleration, "hoist_acceleration")
-        self.damping = _check.scalar(damping, "damping")
+    hoist_speed: Scalar = eqx.field(converter=Argument(positive))
+    hoist_acceleration: Scalar = eqx.field(converter=Argument(positive))
+    damping: Scalar = eqx.field(converter=Argument(not_negative))
 
     def __check_init__(self):
-        for name in ("low", "high", "hoist_speed", "hoist_acceleration"):
-            _check.positive(getattr(self, name), name)
-        _check.not_negative(self.damping, "damping")
         if _check.is_concrete(self.low, self.high) and not float(self.low) > float(self.high):
             raise ValueError(f"low must be deeper than high, {_check.show(self.high)} m, not {_check.show(self.low)} m")
 

@@ -194,12 +194,17 @@ def _steps(
     return np.max(found, axis=0).tolist()
 
 
+def table_file(environment: str, preset: str) -> Path:
+    """Where the oracle's table of a preset stands."""
+    return TABLES / f"{environment}_{preset}.npz"
+
+
 def _shipped(environment: Any, preset: str, chosen: Preset, energy_weight: float, time_weight: float) -> Any:
     """The table that comes with the package, if it is for this very preset's payloads, moves and weights."""
     if not isinstance(environment, str) or (energy_weight, time_weight) != (ENERGY_WEIGHT, TIME_WEIGHT):
         return None
     own = ENVIRONMENTS[environment].presets[preset]
-    path = TABLES / f"{environment}_{preset}.npz"
+    path = table_file(environment, preset)
     if (own.payload, own.distance) != (tuple(chosen.payload), tuple(chosen.distance)) or not path.exists():
         return None
     with np.load(path) as stored:

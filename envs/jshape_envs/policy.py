@@ -193,10 +193,8 @@ def save_policy(policy: GRUPolicy, path: str | Path, about: dict[str, Any]) -> N
     path.parent.mkdir(parents=True, exist_ok=True)
     made = dict(hidden=policy.cell.hidden_size, width=policy.head.width_size, gain=policy.gain)
     header = json.dumps(dict(format=FORMAT, version=1, sizes=policy.sizes._asdict(), made=made, about=about))
-    leaves = jax.tree_util.tree_leaves_with_path(eqx.filter(policy, eqx.is_array))
-    named = {jax.tree_util.keystr(at): np.asarray(x) for at, x in leaves}
     with whole(path) as file:
-        np.savez_compressed(file, allow_pickle=False, header=np.asarray(header), **named)
+        np.savez_compressed(file, allow_pickle=False, header=np.asarray(header), **named_arrays(policy))
 
 
 def load_policy(name: str | Path, preset: str = "paper", context: str = "hidden") -> GRUPolicy:
@@ -223,7 +221,7 @@ def load_policy(name: str | Path, preset: str = "paper", context: str = "hidden"
         if header["format"] != FORMAT:
             raise KeyError("format")
         blank = eqx.filter_eval_shape(GRUPolicy, Sizes(**header["sizes"]), jax.random.key(0), **header["made"])
-        return jax.tree_util.tree_map_with_path(lambda at, x: _weight(found, at, x), blank)
+        return with_arrays(blank, found)
     except (OSError, KeyError, TypeError, ValueError) as error:
         raise ValueError(f"name: {path} holds no policy ({error})") from None
 
@@ -239,11 +237,26 @@ def shipped_policy(environment: str, preset: str = "paper", context: str = "hidd
     return path if path.exists() else None
 
 
-def _weight(found: dict[str, np.ndarray], at: Any, blank: Any) -> Any:
-    """The weight at a place in the policy; what is no array stays as it is."""
-    if not isinstance(blank, jax.ShapeDtypeStruct):
-        return blank
-    weight = found[jax.tree_util.keystr(at)]
-    if weight.shape != blank.shape:
-        raise ValueError(f"{jax.tree_util.keystr(at)} has shape {weight.shape}, not {blank.shape}")
-    return jnp.asarray(weight)
+def named_arrays(tree: Any) -> dict[str, np.ndarray]:
+    """The arrays of a pytree by their paths, for a file."""
+    leaves = jax.tree_util.tree_leaves_with_path(eqx.filter(tree, eqx.is_array))
+    return {jax.tree_util.keystr(path): np.asarray(leaf) for path, leaf in leaves}
+
+
+def with_arrays(blank: Any, named: dict[str, np.ndarray]) -> Any:
+    """The pytree with arrays from a file in the place of its own, or of their shapes; the rest stays.
+
+    Raises:
+        KeyError: where one is missing.
+        ValueError: where one has another shape.
+    """
+
+    def leaf(path: Any, own: Any) -> Any:
+        if not eqx.is_array(own) and not isinstance(own, jax.ShapeDtypeStruct):
+            return own
+        name = jax.tree_util.keystr(path)
+        if named[name].shape != own.shape:
+            raise ValueError(f"{name} has shape {named[name].shape}, not {own.shape}")
+        return jnp.asarray(named[name])
+
+    return jax.tree_util.tree_map_with_path(leaf, blank)

@@ -1,6 +1,6 @@
 """The sensor that observes the vibration after a move: samples of the deflection, or features of them."""
 
-from typing import Any
+from functools import partial
 
 import equinox as eqx
 import jax
@@ -8,12 +8,13 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jshape import _check
+from jshape._check import Argument, Checked, count, not_negative, positive
 from jshape._types import Scalar
 
 OBSERVATIONS = ("samples", "features")
 
 
-class Sensor(eqx.Module):
+class Sensor(Checked):
     """Samples of the deflection from rest, evenly over a window after the last impulse, the last at the window's end.
 
     Rounding has no slope: in derivatives it counts as the identity.
@@ -32,34 +33,14 @@ class Sensor(eqx.Module):
             or an unknown kind.
     """
 
-    reach: Scalar
-    noise: Scalar
-    resolution: Scalar
-    window: Scalar
-    samples: int = eqx.field(static=True)
-    kind: str = eqx.field(static=True)
-
-    def __init__(
-        self,
-        reach: Any,
-        noise: Any = 0.0,
-        resolution: Any = 0.0,
-        window: Any = 1.0,
-        samples: int = 16,
-        kind: str = "samples",
-    ):
-        self.reach = _check.scalar(reach, "reach")
-        self.noise = _check.scalar(noise, "noise")
-        self.resolution = _check.scalar(resolution, "resolution")
-        self.window = _check.scalar(window, "window")
-        self.samples = _check.count(samples, "samples", least=4)
-        self.kind = kind
+    reach: Scalar = eqx.field(converter=Argument(positive))
+    noise: Scalar = eqx.field(default=0.0, converter=Argument(not_negative))
+    resolution: Scalar = eqx.field(default=0.0, converter=Argument(not_negative))
+    window: Scalar = eqx.field(default=1.0, converter=Argument(positive))
+    samples: int = eqx.field(default=16, static=True, converter=Argument(convert=partial(count, least=4)))
+    kind: str = eqx.field(default="samples", static=True)
 
     def __check_init__(self):
-        _check.positive(self.reach, "reach")
-        _check.not_negative(self.noise, "noise")
-        _check.not_negative(self.resolution, "resolution")
-        _check.positive(self.window, "window")
         _check.one_of(self.kind, "observation", OBSERVATIONS)
 
     @property

@@ -23,6 +23,7 @@ from jshape_envs.policy import shipped_policy  # noqa: E402
 
 from experiments.learning.record import keep, read  # noqa: E402
 from experiments.markdown import table  # noqa: E402
+from jshape.cli.evaluate import COLUMNS  # noqa: E402
 
 HERE = Path(__file__).parent
 RECORD = HERE / "leaderboard.json"
@@ -66,19 +67,12 @@ def judge(name: str, preset: str, again: list[str]) -> None:
         )
 
 
-COLUMNS = {
-    "residual": ("residual (%)", 100),
-    "move_time": ("move time (s)", 1),
-    "recovery": ("moves until recovered", 1),
-    "recovered": ("within two (%)", 100),
-    "regret": ("regret (1000 ×)", 1000),
-}
-"""Scores that are shown, with what they are multiplied by."""
-
-
 def report(record: dict[str, Any]) -> str:
     """The whole page: a table for each environment and preset, the least regret at the top."""
-    parts, head = [HEAD.format(episodes=EPISODES, seeds=SEEDS)], ["policy", *(title for title, _ in COLUMNS.values())]
+    parts, head = (
+        [HEAD.format(episodes=EPISODES, seeds=SEEDS)],
+        ["policy", *(title.replace("\n", " ") for title, _ in COLUMNS.values())],
+    )
     for where, rows in record.items():
         ordered = sorted(rows.items(), key=lambda item: item[1]["regret"][0])
         scores = [[cell(row[name], factor) for name, (_, factor) in COLUMNS.items()] for _, row in ordered]
