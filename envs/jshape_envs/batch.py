@@ -151,5 +151,5 @@ def _reset(base: Array, episode: Array, params: Params) -> tuple[EnvState, Array
 
 
 def _where(mask: Array, new: Any, old: Any) -> Any:
-    """The new lanes where the mask is true, the old ones elsewhere."""
+    """The new lanes where the mask is true, the old ones where it is false."""
     return jax.tree.map(lambda x, y: jnp.where(jnp.reshape(mask, (-1,) + (1,) * (x.ndim - 1)), x, y), new, old)

@@ -62,8 +62,8 @@ def design_table(
     """
     payloads, sizes = (jnp.linspace(ends[0], ends[1], n) for ends, n in zip((payload, distance), grid, strict=True))
     signs, moves = (jnp.asarray(part) for part in zip(*map(machine.example, range(CASES)), strict=True))
-    found = _design_all(machine, payloads, sizes, signs.astype(sizes.dtype), moves, weights, period, steps)
-    amplitudes, times, reference, cost = found
+    cases = signs.astype(sizes.dtype), moves
+    amplitudes, times, reference, cost = _design_all(machine, payloads, sizes, cases, weights, period, steps)
     if not bool(jnp.all(jnp.isfinite(cost))):
         raise ValueError(
             f"distance: no shaper brings the payload to {_check.show(distance)} m: the plant diverges on the way with "
@@ -72,32 +72,33 @@ def design_table(
     return ShaperTable(payload, distance, amplitudes, times, reference, cost)
 
 
-def _design(
-    machine: AbstractMachine,
-    payload: Scalar,
-    size: Scalar,
-    sign: Scalar,
-    moves: Array,
-    weights: Any,
-    period: Scalar,
+@eqx.filter_jit
+def _design_all(
+    machine: AbstractMachine, payloads: Array, sizes: Array, cases: tuple[Array, Array], weights: Any, period: Scalar,
     steps: Steps,
-) -> tuple[Array, Array, Scalar, Scalar]:
-    """Amplitudes and times of the shaper for one payload, size and kind of move; the move's reference and cost."""
-    plant, command = machine.plant(payload, moves), machine.command(sign * size)
-    state = plant.rest_state(plant.zero_inputs())
-    reference = greatest_energy(plant, command, steps)
+) -> tuple[Array, Array, Array, Array]:  # fmt: skip
+    """Amplitudes and times of the shapers, references and costs of the moves, over payloads × sizes × cases."""
 
-    def cost(trial: Shaper, strictness: float) -> Scalar:
-        _, energy = run_move(plant, plan_move(plant, command, trial, jnp.zeros_like(size)), state, steps)
-        return strictness * weights[0] * energy / reference + weights[1] * trial.duration / period
+    def design(payload: Scalar, size: Scalar, case: tuple[Scalar, Array]) -> tuple[Array, Array, Scalar, Scalar]:
+        sign, moves = case
+        plant, command = machine.plant(payload, moves), machine.command(sign * size)
+        state = plant.rest_state(plant.zero_inputs())
+        reference = greatest_energy(plant, command, steps)
 
-    def search(scale: Scalar) -> tuple[Array, Scalar]:
-        parts = [zv(omega / scale) for omega in jnp.atleast_1d(plant.natural_frequency())]
-        return cheapest(lambda trial: cost(trial, STRICTNESS), functools.reduce(Shaper.convolve, parts), 80)
+        def cost(trial: Shaper, strictness: float) -> Scalar:
+            _, energy = run_move(plant, plan_move(plant, command, trial, jnp.zeros_like(size)), state, steps)
+            return strictness * weights[0] * energy / reference + weights[1] * trial.duration / period
 
-    points, costs = jax.vmap(search)(jnp.asarray(_SCALES, size.dtype))
-    chosen = _tidied(_shaper(points[jnp.nanargmin(costs)]))
-    return chosen.amplitudes, chosen.times, reference / size**2, cost(chosen, 1.0)
+        def search(scale: Scalar) -> tuple[Array, Scalar]:
+            parts = [zv(omega / scale) for omega in jnp.atleast_1d(plant.natural_frequency())]
+            return cheapest(lambda trial: cost(trial, STRICTNESS), functools.reduce(Shaper.convolve, parts), 80)
+
+        points, costs = jax.vmap(search)(jnp.asarray(_SCALES, size.dtype))
+        chosen = _tidied(_shaper(points[jnp.nanargmin(costs)]))
+        return chosen.amplitudes, chosen.times, reference / size**2, cost(chosen, 1.0)
+
+    over_cases = jax.vmap(design, in_axes=(None, None, 0))
+    return jax.vmap(jax.vmap(over_cases, in_axes=(None, 0, None)), in_axes=(0, None, None))(payloads, sizes, cases)
 
 
 def cheapest(cost: Callable[[Shaper], Scalar], begin: Shaper, most: int) -> tuple[Float[Array, " point"], Scalar]:
@@ -141,8 +142,3 @@ def _tidied(shaper: Shaper) -> Shaper:
     amplitudes, times = shaper.amplitudes, shaper.times
     idle = (amplitudes < IDLE).at[jnp.array([0, -1])].set(False)
     return Shaper(amplitudes, jnp.where(idle, jnp.roll(times, 1), times))
-
-
-_over_cases = jax.vmap(_design, in_axes=(None, None, None, 0, 0, None, None, None))
-_over_sizes = jax.vmap(_over_cases, in_axes=(None, None, 0, None, None, None, None, None))
-_design_all: Any = eqx.filter_jit(jax.vmap(_over_sizes, in_axes=(None, 0, None, None, None, None, None, None)))

@@ -99,8 +99,13 @@ def evaluate(
             raise ValueError(f"policy must be one, or one for each of {seeds} seeds, not {len(policy)}")
         found = [_rollouts(keys[i], one, params, moves) for i, one in enumerate(policy)]
         rewards, info = jax.tree.map(lambda *x: jnp.concatenate(x), *found)
-    split = lambda x: np.asarray(x, float).reshape(seeds, episodes, moves)
-    mean = lambda x: split(x).mean(axis=(1, 2))
+
+    def split(x: Array) -> np.ndarray:
+        return np.asarray(x, float).reshape(seeds, episodes, moves)
+
+    def mean(x: Array) -> np.ndarray:
+        return split(x).mean(axis=(1, 2))
+
     age = split(info.evaluation.since_change).astype(int)
     changed, residual = split(info.evaluation.changed).astype(bool), split(info.residual)
     waits = [recovery_times(*rows) for rows in zip(residual, age, changed, strict=True)]

@@ -162,7 +162,9 @@ def _integrate(
         parts = tuple(after[i] for i in range(len(carry)))
         return parts, parts
 
-    repeat = lambda x: jnp.repeat(x, steps, axis=0)
+    def repeat(x: Array) -> Array:
+        return jnp.repeat(x, steps, axis=0)
+
     index = jnp.tile(jnp.arange(steps, dtype=state.dtype), len(segments.duration))
     items = (repeat(segments.duration / steps), index, jax.tree.map(repeat, segments))
     end, along = jax.lax.scan(advance, tuple(state[i] for i in range(len(state))), items)

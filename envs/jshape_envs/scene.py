@@ -20,7 +20,7 @@ class Scene(abc.ABC):
     short = "m"
 
     def __init__(self, axes: Axes, params: Params):
-        self.axes, self.params = axes, params
+        self.axes, self.params, self.travel = axes, params, float(params.track)
         axes.set_axis_off()
         (self.path,) = axes.plot([], [], color=COLOURS[5], linewidth=1.0, alpha=0.8, zorder=1)
         self.prepare()
@@ -44,10 +44,6 @@ class Scene(abc.ABC):
         self.put(self.machine[index], self.load[index])
         self.path.set_data(*self.load[: index + 1].T)
 
-    def reach(self) -> float:
-        """Half the width of the track."""
-        return float(self.params.track)
-
     def add(self, patch: Any) -> Any:
         return self.axes.add_patch(patch)
 
@@ -56,7 +52,7 @@ class Blocks(Scene):
     """A base that follows the command and a payload on a spring, both on a floor; for any plant."""
 
     def prepare(self) -> None:
-        wide = self.reach()
+        wide = self.travel
         self.size = 0.09 * wide
         self.axes.set_xlim(-1.15 * wide, 1.35 * wide)
         self.axes.set_ylim(-0.3 * wide, 0.8 * wide)
@@ -82,7 +78,7 @@ class Blocks(Scene):
     def draw(self, index: int) -> None:
         super().draw(index)
         # On a line the path would be a line: it is shown above the payload, rising with time.
-        rise = np.linspace(0.0, 0.5 * self.reach(), len(self.load))[: index + 1]
+        rise = np.linspace(0.0, 0.5 * self.travel, len(self.load))[: index + 1]
         self.path.set_data(self.load[: index + 1, 0] + self.size, 2.3 * self.size + rise)
 
 
@@ -90,7 +86,7 @@ class CraneScene(Scene):
     """A trolley on its track and what hangs from it."""
 
     def prepare(self) -> None:
-        wide, plant = self.reach(), self.params.machine.plant(self.params.payload[1], jnp.zeros((), jnp.int32))
+        wide, plant = self.travel, self.params.machine.plant(self.params.payload[1], jnp.zeros((), jnp.int32))
         self.rod = float(plant.bob_position) if isinstance(plant, BobRodPendulum) else 0.0
         deep = self.rod or 1.2 * float(self.params.payload[1] + getattr(self.params.machine, "low", 0.0))
         self.size = 0.05 * max(wide, 2 * deep)

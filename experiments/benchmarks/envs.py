@@ -156,7 +156,11 @@ def error(params: Params) -> float:
         actions = np.random.default_rng(0).uniform(-1, 1, (JUDGED, params.action.size)).astype(np.float32)
         keys = jax.random.split(jax.random.key(0), JUDGED)
         states, _ = jax.vmap(reset, in_axes=(0, None))(keys, params)
-        wide = lambda tree: jax.tree.map(lambda x: x.astype(jnp.float64) if x.dtype == jnp.float32 else x, tree)
+
+        def wide(tree: Any) -> Any:
+            """The pytree in double precision."""
+            return jax.tree.map(lambda x: x.astype(jnp.float64) if x.dtype == jnp.float32 else x, tree)
+
         finer = eqx.tree_at(
             lambda p: p.steps, wide(params), Steps(8 * params.steps.move, 8 * params.steps.window),
             is_leaf=lambda x: isinstance(x, Steps),

@@ -61,29 +61,25 @@ def main() -> None:
 # --- residual energies of many plants ---------------------------------------------------------------------------------
 
 
-def _diffrax_energy(mass, amplitudes, times, tolerance, solver, adjoint):
-    """As diffrax's documentation has it: one adaptive ``diffeqsolve`` between two impulses."""
+def _diffrax_end(field, start, amplitudes, times, parameter, step, tolerance, solver, adjoint):
+    """As diffrax's documentation has it: one adaptive ``diffeqsolve`` between two impulses; the state at the last."""
+    state, level = start, 0.0
+    for i in range(len(amplitudes) - 1):
+        level = level + amplitudes[i]
+        state = diffrax.diffeqsolve(
+            diffrax.ODETerm(field), solver, times[i], times[i + 1], step, state, (parameter, level), adjoint=adjoint,
+            stepsize_controller=diffrax.PIDController(rtol=tolerance, atol=tolerance),
+        ).ys[-1]  # fmt: skip
+    return state
 
+
+def _diffrax_energy(mass, amplitudes, times, tolerance, solver, adjoint):
     def field(t, y, args):
         mass, level = args
         x = y[0] - level
         return jnp.stack([y[1], -(K1 * x + K3 * x**3) / mass])
 
-    state = jnp.zeros(2)
-    level = 0.0
-    for i in range(len(amplitudes) - 1):
-        level = level + amplitudes[i]
-        state = diffrax.diffeqsolve(
-            diffrax.ODETerm(field),
-            solver,
-            times[i],
-            times[i + 1],
-            0.05,
-            state,
-            (mass, level),
-            stepsize_controller=diffrax.PIDController(rtol=tolerance, atol=tolerance),
-            adjoint=adjoint,
-        ).ys[-1]
+    state = _diffrax_end(field, jnp.zeros(2), amplitudes, times, mass, 0.05, tolerance, solver, adjoint)
     x = state[0] - jnp.sum(amplitudes)
     return mass * state[1] ** 2 / 2 + K1 * x**2 / 2 + K3 * x**4 / 4
 
@@ -208,7 +204,7 @@ def gradient_row(states: int, constant: bool) -> dict[str, Any]:
 
 
 def _diffrax_modal(omega, solver, adjoint):
-    """Energy of modes side by side as diffrax's documentation has it, as a function of ratio, amplitudes and times."""
+    """The energy of modes side by side, as a function of ratio, amplitudes and times."""
     modes = len(omega)
 
     def field(t, y, args):
@@ -217,13 +213,7 @@ def _diffrax_modal(omega, solver, adjoint):
         return jnp.concatenate([v, w**2 * (level - q) - 0.02 * w * v])
 
     def modal_energy(r, a, t):
-        y, level = jnp.zeros(2 * modes), 0.0
-        for i in range(2):
-            level = level + a[i]
-            y = diffrax.diffeqsolve(
-                diffrax.ODETerm(field), solver, t[i], t[i + 1], 0.02, y, (omega * r, level), adjoint=adjoint,
-                stepsize_controller=diffrax.PIDController(rtol=1e-8, atol=1e-8),
-            ).ys[-1]  # fmt: skip
+        y = _diffrax_end(field, jnp.zeros(2 * modes), a, t, omega * r, 0.02, 1e-8, solver, adjoint)
         w = omega * r
         return jnp.sum(y[modes:] ** 2 + (w * (y[:modes] - jnp.sum(a))) ** 2) / modes**2 / 2
 

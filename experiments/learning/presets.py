@@ -12,6 +12,7 @@ interrupted, it goes on from there.
 
 import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -59,8 +60,8 @@ def judge(params: Params) -> dict[str, dict[str, Any]]:
     plant = params.machine.plant(jnp.mean(params.payload), jnp.zeros((), jnp.int32))
     mid, ends = jnp.linspace(params.payload[0], params.payload[1], 9), jnp.asarray(SCALES, params.period.dtype)
     zetas = jnp.asarray(DAMPINGS, params.period.dtype)
-    linear = {k: (fixed_linear(k), [(m, s, z) for m in mid[1:8:3] for s in ends for z in zetas]) for k in KINDS}
-    informed = {k: (informed_linear(k), [(s, z) for s in ends for z in zetas]) for k in KINDS}
+    linear = {k: (partial(classical, k), [(m, s, z) for m in mid[1:8:3] for s in ends for z in zetas]) for k in KINDS}
+    informed = {k: (partial(informed_linear, k), [(s, z) for s in ends for z in zetas]) for k in KINDS}
     tables = {"tuned": params.oracle, **(closed_forms(params) if isinstance(plant, AbstractOscillator) else {})}
     energy = {k: (fixed_energy(t), [(m,) for m in mid]) for k, t in tables.items()}
     found = {"unshaped": ("", evaluate(unshaped, (), params, 1))}
@@ -84,7 +85,11 @@ def best(families: dict[str, tuple[Policy, list[Any]]], params: Params):
 
 
 def summary(which: str, costs: np.ndarray, residuals: np.ndarray, times: np.ndarray) -> dict[str, Any]:
-    half = lambda x: float(1.96 * np.std(x.mean(axis=1), ddof=1) / np.sqrt(len(x)))
+
+    def half(x: np.ndarray) -> float:
+        """Half the width of the 95 % interval of a mean over episodes."""
+        return float(1.96 * np.std(x.mean(axis=1), ddof=1) / np.sqrt(len(x)))
+
     return dict(
         which=which, cost=float(costs.mean()), cost_interval=half(costs), residual=float(residuals.mean()),
         residual_interval=half(residuals), duration=float(times.mean()),
@@ -100,7 +105,7 @@ def episodes(policy: Policy, candidate: Any, params: Params, seed: int, count: i
         state, _ = reset(first, params)
 
         def advance(state, key):
-            state, _, reward, _, _, info = move(key, state, policy(state, params, candidate), params)
+            state, _, reward, _, _, info = move(key, state, policy(state, params, *candidate), params)
             return state, (-reward, info.residual, info.duration)
 
         return jax.lax.scan(advance, state, jnp.stack(rest))[1]
@@ -115,23 +120,19 @@ def evaluate(policy: Policy, candidate: Any, params: Params, seed: int) -> tuple
 # --- contenders -------------------------------------------------------------------------------------------------------
 
 
-def unshaped(state, params: Params, candidate) -> js.Shaper:
+def unshaped(state, params: Params) -> js.Shaper:
     return js.Shaper(jnp.ones_like(params.payload[:1]), jnp.zeros_like(params.payload[:1]))
 
 
-def nonlinear(state, params: Params, candidate) -> js.Shaper:
+def nonlinear(state, params: Params) -> js.Shaper:
     return FullOracle().choose((), params.payload, params, state)[0]
 
 
-def fixed_linear(kind: str) -> Policy:
-    return lambda state, params, candidate: _linear(kind, state, params, *candidate)
+def informed_linear(kind: str, state, params: Params, scale, zeta) -> js.Shaper:
+    return classical(kind, state, params, state.payload, scale, zeta)
 
 
-def informed_linear(kind: str) -> Policy:
-    return lambda state, params, candidate: _linear(kind, state, params, state.payload, *candidate)
-
-
-def _linear(kind: str, state, params: Params, payload, scale, zeta) -> js.Shaper:
+def classical(kind: str, state, params: Params, payload, scale, zeta) -> js.Shaper:
     modes = jnp.atleast_1d(params.machine.plant(payload, state.moves).natural_frequency())
     if len(modes) == 1:
         return getattr(js.design.linear, kind)(scale * modes[0], zeta)
@@ -140,9 +141,8 @@ def _linear(kind: str, state, params: Params, payload, scale, zeta) -> js.Shaper
 
 
 def fixed_energy(table: ShaperTable) -> Policy:
-    def policy(state, params: Params, candidate) -> js.Shaper:
+    def policy(state, params: Params, payload) -> js.Shaper:
         case = params.machine.case(state.distance, state.moves)
-        (payload,) = candidate
         return table.shaper(payload, jnp.abs(state.distance), case)
 
     return policy

@@ -5,7 +5,7 @@
     python -m experiments.learning.train DuffingPayload --seeds 1
 
 What is done is kept, in ``learning.json`` and in checkpoints under ``out/learning``; interrupted, it goes on there.
-PPO's side is made by ``experiments.learning.trainers``. Everything is judged on episodes that no training sees.
+PPO's side is made by ``experiments.learning.trainers``. Everything is judged on episodes outside of all training.
 
 Policies that know the payload are trained, as the oracle is searched for, with ``STRICTNESS`` times the
 environment's weight of residual energy, so that they may be held against the oracle by what they leave.

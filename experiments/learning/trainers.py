@@ -47,8 +47,8 @@ class Recipe(NamedTuple):
 
 
 _ON_POLICY = dict(
-    n_steps=32, batch_size=1024, n_epochs=10, gamma=0.9, gae_lambda=0.9, learning_rate=lambda left: 1e-3 * left,
-    policy_kwargs=dict(net_arch=[128, 128], log_std_init=-1.0),
+    n_steps=32, batch_size=1024, n_epochs=10, gamma=0.9, gae_lambda=0.9,
+    learning_rate=lambda remaining: 1e-3 * remaining, policy_kwargs=dict(net_arch=[128, 128], log_std_init=-1.0),
 )  # fmt: skip
 # One gradient step for eight moves: one for each would take hours.
 _OFF_POLICY = dict(

@@ -29,7 +29,7 @@ def main() -> None:
         print("\n".join(frame.lines(paper)))
         frame.illustrate(paper, HERE)
         frame.save(paper, given.out)
-        # At once, so that a run that is stopped has lost nothing.
+        # At once, so that a run that is stopped keeps what it has.
         frame.write([paper], HERE)
         print(f"(paper_{number}: {time.perf_counter() - begin:.0f} s)\n", flush=True)
 

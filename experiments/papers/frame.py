@@ -62,8 +62,16 @@ SURPASSED = ("what", "the paper's", "jshape's", "times better", "design", "under
 class Row:
     """One printed statement.
 
-    ``where``: table, figure or equation. ``agrees``: True, False, or None where no verdict is possible; unless it is
-    True, ``why`` must say why not.
+    Attributes:
+        what: it is about.
+        where: table, figure or equation.
+        printed: as in the paper.
+        computed: by jshape, or by the judge.
+        agrees: None where no verdict is possible.
+        why: a remark, or, unless it agrees, the reason.
+
+    Raises:
+        ValueError: for a row that does not agree and has no reason.
     """
 
     what: str
@@ -83,9 +91,13 @@ class Row:
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure of the paper drawn anew. ``name``: file name without ending, such as ``paper_001_figure_06``.
+    """A figure of the paper drawn anew.
 
-    ``shown``: goes into README.md, as SVG (one a paper).
+    Attributes:
+        name: file name without ending, such as ``paper_001_figure_06``.
+        figure: Matplotlib's.
+        caption: a sentence.
+        shown: goes into README.md, as SVG (one a paper).
     """
 
     name: str
@@ -98,10 +110,18 @@ class Picture:
 class Surpassed:
     """A figure of merit in which jshape's design beats the paper's on the same plant under the same limits.
 
-    ``limits``: what both have to keep to. ``design``: jshape's amplitudes and times in words. ``verified_value``: what
-    the independent simulation described by ``verified_by`` gives; it must come within ``tolerance`` (absolute) of
-    ``expected``, which is ``ours`` unless the simulation judges something else (that a shorter move leaves nothing,
-    say). ``better``: "less" or "more".
+    Attributes:
+        what: the figure of merit.
+        theirs: the paper's, in ``unit``.
+        ours: jshape's.
+        unit: of both.
+        verified_by: the independent simulation, in words.
+        verified_value: its result.
+        tolerance: greatest distance of that from ``expected``, absolute.
+        limits: that both have to keep.
+        design: jshape's amplitudes and times in words.
+        expected: ``ours`` unless the simulation judges something else (that a shorter move leaves nothing, say).
+        better: ``"less"`` or ``"more"``.
     """
 
     what: str
@@ -138,7 +158,17 @@ class Surpassed:
 
 @dataclass(frozen=True)
 class Paper:
-    """Everything about one paper. ``number``: "000" … "004"; ``notes``: sentences that no row can say."""
+    """Everything about one paper.
+
+    Attributes:
+        number: ``"000"`` … ``"004"``.
+        title: of the paper.
+        citation: authors, journal, year.
+        rows: its printed statements.
+        pictures: its figures.
+        surpassed: what jshape does better.
+        notes: sentences that fit no row.
+    """
 
     number: str
     title: str
@@ -152,8 +182,13 @@ class Paper:
 def compare(what: str, where: str, printed: str, computed: Any, why: str = "", digits: int = 10) -> Row:
     """A row that agrees if every number in ``printed`` is the one in ``computed``, rounded to as many decimals.
 
-    ``printed``: as in the paper, "0, 0.847, 1.643" for three numbers. ``computed``: one number or several, in that
-    order. ``why``: needed if they differ, a remark if not. ``digits``: significant ones to show of ``computed``.
+    Args:
+        what: the row is about.
+        where: table, figure or equation.
+        printed: as in the paper, "0, 0.847, 1.643" for three numbers.
+        computed: one number or several, in that order.
+        why: needed if they differ, a remark if not.
+        digits: significant ones to show of ``computed``.
     """
     marks = list(NUMBER.finditer(printed))
     values = np.atleast_1d(np.asarray(computed, float)).ravel()
@@ -256,7 +291,7 @@ def save(paper: Paper, out: Path) -> None:
 
 
 def small(path: Path, largest: int) -> None:
-    """*Raises* ``ValueError`` for a file that is too large to keep."""
+    """Raises ``ValueError`` for a file that is too large to keep."""
     if path.stat().st_size > largest:
         raise ValueError(f"{path} has {path.stat().st_size} bytes, more than {largest}")
 

@@ -2,7 +2,7 @@
 
     python -m experiments.papers.paper_000 --out out/papers
 
-The plant of all numbers but the robot's: m2 = 1 kg, k1 = 10 N/m, k2 = 100 N/m³ (k3 elsewhere), a move of 1 m. The
+The plant of all numbers but the robot's: m2 = 1 kg, k1 = 10 N/m, k2 = 100 N/m³ (k3 in later papers), a move of 1 m. The
 robot's parameters are not given; ``joint`` finds some with which a closed loop answers as in Fig. 7.
 """
 
@@ -39,15 +39,15 @@ def highest(first: float, c: float) -> tuple[float, float]:
     return turn(lambda t, y: duffing(t, y, first, c=c), np.zeros(2), 0, 1)
 
 
-def turn(rates: Callable[[float, np.ndarray], Any], start: np.ndarray, place: int, speed: int) -> tuple[float, float]:
-    """When and where a coordinate of y' = rates(t, y) first turns; ``place`` and ``speed``: its indices in y."""
+def turn(field: Callable[[float, np.ndarray], Any], start: np.ndarray, place: int, speed: int) -> tuple[float, float]:
+    """When and where a coordinate of y' = field(t, y) first turns; ``place`` and ``speed``: its indices in y."""
 
     def turns(t: float, y: np.ndarray) -> float:
         # At the start it is at rest, too.
         return y[speed] if t > 0.01 else 1.0
 
     turns.terminal, turns.direction = True, -1  # pyright: ignore
-    run = solve_ivp(rates, (0.0, 2.0), start, "LSODA", events=turns, rtol=1e-11, atol=1e-13)
+    run = solve_ivp(field, (0.0, 2.0), start, "LSODA", events=turns, rtol=1e-11, atol=1e-13)
     return float(run.t_events[0][0]), float(run.y_events[0][0, place])
 
 
@@ -159,7 +159,12 @@ def rows_with_damper(exact: js.Shaper) -> list[Row]:
     two = js.design.energy.two_impulse(PLANT, 1.0)
     omega = np.pi / float(two.times[1])
     printed = C * omega**3 * (3 * np.pi / 16 / omega + np.sin(np.pi / omega) / 4 + np.sin(2 * np.pi / omega) / 32)
-    loss = lambda shaper: potential(float(shaper.amplitudes[0])) - potential(1 - float(shaper.amplitudes[0]))
+
+    def loss(shaper: js.Shaper) -> float:
+        """The energy that the damper takes from the swing between the two levels, J."""
+        first = float(shaper.amplitudes[0])
+        return potential(first) - potential(1 - first)
+
     kinds = ("harmonic", "orbit")
     harmonic, orbit = (js.design.energy.two_impulse(DAMPED, 1.0, damping=kind) for kind in kinds)
     return [

@@ -48,7 +48,11 @@ def rows_of_designs(found: dict[str, js.Shaper], peaks: np.ndarray) -> list[Row]
         rows.append(compare(f"α = {alpha}: t (s)", "Table 1", times, shaper[f"α = {alpha}"].times, half))
         rows.append(compare(f"α = {alpha}: A (m)", "Table 1", amplitudes, shaper[f"α = {alpha}"].amplitudes))
     kr = K3 / (2 * K1)
-    balance = lambda a: 1 - 2 * a + kr / 2 * (1 - 3 * a + 3 * a**2 - 2 * a**3)
+
+    def balance(a: float) -> float:
+        """Eq. 28."""
+        return 1 - 2 * a + kr / 2 * (1 - 3 * a + 3 * a**2 - 2 * a**3)
+
     rows += [
         compare("α for which the spring's forces at both rests are equal", "Eq. 28", "0.50", brentq(balance, 0.1, 0.9)),
         compare(
@@ -95,8 +99,12 @@ def rows_of_speed(rises: dict[str, float]) -> list[Row]:
 def rows_of_robustness(prv: dict[str, dict[str, np.ndarray]], damped: dict[str, np.ndarray], alphas: str) -> list[Row]:
     """Sections 4.1 and 4.2. ``prv``: leaf → shaper → curve; ``damped``: over payload and c."""
     mass, k3 = prv["m2"], prv["spring.k3"]
-    maxima = lambda name: (mass[name].max(), at(damped[name].T, 0.1, DAMPINGS).max())
-    gain = lambda of, ratio: 100 * (1 - at(of["fast 3-impulse"], ratio) / at(of["2-impulse"], ratio))
+    maxima = {name: (mass[name].max(), at(damped[name].T, 0.1, DAMPINGS).max()) for name in PRESENTED}
+
+    def gain(of: dict[str, np.ndarray], ratio: float) -> float:
+        """By how much fast three impulses leave less than two, %."""
+        return 100 * (1 - at(of["fast 3-impulse"], ratio) / at(of["2-impulse"], ratio))
+
     k1 = prv["spring.k1"]
     strong = {name: at(at(damped[name], 1.0, MASSES), 0.6, DAMPINGS) for name in PRESENTED}
     plateau = [np.round(at(damped[name], 1.0, MASSES)) for name in PRESENTED[:2]]
@@ -113,13 +121,13 @@ def rows_of_robustness(prv: dict[str, dict[str, np.ndarray]], damped: dict[str, 
             "0.50 is where the first-order sensitivity vanishes; over ±10 % and ±20 % others have the least maximum",
         ),
         Row(
-            "four impulses: PRV at m2 × 0.6 (%)", "Fig. 11", "22", f"{maxima('4-impulse')[0]:.2f}", False,
-            f"read off a curve, it seems; {maxima('4-impulse')[1]:.2f} with the damper, c = 0.1",
+            "four impulses: PRV at m2 × 0.6 (%)", "Fig. 11", "22", f"{maxima['4-impulse'][0]:.2f}", False,
+            f"read off a curve, it seems; {maxima['4-impulse'][1]:.2f} with the damper, c = 0.1",
         ),
         *(
             Row(
-                f"{name}: greatest PRV over 0.6 … 1.4 (%)", "Fig. 11", "less than 5", f"{maxima(name)[0]:.2f}", False,
-                f"{maxima(name)[1]:.2f} with the damper, c = 0.1",
+                f"{name}: greatest PRV over 0.6 … 1.4 (%)", "Fig. 11", "less than 5", f"{maxima[name][0]:.2f}", False,
+                f"{maxima[name][1]:.2f} with the damper, c = 0.1",
             )
             for name in ("5-impulse", "6-impulse")
         ),

@@ -24,8 +24,8 @@ def field(t: float, y: np.ndarray, speed: float, x: float) -> list[float]:
     """
     first, second = moments(x)
     drag = first / second * speed
-    rate = y[1] - drag * np.cos(y[0])
-    return [rate, -first / second * G * np.sin(y[0]) - drag * np.sin(y[0]) * rate]
+    angular = y[1] - drag * np.cos(y[0])
+    return [angular, -first / second * G * np.sin(y[0]) - drag * np.sin(y[0]) * angular]
 
 
 def linear(t: float, y: np.ndarray, speed: float, x: float) -> list[float]:
@@ -50,8 +50,8 @@ def residual(shaper: js.Shaper, x: float, speed: float) -> float:
     command = shaper.shape(js.Pulse(speed, WIDTH))
     times = np.asarray(command.breaks)
     jumps = np.diff(np.asarray(command.coefficients)[:, 0], prepend=0.0)
-    phi, rate = after(lambda t, y, u: field(t, y, u, x), [0.0, 0.0], times, jumps, float(times[-1]))[0]
-    return second * rate**2 / 2 + first * G * (1 - np.cos(phi))
+    phi, angular = after(lambda t, y, u: field(t, y, u, x), [0.0, 0.0], times, jumps, float(times[-1]))[0]
+    return second * angular**2 / 2 + first * G * (1 - np.cos(phi))
 
 
 def swing(energy: float, x: float) -> float:
