@@ -59,17 +59,16 @@ class MoveVectorEnv(gym.vector.VectorEnv):
         self._lanes: Lanes | None = None
 
     def reset(self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None):
-        seeds, mask = self._seeds(seed), self._mask(options)
-        if self._lanes is None or seeds is not None:
-            chosen = self._seeds(int(np.random.SeedSequence().generate_state(1)[0])) if seeds is None else seeds
-            assert chosen is not None
-            base = base_keys(seeded(chosen))
+        mask = self._mask(options)
+        if self._lanes is not None and seed is None:
+            base, episode = self._lanes.base, self._lanes.episode + filled(mask)
+        else:
+            seed = int(np.random.SeedSequence().generate_state(1)[0]) if seed is None else seed
+            base = base_keys(seeded(self._seeds(seed)))
             episode = jnp.zeros(len(base), jnp.int32)
             if self._lanes is not None:
                 base = jnp.where(filled(mask), base, self._lanes.base)
                 episode = jnp.where(filled(mask), episode, self._lanes.episode)
-        else:
-            base, episode = self._lanes.base, self._lanes.episode + filled(mask)
         partial = None if mask.all() else self._lanes
         lanes, observation = begin(base, episode, jnp.asarray(filled(mask)), partial, self.params)
         self._lanes, payload = lanes, np.array(lanes.state.payload)[: self.num_envs]
@@ -87,10 +86,8 @@ class MoveVectorEnv(gym.vector.VectorEnv):
                 raise gym.error.ResetNeeded("the lanes that reset_mask leaves out have not begun: call reset first")
         return mask
 
-    def _seeds(self, seed: int | list[int | None] | None) -> list[int] | None:
-        """A seed for each lane; none where none was given."""
-        if seed is None:
-            return None
+    def _seeds(self, seed: int | list[int | None]) -> list[int]:
+        """A seed for each lane."""
         if isinstance(seed, int | np.integer):
             return [int(seed) + i for i in range(self.num_envs)]
         if len(seed) != self.num_envs or any(s is None for s in seed):

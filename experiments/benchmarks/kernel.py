@@ -44,9 +44,9 @@ def main() -> None:
         "jshape, dopri8, 16 steps": (lambda m: energies(m, 16), masses),
         "jshape, dopri8, 32 steps": (lambda m: energies(m, 32), masses),
         "jshape, tsit5, 32 steps": (lambda m: energies(m, 32, "tsit5"), masses),
-        "numba, the same dopri8, 16 steps": (lambda m: numba_energies(m, 16), masses),
-        "diffrax diffeqsolve, Dopri8, 1e-8": (lambda m: diffrax_energies(m, 1e-8), masses[::10]),
-        "diffrax diffeqsolve, Dopri8, 3e-9": (lambda m: diffrax_energies(m, 3e-9), masses[::10]),
+        "numba, the same dopri8, 16 steps": (lambda m: _numba_energies(m, 16, _A, _B, LEVELS, GAPS), masses),
+        "diffrax diffeqsolve, Dopri8, 1e-8": (lambda m: diffrax_energies(m, 1e-8, diffrax.Dopri8()), masses[::10]),
+        "diffrax diffeqsolve, Dopri8, 3e-9": (lambda m: diffrax_energies(m, 3e-9, diffrax.Dopri8()), masses[::10]),
         "diffrax diffeqsolve, Tsit5, 1e-8": (lambda m: diffrax_energies(m, 1e-8, diffrax.Tsit5()), masses[::10]),
         "diffrax diffeqsolve, Tsit5, 2e-9": (lambda m: diffrax_energies(m, 2e-9, diffrax.Tsit5()), masses[::10]),
         "SciPy DOP853, 1e-8": (lambda m: [scipy_energy(x, "DOP853", 1e-8) for x in m], few),
@@ -84,26 +84,18 @@ def _diffrax_energy(mass, amplitudes, times, tolerance, solver, adjoint):
     return mass * state[1] ** 2 / 2 + K1 * x**2 / 2 + K3 * x**4 / 4
 
 
-def diffrax_energies(masses, tolerance, solver=diffrax.Dopri8()):  # noqa: B008
-    return _diffrax_energies(jnp.asarray(masses), tolerance, solver)
+@functools.partial(jax.jit, static_argnums=2)
+def diffrax_energies(masses, tolerance, solver):
+    """What a user of diffrax writes: ``vmap`` of an adaptive solve."""
+    adjoint = diffrax.RecursiveCheckpointAdjoint()
+    return jax.vmap(lambda m: _diffrax_energy(m, AMPLITUDES, TIMES, tolerance, solver, adjoint))(masses)
 
-
-_diffrax_energies = jax.jit(
-    lambda masses, tolerance, solver: jax.vmap(
-        lambda m: _diffrax_energy(m, AMPLITUDES, TIMES, tolerance, solver, diffrax.RecursiveCheckpointAdjoint())
-    )(masses),
-    static_argnums=(2,),
-)
 
 _tableau = diffrax.Dopri8.tableau
 _A = np.zeros((len(_tableau.b_sol), len(_tableau.b_sol)))
 for _i, _row in enumerate(_tableau.a_lower):
     _A[_i + 1, : len(_row)] = _row
 _B = np.asarray(_tableau.b_sol)
-
-
-def numba_energies(masses: np.ndarray, steps: int) -> np.ndarray:
-    return _numba_energies(masses, steps, _A, _B, LEVELS, GAPS)
 
 
 @numba.njit(fastmath=True)

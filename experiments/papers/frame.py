@@ -212,6 +212,11 @@ def figure(rows: int = 1, columns: int = 1, height: float = 2.4, **options: Any)
     return plt.subplots(rows, columns, figsize=(plot.WIDTH * min(columns, 2), height * rows), squeeze=False, **options)
 
 
+def pictures(paper: str, drawn: dict[str, tuple[Figure, str]], shown: str) -> list[Picture]:
+    """The pictures of a paper from figures and captions by number; ``shown``: the one that goes into README.md."""
+    return [Picture(f"paper_{paper}_figure_{name}", *drawn[name], name == shown) for name in drawn]
+
+
 def main(results: Callable[[], Paper]) -> None:
     """The command line of one script: tables to the terminal, figures to ``--out``."""
     parser = argparse.ArgumentParser(description=(sys.modules["__main__"].__doc__ or "").splitlines()[0])

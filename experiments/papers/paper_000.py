@@ -16,6 +16,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
 
 import jshape as js
+from experiments.papers import frame
 from experiments.papers.frame import Paper, Picture, Row, Surpassed, cannot, compare, figure, main, words
 from experiments.papers.judge import K1, K3, TWENTY, after, duffing, potential, residual, worst, worst_case
 from jshape.reports.plot import COLOURS
@@ -322,10 +323,7 @@ def pictures(found: dict[str, js.Shaper], robot: tuple[js.Solution, float, float
         ),
         "12": (panels({"": run(found["negative"])}, 2.0), "The negative input shaper"),
     }
-    return [
-        Picture(f"paper_000_figure_{number}", drawn_, caption, number == "10")
-        for number, (drawn_, caption) in drawn.items()
-    ]
+    return frame.pictures("000", drawn, "10")
 
 
 def results(draw: bool = True) -> Paper:

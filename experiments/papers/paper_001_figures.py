@@ -6,6 +6,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 import jshape as js
+from experiments.papers import frame
 from experiments.papers.frame import Picture, figure
 from experiments.papers.paper_001_designs import DAMPINGS, LONGEST, MASSES, PLANT, PRESENTED, RATIOS, at
 from jshape.reports.plot import COLOURS, LINES
@@ -63,10 +64,7 @@ def pictures(
             "Overshoot of the undamped shapers with a cubic damper",
         ),
     }  # fmt: skip
-    return [
-        Picture(f"paper_001_figure_{number}", drawn_, caption, number == "11")
-        for number, (drawn_, caption) in drawn.items()
-    ]
+    return frame.pictures("001", drawn, "11")
 
 
 def lines(curves: dict[str, tuple[Any, Any]], across: str, up: str, **options: Any) -> Any:

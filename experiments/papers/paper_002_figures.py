@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 import jshape as js
+from experiments.papers import frame
 from experiments.papers.frame import Picture, figure
 from experiments.papers.paper_002_adaptive import settings
 from experiments.papers.paper_002_judge import STEP, ZETAS, modes
@@ -48,10 +49,7 @@ def pictures(paper: js.Shaper, robust: js.Shaper, rounded: js.Shaper, run: repor
             "A step of 30° with 0, 10 and 20 coins: the paper's fixed shaper (case I) and jshape's, both 0.788 s long",
         ),
     }
-    return [
-        Picture(f"paper_002_figure_{name}", drawn_, caption, name == "fixed")
-        for name, (drawn_, caption) in drawn.items()
-    ]
+    return frame.pictures("002", drawn, "fixed")
 
 
 def _sensitivity(paper: js.Shaper, robust: js.Shaper) -> Any:

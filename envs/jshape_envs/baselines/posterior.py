@@ -4,7 +4,6 @@ The shaper for a payload is the oracle's, hedged against the error of the estima
 estimates, not in what they make of them.
 """
 
-from collections.abc import Iterable
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -44,12 +43,10 @@ def no_hedge(params: Params) -> Hedge:
     return Hedge(jnp.ones_like(params.period), jnp.zeros_like(params.period))
 
 
-def hedges(
-    params: Params, scales: Iterable[float] = (0.9, 1.0, 1.1, 1.2), robustness: Iterable[float] = (0.0, 0.25, 0.5, 1.0)
-) -> list[Hedge]:
-    """Every combination of scale and robustness, to choose from."""
-    dtype = params.period.dtype
-    return [Hedge(jnp.asarray(s, dtype), jnp.asarray(r, dtype)) for s in scales for r in robustness]
+def hedges(params: Params) -> list[Hedge]:
+    """Every combination of some scales and robustnesses, to choose from."""
+    dtype, robustnesses = params.period.dtype, (0.0, 0.25, 0.5, 1.0)
+    return [Hedge(jnp.asarray(s, dtype), jnp.asarray(r, dtype)) for s in (0.9, 1.0, 1.1, 1.2) for r in robustnesses]
 
 
 def tuned_shaper(params: Params, payload: Scalar, distance: Scalar, moves: Int[Array, ""]) -> Shaper:
