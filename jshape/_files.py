@@ -1,19 +1,24 @@
-"""Folders and files of results: which may be written to, and how nothing in them is ever half written."""
+"""Files of results: which folders may be written to, and how nothing in them is ever half written."""
 
 import json
+import math
 import os
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 MARKER = "jshape-results"
-"""What results.json says it is; a folder that holds another one's files is not written to."""
+"""The format that results.json names; a folder that holds another program's files is not written to."""
 
 
 def check_writable(folder: Path) -> None:
-    """*Raises* ``ValueError`` unless a folder is empty, new, or holds an earlier result of jshape's."""
+    """Check that a folder is empty, new, or holds an earlier result of jshape's.
+
+    Raises:
+        ValueError: for a file, and for a folder with anything else in it.
+    """
     if not folder.exists():
         return
     if not folder.is_dir():
@@ -28,9 +33,32 @@ def check_writable(folder: Path) -> None:
         raise ValueError(f"{folder}: holds files that are not jshape's results; name another folder")
 
 
+def write_results(folder: Path, record: Mapping[str, Any]) -> None:
+    """Write ``results.json``, the mark of a result folder, and make the folder where there is none.
+
+    Args:
+        folder: of the results.
+        record: plain data. JSON has no infinity and no NaN: an infinite number becomes ``"diverged"``, NaN ``null``.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    text = json.dumps(_plain({"format": MARKER, "version": 1, **record}), indent=2, allow_nan=False)
+    with whole(folder / "results.json") as file:
+        file.write(f"{text}\n".encode())
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _plain(inner) for key, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(inner) for inner in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None if math.isnan(value) else "diverged"
+    return value
+
+
 @contextmanager
 def whole(path: Path) -> Iterator[BinaryIO]:
-    """A file to write to, under another name until the block ends: what bears the right name is whole.
+    """A file to write to, under another name until the block ends: a file of the right name is complete.
 
     Others may write the same file meanwhile; the last one stands.
     """

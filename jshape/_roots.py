@@ -13,10 +13,15 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(64)
 
 
 def bracketed_root(function: Callable[[Scalar], Scalar], lower: Any, upper: Any, rising: bool = True) -> Scalar:
-    """The root of ``function`` between ``lower`` and ``upper``, to rounding.
+    """The root of a function in a bracket, to rounding, by bisection.
 
-    ``rising``: whether the function is negative at the lower end. Differentiable with respect to everything that the
-    function closes over.
+    Differentiable with respect to everything that the function closes over.
+
+    Args:
+        function: continuous, of one variable.
+        lower: the bracket's lower end.
+        upper: the bracket's upper end.
+        rising: whether the function is negative at the lower end.
     """
     lower, upper = jnp.asarray(lower, dtype=float), jnp.asarray(upper, dtype=float)
     solver = dict(rtol=0.0, atol=1e-300, flip=not rising)
@@ -40,7 +45,7 @@ def _differentiable(
     At a root one such step has the derivative that the implicit function theorem gives, two have all up to the third
     order. Unlike a linear solve for the derivative they cannot fail, and leave no check in the compiled program.
     """
-    # Loaded here, like diffrax: a process that finds its programs kept does without.
+    # Imported here, like diffrax: a process whose compiled programs are all in the cache does not need it.
     import optimistix as optx
 
     solver = getattr(optx, method)(**settings)
@@ -72,7 +77,7 @@ def complete_elliptic_k(m: Any) -> Scalar:
     """The complete elliptic integral of the first kind K(m), for m < 1, negative m included.
 
     By the arithmetic–geometric mean (Abramowitz and Stegun 1964, 17.6), which doubles its digits each round.
-    JAX has no such function; SciPy's ``ellipk`` is the judge in the tests.
+    JAX has no such function; the tests compare it with SciPy's ``ellipk``.
     """
     m = jnp.asarray(m, dtype=float)
     a, b = jnp.ones_like(m), jnp.sqrt(1 - m)

@@ -1,22 +1,31 @@
-"""Programs that are kept from one process to the next: ``js.keep_programs()``, which the command line does by itself.
+"""Programs kept from one process to the next: ``js.keep_programs()``, which the command line calls by itself.
 
-JAX keeps what it has compiled in a folder, but to look there it has to trace the function and lower it again, which
-for a command that computes for two seconds takes three more. Functions marked ``kept`` are exported into a folder
-beside that, after which another process finds them without running a line of them. Nothing is kept where nobody asked
-for it, or of code that is not jshape's own: nobody could tell whether that has changed.
+This file stands for speed alone: a second ``jshape tune`` of a shipped problem takes two seconds in the place of five.
+JAX keeps what it has compiled in a folder, but to look there it has to trace the function and lower it again. Functions
+marked ``kept`` are exported into a folder beside that, after which another process finds them without running a line
+of them. Once JAX finds its programs without tracing, delete this file and put ``eqx.filter_jit`` in the place of
+``kept``.
+
+A kept program is data: a SHA-256 digest, a line of JSON that says how the result is put together, and what
+``jax.export`` writes. A file that is damaged, or of another version, is computed again and overwritten. Nothing is
+kept where nobody asked for it, of code that is not jshape's own (nobody could tell whether that has changed), or in a
+folder that others may write to.
 """
 
 import contextlib
+import dataclasses
 import functools
 import hashlib
-import io
+import importlib
+import json
 import os
-import pickle
 import shutil
 import sys
 import time
 import types
+import warnings
 from collections.abc import Callable
+from enum import Enum
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple, ParamSpec, TypeVar
@@ -24,12 +33,15 @@ from typing import Any, NamedTuple, ParamSpec, TypeVar
 import equinox as eqx
 import jax
 import jax.export
+import numpy as np
 
 from jshape import _check
 from jshape._files import whole
 
 P = ParamSpec("P")
 R = TypeVar("R")
+
+_FORMAT = "jshape-program 1"
 
 _LIBRARIES = ("jax", "jaxlib", "equinox", "diffrax", "optimistix", "lineax", "numpy", "jaxtyping")
 """Whose code is traced besides jshape's own; their versions belong to a program's name, jshape's source does too."""
@@ -43,17 +55,19 @@ _UNGUARDED = ("lapack_dormqr_ffi", "lapack_sormqr_ffi")
 _DAYS = 30
 """Programs of another version that nobody has used for so long are deleted."""
 
-_shelf: Path | None = None
+_folder: Path | None = None
 """Where programs are kept, if they are."""
 
 
 def keep_programs(folder: str | Path | None = None) -> None:
     """Keep this process's programs for the next ones, and find those of earlier ones; call it before anything else.
 
-    ``folder``: where; unless given, where JAX keeps its own (``JAX_COMPILATION_CACHE_DIR``), or else the user's cache
-    folder. There JAX keeps what it compiles, and jshape in ``programs`` what it has traced: for a process that computes
-    little, three quarters of its time. A folder that cannot be written to keeps nothing; programs of other versions go
-    when nobody has used them for 30 days.
+    There JAX keeps what it compiles, and jshape in ``programs`` what it has traced: for a process that computes
+    little, three quarters of its time. A folder that cannot be written to, or that others may write to, keeps nothing;
+    programs of other versions go when nobody has used them for 30 days.
+
+    Args:
+        folder: where JAX keeps its own (``JAX_COMPILATION_CACHE_DIR``), or else the user's cache folder, unless given.
     """
     if folder is None:
         settled = jax.config.jax_compilation_cache_dir  # pyright: ignore[reportAttributeAccessIssue]
@@ -74,18 +88,33 @@ def _users_cache() -> Path:
 
 
 def _open(folder: Path) -> None:
-    global _shelf
-    _shelf = folder / _stamp()
+    global _folder
+    _folder = None
+    own = folder / _stamp()
     try:
-        if not _shelf.exists():
-            _shelf.mkdir(parents=True)
-            for other in folder.iterdir():
-                if time.time() - other.stat().st_mtime > _DAYS * 86400:
-                    shutil.rmtree(other, ignore_errors=True)
-        os.utime(_shelf)
+        first = not own.exists()
+        own.parent.parent.mkdir(parents=True, exist_ok=True)
+        for part in (folder, own):
+            part.mkdir(mode=0o700, exist_ok=True)
+            if not _private(part):
+                warnings.warn(f"{part}: others may write to it, so no programs are kept there", stacklevel=3)
+                return
+        for other in folder.iterdir() if first else ():
+            if time.time() - other.stat().st_mtime > _DAYS * 86400:
+                shutil.rmtree(other, ignore_errors=True)
+        os.utime(own)
     except OSError:
         # A folder that cannot be written to keeps nothing.
-        _shelf = None
+        return
+    _folder = own
+
+
+def _private(folder: Path) -> bool:
+    """Whether nobody else owns a folder or may write to it, where the system can say so."""
+    if not hasattr(os, "getuid"):
+        return True
+    about = folder.stat()
+    return about.st_uid == os.getuid() and not about.st_mode & 0o022
 
 
 def kept(function: Callable[P, R]) -> Callable[P, R]:
@@ -98,7 +127,7 @@ def kept(function: Callable[P, R]) -> Callable[P, R]:
 
     @functools.wraps(function)
     def call(*args: P.args, **kwargs: P.kwargs) -> R:
-        if _shelf is None:
+        if _folder is None:
             return plain(*args, **kwargs)
         leaves, tree = jax.tree.flatten((args, kwargs))
         if not _check.is_concrete(leaves):
@@ -107,7 +136,7 @@ def kept(function: Callable[P, R]) -> Callable[P, R]:
         settings = tuple(getattr(jax.config, name, None) for name in jax.config.values)
         kinds = tuple(_Array.of(leaf) if eqx.is_array(leaf) else (type(leaf), leaf) for leaf in leaves)
         if (tree, kinds, settings) not in programs:
-            programs[tree, kinds, settings] = _program(function, leaves, tree, settings, _shelf)
+            programs[tree, kinds, settings] = _program(function, leaves, tree, settings, _folder)
         program = programs[tree, kinds, settings]
         return plain(*args, **kwargs) if program is None else program([leaf for leaf in leaves if eqx.is_array(leaf)])
 
@@ -127,26 +156,26 @@ class _Array(NamedTuple):
         return cls(kind.shape, kind.dtype, kind.weak_type)
 
 
-def _program(function: Callable, leaves: list, tree: Any, settings: Any, shelf: Path) -> Callable[[list], Any] | None:
+def _program(function: Callable, leaves: list, tree: Any, settings: Any, folder: Path) -> Callable[[list], Any] | None:
     """What computes the function of the arrays among the leaves; ``None`` where it cannot be kept."""
     named = jax.tree.unflatten(tree, [_Array.of(leaf) if eqx.is_array(leaf) else leaf for leaf in leaves])
     name = f"{function.__module__}.{function.__qualname__}"
-    words = _words((name, named, repr(settings), jax.default_backend(), jax.local_device_count()))
-    if words is None:
-        return None
-    path = shelf / f"{name}-{hashlib.sha256(words).hexdigest()[:32]}"
     try:
-        result, code = pickle.loads(path.read_bytes())
-        exported = jax.export.deserialize(code)
-    except Exception:  # It is not there, or no longer readable.
+        key = repr(_describe((name, named, repr(settings), jax.default_backend(), jax.local_device_count())))
+    except _NotOursError:
+        return None
+    path = folder / f"{name}-{hashlib.sha256(key.encode()).hexdigest()[:32]}"
+    try:
+        result, exported = _read(path)
+    except Exception:  # It is not there, or damaged.
         try:
             result, exported = _export(function, leaves, tree)
             if exported.nr_devices > 1:
                 # It could be called from among as many devices only.
                 return None
-            with contextlib.suppress(OSError), whole(path) as file:
-                pickle.dump((result, bytes(exported.serialize())), file)
-        except Exception:  # What stands in the way, if it is an error at all, the plain call tells.
+            with contextlib.suppress(OSError):
+                _write(path, result, exported)
+        except Exception:  # What stands in the way, if it is an error at all, the plain call reports.
             return None
     structure = jax.tree.structure(result)
     run = jax.jit(_named(function.__name__, lambda *arrays: exported.call(*arrays)))
@@ -160,7 +189,7 @@ def _named(name: str, function: Any) -> Any:
 
 
 def _export(function: Callable, leaves: list, tree: Any) -> tuple[Any, jax.export.Exported]:
-    """The program, and the shape of what it returns: the same with a number in each array's place."""
+    """What the function returns, with a number in each array's place, and the program."""
     result: Any = None
 
     def flat(*arrays: Any) -> list:
@@ -177,26 +206,87 @@ def _export(function: Callable, leaves: list, tree: Any) -> tuple[Any, jax.expor
     return result, exported
 
 
-def _words(value: Any) -> bytes | None:
-    """Everything that makes a program this one, in bytes; ``None`` where something in it is not ours."""
-    file = io.BytesIO()
-    pickler = _Pickler(file)
-    # Equal values are written alike, whether they are one object or several.
-    pickler.fast = True
-    try:
-        pickler.dump(value)
-    except (pickle.PicklingError, AttributeError, TypeError, RecursionError):
-        return None
-    return file.getvalue()
+def _write(path: Path, result: Any, exported: jax.export.Exported) -> None:
+    header = json.dumps({"format": _FORMAT, "result": _describe(result)}).encode()
+    if _rebuild(json.loads(header)["result"]) != result:
+        raise _NotOursError(result)
+    content = header + b"\n" + exported.serialize()
+    with whole(path) as file:
+        file.write(hashlib.sha256(content).digest() + content)
 
 
-class _Pickler(pickle.Pickler):
-    def reducer_override(self, obj: Any) -> Any:
-        # Classes and functions are written by name: what the name stands for must be covered by the stamp.
-        named = isinstance(obj, type | types.FunctionType | types.BuiltinFunctionType)
-        if named and str(obj.__module__).partition(".")[0] not in _KNOWN:
-            raise pickle.PicklingError(f"{obj.__module__}.{obj.__qualname__} is not ours")
-        return NotImplemented
+def _read(path: Path) -> tuple[Any, jax.export.Exported]:
+    """What ``_write`` wrote. *Raises* one error or another unless all of it is there and unchanged."""
+    read = path.read_bytes()
+    digest, content = read[:32], read[32:]
+    if hashlib.sha256(content).digest() != digest:
+        raise ValueError("damaged")
+    header, _, code = content.partition(b"\n")
+    about = json.loads(header)
+    if about["format"] != _FORMAT:
+        raise ValueError("of another version")
+    return _rebuild(about["result"]), jax.export.deserialize(bytearray(code))
+
+
+class _NotOursError(Exception):
+    """Something that cannot be written down, or whose code is not jshape's or a library's."""
+
+
+def _describe(value: Any) -> Any:
+    """A value as plain data: containers, modules and functions by name. Equal descriptions make equal programs."""
+    kind = type(value)
+    if value is None or kind in (bool, int, float, str):
+        return value
+    if isinstance(value, np.dtype | np.generic):
+        return [kind.__name__, repr(value)]
+    if isinstance(value, type | types.FunctionType | types.BuiltinFunctionType):
+        return ["function", _name(value)]
+    if kind in (list, tuple):
+        return [kind.__name__, [_describe(part) for part in value]]
+    if isinstance(value, dict):
+        return ["dict", {key: _describe(part) for key, part in value.items()}]
+    if isinstance(value, Enum):
+        parts = {"name": value.name}
+    elif isinstance(value, tuple) and hasattr(value, "_asdict"):
+        parts = value._asdict()  # pyright: ignore[reportAttributeAccessIssue]
+    elif dataclasses.is_dataclass(value):
+        parts = {field.name: getattr(value, field.name, None) for field in dataclasses.fields(value)}
+    else:
+        raise _NotOursError(value)
+    return [_name(kind), {name: _describe(part) for name, part in parts.items()}]
+
+
+def _name(value: Any) -> str:
+    """The name of a class or function; what it stands for must be covered by the stamp."""
+    if str(value.__module__).partition(".")[0] not in _KNOWN or "<" in value.__qualname__:
+        raise _NotOursError(value)
+    return f"{value.__module__}:{value.__qualname__}"
+
+
+def _rebuild(described: Any) -> Any:
+    """The tree of numbers of a description; its classes are jshape's own.
+
+    Raises:
+        _NotOursError: for anything else.
+    """
+    if not isinstance(described, list):
+        return described
+    name, parts = described
+    if name in ("list", "tuple"):
+        return {"list": list, "tuple": tuple}[name](map(_rebuild, parts))
+    values = {key: _rebuild(part) for key, part in parts.items()}
+    if name == "dict":
+        return values
+    module, _, qualname = name.partition(":")
+    kind = getattr(importlib.import_module(module), qualname) if module.partition(".")[0] == "jshape" else None
+    if not isinstance(kind, type) or not issubclass(kind, eqx.Module | tuple):
+        raise _NotOursError(name)
+    if issubclass(kind, tuple):
+        return kind(**values)
+    made = object.__new__(kind)
+    for field, value in values.items():
+        object.__setattr__(made, field, value)
+    return made
 
 
 def _stamp() -> str:

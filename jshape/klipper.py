@@ -3,6 +3,7 @@
 Those of jshape are in ``jshape.design.linear``; with damping the extra-insensitive ones differ slightly.
 """
 
+import functools
 import math
 from collections.abc import Callable
 
@@ -12,27 +13,31 @@ from jshape import _check
 from jshape.shaper import Shaper
 
 VERSIONS = ("current", "2024")
-"""Klipper since October 2025 (looked at in August 2026), and as of December 2024."""
+"""Klipper since October 2025 (as of August 2026), and as of December 2024."""
 
 DAMPING = 0.1
 """The damping ratio that Klipper assumes unless it is given."""
 
 VIBRATION = 0.05
-"""What an extra-insensitive shaper may leave at the middle of its band."""
+"""Residual vibration V of an extra-insensitive shaper at the middle of its band, a fraction."""
 
 Impulses = tuple[np.ndarray, np.ndarray]
 """Amplitudes, which sum to 1, and times (s)."""
 
 
 def impulses(kind: str, frequency: float, zeta: float = DAMPING, version: str = "current") -> Impulses:
-    """Amplitudes (they sum to 1) and times (s) of a shaper of Klipper's, as arrays.
+    """A shaper of Klipper's as arrays of amplitudes, which sum to 1, and times (s).
 
-    ``kind``: one of ``KINDS``; ``frequency``: Hz; ``zeta``: –; ``version``: one of ``VERSIONS``.
+    Args:
+        kind: one of ``KINDS``.
+        frequency: undamped natural frequency, Hz.
+        zeta: damping ratio in [0, 0.3]: the fits hold for no more.
+        version: one of ``VERSIONS``.
 
-    *Raises* ``ValueError`` for an unknown kind or version, a frequency that is not positive or a damping outside
-    [0, 0.3]: the fits are good for no more.
+    Raises:
+        ValueError: for an unknown kind or version, a frequency that is not positive or a zeta outside [0, 0.3].
 
-    *Source*: ZV, ZVD: Singer and Seering (1990). MZV: Klipper's. EI: Singhose, Seering and Singer (1994, 1997);
+    Source: ZV, ZVD: Singer and Seering (1990). MZV: Klipper's. EI: Singhose, Seering and Singer (1994, 1997);
     humps: Singhose, Porter, Tuttle and Singer (1997), their fits for 5 %, whose times are multiples of the undamped
     period. Those of 2024 take the amplitudes without damping times powers of K.
     """
@@ -42,8 +47,7 @@ def impulses(kind: str, frequency: float, zeta: float = DAMPING, version: str = 
         raise ValueError(f"frequency must be greater than 0, not {frequency}")
     if not 0 <= zeta <= 0.3:
         raise ValueError(f"zeta must lie between 0 and 0.3, for which Klipper's fits are made, not {zeta}")
-    table = _TABLES[version]
-    amplitudes, periods = table[kind](zeta)
+    amplitudes, periods = _TABLES[version][kind](zeta)
     return amplitudes / amplitudes.sum(), periods / frequency
 
 
@@ -53,7 +57,7 @@ def klipper_shaper(kind: str, frequency: float, zeta: float = DAMPING, version: 
 
 
 def _decay(zeta: float, halves: float = 1.0) -> float:
-    """By what a vibration decays in so many half periods."""
+    """The ratio by which a vibration decays in so many half periods."""
     return math.exp(-halves * math.pi * zeta / math.sqrt(1 - zeta**2))
 
 
@@ -61,19 +65,6 @@ def _even(undamped: list[float], step: float, zeta: float) -> Impulses:
     """Amplitudes without damping times powers of the decay; times in undamped periods, ``step`` damped ones apart."""
     count = np.arange(len(undamped))
     return np.array(undamped) * _decay(zeta, 2 * step) ** count, step * count / math.sqrt(1 - zeta**2)
-
-
-def _zv(zeta: float) -> Impulses:
-    return _even([0.5, 0.5], 0.5, zeta)
-
-
-def _zvd(zeta: float) -> Impulses:
-    return _even([0.25, 0.5, 0.25], 0.5, zeta)
-
-
-def _mzv(zeta: float) -> Impulses:
-    outer = 1 - 1 / math.sqrt(2)
-    return _even([outer, math.sqrt(2) - 1, outer], 0.375, zeta)
 
 
 def _ei(zeta: float) -> Impulses:
@@ -94,11 +85,6 @@ def _fitted(amplitudes: list[list[float]], times: list[list[float]]) -> Callable
     """Cubic polynomials of the damping, a row an impulse; times in undamped periods."""
     a, t = np.array(amplitudes), np.array(times)
     return lambda zeta: (a @ zeta ** np.arange(4), t @ zeta ** np.arange(4))
-
-
-def _ei_2024(zeta: float) -> Impulses:
-    v = VIBRATION
-    return _even([(1 + v) / 4, (1 - v) / 2, (1 + v) / 4], 0.5, zeta)
 
 
 def _two_hump_2024(zeta: float) -> Impulses:
@@ -146,11 +132,17 @@ _three_hump = _fitted(
     ],
 )
 
-_CURRENT = {"zv": _zv, "mzv": _mzv, "zvd": _zvd, "ei": _ei, "2hump_ei": _two_hump, "3hump_ei": _three_hump}
-_TABLES: dict[str, dict[str, Callable[[float], Impulses]]] = {
-    "current": _CURRENT,
-    "2024": _CURRENT | {"ei": _ei_2024, "2hump_ei": _two_hump_2024, "3hump_ei": _three_hump_2024},
+_CURRENT: dict[str, Callable[[float], Impulses]] = {
+    "zv": functools.partial(_even, [0.5, 0.5], 0.5),
+    "mzv": functools.partial(_even, [1 - 1 / math.sqrt(2), math.sqrt(2) - 1, 1 - 1 / math.sqrt(2)], 0.375),
+    "zvd": functools.partial(_even, [0.25, 0.5, 0.25], 0.5),
+    "ei": _ei,
+    "2hump_ei": _two_hump,
+    "3hump_ei": _three_hump,
 }
+_UNDAMPED_EI = [(1 + VIBRATION) / 4, (1 - VIBRATION) / 2, (1 + VIBRATION) / 4]
+_EI_2024 = {"ei": functools.partial(_even, _UNDAMPED_EI, 0.5), "2hump_ei": _two_hump_2024, "3hump_ei": _three_hump_2024}
+_TABLES = {"current": _CURRENT, "2024": _CURRENT | _EI_2024}
 
 KINDS = tuple(_CURRENT)
 """Klipper's shapers by their names there."""

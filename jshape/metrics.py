@@ -1,4 +1,4 @@
-"""What a shaped move is judged by: what is left after it, and what happens during it.
+"""The performance of a shaped move: residual energy and vibration after it, overshoot, deflection and times during it.
 
 Everywhere ``distance`` is a number (a step of that size) or any command, and the shaper may be ``None`` for the bare
 command. Energies in J, vibrations as fractions of the distance, times in s::
@@ -9,13 +9,13 @@ command. Energies in J, vibrations as fractions of the distance, times in s::
 All of them run on the fixed-step kernel: under ``jit`` and ``vmap``, and ``grad`` of any order.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from jshape import _check
 from jshape._types import Scalar, State
@@ -24,8 +24,17 @@ from jshape.plants import AbstractOscillator, AbstractPlant
 from jshape.shaper import Shaper
 from jshape.simulation.integrate import METHODS
 from jshape.simulation.schedule import Schedule, Segments, inputs_at, schedule
-from jshape.simulation.simulate import all_states, final_state, initial, settled_state, steps_for, with_arrays
-from jshape.simulation.trajectory import extremes, fine_steps, first_above, last_above, track
+from jshape.simulation.simulate import all_states, final_state, initial, steps_for, with_arrays
+from jshape.simulation.steps import MOST_STEPS, TOLERANCE, checked_state, least_tolerance
+from jshape.simulation.trajectory import (
+    ACCURACY,
+    Trajectory,
+    extremes,
+    fine_steps,
+    first_above,
+    last_above,
+    trajectory,
+)
 
 
 def residual_energy(
@@ -38,16 +47,25 @@ def residual_energy(
     method: str = "dopri8",
     tolerance: float | None = None,
 ) -> Scalar:
-    """Energy left in the plant right after the last impulse, above rest at the destination, J.
+    """The residual energy of the plant right after the last impulse, above rest at the destination.
 
-    ``steps``: fixed steps a segment; chosen from the plant's frequencies unless given, under ``jit`` and ``vmap`` at
-    run time, where NaN says that the frequencies ask for more than can be chosen from then (give ``steps``).
-    ``method``: ``"dopri8"`` or ``"tsit5"``. ``tolerance``: the error allowed, as a fraction of the energy that the bare
-    command leaves; the steps are doubled until two results agree to it. Infinite if the plant has left the region from
-    which it returns to rest.
+    Args:
+        plant: the plant.
+        shaper: the shaper, or ``None`` for the bare command.
+        distance: m; a number is a step of that size, any command may take its place.
+        initial_state: rest at 0 unless given.
+        steps: fixed steps a segment, unchecked; unless given, each segment takes as many as the tolerance needs.
+        method: ``"dopri8"``, or ``"tsit5"`` for fixed steps of order 5.
+        tolerance: the error allowed, as a fraction of the greatest energy of the move; 1e-11, or what the precision
+            allows, unless given. It is met, also under ``jit``, ``vmap`` and ``grad``, or the answer is flagged:
+            concrete calls raise, traced ones return NaN.
 
-    *Raises* ``ValueError`` for wrong arguments, if the plant has no rest at the destination, and for a tolerance that
-    cannot be met.
+    Returns:
+        J; infinite where the plant diverged: it has left the region from which it returns to rest.
+
+    Raises:
+        ValueError: for wrong arguments, if the plant has no rest at the destination, and for a tolerance that is not
+            met.
     """
     options: Any = dict(initial_state=initial_state, steps=steps, method=method, tolerance=tolerance)
     return residual_energy_and_error(plant, shaper, distance, **options)[0]
@@ -63,52 +81,56 @@ def residual_energy_and_error(
     method: str = "dopri8",
     tolerance: float | None = None,
 ) -> tuple[Scalar, Scalar]:
-    """``residual_energy`` and an estimate of its error, J.
+    """The residual energy and an estimate of its error, J.
 
-    With a tolerance, the estimate is the last change when the steps were doubled; without, the state's embedded
-    estimate (that of the lower order: well above the true error) through the energy's slope.
+    The estimate comes from two runs with different numbers of steps and their embedded errors; with ``steps``, it is
+    the state's embedded estimate (that of the lower order: well above the true error) times the energy's gradient.
+    Arguments as for ``residual_energy``.
     """
     _check.one_of(method, "method", METHODS)
     plan, plant, state = _prepare(plant, shaper, distance, initial_state)
     if tolerance is not None:
         if steps is not None:
             raise ValueError(f"tolerance chooses the steps itself; give no steps beside it, not {steps!r}")
-        return _to_tolerance(plant, plan, state, method, tolerance)
+        _check_tolerance(tolerance, state)
     if steps is not None:
         steps = _check.count(steps, "steps")
-    elif method == "tsit5" or _check.is_concrete(plant, plan):
+    elif method == "tsit5":
         steps = steps_for(plant, plan, method)
-    energy, error = _residual_energy(plant, plan, state, steps, method)
-    if _check.is_concrete(energy) and np.any(np.isnan(np.asarray(energy))):
-        raise ValueError(
-            f"distance: {type(plant).__name__} has no rest at its final input, {_check.show(plan.coefficients[-1, 0])}"
-        )
+    energy, error, met = _residual_energy(plant, plan, state, steps, method, _as_tolerance(tolerance, state))
+    if _check.is_concrete(energy):
+        _require_met(plant, plan, met, error, tolerance)
+        if np.any(np.isnan(np.asarray(energy))):
+            raise ValueError(
+                f"distance: {type(plant).__name__} has no rest at its final input, "
+                f"{_check.show(plan.coefficients[-1, 0])}"
+            )
     return energy, error
 
 
-def _to_tolerance(plant, plan: Schedule, state: State, method: str, tolerance: float) -> tuple[Scalar, Scalar]:
-    """The energy, and its last change, with steps doubled until it changes by less than the tolerance."""
+def _check_tolerance(tolerance: Any, state: State) -> None:
     _check.positive(tolerance, "tolerance")
-    least = 8 * float(jnp.finfo(state.dtype).eps)
-    if tolerance < least:
+    least = least_tolerance(state.dtype)
+    if _check.is_concrete(tolerance) and np.any(np.asarray(tolerance) < least):
         raise ValueError(f"tolerance {tolerance:g} cannot be met: it is below rounding, {least:.1g}")
-    if not _check.is_concrete(plant, plan, state):
-        raise ValueError("tolerance needs values that are not being traced; give steps instead")
-    bare = float(plant.residual_energy(state, plan.final_inputs(plant)))
-    steps = steps_for(plant, plan, method, float(tolerance))
-    energy, _ = _residual_energy(plant, plan, state, steps, method)
-    change = jnp.asarray(jnp.inf)
-    for _ in range(6):
-        steps *= 2
-        finer, _ = _residual_energy(plant, plan, state, steps, method)
-        change = jnp.where(finer == energy, 0.0, jnp.abs(finer - energy))
-        energy = finer
-        if float(change) <= tolerance * bare:
-            return energy, change
-    raise ValueError(
-        f"tolerance {tolerance:g} cannot be met: with {steps} steps a segment the energy still changes by "
-        f"{float(change):.2g} J, of {bare:.3g} J that the bare command leaves"
+
+
+def _as_tolerance(tolerance: Any, state: State) -> Scalar:
+    least = max(TOLERANCE, least_tolerance(state.dtype))
+    return (
+        _check.on_device(np.asarray(least, state.dtype)) if tolerance is None else jnp.asarray(tolerance, state.dtype)
     )
+
+
+def _require_met(plant: AbstractPlant, plan: Schedule, met: Any, error: Any, tolerance: Any) -> None:
+    """*Raises* ``ValueError`` unless the tolerance of a concrete result was met."""
+    if not np.all(np.asarray(met)):
+        asked = "the default" if tolerance is None else f"{tolerance:g}"
+        raise ValueError(
+            f"tolerance ({asked}) was not met: the residual energy of {type(plant).__name__} after "
+            f"{float(plan.breaks[-1]):.4g} s is known to about {float(np.max(np.asarray(error))):.2g} J only, with the "
+            "most steps there are; ask for a larger tolerance, or shorten the move"
+        )
 
 
 def residual_vibration(
@@ -119,43 +141,73 @@ def residual_vibration(
     initial_state: Any = None,
     steps: int | None = None,
 ) -> Scalar:
-    """Amplitude of the vibration left after the last impulse, over the distance: a fraction.
+    """The residual vibration: its amplitude after the last impulse, over the distance.
 
-    For a mass on a spring, the deflection (the greater of both sides) at which the spring alone holds the residual
+    For a mass on a spring, the deflection (the greater of both sides) at which the spring alone stores the residual
     energy; with damping that bounds the amplitude. For other plants, the greatest departure of the payload from its
-    rest during the slowest mode's next two periods. Infinite if the payload will not come back.
+    rest during the slowest mode's next two periods.
 
-    *Source*: Moonmangmee and Chatlatanagulchai (2025), before Fig. 5, there read off the first overshoot.
+    Args:
+        plant: the plant.
+        shaper: the shaper; ``None`` for the bare command.
+        distance: a number (a step of that size, m) or any command.
+        initial_state: at rest at input 0 unless given.
+        steps: fixed steps a segment; chosen from the plant's frequencies unless given.
+
+    Returns:
+        A fraction; infinite where the plant diverged.
+
+    Source: Moonmangmee and Chatlatanagulchai (2025), before Fig. 5, there read off the first overshoot.
     """
     plan, plant, state = _prepare(plant, shaper, distance, initial_state)
-    if steps is None:
-        chosen = steps_for(plant, plan) if _check.is_concrete(plant, plan) else None
-        return _residual_vibration(plant, plan, state, chosen, fine_steps(plant, plan, 2.0))
-    steps = _check.count(steps, "steps")
-    return _residual_vibration(plant, plan, state, steps, 32 * steps)
+    steps = None if steps is None else _check.count(steps, "steps")
+    fine = fine_steps(plant, plan, 2.0) if steps is None else 32 * steps
+    value, error, met = _residual_vibration(plant, plan, state, steps, fine, _as_tolerance(None, state))
+    if _check.is_concrete(value):
+        _require_met(plant, plan, met, error, None)
+    return value
 
 
 def overshoot(plant: AbstractPlant, shaper: Shaper | None, distance: Any, *, initial_state: Any = None) -> Scalar:
-    """How far the payload passes its destination, over the distance: a fraction, not negative.
+    """The overshoot: how far the payload passes its destination, over the distance.
 
-    From the beginning of the move to two periods of the slowest mode after its end.
+    Observed from the beginning of the move to two periods of the slowest mode after its end.
 
-    *Source*: Moonmangmee and Chatlatanagulchai (2025), before Fig. 5: (x_p − x_d)/x_d.
+    Args:
+        plant: the plant.
+        shaper: the shaper; ``None`` for the bare command.
+        distance: a number (a step of that size, m) or any command.
+        initial_state: at rest at input 0 unless given.
+
+    Returns:
+        A fraction, not negative; infinite where the plant diverged.
+
+    Source: Moonmangmee and Chatlatanagulchai (2025), before Fig. 5: (x_p − x_d)/x_d.
     """
     plan, plant, state = _prepare(plant, shaper, distance, initial_state)
-    along = track(plant, plan, state, 2.0, "payload", fine_steps(plant, plan, 2.0))
+    along = _along(plant, plan, state, 2.0, "payload")
     target = _target(plant, plan)
     distance = target - _start(plant, state)
     greatest = jnp.max(extremes((along.value - target) / distance, along.slope / distance, along.step))
-    return jnp.where(along.lost, jnp.inf, jnp.maximum(greatest, 0.0))
+    return jnp.where(along.diverged, jnp.inf, jnp.maximum(greatest, 0.0))
 
 
 def peak_deflection(plant: AbstractPlant, shaper: Shaper | None, distance: Any, *, initial_state: Any = None) -> Scalar:
-    """Greatest bend of the flexible part (either way) from the beginning of the move to one period after it, m."""
+    """The greatest deflection of the flexible part, either way, from the beginning of the move to a period after it.
+
+    Args:
+        plant: the plant.
+        shaper: the shaper; ``None`` for the bare command.
+        distance: a number (a step of that size, m) or any command.
+        initial_state: at rest at input 0 unless given.
+
+    Returns:
+        m; infinite where the plant diverged.
+    """
     plan, plant, state = _prepare(plant, shaper, distance, initial_state)
-    along = track(plant, plan, state, 1.0, "deflection", fine_steps(plant, plan, 1.0))
+    along = _along(plant, plan, state, 1.0, "deflection")
     both = [extremes(sign * along.value, sign * along.slope, along.step) for sign in (1, -1)]
-    return jnp.where(along.lost, jnp.inf, jnp.max(jnp.stack(both)))
+    return jnp.where(along.diverged, jnp.inf, jnp.max(jnp.stack(both)))
 
 
 def settling_time(
@@ -167,19 +219,30 @@ def settling_time(
     periods: float = 20.0,
     initial_state: Any = None,
 ) -> Scalar:
-    """Time after which the payload stays within ``band`` (a fraction of the distance) of its destination, s.
+    """The settling time, after which the payload stays within a band around its destination.
 
-    Watched for ``periods`` of the slowest mode after the move; infinite if it has not settled by then.
-    *Raises* ``ValueError`` unless band and periods are positive.
+    Args:
+        plant: the plant.
+        shaper: the shaper; ``None`` for the bare command.
+        distance: a number (a step of that size, m) or any command.
+        band: half its width, a fraction of the distance.
+        periods: how long the payload is observed after the move, in periods of the slowest mode.
+        initial_state: at rest at input 0 unless given.
+
+    Returns:
+        s; infinite where the payload has not settled by then.
+
+    Raises:
+        ValueError: unless band and periods are positive.
     """
     _check.positive(band, "band")
     _check.positive(periods, "periods")
     plan, plant, state = _prepare(plant, shaper, distance, initial_state)
-    along = track(plant, plan, state, periods, "payload", fine_steps(plant, plan, periods))
+    along = _along(plant, plan, state, periods, "payload")
     target = _target(plant, plan)
     limit = band * jnp.abs(target - _start(plant, state))
     sides = [last_above(sign * (along.value - target) - limit, sign * along.slope, along) for sign in (1, -1)]
-    return jnp.where(along.lost, jnp.inf, jnp.maximum(*sides))
+    return jnp.where(along.diverged, jnp.inf, jnp.maximum(*sides))
 
 
 def rise_time(
@@ -191,28 +254,42 @@ def rise_time(
     *,
     initial_state: Any = None,
 ) -> Scalar:
-    """Time from first reaching ``low`` to first reaching ``high`` (fractions of the distance) with the payload, s.
+    """The rise time of the payload, from first reaching ``low`` to first reaching ``high``.
 
-    Infinite if it does not get there within a period after the move. *Raises* ``ValueError`` unless 0 ≤ low < high ≤ 1.
+    Args:
+        plant: the plant.
+        shaper: the shaper; ``None`` for the bare command.
+        distance: a number (a step of that size, m) or any command.
+        low: a fraction of the distance.
+        high: a fraction of the distance.
+        initial_state: at rest at input 0 unless given.
+
+    Returns:
+        s; infinite where the payload does not reach ``high`` within a period after the move.
+
+    Raises:
+        ValueError: unless 0 ≤ low < high ≤ 1.
     """
     if not 0 <= low < high <= 1:
         raise ValueError(f"low and high must satisfy 0 <= low < high <= 1, not {low} and {high}")
     plan, plant, state = _prepare(plant, shaper, distance, initial_state)
-    along = track(plant, plan, state, 1.0, "payload", fine_steps(plant, plan, 1.0))
+    along = _along(plant, plan, state, 1.0, "payload")
     begin = _start(plant, state)
     progress = (along.value - begin) / (_target(plant, plan) - begin)
     slope = along.slope / (_target(plant, plan) - begin)
     reach = lambda level: first_above(progress - level, slope, along)
     end = reach(high)
     begin = reach(low) if low > 0 else jnp.zeros_like(end)
-    return jnp.where(along.lost | ~jnp.isfinite(end), jnp.inf, end - jnp.where(jnp.isfinite(begin), begin, 0.0))
+    return jnp.where(along.diverged | ~jnp.isfinite(end), jnp.inf, end - jnp.where(jnp.isfinite(begin), begin, 0.0))
 
 
 class EnergyProfile(eqx.Module):
     """Energies against position, one row for each segment of the move.
 
-    ``position``: of the payload, m; ``kinetic``, ``potential``: J, the latter with the base where it is in that
-    segment.
+    Attributes:
+        position: of the payload, m.
+        kinetic: J.
+        potential: J, with the base where it is in that segment.
     """
 
     position: Float[Array, "segments points"]
@@ -228,8 +305,16 @@ class EnergyProfile(eqx.Module):
 def energy_profile(plant: AbstractPlant, shaper: Shaper, distance: Any, points: int = 129) -> EnergyProfile:
     """Kinetic and potential energy T(x2), U(x2) along a move, segment by segment.
 
-    *Raises* ``ValueError`` for a plant that is not a mass on a spring.
-    *Source*: Moonmangmee and Chatlatanagulchai (2025), Eqs. 24–27 and 51–54, Figs. 4, 6 and 9, here by simulation, so
+    Args:
+        plant: a mass on a spring.
+        shaper: the shaper.
+        distance: a number (a step of that size, m) or any command.
+        points: in each segment.
+
+    Raises:
+        ValueError: for a plant that is not a mass on a spring.
+
+    Source: Moonmangmee and Chatlatanagulchai (2025), Eqs. 24–27 and 51–54, Figs. 4, 6 and 9, here by simulation, so
     that it holds with damping and for any spring.
     """
     if not isinstance(plant, AbstractOscillator):
@@ -256,6 +341,28 @@ def _energy_profile(
     return EnergyProfile(*along(segments, states, local))
 
 
+def _along(plant, plan: Schedule, state: State, periods: float, name: str) -> Trajectory:
+    """The named quantity along a move, with more steps until it is accurate; NaN where a traced one is not.
+
+    Raises:
+        ValueError: where it is not accurate with the most steps there are.
+    """
+    steps = fine_steps(plant, plan, periods)
+    along = trajectory(plant, plan, state, periods, name, steps)
+    if not _check.is_concrete(along.value):
+        flagged = jnp.where(along.met | along.diverged, along.value, jnp.nan)
+        return eqx.tree_at(lambda along: along.value, along, flagged)
+    while not (along.met or along.diverged):
+        steps *= 4
+        if steps > MOST_STEPS:
+            raise ValueError(
+                f"distance: {name} of {type(plant).__name__} is not accurate to {ACCURACY:g} with {steps // 4} steps a "
+                "segment; shorten the move"
+            )
+        along = trajectory(plant, plan, state, periods, name, steps)
+    return along
+
+
 def _prepare(plant, shaper, distance, initial_state) -> tuple[Schedule, Any, State]:
     plan = schedule(plant, distance, shaper)
     _check.warn_if_single()
@@ -263,40 +370,54 @@ def _prepare(plant, shaper, distance, initial_state) -> tuple[Schedule, Any, Sta
     return plan, plant, initial(plant, initial_state)
 
 
-def _end(plant, plan: Schedule, state: State, steps: int | None, method: str = "dopri8"):
-    """The state after the last impulse, its error and whether they are known, by so many steps a segment; by as many
-    as it takes, chosen at run time, where none are given."""
-    if steps is None:
-        return settled_state(plant, plan, state)
-    return *final_state(plant, plan, state, steps, method), jnp.asarray(True)
+class _End(NamedTuple):
+    """The state after the last impulse, the estimate of the energy's error (J), whether the plant diverged, and
+    whether the tolerance was met."""
+
+    state: State
+    error: Scalar
+    diverged: Bool[Array, ""]
+    met: Bool[Array, ""]
 
 
-@kept
-def _residual_energy(plant, plan: Schedule, state, steps: int | None, method: str) -> tuple[Scalar, Scalar]:
-    end, error, known = _end(plant, plan, state, steps, method)
+def _end(plant, plan: Schedule, state: State, steps: int | None, method: str, tolerance: Scalar) -> _End:
+    """By so many steps a segment; by as many as the tolerance takes, chosen at run time, where none are given."""
     inputs = plan.final_inputs(plant)
-    energy, slope = jax.value_and_grad(plant.residual_energy)(end, inputs)
-    curvature = jax.jvp(jax.grad(lambda y: plant.residual_energy(y, inputs)), (end,), (error,))[1]
-    error = jnp.abs(slope) @ error + jnp.abs(curvature) @ error / 2
-    energy = jnp.where(plant.diverged(end, inputs), jnp.inf, energy)
-    return jnp.where(known, energy, jnp.nan), jnp.where(known, error, jnp.inf)
+    if steps is None:
+        found = checked_state(plant, plan, state, tolerance)
+        return _End(found.state, found.error * found.scale, found.diverged, found.met)
+    end, error = final_state(plant, plan, state, steps, method)
+    slope, curved = jax.jvp(jax.grad(lambda y: plant.residual_energy(y, inputs)), (end,), (error,))
+    bound = jnp.abs(slope) @ error + jnp.abs(curved) @ error / 2
+    return _End(end, bound, plant.diverged(end, inputs), jnp.asarray(True))
 
 
 @kept
-def _residual_vibration(plant, plan: Schedule, state, steps: int | None, fine: int) -> Scalar:
-    end, _, known = _end(plant, plan, state, steps)
+def _residual_energy(plant, plan: Schedule, state, steps: int | None, method: str, tolerance):
+    end = _end(plant, plan, state, steps, method, tolerance)
+    energy = plant.residual_energy(end.state, plan.final_inputs(plant))
+    # A plant without rest at its final input has no energy above it, whatever the tolerance.
+    rest = jnp.all(jnp.isfinite(plant.rest_state(plan.final_inputs(plant))))
+    energy = jnp.where(end.diverged & rest, jnp.inf, energy)
+    return jnp.where(end.met, energy, jnp.nan), jnp.where(end.met, end.error, jnp.inf), end.met | ~rest
+
+
+@kept
+def _residual_vibration(plant, plan: Schedule, state, steps: int | None, fine: int, tolerance):
+    end = _end(plant, plan, state, steps, "dopri8", tolerance)
     inputs = plan.final_inputs(plant)
     distance = jnp.abs(_target(plant, plan) - _start(plant, state))
     if isinstance(plant, AbstractOscillator) and plant.drives()[0] == "displacement":
-        amplitude = plant.spring.amplitude(plant.residual_energy(end, inputs))
+        amplitude = plant.spring.amplitude(plant.residual_energy(end.state, inputs))
     else:
         still = Schedule(jnp.zeros_like(plan.breaks[-1:]), plan.coefficients[-1:])
-        along = track(plant, still, end, 2.0, "payload", fine)
+        along = trajectory(plant, still, end.state, 2.0, "payload", fine)
         away = along.value - _target(plant, plan)
         both = [extremes(sign * away, sign * along.slope, along.step) for sign in (1, -1)]
         amplitude = jnp.max(jnp.stack(both))
-    lost = plant.diverged(end, inputs) | ~jnp.isfinite(amplitude)
-    return jnp.where(known, jnp.where(lost, jnp.inf, amplitude / distance), jnp.nan)
+    diverged = end.diverged | ~jnp.isfinite(amplitude)
+    value = jnp.where(end.met, jnp.where(diverged, jnp.inf, amplitude / distance), jnp.nan)
+    return value, end.error, end.met
 
 
 def _target(plant, plan: Schedule) -> Scalar:

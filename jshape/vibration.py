@@ -79,22 +79,33 @@ def percentage_vibration(shaper: Shaper, omega: Any, zeta: Any = 0.0) -> Float[A
 
 
 def insensitivity(shaper: Shaper, omega: Any, zeta: Any = 0.0, vibration: float = 0.05) -> float:
-    """Width of the band of frequencies around ``omega`` in which V stays at or under ``vibration``, over ``omega``.
+    """The insensitivity: the width of the band of frequencies in which V stays at or under a limit, over ``omega``.
 
-    A curve that touches the limit from below (extra-insensitive shapers) counts as under it. 0 if V exceeds the
-    limit at ``omega`` itself. Concrete values only. *Raises* ``ValueError`` for a vibration outside (0, 1).
+    A curve that touches the limit from below (extra-insensitive shapers) counts as under it. Concrete values only.
 
-    *Source*: Singhose, Seering and Singer (1994), their insensitivity I.
+    Args:
+        shaper: the shaper.
+        omega: undamped natural frequency about which the band lies, rad/s.
+        zeta: damping ratio in [0, 1).
+        vibration: the limit of V, a fraction.
+
+    Returns:
+        A fraction; 0 where V exceeds the limit at ``omega`` itself.
+
+    Raises:
+        ValueError: for a vibration outside (0, 1), a frequency that is not positive or a damping ratio outside [0, 1).
+
+    Source: Singhose, Seering and Singer (1994), their insensitivity I.
     """
     if not 0 < vibration < 1:
         raise ValueError(f"vibration must lie between 0 and 1 (5 % is 0.05), not {vibration}")
-    nominal, damping = float(_check.scalar(omega, "omega")), float(_check.scalar(zeta, "zeta"))
+    nominal, zeta = float(_check.scalar(omega, "omega")), float(_check.scalar(zeta, "zeta"))
     _check.positive(nominal, "omega")
-    _check.damping_ratio(damping)
+    _check.damping_ratio(zeta)
     amplitudes, times = np.asarray(shaper.amplitudes, float), np.asarray(shaper.times, float)
 
     def excess(w: Any) -> np.ndarray:
-        return np.abs(transform(amplitudes, times, pole(w, damping))) - vibration * (1 + 1e-6)
+        return np.abs(transform(amplitudes, times, pole(w, zeta))) - vibration * (1 + 1e-6)
 
     if excess(nominal) > 0:
         return 0.0

@@ -23,7 +23,7 @@ def forget_programs():
     yield
     jax.clear_caches()
     # A command that was run here keeps its programs; the tests after it shall compile their own.
-    programs._shelf = None
+    programs._folder = None
 
 
 @pytest.fixture(scope="session")

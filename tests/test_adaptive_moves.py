@@ -12,12 +12,12 @@ from scipy.optimize import least_squares as scipy_least_squares
 from scipy.optimize import rosen
 
 import jshape as js
-from jshape.adaptive.least_squares_fit import least_squares
-from jshape.adaptive.moves.belief import believe, believed
 from jshape.adaptive.moves.machine import AbstractMoveStrategy, Moves, NoisySensor, run_moves
+from jshape.adaptive.moves.monte_carlo import residuals, run_many
+from jshape.adaptive.moves.posterior import prior, update
 from jshape.adaptive.moves.strategies import Adapting, Oracle, Rule
-from jshape.adaptive.moves.study import residuals, run_many
 from jshape.adaptive.moves.two_mass import TwoMassMoves, random_payloads
+from jshape.levenberg_marquardt import levenberg_marquardt
 
 K1, K3, C = 10.0, 100.0, 0.4
 NOISE = 0.001
@@ -108,17 +108,17 @@ def test_the_loop_is_the_machine(task):
 
 @pytest.fixture(scope="module")
 def learn(task):
-    """``learn(readings, swing, size)`` from a fixed belief and shaper, compiled once; and the two."""
-    belief = believed(task.nominal(), jnp.full(3, 0.5))
+    """``learn(readings, swing, size)`` from a fixed prior and shaper, compiled once; and the two."""
+    last = prior(task.nominal(), jnp.full(3, 0.5))
     # Near the energy shaper of the nominal plant.
     shaper = js.Shaper([0.27, 0.5, 0.23], [0.0, 0.83, 1.65])
     size, noise, drift, limit = jnp.asarray(1.0), jnp.asarray(NOISE), jnp.full(3, 0.5), jnp.asarray(2.0)
 
     @jax.jit
     def run(readings, swing):
-        return believe(task, belief._replace(swing=swing), size, shaper, readings, noise, drift, limit)
+        return update(task, last._replace(swing=swing), size, shaper, readings, noise, drift, limit)
 
-    return run, belief, shaper
+    return run, last, shaper
 
 
 TRUTH, SWING = np.array([0.35, 0.35, -0.2]), np.array([0.08, -0.25])
@@ -138,11 +138,11 @@ def test_the_fit_is_scipys(task, learn, window):
     readings = window + np.random.default_rng(0).normal(0, NOISE, 61)
     got = run(readings, np.zeros(2))
     at = np.asarray(task.times)
-    prior = np.sqrt(0.5**2 + 0.5**2)
+    spread = np.sqrt(0.5**2 + 0.5**2)
 
     def misfit(unknown):
         signal = scipy_states(unknown[2:], unknown[:2], shaper, 1.0, at)[:, 0] - level(shaper, 1.0, at)
-        return np.concatenate([(readings - signal) / NOISE, unknown[2:] / prior])
+        return np.concatenate([(readings - signal) / NOISE, unknown[2:] / spread])
 
     best = scipy_least_squares(misfit, np.concatenate([SWING, TRUTH]), x_scale=0.1, xtol=1e-12, ftol=1e-12)
     covariance = np.linalg.inv(best.jac.T @ best.jac)[2:, 2:]
@@ -156,7 +156,7 @@ def test_the_fit_is_scipys(task, learn, window):
 
 
 def test_the_covariance_is_honest(learn, window):
-    """Over fifty windows the errors are as large as the belief says they are, for every parameter."""
+    """Over fifty windows the errors are as large as the posterior says they are, for every parameter."""
     run, _, _ = learn
     errors = []
     for seed in range(50):
@@ -168,8 +168,8 @@ def test_the_covariance_is_honest(learn, window):
     assert np.all((rms > 0.63) & (rms < 1.27)), rms
 
 
-def test_wild_windows_leave_the_belief_as_it_is(learn, window):
-    run, belief, _ = learn
+def test_wild_windows_leave_the_posterior_as_it_is(learn, window):
+    run, last, _ = learn
     number = np.arange(61)
     noisy = window + np.random.default_rng(1).normal(0, NOISE, 61)
     wild = {
@@ -185,9 +185,9 @@ def test_wild_windows_leave_the_belief_as_it_is(learn, window):
     for name, readings in wild.items():
         got = run(readings, np.zeros(2))
         assert not bool(got.accepted), name
-        assert int(got.refused) == 1, name
-        np.testing.assert_array_equal(got.parameters, belief.parameters)
-        np.testing.assert_array_equal(got.covariance, belief.covariance)
+        assert int(got.rejected) == 1, name
+        np.testing.assert_array_equal(got.parameters, last.parameters)
+        np.testing.assert_array_equal(got.covariance, last.covariance)
         np.testing.assert_array_equal(got.swing, np.zeros(2))
     # A few missing samples are left out, and no more.
     some = run(np.where(number % 7 == 0, np.nan, noisy), np.zeros(2))
@@ -195,8 +195,8 @@ def test_wild_windows_leave_the_belief_as_it_is(learn, window):
     assert np.all(np.abs(some.parameters - TRUTH) < 4 * np.sqrt(np.diag(some.covariance)))
 
 
-def test_a_plant_out_of_bounds_is_refused(task, learn):
-    """Nothing is wrong with the readings, but with what they would make us believe."""
+def test_a_plant_out_of_bounds_is_rejected(task, learn):
+    """Nothing is wrong with the readings, but with the plant that they ask for."""
     run, _, shaper = learn
     at = np.asarray(task.times)
     readings = scipy_states([0.0, 0.0, 1.6], np.zeros(2), shaper, 1.0, at)[:, 0] - level(shaper, 1.0, at)
@@ -242,24 +242,24 @@ def test_what_cannot_be_cancelled_is_made_small(design):
     assert energies[0] < energies[1]
 
 
-def test_least_squares_is_scipys():
+def test_levenberg_marquardt_is_scipys():
     """Rosenbrock's valley, unknowns of very different units, and fewer conditions than unknowns."""
     valley = lambda x: (jnp.stack([10 * (x[1] * 1e6 - x[0] ** 2), 1 - x[0]]), None)
-    place, jacobian, value, _ = least_squares(valley, jnp.array([-1.2, 1e-6]), 40)
+    place, jacobian, value, _ = levenberg_marquardt(valley, jnp.array([-1.2, 1e-6]), 40)
     np.testing.assert_allclose(place * np.array([1, 1e6]), [1.0, 1.0], rtol=1e-9)
     assert rosen(place * np.array([1, 1e6])) < 1e-18
     np.testing.assert_allclose(jacobian, [[-20.0, 1e7], [-1.0, 0.0]], rtol=1e-8)
     np.testing.assert_allclose(value, 0.0, atol=1e-9)
     wide = lambda x: (jnp.stack([x[0] + x[1] - 2.0, jnp.sin(x[2])]), x[0])
-    place, _, value, more = least_squares(wide, jnp.array([0.0, 0.0, 0.3]), 12)
+    place, _, value, more = levenberg_marquardt(wide, jnp.array([0.0, 0.0, 0.3]), 12)
     np.testing.assert_allclose(place, [1.0, 1.0, 0.0], atol=1e-6)
     np.testing.assert_allclose(value, 0.0, atol=1e-9)
     assert float(more) == float(place[0])
 
 
-def test_least_squares_goes_round_what_is_not_finite():
+def test_levenberg_marquardt_goes_round_what_is_not_finite():
     """The first full step leaves the logarithm's domain; it is not taken."""
-    place, *_ = least_squares(lambda x: (jnp.log(x) + 2.0, None), jnp.array([2.0]), 40)
+    place, *_ = levenberg_marquardt(lambda x: (jnp.log(x) + 2.0, None), jnp.array([2.0]), 40)
     np.testing.assert_allclose(place, np.exp(-2.0), rtol=1e-9)
 
 
@@ -295,15 +295,15 @@ def test_moves_of_the_wrong_shape(task):
 
 @pytest.mark.slow
 def test_back_at_the_noise_floor_by_the_second_move(task):
-    """Forty payloads that change, one of five windows right after the change lost: fixed, ours, oracle."""
+    """Forty payloads that change, one of five windows right after the change missing: fixed, ours, oracle."""
     keys = jax.random.split(jax.random.key(3), 40)
     drawn = jax.jit(jax.vmap(lambda key: random_payloads(key, task, moves=6)))(keys)
     mass = np.asarray(drawn.mass)
     assert mass.min() > 0.6
     assert mass.max() < 1.4
-    lost = np.zeros((40, 6, 61), bool)
-    lost[::5, 2] = True
-    moves = drawn.moves._replace(missing=jnp.asarray(lost))
+    gone = np.zeros((40, 6, 61), bool)
+    gone[::5, 2] = True
+    moves = drawn.moves._replace(missing=jnp.asarray(gone))
     sensor = NoisySensor(NOISE, 0.0005)
     closed = js.design.energy.three_impulse(pair(), 1.0)
     strategies = {
@@ -323,5 +323,5 @@ def test_back_at_the_noise_floor_by_the_second_move(task):
     np.testing.assert_array_less(np.delete(ours[:, 3:], np.s_[::5], axis=0), 0.005)
     np.testing.assert_array_less(ours[:, 4:], 0.005)
     assert float(left.sel(strategy="fixed", move=slice(2, None)).median()) > 10 * np.median(ours[:, 3:])
-    refused = np.asarray(traces["ours"].memory.refused)[:, -1]
-    np.testing.assert_array_equal(refused, lost.any(axis=(1, 2)))
+    rejected = np.asarray(traces["ours"].memory.rejected)[:, -1]
+    np.testing.assert_array_equal(rejected, gone.any(axis=(1, 2)))

@@ -8,11 +8,11 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
 
 import jshape as js
-from jshape.adaptive.moves.belief import believe, believed
 from jshape.adaptive.moves.hoisting import Hoisting, HoistingMoves, random_loads
 from jshape.adaptive.moves.machine import NoisySensor
+from jshape.adaptive.moves.monte_carlo import residuals, run_many
+from jshape.adaptive.moves.posterior import prior, update
 from jshape.adaptive.moves.strategies import Adapting, Oracle
-from jshape.adaptive.moves.study import residuals, run_many
 
 KNOWN = Hoisting(jnp.asarray(5.0), jnp.asarray(6.0), jnp.asarray(-3.0))
 LOAD, SWING = 0.4, np.array([0.03, -0.02])
@@ -33,26 +33,26 @@ def profile(distance, speed, acceleration, t):
     s = lambda x: np.maximum(x, 0.0)
     a = acceleration
     place = a / 2 * (s(t) ** 2 - s(t - ramp) ** 2 - s(t - end + ramp) ** 2 + s(t - end) ** 2)
-    rate = a * (s(t) - s(t - ramp) - s(t - end + ramp) + s(t - end))
+    speed_now = a * (s(t) - s(t - ramp) - s(t - end + ramp) + s(t - end))
     h = lambda x: np.asarray(x >= 0, float)
-    return sign * a * (h(t) - h(t - ramp) - h(t - end + ramp) + h(t - end)), sign * rate, sign * place
+    return sign * a * (h(t) - h(t - ramp) - h(t - end + ramp) + h(t - end)), sign * speed_now, sign * place
 
 
 def scipy_angles(load, swing, shaper, at):
-    """Angle and rate at the instants ``at`` (rad, rad/s), DOP853, begun anew at every break of trolley and hoist."""
+    """Angle and angular speed at the instants ``at`` (rad, rad/s), DOP853, begun anew at every break."""
     amplitudes, impulses = np.asarray(shaper.amplitudes), np.asarray(shaper.times)
     ends = [0.0, 2.0, 5.0, 7.0]  # 5 m at 1 m/s with 0.5 m/s²
     breaks = sorted({0.0, 1.2, 5.0, 6.2, *(t + e for t in impulses for e in ends)})  # 3 m at 0.6 m/s with 0.5 m/s²
 
     def run(begin, end, state):
-        # Within a piece the accelerations are constant: those of its middle.
+        # Within a segment the accelerations are constant: those of its middle.
         middle = (begin + end) / 2
         pull = sum(a * profile(5.0, 1.0, 0.5, middle - t)[0] for a, t in zip(amplitudes, impulses, strict=True))
 
         def field(t, y):
-            _, rate, way = profile(-3.0, 0.6, 0.5, t)
+            _, reel, way = profile(-3.0, 0.6, 0.5, t)
             length = 6.0 + load + way
-            return [y[1], -(2 * rate * y[1] + 9.81 * np.sin(y[0]) + pull * np.cos(y[0])) / length - 0.02 * y[1]]
+            return [y[1], -(2 * reel * y[1] + 9.81 * np.sin(y[0]) + pull * np.cos(y[0])) / length - 0.02 * y[1]]
 
         return solve_ivp(field, (begin, end), state, method="DOP853", rtol=1e-11, atol=1e-13, dense_output=True)
 
@@ -69,17 +69,17 @@ def scipy_angles(load, swing, shaper, at):
 @pytest.mark.slow
 def test_the_length_is_learned_and_the_next_move_leaves_nothing(task):
     """One window with an unknown load and an unknown swing, beside SciPy's fit; then the shaper for it."""
-    belief = believed(task.nominal(), jnp.full(1, 0.6))
-    shaper = js.design.linear.zvd(float(task.frequency(task.nominal(), KNOWN, 0.5)))
+    before = prior(task.nominal(), jnp.full(1, 0.6))
+    shaper = js.design.linear.zvd(float(task.omega(task.nominal(), KNOWN, 0.5)))
     at = np.asarray(task.times)
     readings = scipy_angles(LOAD, SWING, shaper, at)[:, 0] + np.random.default_rng(0).normal(0, NOISE, len(at))
     drift, noise, limit = jnp.full(1, 0.6), jnp.asarray(NOISE), jnp.asarray(2.0)
-    learn = jax.jit(lambda readings: believe(task, belief, KNOWN, shaper, readings, noise, drift, limit))
+    learn = jax.jit(lambda readings: update(task, before, KNOWN, shaper, readings, noise, drift, limit))
     got = learn(readings)
     assert bool(got.accepted)
     wild = learn(np.where(np.arange(len(at)) > 30, readings[30], readings))
     assert not bool(wild.accepted)
-    np.testing.assert_array_equal(wild.parameters, belief.parameters)
+    np.testing.assert_array_equal(wild.parameters, before.parameters)
 
     def misfit(unknown):
         signal = scipy_angles(unknown[2], unknown[:2], shaper, at)[:, 0]
@@ -93,7 +93,7 @@ def test_the_length_is_learned_and_the_next_move_leaves_nothing(task):
     np.testing.assert_allclose(got.swing, scipy_angles(best.x[2], best.x[:2], shaper, at)[-1], atol=1e-6)
 
     design = jax.jit(lambda load, swing: task.design(load, KNOWN, swing))
-    near = js.design.linear.zvd(float(task.frequency(jnp.array([LOAD]), KNOWN, 0.5)))
+    near = js.design.linear.zvd(float(task.omega(jnp.array([LOAD]), KNOWN, 0.5)))
     for swing in (np.zeros(2), SWING):
         left = []
         for candidate in (design(jnp.array([LOAD]), swing), near):
@@ -119,15 +119,15 @@ def test_loads_that_change_are_followed(task):
     unknown, learned = ours.sel(move=1), ours.sel(move=slice(2, None))
     assert float(unknown.median()) > 4 * float(learned.median())
     assert float(learned.quantile(0.9)) < 0.15
-    belief = traces["ours"].memory
-    errors = np.asarray(belief.parameters - moves.after)[..., 0] / np.sqrt(np.asarray(belief.covariance)[..., 0, 0])
+    last = traces["ours"].memory
+    errors = np.asarray(last.parameters - moves.after)[..., 0] / np.sqrt(np.asarray(last.covariance)[..., 0, 0])
     # 96 squares of standard normal numbers: 1 ± 3 · sqrt(2/96), and its root.
     assert 0.75 < np.sqrt(np.mean(errors**2)) < 1.2
-    assert not np.any(np.asarray(belief.refused))
+    assert not np.any(np.asarray(last.rejected))
 
 
 def test_a_frequency_that_sweeps(task):
-    start, end = (float(task.frequency(jnp.array([LOAD]), KNOWN, share)) for share in (0.0, 1.0))
+    start, end = (float(task.omega(jnp.array([LOAD]), KNOWN, share)) for share in (0.0, 1.0))
     assert start == pytest.approx(np.sqrt(9.81 / 6.4))
     assert end == pytest.approx(np.sqrt(9.81 / 3.4))
 

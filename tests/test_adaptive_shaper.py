@@ -16,7 +16,9 @@ from jshape.adaptive.shapers.taps import Filters
 from jshape.design import linear
 
 TICK = 0.005
-NARROW: dict[str, Any] = dict(omega=(7.0, 70.0), bands=((5.7, 8.5), (66.0, 74.0)))
+PAPER: dict[str, Any] = dict(omega=(9.0, 70.0), zeta=(0.017, 0.019), bands=((4.0, 14.0), (50.0, 105.0)))
+"""The two modes of Chatlatanagulchai, Chotana and Prutthapong."""
+NARROW: dict[str, Any] = dict(omega=(7.0, 70.0), zeta=(0.017, 0.019), bands=((5.7, 8.5), (66.0, 74.0)))
 ONE: dict[str, Any] = dict(omega=9.0, zeta=0.017, bands=(4.0, 14.0))
 
 
@@ -76,7 +78,7 @@ def test_impulses_are_those_of_the_linear_designs(kind):
 
 @pytest.mark.parametrize("rounding", ["nearest", "split"])
 def test_an_untouched_shaper_is_the_cascade_of_both_filters(rounding):
-    shaper = AdaptiveShaper(TICK, rounding=rounding)
+    shaper = AdaptiveShaper(TICK, **PAPER, rounding=rounding)
     taps = []
     for omega, zeta in ((9.0, 0.017), (70.0, 0.019)):
         exact = linear.zvd(omega, zeta)
@@ -117,7 +119,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
 @pytest.fixture(scope="module", params=list(OPTIONS))
 def stream(request):
     """A shaper, wild estimates with a reference of which samples are missing, and what the JAX form makes of them."""
-    shaper = AdaptiveShaper(TICK, **OPTIONS[request.param])
+    shaper = AdaptiveShaper(TICK, **PAPER, **OPTIONS[request.param])
     reference = square(6000)
     reference[np.random.default_rng(3).random(6000) < 0.02] = np.nan
     reference[2000:2600] = np.linspace(-1, 2, 600)
@@ -142,8 +144,8 @@ def test_numpy_and_jax_agree(stream):
         np.testing.assert_allclose(one, two, rtol=1e-12, atol=1e-12, err_msg=name)
     assert int(shaped.missing[-1]) == np.sum(np.isnan(reference)) > 100
     omega, _, valid = estimates
-    refused = np.sum(valid & ~((omega > 0) & (omega < np.inf)), axis=0)
-    np.testing.assert_array_equal(shaped.rejected[-1], refused)
+    rejected = np.sum(valid & ~((omega > 0) & (omega < np.inf)), axis=0)
+    np.testing.assert_array_equal(shaped.rejected[-1], rejected)
     assert np.all(np.asarray(shaped.limited[-1]) > 1000)
 
 
@@ -180,7 +182,7 @@ def test_a_thousand_loops_side_by_side(stream):
 
 
 def test_each_step_passes_one_tuning_and_nothing_moves_between():
-    shaper, samples = AdaptiveShaper(TICK), 4000
+    shaper, samples = AdaptiveShaper(TICK, **PAPER), 4000
     online, reference, (omega, zeta, valid) = shaper.online(1.0), square(samples), wild(samples, 5)
     shaped = [online.push(reference[i], estimate(omega[i], zeta[i], valid[i])) for i in range(samples)]
     command, used = np.array([s.command for s in shaped]), np.array([s.omega for s in shaped])
@@ -235,7 +237,7 @@ def test_an_estimate_may_do_so_much_and_no_more():
 
     assert after(estimate([9.5], 0.03)).omega[0] == 9.5
     assert after(estimate([9.5], 0.03)).zeta[0] == 0.03
-    assert after(estimate([9.5], 0.03, zeta_std=np.inf)).zeta[0] == 0.017  # no damping is seen
+    assert after(estimate([9.5], 0.03, zeta_std=np.inf)).zeta[0] == 0.017  # no damping is observed
     assert after(estimate([9.5], np.nan)).zeta[0] == 0.017
     assert after(estimate([9.5], 0.7)).zeta[0] == 0.1
     assert after(estimate([13.0])).omega[0] == pytest.approx(9 * 1.2)
@@ -362,11 +364,11 @@ def test_derivatives_pass_through_split_taps():
 )
 def test_mistakes_are_named(arguments, message):
     with pytest.raises(ValueError, match=message):
-        AdaptiveShaper(**(dict(sample_time=TICK) | arguments))
+        AdaptiveShaper(**(dict(sample_time=TICK) | PAPER | arguments))
 
 
 def test_estimates_of_another_number_of_modes():
-    shaper = AdaptiveShaper(TICK)
+    shaper = AdaptiveShaper(TICK, **PAPER)
     for push in (shaper.online(0.0).push, lambda r, e: shaper.step(shaper.start(0.0), r, e)):
         with pytest.raises(ValueError, match=r"estimate.omega must be of 2 modes"):
             push(0.0, estimate([1.0, 2.0, 3.0]))
@@ -375,7 +377,7 @@ def test_estimates_of_another_number_of_modes():
 @pytest.mark.slow
 def test_online_keeps_up_with_ten_kilohertz():
     """Two modes at 10 kHz, estimates with every sample: less than half of the 100 µs that there are."""
-    shaper = AdaptiveShaper(1e-4)
+    shaper = AdaptiveShaper(1e-4, **PAPER)
     online, reference = shaper.online(0.0), square(4000).tolist()
     one, best = estimate([8.0, 72.0]), np.inf
     for _ in range(5):

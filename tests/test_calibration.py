@@ -271,7 +271,7 @@ def test_wrong_arguments():
     f = np.arange(0, 201, 1.6)
     for call, words in [
         (lambda: calibration.Bins([]), "spectra is empty"),
-        (lambda: calibration.Bins(spectra, dampings=(0.0, 0.1)), "dampings must be"),
+        (lambda: calibration.Bins(spectra, zetas=(0.0, 0.1)), "zetas must be"),
         (lambda: calibration.Bins(spectra, shift=-0.1), "shift must be a fraction"),
         (lambda: calibration.Bins(spectra, ceiling=math.nan), "ceiling must be finite"),
         (lambda: calibration.fit("zv", spectra, highest=20.0), "highest must lie between 21 and 2000 Hz"),

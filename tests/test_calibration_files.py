@@ -120,7 +120,7 @@ SPECTRUM, RECORD_TEXT = spectrum_text(), record_text()
         (RECORD_TEXT.split("\n")[0], 1, "the record is empty"),
         (replaced(RECORD_TEXT, 9, ",", ";"), 9, "has 3 cells"),
         (replaced(RECORD_TEXT, 9, "0.0175", "0.0150"), 9, "later than the one before"),
-        ("\n".join(RECORD_TEXT.split("\n")[:100] + RECORD_TEXT.split("\n")[130:]), 101, "a part of the record is lost"),
+        ("\n".join(RECORD_TEXT.split("\n")[:100] + RECORD_TEXT.split("\n")[130:]), 101, "of the record is missing"),
         ("\n".join(RECORD_TEXT.split("\n")[:150]), 150, "span at least 0.5 s"),
         ("\n".join(RECORD_TEXT.split("\n")[:203]), 203, "at least one window of 256 samples, not 202"),
         ("\n".join([RECORD_TEXT.split("\n")[0], *(f"{i / 400},0,0,9810" for i in range(400))]), 401, "zero everywhere"),

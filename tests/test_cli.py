@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+import jshape as js
 from jshape.cli import app
 from jshape.cli._artist import artist
 from jshape.export import read_shaper
@@ -104,9 +105,22 @@ def test_another_process_finds_the_programs_and_tells_the_same(tmp_path):
     kept = {name.partition("-")[0] for name in programs[0]}
     assert {
         "jshape.design.tuning.levenberg_marquardt._run",
-        "jshape.design.tuning.evaluate.look",
+        "jshape.design.tuning.evaluate.linearise",
         "jshape.sweeps.evaluate._many",
     } <= kept
+
+
+@pytest.mark.slow
+def test_an_interrupted_search_is_written(tmp_path, monkeypatch):
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("jshape.design.tuning.slsqp.EpigraphSLSQP.__call__", interrupt)
+    result = run(app, ["tune", "own_plant", "--starts", "1", "--out", str(tmp_path / "out")])
+    assert result.exit_code == 130, result.output
+    record = json.loads((tmp_path / "out" / "results.json").read_text(encoding="utf-8"))
+    assert record["tuned"]["status"] == js.Status.INTERRUPTED.value
+    assert record["shapers"][-1]["name"] == "tuned"
 
 
 @pytest.mark.slow

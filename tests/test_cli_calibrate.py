@@ -74,7 +74,7 @@ def test_mistakes_end_with_a_line(folder):
         ((good, "--axis", "q"), "--axis must be x or y, not 'q'"),
         ((good, "--klipper", "2019"), "version must be one of"),
         ((good, "--component", "x"), "has no column psd_x"),
-        ((good, "--damping", "0.9"), "damping must be over 0"),
+        ((good, "--zeta", "0.9"), "zeta must be over 0"),
         ((good, "--out", folder / "full"), "holds files that are not jshape's results"),
         ((good, "--vibration", "0.1", "--smoothing", "0.1", "--out", folder / "n"), "only one may be limited"),
     ]:
@@ -106,4 +106,4 @@ def test_two_files_that_share_a_shaper(folder):
     assert outcome.exit_code == 0, outcome.output
     record = json.loads((folder / "both" / "results.json").read_text(encoding="utf-8"))
     assert record["spectra"] == [RECORD.name, "loaded_x.csv"]
-    assert record["tuned"]["met"]
+    assert record["tuned"]["status"] == "converged"

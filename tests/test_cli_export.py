@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 import jshape as js
 from jshape.cli.export import export as command
-from jshape.export import FORMATS, read_shaper, write_json
+from jshape.export import FORMATS, read_shaper
 
 app = typer.Typer()
 app.command()(command)
@@ -21,7 +21,7 @@ SHAPER = js.design.linear.zv(300.0, 0.1)
 @pytest.fixture
 def file(tmp_path):
     path = tmp_path / "mine.json"
-    write_json(SHAPER, path, "mine")
+    js.export(SHAPER, "json", path, name="mine")
     return str(path)
 
 

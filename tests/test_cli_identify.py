@@ -53,7 +53,7 @@ def test_mistakes_are_a_line(tmp_path):
         ([str(good), "--columns", "time,x"], "there are 1 't', 2 'x', 3 'y'"),
         ([str(good), "--kind", "song"], "kind must be one of"),
         ([str(good), "--modes", "0"], "modes must be a whole number"),
-        ([str(good), "--rate", "0"], "rate must be greater than 0"),
+        ([str(good), "--sample-rate", "0"], "sample_rate must be greater than 0"),
         ([str(good), "--kind", "sweep"], "inputs must be given"),
         ([str(good), "--out", str(full)], "holds files that are not jshape's"),
     ]:

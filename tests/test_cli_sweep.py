@@ -15,10 +15,14 @@ run = CliRunner().invoke
 
 @pytest.mark.slow
 def test_sweep_a_problem(tmp_path):
-    from jshape import Shaper
-    from jshape.export import write_json
+    import jshape as js
 
-    write_json(Shaper([0.25, 0.5, 0.25], [0.0, 0.8214899715396663, 1.6429799430793326]), tmp_path / "mine.json", "mine")
+    js.export(
+        js.Shaper([0.25, 0.5, 0.25], [0.0, 0.8214899715396663, 1.6429799430793326]),
+        "json",
+        tmp_path / "mine.json",
+        name="mine",
+    )
     out = tmp_path / "out"
     arguments = ["sweep", "paper_001", "--metric", "residual_energy", "--shaper", str(tmp_path / "mine.json")]
     result = run(app, [*arguments, "--out", str(out)])
@@ -56,7 +60,7 @@ def test_mistakes(tmp_path):
     )
     for given, words in [
         ([str(certain)], "nothing is uncertain"),
-        (["paper_001", "--store", str(out / "pieces")], "must not lie in the folder of the results"),
+        (["paper_001", "--store", str(out / "store")], "must not lie in the folder of the results"),
         (["paper_001", "--metric", "beauty"], "metric must be one of"),
         (["paper_001", "--samples", "8", "--sampling", "dice"], "sampling must be one of"),
     ]:

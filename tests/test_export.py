@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from scipy.signal import lfilter
 
 import jshape as js
-from jshape.export import FORMATS, export, read_shaper, write_csv, write_json
+from jshape.export import FORMATS, export, read_shaper
 
 SHAPER = js.design.linear.zvd(9.0, 0.017)
 ON_OFF = js.Shaper([1.0, -1.0, 1.0], [0.0, 0.116, 0.233])
@@ -36,8 +36,8 @@ def test_round_trip_is_exact(tmp_path_factory, weights, spread):
     folder = tmp_path_factory.mktemp("shapers")
     amplitudes = np.array(weights) / np.sum(weights)
     shaper = js.Shaper(amplitudes, spread * np.arange(len(weights)))
-    write_json(shaper, folder / "s.json", "name")
-    write_csv(shaper, folder / "s.csv")
+    export(shaper, "json", folder / "s.json", name="name")
+    export(shaper, "csv", folder / "s.csv")
     js.export(shaper, "numpy", folder / "s.npz")
     for name in ("s.json", "s.csv", "s.npz"):
         back = read_shaper(folder / name)

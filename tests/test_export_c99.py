@@ -9,7 +9,7 @@ import pytest
 
 import jshape as js
 from jshape.export import export
-from jshape.export.fixed_point import error_bound, quantise
+from jshape.export.c99 import error_bound, quantise
 
 needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="no C compiler")
 

@@ -1,4 +1,4 @@
-"""Extremum seeking: its filters against SciPy's, its sign, its rate, several parameters, moves, and wild costs."""
+"""Extremum seeking: its filters against SciPy's, its sign, its speed, several parameters, moves, and wild costs."""
 
 from typing import Any
 
@@ -11,7 +11,7 @@ from scipy.signal import cont2discrete
 
 from jshape.adaptive.strategies.extremum_seeking import ExtremumSeeking
 
-PAPER: dict[str, Any] = dict(frequency=2.0, high_pass=1.0, low_pass=2.0)
+PAPER: dict[str, Any] = dict(omega=2.0, high_pass=1.0, low_pass=2.0)
 
 
 hold: Any = cont2discrete
@@ -80,14 +80,14 @@ def test_the_papers_numbers_converge_at_the_rate_of_eq_5():
     centres = run(seeking, lambda p: float(curvature * (p[0] - 0.017) ** 2 / 2), 20000)[:, 0] - 0.017
     turn = round(np.pi / 0.02)
     averaged = np.convolve(centres, np.ones(turn) / turn, "valid")
-    rate = -np.polyfit(0.02 * np.arange(5000, 15000), np.log(averaged[5000:15000]), 1)[0]
-    assert rate == pytest.approx(1e-4 * 0.007 * curvature / 2 * 0.8, rel=0.03)
+    decay = -np.polyfit(0.02 * np.arange(5000, 15000), np.log(averaged[5000:15000]), 1)[0]
+    assert decay == pytest.approx(1e-4 * 0.007 * curvature / 2 * 0.8, rel=0.03)
 
 
 def test_several_parameters_by_frequencies_of_their_own():
     matrix, best = np.array([[2.0, 0.5, 0.0], [0.5, 1.0, -0.3], [0.0, -0.3, 1.5]]), np.array([0.3, -0.2, 0.1])
     cost = lambda p: float((p - best) @ matrix @ (p - best))
-    seeking = ExtremumSeeking(0.02, np.zeros(3), frequency=(2.0, 2.7, 3.5), amplitude=0.05, gain=-1.0)
+    seeking = ExtremumSeeking(0.02, np.zeros(3), omega=(2.0, 2.7, 3.5), amplitude=0.05, gain=-1.0)
     found = run(seeking, cost, 15000)
     assert np.max(np.abs(found[-1] - best)) < 0.01
     assert cost(found[-1]) < 1e-3 * cost(np.zeros(3))
@@ -98,7 +98,7 @@ def test_one_perturbation_a_move():
     rng, best = np.random.default_rng(2), np.array([9.5, 0.03])
     cost = lambda p: float(((p[0] - best[0]) / 9) ** 2 + ((p[1] - best[1]) / 0.1) ** 2 + rng.normal(0, 1e-3))
     seeking = ExtremumSeeking(
-        1.0, (9.0, 0.05), frequency=(1.3, 2.1), amplitude=(0.3, 0.005), gain=(-8.0, -0.02), high_pass=0.3, low_pass=0.5
+        1.0, (9.0, 0.05), omega=(1.3, 2.1), amplitude=(0.3, 0.005), gain=(-8.0, -0.02), high_pass=0.3, low_pass=0.5
     )  # fmt: skip
     found = run(seeking, cost, 600)[-100:].mean(axis=0)
     assert abs(found[0] - best[0]) < 0.1
@@ -116,7 +116,7 @@ def test_costs_of_their_own_at_one_frequency():
 
 
 def test_numpy_and_jax_agree_and_wild_costs_do_no_harm():
-    seeking = ExtremumSeeking(0.05, (0.3, 0.4), frequency=(2.0, 3.0), amplitude=0.05, gain=-0.5, bounds=(0.0, 1.0))
+    seeking = ExtremumSeeking(0.05, (0.3, 0.4), omega=(2.0, 3.0), amplitude=0.05, gain=-0.5, bounds=(0.0, 1.0))
     rng = np.random.default_rng(3)
     costs = rng.normal(size=2000)
     costs[rng.random(2000) < 0.1] = np.nan
@@ -142,8 +142,8 @@ def test_numpy_and_jax_agree_and_wild_costs_do_no_harm():
         (dict(step_time=0.0), "step_time must be greater than 0"),
         (dict(start=[[1.0]]), r"start must be a list of numbers, not of shape \(1, 1\)"),
         (dict(start=np.nan), "start must be finite"),
-        (dict(frequency=400.0), "frequency must stay below half the sampling rate, 314.159 rad/s"),
-        (dict(frequency=(1.0, 2.0)), r"frequency must fit 1 parameters, not be of shape \(2,\)"),
+        (dict(omega=400.0), "omega must stay below half the sampling rate, 314.159 rad/s"),
+        (dict(omega=(1.0, 2.0)), r"omega must be one number or fit the shape \(1,\), not be of shape \(2,\)"),
         (dict(amplitude=-1.0), "amplitude must be greater than 0"),
         (dict(gain=0.0), "gain must not be 0"),
         (dict(low_pass=0.0), "low_pass must be greater than 0"),
@@ -153,12 +153,12 @@ def test_numpy_and_jax_agree_and_wild_costs_do_no_harm():
 )
 def test_mistakes_are_named(arguments, message):
     with pytest.raises(ValueError, match=message):
-        ExtremumSeeking(**(dict(step_time=0.01, start=0.3, amplitude=0.1) | arguments))
+        ExtremumSeeking(**(dict(step_time=0.01, start=0.3, omega=2.0, amplitude=0.1, gain=-0.5) | arguments))
 
 
 def test_costs_that_do_not_fit():
-    seeking = ExtremumSeeking(0.01, (0.3, 0.4), frequency=2.0)
-    with pytest.raises(ValueError, match="frequency must be another for every parameter"):
+    seeking = ExtremumSeeking(0.01, (0.3, 0.4), omega=2.0, amplitude=1e-4, gain=-0.007)
+    with pytest.raises(ValueError, match="omega must be another for every parameter"):
         seeking.online().push(1.0)
     with pytest.raises(ValueError, match=r"cost must be one number or 2, not of shape \(3,\)"):
         seeking.step(seeking.start(), jnp.zeros(3))

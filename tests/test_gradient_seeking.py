@@ -1,6 +1,7 @@
-"""Gradient seeking: what one measured move tells of the plant, against data from SciPy."""
+"""Gradient seeking: the parameters after one measured move, against data from SciPy."""
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -49,7 +50,7 @@ def test_one_move_after_a_change_is_enough(seeking):
             assert bool(fit.accepted)
             assert 0.8 < float(fit.misfit) < 1.2
             moves += 1
-            # Only k1/m2 and k3/m2 can be told: along what scales all three, nothing is learned and the drift adds up.
+            # Only k1/m2 and k3/m2 are determined: what scales all three is not learned, and the drift adds up.
             together = np.full(3, 1 / np.sqrt(3))
             known = float(together @ np.asarray(state.covariance) @ together)
             assert known == pytest.approx(0.3**2 + 0.1**2 * moves, rel=1e-6)
@@ -116,15 +117,17 @@ def test_uncertainty_of_a_mode_is_the_cramer_rao_bound():
     ]
     information = np.array(slopes) @ np.array(slopes).T / 0.01**2
     std = np.sqrt(np.diag(np.linalg.inv(information)))
-    found, fit = [], None
-    for seed in range(60):
-        measured = payload(*truth) + np.random.default_rng(seed).normal(0, 0.01, seeking.samples)
-        _, fit = seeking.step(seeking.start(), shaper, 1.0, measured)
-        found.append(np.log(np.asarray(fit.parameters) / truth))
-    assert fit is not None
-    np.testing.assert_allclose(fit.std, std, rtol=0.1)
-    np.testing.assert_allclose(np.std(found, axis=0), std, rtol=0.3)
-    assert np.all(np.abs(np.mean(found, axis=0)) < 4 * std / np.sqrt(60))
+    count = 1000
+    noise = np.random.default_rng(0).normal(0, 0.01, (count, seeking.samples))
+    fitted = jax.jit(jax.vmap(lambda measured: seeking.step(seeking.start(), shaper, 1.0, measured)[1]))
+    fit = fitted(jnp.asarray(payload(*truth) + noise))
+    errors = np.log(np.asarray(fit.parameters) / truth)
+    assert np.all(np.asarray(fit.accepted))
+    # The stated deviations are the bound's, and the scatter is what is stated: 1,000 errors determine a deviation to
+    # 1/√2000 = 2.2 %; three times that.
+    np.testing.assert_allclose(np.sqrt(np.mean(np.square(fit.std), axis=0)), std, rtol=0.01)
+    np.testing.assert_allclose(np.std(errors, axis=0), std, rtol=0.067)
+    assert np.all(np.abs(np.mean(errors, axis=0)) < 4 * std / np.sqrt(count))
 
 
 @pytest.mark.parametrize(
@@ -135,7 +138,7 @@ def test_uncertainty_of_a_mode_is_the_cramer_rao_bound():
         (dict(leaves=("mass",)), "unknown leaf 'mass'"),
         (dict(leaves=("base_damping",)), "leaves base_damping must be greater than 0"),
         (dict(noise=0.0), "noise must be greater than 0"),
-        (dict(drift=(0.1, 0.2)), "drift must be one number or one of each"),
+        (dict(drift=(0.1, 0.2)), r"drift must be one number or fit the shape \(1,\), not be of shape \(2,\)"),
         (dict(samples=2), "samples must be a whole number of at least 3"),
         (dict(signal="speed"), "signal must be one of"),
         (dict(factor=1.0), "factor must be greater than 1"),

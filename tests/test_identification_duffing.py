@@ -25,7 +25,7 @@ def close(found, **expected):
     """Within four standard deviations, and those no more than a few per cent."""
     assert set(found.parameters) == set(expected)
     for name, value in expected.items():
-        assert abs(found.parameters[name] - value) < 4 * found.std[name], (name, found.result)
+        assert abs(found.parameters[name] - value) < 4 * found.std[name], (name, found.message)
         assert found.std[name] < 0.05 * abs(value)
 
 

@@ -70,7 +70,7 @@ def test_columns_units_and_rate(path):
         assert found.names == ("y",)
         np.testing.assert_allclose(hertz(found), [FREQUENCY], rtol=2e-3)
     # Counted times take the place of the column, whatever it holds.
-    counted = identify_csv(path, columns=["x"], rate=RATE)
+    counted = identify_csv(path, columns=["x"], sample_rate=RATE)
     np.testing.assert_allclose(hertz(counted), [FREQUENCY], rtol=2e-3)
     table = read_csv(path, inputs="y")
     assert table.inputs is not None
@@ -159,12 +159,12 @@ def test_a_column_that_is_not_there_lists_those_that_are(path):
         identify_csv(path, columns=["Zeit", "Weg", "2"])
     with pytest.raises(ValueError, match="a first column and a channel with numbers is needed"):
         identify_csv(path, columns=["Zeit"])
-    with pytest.raises(ValueError, match="rate must be greater than 0, not -1"):
-        identify_csv(path, rate=-1.0)
+    with pytest.raises(ValueError, match="sample_rate must be greater than 0, not -1"):
+        identify_csv(path, sample_rate=-1.0)
     with pytest.raises(ValueError, match="in pairs are needed, not Weg"):
         identify_csv(path, columns=["Zeit", "Weg"], kind="frequency-response")
-    with pytest.raises(ValueError, match="rate: a spectrum needs its column"):
-        identify_csv(path, kind="spectrum", rate=2.0)
+    with pytest.raises(ValueError, match="sample_rate: a spectrum needs its column"):
+        identify_csv(path, kind="spectrum", sample_rate=2.0)
     with pytest.raises(ValueError, match=r"gone.csv: cannot be read"):
         identify_csv(path.with_name("gone.csv"))
 
@@ -291,7 +291,7 @@ def survives(path, edits):
     if not other and not found.notes:
         nearest = np.argmin(np.abs(hertz(found) - FREQUENCY))
         off = abs(hertz(found)[nearest] - FREQUENCY)
-        assert off < 0.01 * FREQUENCY + 5 * found.omega_std[nearest] / (2 * np.pi), (edits, found.result)
+        assert off < 0.01 * FREQUENCY + 5 * found.omega_std[nearest] / (2 * np.pi), (edits, found.message)
 
 
 def _profile(examples):

@@ -12,8 +12,8 @@ from scipy.optimize import brentq, linprog, minimize_scalar
 import jshape as js
 from jshape import _check
 from jshape.design import energy, insensitive, linear
-from jshape.metrics import insensitivity, percentage_vibration
 from jshape.plants import ModalPlant
+from jshape.vibration import insensitivity, percentage_vibration
 
 PERIOD = 2 * np.pi  # of a mode of 1 rad/s
 

@@ -29,8 +29,15 @@ def test_front_is_what_tuning_finds(both, plant):
         found = float(both.objective.sel(design="3 positive", duration=duration))
         assert found == pytest.approx(alone.objective, rel=1e-6)
     # The known optimum for three positive impulses in 0.92633 s, on 41 plants: 0.0772249 J.
-    assert float(both.certified.sel(design="3 positive", duration=0.926330)) == pytest.approx(0.0772249, rel=1e-4)
+    assert float(both.objective_on_finer_set.sel(design="3 positive", duration=0.926330)) == pytest.approx(
+        0.0772249, rel=1e-4
+    )
     assert float(both.optimality.max()) < 1e-5
+    assert np.all(both.status.values == js.Status.CONVERGED.value)
+    assert np.all(both.converged.values)
+    early = front(plant, impulses=(3,), durations=[0.7], starts=1, iterations=1)
+    assert np.all(early.status.values == js.Status.STOPPED.value)
+    assert not np.any(early.converged.values)
 
 
 @pytest.mark.slow
@@ -72,7 +79,7 @@ def test_front_is_kept_and_resumed(both, plant, tmp_path):
     resumed = front(plant, store=tmp_path / "front", progress=lambda design, *_: again.append(design))
     assert set(again) == {"3 positive"}
     np.testing.assert_array_equal(resumed.objective, both.objective)
-    with pytest.raises(ValueError, match="holds the pieces of another computation"):
+    with pytest.raises(ValueError, match="holds the chunks of another computation"):
         front(plant, store=tmp_path / "front", starts=5)
 
 

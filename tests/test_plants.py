@@ -1,5 +1,7 @@
 """Springs, dampers and plants: against their formulas, SciPy and matrix-free closed forms."""
 
+import dataclasses
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -13,6 +15,8 @@ from scipy.optimize import brentq
 
 import jshape as js
 from jshape import plants
+from jshape._check import Argument, positive, recheck
+from jshape.plants.base import part
 from jshape.sweeps.leaves import leaf_names
 
 # Each spring with its force in NumPy (the independent side) and the range in which it pulls back.
@@ -385,7 +389,7 @@ def test_written_plant_does_what_the_library_promises(staircase):
     assert float(value) == pytest.approx(left(1.3), rel=1e-9)
     assert float(slope) == pytest.approx((left(1.301) - left(1.299)) / 2e-3, rel=1e-5)
     run = js.simulate(SinhMass(1.3, 7.0), 2.0, off, horizon=3.0, samples=7)
-    assert run.result.startswith("completed")
+    assert run.converged
     np.testing.assert_allclose(run.states, final(1.3, run.times), atol=2e-9)
 
 
@@ -400,8 +404,89 @@ def test_written_plant_is_tuned():
     np.testing.assert_allclose(solution.shaper.amplitudes, [0.5, 0.5], atol=1e-9)
 
 
-class Lost(SinhMass):
+class Sideways(SinhMass):
     drive = "sideways"
+
+
+class Bounded(plants.AbstractPlant):
+    """A user's plant with declared checks, a default and a check of its own."""
+
+    mass: jax.Array = eqx.field(converter=Argument(positive))
+    spring: plants.AbstractSpring = eqx.field(default=None, converter=part(plants.AbstractSpring, plants.LinearSpring))
+    loss: jax.Array | None = eqx.field(default=None, converter=Argument(positive, optional=True))
+    drive = "force"
+
+    def __check_init__(self):
+        if self.loss is not None and self.loss > self.mass:
+            raise ValueError("loss must be below mass")
+
+    def vector_field(self, t, state, inputs):
+        return state
+
+    def residual_energy(self, state, inputs):
+        return jnp.sum(state)
+
+    def rest_state(self, inputs):
+        return jnp.zeros(2)
+
+
+class Doubled(SinhMass):
+    """A user's plant with a constructor of its own."""
+
+    def __init__(self, m):
+        self.m, self.k = jnp.asarray(m), jnp.asarray(2.0)
+
+
+def test_declared_checks():
+    spring = plants.LinearSpring(2)
+    plant = Bounded(3, spring)
+    assert plant.mass.dtype == jnp.float64
+    assert plant.spring is spring
+    assert plant.loss is None
+    for build, message in {
+        lambda: Bounded(-1.0, spring): "mass must be greater than 0, not -1",
+        lambda: Bounded([1.0, 2.0], spring): "mass must be a single number",
+        lambda: Bounded(1.0, spring, 0.0): "loss must be greater than 0, not 0",
+        lambda: Bounded(1.0, spring, 2.0): "loss must be below mass",
+        lambda: Bounded(1.0, 3.0): "spring must be one of jshape.plants' springs, not 3.0",
+    }.items():
+        with pytest.raises(ValueError, match=message):
+            build()
+    assert float(Doubled(3.0).k) == 2.0
+
+
+def test_replaced_leaves_are_checked_again():
+    # As construction would: of the plant, of its parts, and what concerns several fields.
+    plant = Bounded(3.0, plants.LinearSpring(2.0), 1.0)
+    recheck(plant)
+    for where, value, message in [
+        (lambda p: p.mass, -3.0, "mass must be greater than 0, not -3"),
+        (lambda p: p.mass, 0.5, "loss must be below mass"),
+        (lambda p: p.spring.k, 0.0, "k must be greater than 0, not 0"),
+    ]:
+        with pytest.raises(ValueError, match=message):
+            recheck(eqx.tree_at(where, plant, jnp.asarray(value)))
+
+
+def test_every_number_of_a_plant_is_checked():
+    # A field of the library that is no argument would take anything; nothing may replace the name that it reports.
+    kinds = [kind for name in plants.__all__ if not (kind := getattr(plants, name)).__abstractmethods__]
+    fields = [(kind, field) for kind in kinds for field in dataclasses.fields(kind)]
+    assert len(fields) > 60
+    for kind, field in fields:
+        converter = field.metadata.get("converter")
+        if field.name == "odd" or kind is plants.Linearised:
+            continue
+        assert isinstance(converter, Argument), (kind, field.name)
+        assert converter.name == field.name
+
+
+def test_construction_under_transformations():
+    # What is traced passes, whatever its value.
+    energy = lambda m, k: plants.TwoMass(m, m, plants.Duffing(k, 0.0)).residual_energy(jnp.array([0.3, 0.5]), 0.0)
+    values = jax.jit(jax.vmap(energy, in_axes=(0, None)))(jnp.array([1.0, -2.0]), 4.0)
+    np.testing.assert_allclose(values, [0.125 + 0.18, -0.25 + 0.18], rtol=1e-14)
+    assert float(jax.grad(energy, argnums=1)(1.0, 4.0)) == pytest.approx(0.045, rel=1e-14)
 
 
 WRONG = {
@@ -431,7 +516,7 @@ WRONG = {
     "omega": (lambda: plants.ModalPlant([1.0, 0.0]), "omega must be greater than 0"),
     "zeta": (lambda: plants.ModalPlant([1.0, 2.0], 1.0), r"zeta must be at least 0 and below 1.*not"),
     "gains": (lambda: plants.ModalPlant([1.0, 2.0], 0.1, [1.0]), "lists of the same length"),
-    "drive": (lambda: Lost(1.0, 1.0).drives(), "drive of Lost must be among displacement.*not 'sideways'"),
+    "drive": (lambda: Sideways(1.0, 1.0).drives(), "drive of Sideways must be among displacement.*not 'sideways'"),
 }
 
 

@@ -445,7 +445,7 @@ def test_drives_agree_in_simulation(name):
     a, b = (js.simulate(plant, command, horizon=4.0, samples=41) for plant in (one, two))
     np.testing.assert_allclose(a.payload, b.payload, atol=1e-8)
     np.testing.assert_allclose(a.deflection, b.deflection, atol=1e-8)
-    # After the moves, both tell the same energy.
+    # After the moves, both have the same energy.
     np.testing.assert_allclose(a.energy[-8:], b.energy[-8:], rtol=1e-6, atol=1e-12)
     assert float(jnp.max(jnp.abs(a.deflection))) > 0.05
 

@@ -1,5 +1,7 @@
 """Shapers: their construction, algebra, transformations and digital filters."""
 
+import xml.etree.ElementTree as ElementTree
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -97,6 +99,53 @@ def test_tolerance_of_the_sum():
 def test_equal_times_and_negative_amplitudes_are_allowed():
     shaper = Shaper([1.0, -1.0, 1.0], [0.0, 0.0, 0.3])
     assert float(shaper.duration) == pytest.approx(0.3)
+
+
+# --- what a person reads -------------------------------------------------------------------------------------------
+
+
+def test_repr_has_values():
+    shaper = Shaper([0.25, 0.5, 0.25], [0.0, 0.8215, 1.6430001])
+    assert repr(shaper) == str(shaper) == "Shaper(0.25 at 0 s, 0.5 at 0.8215 s, 0.25 at 1.643 s)"
+    assert repr(Shaper([1], [0])) == "Shaper(1 at 0 s)"
+
+
+def test_repr_without_values():
+    # Traced, batched, of shapes alone, and with leaves that are no arrays, as transformations make them.
+    shaper, found = Shaper([0.5, 0.5], [0.0, 0.3]), []
+    jax.eval_shape(lambda s: found.append((repr(s), s._repr_html_())), shaper)
+    words = "Shaper(amplitudes=float64[2], times=float64[2])"
+    assert found == [(words, f"<code>{words}</code>")]
+    assert repr(jax.eval_shape(lambda s: s, shaper)) == words
+    batch = jax.tree.map(lambda leaf: jnp.stack([leaf, leaf, leaf]), shaper)
+    assert repr(batch) == "Shaper(amplitudes=float64[3,2], times=float64[3,2])"
+    assert repr(jax.tree.map(lambda _: None, shaper)) == "Shaper(amplitudes=NoneType, times=NoneType)"
+    assert "&lt;" in jax.tree.map(lambda _: type("<", (), {})(), shaper)._repr_html_()
+
+
+@pytest.mark.parametrize("amplitudes", [[0.25, 0.5, 0.25], [1.0, -1.0, 1.0], [0.0, 0.0, 1.0]])
+def test_html_is_a_table_and_a_picture(amplitudes):
+    times = [0.0, 0.8, 1.6]
+    root = ElementTree.fromstring(Shaper(amplitudes, times)._repr_html_())
+    cells = [float(cell.text or "") for cell in root.iter("td")]
+    assert cells == [value for row in zip(amplitudes, times, strict=True) for value in row]
+    svg = "{http://www.w3.org/2000/svg}"
+    axis, *stems = ({k: float(v) for k, v in line.items() if k[0] in "xy"} for line in root.iter(svg + "line"))
+    zero = axis["y1"]
+    assert axis["y2"] == zero
+    # A stem for each impulse, from the axis up for a positive one, as long as it is large, and in step with time.
+    heights, sizes = np.array([zero - stem["y2"] for stem in stems]), np.array(amplitudes)
+    np.testing.assert_allclose(heights / np.abs(heights).max(), sizes / np.abs(sizes).max(), atol=2e-3)
+    assert all(stem["x1"] == stem["x2"] and stem["y1"] == zero for stem in stems)
+    places = np.array([stem["x1"] for stem in stems])
+    np.testing.assert_allclose((places - places[0]) / (places[-1] - places[0]), np.array(times) / 1.6, atol=1e-3)
+    assert len(list(root.iter(svg + "circle"))) == 3
+
+
+@pytest.mark.parametrize("shaper", [Shaper([1.0], [0.0]), jax.tree.map(jnp.zeros_like, Shaper([0.5, 0.5], [0.0, 1.0]))])
+def test_html_of_degenerate_shapers(shaper):
+    # One impulse has no duration, a gradient may be all zeros.
+    assert "nan" not in shaper._repr_html_()
 
 
 # --- algebra -------------------------------------------------------------------------------------------------------

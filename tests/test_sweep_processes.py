@@ -15,9 +15,9 @@ import jax
 jax.config.update("jax_enable_x64", True)
 import numpy as np
 import jshape as js
-from jshape import _pieces
+from jshape.sweeps import chunks
 
-_pieces.PIECE = 64
+chunks.CHUNK = 64
 three = js.Shaper([0.25, 0.5, 0.25], [0.0, 0.8214899715396663, 1.6429799430793326])
 
 
@@ -62,18 +62,18 @@ def whole(tmp_path_factory):
 @pytest.mark.slow
 def test_killed_half_way_and_gone_on_with(whole, tmp_path):
     slow = """
-tell = lambda done, pieces: (print(done, flush=True), time.sleep(60 * (done == 3)))
-sweep(store=sys.argv[1], progress=tell)
+report = lambda stage, done, total, best: (print(done, flush=True), time.sleep(60 * (done == 3)))
+sweep(store=sys.argv[1], progress=report)
 """
-    with subprocess.Popen(command(slow, str(tmp_path / "pieces")), stdout=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen(command(slow, str(tmp_path / "store")), stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         assert "3\n" in process.stdout
         process.send_signal(signal.SIGKILL)
     assert process.returncode == -signal.SIGKILL
-    kept = sorted((tmp_path / "pieces").glob("*.npy"))
-    assert [path.name for path in kept] == [f"piece_{i:06d}.npy" for i in range(3)]
+    kept = sorted((tmp_path / "store").glob("*.npy"))
+    assert [path.name for path in kept] == [f"chunk_{i:06d}.npy" for i in range(3)]
     before = [path.stat().st_mtime_ns for path in kept]
-    run(SAVE, str(tmp_path / "values.npz"), str(tmp_path / "pieces"))
+    run(SAVE, str(tmp_path / "values.npz"), str(tmp_path / "store"))
     assert [path.stat().st_mtime_ns for path in kept] == before
     for name, found in values(tmp_path / "values.npz").items():
         np.testing.assert_array_equal(found, whole[name])
@@ -83,10 +83,10 @@ sweep(store=sys.argv[1], progress=tell)
 def test_four_devices_share_the_plants(whole, tmp_path):
     code = """
 js.keep_programs()
-from jshape import _batch
+from jshape.sweeps import evaluate
 seen = []
-plain = _batch._many
-_batch._many = lambda *given: seen.append(plain(*given)) or seen[-1]
+plain = evaluate._many
+evaluate._many = lambda *given: seen.append(plain(*given)) or seen[-1]
 """ + SAVE + """
 assert len(jax.devices()) == 4
 for array in seen:
@@ -114,9 +114,9 @@ if __name__ == "__main__":
         workers = client.run(os.getpid)
         killed = []
 
-        def kill(done, pieces):
-            # One that has pieces to compute, so that some are lost with it: with each of the first two results another
-            # piece has just been sent out.
+        def kill(stage, done, total, best):
+            # One that has chunks to compute, so that some are lost with it: with each of the first two results another
+            # chunk has just been sent out.
             busy = [] if killed else [worker for worker, tasks in client.processing().items() if tasks]
             if busy:
                 killed.append(workers[busy[0]])
@@ -134,10 +134,10 @@ def test_a_cluster_loses_a_worker_half_way(whole, tmp_path):
     pytest.importorskip("distributed")
     program = tmp_path / "cluster.py"
     program.write_text(SETUP + CLUSTER, encoding="utf-8")
-    pieces = tmp_path / "pieces"
-    arguments = [str(tmp_path / "values.npz"), str(tmp_path), str(pieces)]
+    store = tmp_path / "store"
+    arguments = [str(tmp_path / "values.npz"), str(tmp_path), str(store)]
     subprocess.run([sys.executable, str(program), *arguments], check=True, timeout=300)
-    assert len(list(pieces.glob("piece_*.npy"))) == 8
+    assert len(list(store.glob("chunk_*.npy"))) == 8
     for name, found in values(tmp_path / "values.npz").items():
         assert found.dtype == np.float64
         np.testing.assert_array_equal(found, whole[name])

@@ -87,7 +87,7 @@ def test_filters_of_the_paper(begin, robust, staircase):
     np.testing.assert_allclose(design.switches, FILTERS[begin, robust], rtol=0, atol=1e-12)
     np.testing.assert_allclose(design.amplitudes, [1, -2, 2, -2, 2][: len(design.times)])
     assert design.optimal
-    assert design.result.startswith("the fastest")
+    assert design.status is js.Status.CONVERGED
     assert design.residual < 1e-14
     np.testing.assert_allclose(design.final_state, [[1.0, 0.0]], atol=1e-14)
     field = lambda t, y, u: [y[1], u - y[0]]
@@ -185,7 +185,18 @@ def test_transition_filters_and_recovery():
     late = move.times.copy()
     late[2] *= 1.1
     wrong = switching.Switched(
-        move.amplitudes, late, 0.0, 1.0, move.omega, move.zeta, move.initial_state, move.rigid, np.nan, None, "an error"
+        move.amplitudes,
+        late,
+        0.0,
+        1.0,
+        move.omega,
+        move.zeta,
+        move.initial_state,
+        move.rigid,
+        np.nan,
+        None,
+        js.Status.STOPPED,
+        "an error",
     )
     _, (x, v) = exact_end(wrong)
     np.testing.assert_allclose(100 * np.hypot(x, v / 10), 0.364190261224, rtol=0, atol=1e-10)  # acceleration is ω² x
@@ -199,7 +210,7 @@ def test_transition_filters_and_recovery():
     third = switching.transition(10.0, 0.0, start=-1.0, final=0.0)
     mended = wrong.followed_by(second, turn).followed_by(third, move.times[6])
     np.testing.assert_allclose(exact_end(mended)[1], 0.0, atol=1e-12)
-    assert "then" in mended.result
+    assert mended.status is js.Status.CONVERGED
 
 
 @pytest.mark.slow
@@ -233,7 +244,7 @@ CASES = {
 def test_filters_from_any_state(name):
     given, switches = CASES[name]
     design = switching.time_optimal_filter(**given)
-    assert design.optimal, design.result
+    assert design.optimal, design.message
     assert len(design.switches) == switches
     np.testing.assert_array_equal(np.abs(design.levels), 1.0)
     assert at_rest(design)
@@ -299,7 +310,7 @@ def program(omega, zeta, state, end, steps, given):
 )
 def test_any_filter_is_proved_the_fastest(omega, zeta, x, v, robust):
     design = switching.time_optimal_filter(omega, zeta, [x / omega**2, v / omega], robust)
-    assert design.optimal, design.result
+    assert design.optimal, design.message
     assert at_rest(design)
     assert np.all(np.diff(design.times) > 0)
 
@@ -310,7 +321,7 @@ BAND = (0.8, 1.2, 0.05)
 @pytest.mark.parametrize("begin", ["rest", pytest.param("state", marks=pytest.mark.slow)])
 def test_specified_insensitivity(begin):
     design = switching.time_optimal_filter(1.0, 0.0, BEGIN[begin], BAND)
-    assert design.optimal, design.result
+    assert design.optimal, design.message
     omega = np.linspace(0.8, 1.2, 4001)
     curve = vibration(design, omega, 0.0, BEGIN[begin])
     # Never above, and at the limit at both ends of the band and in between.
@@ -328,14 +339,14 @@ def test_specified_insensitivity(begin):
 @pytest.mark.slow
 def test_band_beside_a_zero_and_with_damping():
     several = switching.time_optimal_filter([1.0, 4.0], [0.0, 0.02], None, [(0.9, 1.1, 0.05), True])
-    assert several.optimal, several.result
+    assert several.optimal, several.message
     assert np.max(vibration(several, np.linspace(0.9, 1.1, 501))) < 0.05 * (1 + 1e-9)
     _, (x, v) = exact_end(several)
     assert np.hypot(x - 1 / 16, v / 4) < 1e-12
     near, far = vibration(several, [4.001, 4.002], 0.02)
     np.testing.assert_allclose(far / near, 4, rtol=0.02)  # a double zero
     damped = switching.time_optimal_filter(2.0, 0.1, [0.02, 0.1], (1.6, 2.4, 0.05))
-    assert damped.optimal, damped.result
+    assert damped.optimal, damped.message
     curve = vibration(damped, np.linspace(1.6, 2.4, 501), 0.1, [0.02, 0.1])
     np.testing.assert_allclose(np.max(curve), 0.05, rtol=1e-8)
 
@@ -394,7 +405,7 @@ def test_limited_fuel(fuel):
     [
         (dict(deflection=0.15), lambda rigid, x, v: np.abs(x)),
         (dict(move_vibration=0.16), lambda rigid, x, v: np.hypot(x, v / 3)),
-        (dict(speed=0.4), lambda rigid, x, v: np.abs(rigid)),
+        (dict(speed_limit=0.4), lambda rigid, x, v: np.abs(rigid)),
     ],
 )
 def test_limits_on_the_way(limits, quantity):
@@ -472,8 +483,8 @@ def test_swinging_crane(staircase):
     linear = switching.rest_to_rest(np.sqrt(9.81), 0.0, 2.0, [[0, 0], [-0.3, 0.4]], limit)
     plant = Pendulum(1.0)
     design = switching.tuned(plant, linear.switches, start, limit, distance=2.0)
-    assert design.result.startswith("converged")
-    assert design.missed < 1e-12
+    assert design.status is js.Status.CONVERGED
+    assert design.violation < 1e-12
     field = lambda t, y, a: [y[1], -(9.81 * np.sin(y[0]) + a * np.cos(y[0])), y[3], a]
     end = lambda d: staircase(field, [*start, 0.0, 0.0], d.times, d.levels, [d.duration])[0]
     np.testing.assert_allclose(end(design), [0, 0, 2, 0], atol=1e-9)
@@ -481,7 +492,7 @@ def test_swinging_crane(staircase):
     np.testing.assert_allclose(design.command(jnp.asarray([design.duration])), 2.0)
     # The same program serves other initial states; on to one that the linear design alone would not reach.
     again = switching.tuned(plant, design.switches, [0.0, 0.0], limit, distance=2.0)
-    assert again.result.startswith("converged")
+    assert again.converged
     end = staircase(field, np.zeros(4), again.times, again.levels, [again.duration])[0]
     np.testing.assert_allclose(end, [0, 0, 2, 0], atol=1e-9)
 
@@ -497,16 +508,16 @@ def test_duffing_pair(plant, staircase):
             linear = switching.time_optimal_filter(omega, 0.0, np.array(start) / (omega**2 * limit))
             switches = linear.switches
         design = switching.tuned(plant, switches, start, limit)
-        assert design.result.startswith("converged"), design.result
+        assert design.converged, design.message
         assert design.error < 1e-9
         end = staircase(field, start, design.times, design.levels, [design.duration])[0]
         np.testing.assert_allclose(end, [limit, 0.0], atol=1e-9)
         switches = design.switches
-    # From the linear design, far off at this size, it cannot be found, and the result says so.
+    # From the linear design, far off at this size, it cannot be found, and the status says so.
     linear = switching.time_optimal_filter(omega, 0.0, np.array([-0.2, 0.5]) / omega**2)
     poor = switching.tuned(plant, linear.switches, [-0.2, 0.5], 1.0)
-    assert poor.result.startswith("stopped")
-    assert poor.missed > 1e-3
+    assert poor.status is js.Status.STOPPED
+    assert poor.violation > 1e-3
 
 
 def test_nothing_to_do_and_too_little_time():
@@ -521,10 +532,12 @@ def test_nothing_to_do_and_too_little_time():
     assert single.optimal
     late = switching.time_optimal_filter(1.0, 0.0, [5.0, 0.0], longest=3.0)
     assert not late.optimal
-    assert late.result.startswith("failed: not within 3 s; in that time only 33.")
+    assert late.status is js.Status.INFEASIBLE
+    assert "only 33." in late.message
     digital = switching.digital_filter(1.0, 0.0, [5.0, 0.0], 0.1, most_steps=30)
     assert not digital.optimal
-    assert digital.result.startswith("failed: not within 30 steps; in that time only 33.")
+    assert digital.status is js.Status.INFEASIBLE
+    assert "only 33." in digital.message
 
 
 def test_as_command_and_shaper():
@@ -560,7 +573,10 @@ def test_as_command_and_shaper():
         (lambda: switching.rest_to_rest(1.0, 0.0, 1.0, fuel=0.0), "fuel must be greater than 0"),
         (lambda: switching.digital_filter(1.0, 0.0, None, 0.0), "sample_time must be greater than 0"),
         (lambda: switching.digital_filter(1.0, 0.0, [2.0, 0.0], 0.1, deflection=1.5), "deflection must be at least"),
-        (lambda: switching.digital_rest_to_rest(1.0, 0.0, 1.0, 0.1, speed=-1.0), "speed must be greater than 0"),
+        (
+            lambda: switching.digital_rest_to_rest(1.0, 0.0, 1.0, 0.1, speed_limit=-1.0),
+            "speed_limit must be greater than 0",
+        ),
         (lambda: switching.tuned(pair(), [0.2, 0.1]), "switches must be a list of positive"),
         (lambda: switching.tuned(Pendulum(1.0), [0.2, 0.3]), "distance must be given"),
         (lambda: switching.tuned(pair(), [0.2, 0.3], first=2.0), "first must lie within"),

@@ -12,9 +12,9 @@ from problems import ANSWERS, two_mass
 
 import jshape as js
 from jshape import plants
-from jshape.design.tuning.bounds import rules
+from jshape.design.tuning.bounds import design_bounds
 from jshape.design.tuning.objective import value_of
-from jshape.design.tuning.task import Point
+from jshape.design.tuning.scenarios import Point
 
 energy, linear = js.design.energy, js.design.linear
 
@@ -41,7 +41,9 @@ def test_nominal_from_the_linear_shaper(plant):
     # From the linear ZV, which leaves 13 J, to the energy method's closed form, within 15 iterations.
     solution = js.tune(plant, 1.0, impulses=2, start=linear.zv(jnp.sqrt(10.0)), iterations=15)
     assert solution.objective <= 1e-20
-    assert solution.result.startswith("converged: no residual energy but rounding after ")
+    assert solution.status is js.Status.CONVERGED
+    assert solution.converged
+    assert solution.message.startswith("converged: no residual energy but rounding after ")
     assert obeys(solution.shaper, lower=0, upper=1)
     assert float(solution.shaper.times[1]) == pytest.approx(ANSWERS["000.t2"].value, abs=1e-10)
     np.testing.assert_allclose(solution.shaper.amplitudes, 0.5, atol=1e-10)
@@ -50,7 +52,7 @@ def test_nominal_from_the_linear_shaper(plant):
     assert falling(solution.history)
     # Judged by simulation as any shaper is, and with four times as many steps.
     assert js.residual_energy(plant, solution.shaper, 1.0) < 1e-20
-    assert max(solution.error, solution.certified) < 1e-20
+    assert max(solution.error, solution.objective_on_finer_set) < 1e-20
 
 
 @pytest.mark.slow
@@ -106,7 +108,8 @@ def test_nominal_with_a_given_duration(plant):
     missed = js.tune(plant, 1.0, impulses=3, duration=0.5, starts=4, iterations=20)
     assert missed.objective > 0.1
     assert obeys(missed.shaper, 0, 1, duration=0.5)
-    assert not missed.result.startswith("converged")
+    assert missed.status is js.Status.STOPPED
+    assert not missed.converged
     assert missed.objective == pytest.approx(float(js.residual_energy(plant, missed.shaper, 1.0)), rel=1e-9)
 
 
@@ -127,7 +130,8 @@ def solutions(plant):
 @pytest.mark.slow
 def test_worst_case_of_the_papers_plant(solutions, plant, staircase):
     solution = solutions["worst"]
-    assert solution.result.startswith("converged: worst case 0.00593969 J, the best of 4 polished starts")
+    assert solution.status is js.Status.CONVERGED
+    assert solution.message.startswith("converged: worst case 0.00593969 J, the best of 4 refined starts")
     assert solution.objective == pytest.approx(0.00593987, rel=1e-3)
     assert obeys(solution.shaper, 0, 1, DURATION)
     # Against the paper's shaper of that duration, 0.0413 J in its worst case.
@@ -142,7 +146,7 @@ def test_worst_case_of_the_papers_plant(solutions, plant, staircase):
         exact = m2 * v**2 / 2 + 5 * (x - 1) ** 2 + 25 * (x - 1) ** 4
         assert solution.energies[index] == pytest.approx(exact, rel=1e-8)
     # On a set ten times as dense it is hardly worse, and steps play no part.
-    assert solution.objective <= solution.certified < 1.001 * solution.objective
+    assert solution.objective <= solution.objective_on_finer_set < 1.001 * solution.objective
     assert solution.error < 1e-12
 
 
@@ -219,24 +223,62 @@ def test_robust_options(solutions, plant):
     # More starts (random ones among them) find no worse; one start, stopped early, says that it has not converged.
     assert robustly(plant, starts=8, seed=3).objective <= best.objective * (1 + 1e-6)
     early = robustly(plant, start=energy.three_impulse(plant, 1.0), iterations=2)
-    assert "stopped after 2 iterations without converging" in early.result
+    assert early.status is js.Status.STOPPED
+    assert "not optimal after 2 iterations" in early.message
     assert best.objective < early.objective <= value_of("worst", left(energy.three_impulse(plant, 1.0)))
 
 
 @pytest.mark.slow
 def test_progress_and_interruption(plant):
-    seen = []
+    reports = []
 
-    def follow(stage, done, total, value):
-        seen.append((stage, done, total, value))
-        if len(seen) == 5:
+    def follow(stage, done, total, best):
+        reports.append((stage, done, total, best))
+        if len(reports) == 5:
             raise KeyboardInterrupt
 
     solution = robustly(plant, progress=follow)
-    assert solution.result.startswith("interrupted: worst case ")
+    assert solution.status is js.Status.INTERRUPTED
+    assert solution.message.startswith("interrupted: worst case ")
     assert obeys(solution.shaper, 0, 1, DURATION)
-    assert all(stage == "polishing" and done <= total == 4 for stage, done, total, _ in seen)
-    assert falling([value for *_, value in seen[:5]])
+    assert all(stage == "SLSQP" and done <= total == 4 for stage, done, total, _ in reports)
+    assert falling([best for *_, best in reports[:5]])
+    # An interrupt does not undo what was asked for: the impulses are at multiples of the sample time.
+    reports.clear()
+    digital = robustly(plant, progress=follow, duration=1.64, sample_time=0.02)
+    assert digital.status is js.Status.INTERRUPTED
+    ticks = np.asarray(digital.shaper.times) / 0.02
+    np.testing.assert_allclose(ticks, np.round(ticks), atol=1e-9)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("objective", ["nominal", "worst"])
+def test_an_interrupt_before_the_first_candidate_passes(objective, plant, monkeypatch):
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    name = "levenberg_marquardt" if objective == "nominal" else "descend"
+    monkeypatch.setattr(f"jshape.design.tuning.search.{name}", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        robustly(plant, objective=objective, starts=65)
+
+
+@pytest.mark.slow
+def test_a_solution_is_shown_in_five_lines_and_as_html(solutions, plant):
+    lines = repr(solutions["worst"]).splitlines()
+    assert len(lines) == 5
+    assert lines[0].startswith("Solution(converged: worst case 0.00593969 J, ")
+    assert lines[1].strip() == f"shaper: {solutions['worst'].shaper!r}"
+    assert "0.00593969" in lines[2]
+    assert "m2 = " in lines[3]
+    assert "multiplier = " in lines[3]
+    nominal = js.tune(plant, 1.0, impulses=2, start=linear.zv(jnp.sqrt(10.0)), iterations=15)
+    assert len(repr(nominal).splitlines()) == 5
+    for solution in (*solutions.values(), nominal):
+        page = solution._repr_html_()
+        assert page.startswith("<table>")
+        assert page.count("<tr>") >= 5
+        assert solution.message in page
 
 
 @pytest.mark.slow
@@ -275,39 +317,39 @@ RULES = list(
 
 @pytest.mark.parametrize(("impulses", "amplitudes", "limit"), RULES)
 @pytest.mark.parametrize("shortest", [0.0, 1.5, 2.5])
-def test_projection_onto_the_rules(impulses, amplitudes, limit, shortest):
-    # Every point is brought within the rules; one within them stays; none within them is nearer (by random search).
-    allowed = rules(impulses, amplitudes, limit, (shortest, 2.5), {"k": (1.0, 0.5, 3.0)})
+def test_projection_onto_the_bounds(impulses, amplitudes, limit, shortest):
+    # Every point is brought within the bounds; one within them stays; none within them is nearer (by random search).
+    bounds = design_bounds(impulses, amplitudes, limit, (shortest, 2.5), {"k": (1.0, 0.5, 3.0)})
     random = np.random.default_rng(0)
-    assert allowed.fixed == (shortest == 2.5)
-    inside = [allowed.random(random) for _ in range(50)]
+    assert bounds.fixed_duration == (shortest == 2.5)
+    inside = [bounds.random(random) for _ in range(50)]
     for point in inside:
-        assert allowed.obeyed(point)
+        assert bounds.contains(point)
         assert shortest - 1e-9 <= point.gaps.sum() <= 2.5 + 1e-9
-        np.testing.assert_allclose(allowed.project(point.amplitudes), point.amplitudes, atol=1e-9)
+        np.testing.assert_allclose(bounds.project(point.amplitudes), point.amplitudes, atol=1e-9)
     wild = random.normal(size=impulses) * 3
-    nearest = allowed.project(wild)
-    assert allowed.obeyed(inside[0]._replace(amplitudes=nearest))
+    nearest = bounds.project(wild)
+    assert bounds.contains(inside[0]._replace(amplitudes=nearest))
     assert nearest.sum() == pytest.approx(1, abs=1e-9)
     distance = np.linalg.norm(nearest - wild)
     assert all(distance <= np.linalg.norm(point.amplitudes - wild) + 1e-9 for point in inside)
     for duration in (7.0, 0.5):
-        fitted = allowed.fit(js.Shaper(np.full(impulses, 1 / impulses), np.linspace(0, duration, impulses)))
-        assert allowed.obeyed(fitted)
+        fitted = bounds.nearest(js.Shaper(np.full(impulses, 1 / impulses), np.linspace(0, duration, impulses)))
+        assert bounds.contains(fitted)
         assert fitted.gaps.sum() == pytest.approx(np.clip(duration, shortest, 2.5))
         np.testing.assert_allclose(fitted.gaps, fitted.gaps[0])
-    assert allowed.obeyed(allowed.clean(inside[0]._replace(gaps=inside[0].gaps - 1e-12, leaves=np.array([3.1]))))
+    assert bounds.contains(bounds.clip(inside[0]._replace(gaps=inside[0].gaps - 1e-12, leaves=np.array([3.1]))))
 
 
 def test_what_disobeys():
-    allowed = rules(2, "positive", None, (0.3, 1.0), {"k": (1.0, 0.5, 3.0)})
+    bounds = design_bounds(2, "positive", None, (0.3, 1.0), {"k": (1.0, 0.5, 3.0)})
     good = Point(np.array([0.4, 0.6]), np.array([0.9]), np.array([2.0]))
-    assert allowed.obeyed(good)
+    assert bounds.contains(good)
     wrong = [dict(amplitudes=np.array(a)) for a in ([-0.1, 1.1], [np.nan, 0.6])]
     wrong += [dict(gaps=np.array([g])) for g in (1.1, -0.1, 0.2, np.inf)]
     wrong += [dict(leaves=np.array([k])) for k in (0.4, 3.1)]
     for change in wrong:
-        assert not allowed.obeyed(good._replace(**change))
+        assert not bounds.contains(good._replace(**change))
 
 
 CUBIC = plants.TwoMass(1.0, 1.0, plants.PowerLawSpring(10.0, 3))
@@ -327,8 +369,11 @@ WRONG = {
     "time_cost": (dict(time_cost=-1.0), "time_cost must not be negative, not -1"),
     "sample_time": (dict(sample_time=0.0), "sample_time must be greater than 0, not 0"),
     "no multiple": (dict(duration=0.7, sample_time=0.4), "duration 0.7 s is no multiple of sample_time 0.4 s"),
-    "rate of a step": (dict(rate=1.0), "rate: a Step jumps, its rate has no limit; use a smoother command"),
-    "no rate": (dict(rate=0.0), "rate must be greater than 0, not 0"),
+    "speed of a step": (
+        dict(speed_limit=1.0),
+        "speed_limit: a Step jumps, its speed has no limit; use a smoother command",
+    ),
+    "no speed": (dict(speed_limit=0.0), "speed_limit must be greater than 0, not 0"),
     "overshoot": (dict(command_overshoot=-0.1), "command_overshoot must not be negative, not -0.1"),
     "deflection": (dict(peak_deflection=np.nan), "peak_deflection must be finite, not nan"),
     "unknown also": (dict(also=["m3"]), "unknown leaf 'm3': TwoMass has m1, m2"),

@@ -10,6 +10,7 @@ from jaxtyping import Array, Float
 from jshape import _check
 from jshape._check import Argument, Checked, count, not_negative, positive
 from jshape._types import Scalar
+from jshape.quantisation import quantised
 
 OBSERVATIONS = ("samples", "features")
 
@@ -56,9 +57,7 @@ class Sensor(Checked):
             noise: standard normal numbers.
         """
         measured = deflection + self.noise * noise
-        step = jnp.where(self.resolution > 0, self.resolution, 1.0)
-        rounded = jnp.where(self.resolution > 0, step * jnp.round(measured / step), measured)
-        measured = measured + jax.lax.stop_gradient(rounded - measured)
+        measured = measured + jax.lax.stop_gradient(quantised(measured, self.resolution) - measured)
         share = jnp.clip(jnp.where(jnp.isfinite(measured), measured, 0.0) / self.reach, -1.0, 1.0)
         return share if self.kind == "samples" else _features(share)
 

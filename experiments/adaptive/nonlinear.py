@@ -12,7 +12,7 @@ Measured: the angle, every 0.1 s, with 2 mrad of noise and 1 mrad of resolution.
 
 Strategies are equal in what they may do: three impulses. ``fixed`` is designed for the nominal plant. The linear
 tracker fits the best linear oscillator to the same samples and takes its ZVD. ``adapting`` fits the true kind of plant,
-``with cancelling`` also counts on what is left of the last move.
+``with cancelling`` also cancels the residual swing of the last move.
 """
 
 from importlib.metadata import version
@@ -29,9 +29,10 @@ import jshape as js
 from jshape.adaptive.moves import move_figures as figures
 from jshape.adaptive.moves.hoisting import HoistingMoves, random_loads
 from jshape.adaptive.moves.machine import NoisySensor
+from jshape.adaptive.moves.monte_carlo import residuals, run_many
 from jshape.adaptive.moves.strategies import Adapting, Oracle, Rule
-from jshape.adaptive.moves.study import residuals, run_many
 from jshape.adaptive.moves.two_mass import TwoMassMoves, random_payloads
+from jshape.adaptive.recovery_figure import recovery
 
 HERE = Path(__file__).parent
 SCHEDULES, CHANGE = 200, 2
@@ -64,20 +65,20 @@ def two_mass() -> list[str]:
     tracked = TwoMassMoves(linear, ("spring.k", "damper.c"), horizon=6.0, samples=151)
     sensor = NoisySensor(0.001, 0.0005)
     fixed = js.design.energy.three_impulse(plant, 1.0)
-    believed: Any = dict(spread=0.5, drift=0.5)
+    prior: Any = dict(spread=0.5, drift=0.5)
     # To the linear model what the spring does beyond it is noise, a hundred times that of the sensor.
     rough = NoisySensor(0.1)
     strategies = {
         "fixed energy shaper": Rule(lambda known: fixed),
-        "linear tracker, ZVD": Adapting(tracked, rough, cancel=False, **believed),
-        "linear, with cancelling": Adapting(tracked, rough, **believed),
-        "adapting k1, k3, c": Adapting(truth, sensor, cancel=False, **believed),
-        "adapting, with cancelling": Adapting(truth, sensor, **believed),
+        "linear tracker, ZVD": Adapting(tracked, rough, cancel=False, **prior),
+        "linear, with cancelling": Adapting(tracked, rough, **prior),
+        "adapting k1, k3, c": Adapting(truth, sensor, cancel=False, **prior),
+        "adapting, with cancelling": Adapting(truth, sensor, **prior),
         "oracle": Oracle(truth),
     }
     lines = ["## Duffing pair", "", f"![Residual vibration around a change](nonlinear.two_mass.svg) {DRAWN}", ""]
     lines += [
-        "![Beliefs of one schedule](nonlinear.beliefs.svg) Believed after each move, with two standard deviations.",
+        "![Estimates of one schedule](nonlinear.estimates.svg) Estimates after each move, with two deviations.",
         "",
     ]
     draw = jax.jit(jax.vmap(lambda key, within: random_payloads(key, truth, within=within), in_axes=(0, None)))
@@ -91,46 +92,46 @@ def two_mass() -> list[str]:
         lines += [*table(found.vibration, 100.0, "{:.3g}"), ""]
         lines += ["The same as residual energy (J)", "", *table(found.energy, 1.0, "{:.1e}"), ""]
         if not within:
-            figure = figures.residuals(found, "% of the move", 100.0)
+            figure = recovery(found, "vibration", "residual vibration (% of the move)", 100.0)
             figure.savefig(HERE / "nonlinear.two_mass.svg", metadata={"Date": None})
-        lines += refusals(traces, found)
+        lines += rejections(traces, found)
     ours = traces["adapting, with cancelling"].memory
     nominal, scale = np.array([10.0, 100.0, 0.4]), np.exp(np.asarray(ours.parameters[0]))
     std = np.sqrt(np.asarray(jax.vmap(jnp.diag)(ours.covariance[0])))
-    figure = figures.beliefs(
+    figure = figures.estimates(
         nominal * scale, nominal * scale * std, nominal * np.exp(np.asarray(drawn.moves.after[0])),
         ("k1/m2 (1/s²)", "k3/m2 (1/m²s²)", "c/m2 (1/s)"),
     )  # fmt: skip
-    figure.savefig(HERE / "nonlinear.beliefs.svg", metadata={"Date": None})
+    figure.savefig(HERE / "nonlinear.estimates.svg", metadata={"Date": None})
     return lines
 
 
 def crane() -> list[str]:
     task, sensor = HoistingMoves(), NoisySensor(0.002, 0.001)
     nominal, rest = task.nominal(), jnp.zeros(2)
-    at = lambda known, share: task.frequency(nominal, known, share)
-    believed: Any = dict(spread=0.6, drift=0.6)
+    at = lambda known, share: task.omega(nominal, known, share)
+    prior: Any = dict(spread=0.6, drift=0.6)
     strategies = {
         "ZV at the start length": Rule(lambda known: js.design.linear.zv(at(known, 0.0))),
         "ZV at the mean length": Rule(lambda known: js.design.linear.zv(at(known, 0.5))),
         "ZVD at the mean length": Rule(lambda known: js.design.linear.zvd(at(known, 0.5))),
         "fixed, tuned for the hoist": Rule(lambda known: task.design(nominal, known, rest)),
-        "adapting": Adapting(task, sensor, cancel=False, **believed),
-        "adapting, with cancelling": Adapting(task, sensor, **believed),
+        "adapting": Adapting(task, sensor, cancel=False, **prior),
+        "adapting, with cancelling": Adapting(task, sensor, **prior),
         "oracle": Oracle(task),
     }
     moves = jax.jit(jax.vmap(lambda key: random_loads(key, task)))(jax.random.split(jax.random.key(0), SCHEDULES))
     traces = run_many(task, strategies, moves, sensor, jax.random.key(1))
     found = residuals(traces, CHANGE)
-    figure = figures.residuals(found, "°", 180 / np.pi)
+    figure = recovery(found, "vibration", "residual vibration (°)", 180 / np.pi)
     figure.savefig(HERE / "nonlinear.crane.svg", metadata={"Date": None})
     ours = traces["adapting, with cancelling"].memory
     error = np.abs(np.asarray(ours.parameters - moves.after))[:, CHANGE:, 0]
     lines = ["## Crane while hoisting", "", f"![Residual swing around a change](nonlinear.crane.svg) {DRAWN}", ""]
     lines += ["Residual swing (°), median / 95 % quantile / largest", ""]
-    lines += [*table(found.vibration, 180 / np.pi, "{:.3g}"), "", *refusals(traces, found)]
+    lines += [*table(found.vibration, 180 / np.pi, "{:.3g}"), "", *rejections(traces, found)]
     lines += [
-        f"Error of the believed length after the moves with the new load: median {1000 * np.median(error):.1f} mm, "
+        f"Error of the estimated length after the moves with the new load: median {1000 * np.median(error):.1f} mm, "
         f"largest {1000 * error.max():.1f} mm."
     ]
     return lines
@@ -148,17 +149,17 @@ def table(values: xr.DataArray, factor: float, form: str) -> list[str]:
     return lines
 
 
-def refusals(traces: dict[str, Any], found: xr.Dataset) -> list[str]:
-    """Windows that were not believed, of all."""
+def rejections(traces: dict[str, Any], found: xr.Dataset) -> list[str]:
+    """Windows that were rejected, of all."""
     counts = (
         f"{name} {int(np.sum(~np.asarray(trace.memory.accepted)))}"
         for name, trace in traces.items()
         if hasattr(trace.memory, "accepted")
     )
-    lost = int(found.energy.isnull().sum())
+    late = int(found.energy.isnull().sum())
     return [
-        f"Windows refused, of {SCHEDULES * found.sizes['move']}: {', '.join(counts)}. Moves that outlasted "
-        f"their window: {lost}.",
+        f"Windows rejected, of {SCHEDULES * found.sizes['move']}: {', '.join(counts)}. Moves that outlasted "
+        f"their window: {late}.",
         "",
     ]
 

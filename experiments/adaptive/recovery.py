@@ -16,9 +16,9 @@ import jax
 import numpy as np
 
 import jshape as js
-from jshape.adaptive.closed_loop import judge
-from jshape.adaptive.closed_loop import loop_figures as figures
+from jshape.adaptive.closed_loop import metrics
 from jshape.adaptive.closed_loop.faults import KINDS
+from jshape.adaptive.recovery_figure import recovery
 
 HERE = Path(__file__).parent
 TIME = 0.005
@@ -31,10 +31,10 @@ def main() -> None:
     strategies = {name: js.adaptive.case(name, TIME) for name in NAMES}
     begun = time.perf_counter()
     found = js.adaptive.study(
-        js.plants.FlexibleLink(), strategies, schedules=SCHEDULES, piece=25,
-        progress=lambda done, all: print(f"{done}/{all} schedules, {time.perf_counter() - begun:.0f} s", flush=True),
+        js.plants.FlexibleLink(), strategies, schedules=SCHEDULES, chunk=25,
+        progress=lambda stage, done, total, best: print(f"{done}/{total}, {time.perf_counter() - begun:.0f} s"),
     )  # fmt: skip
-    figures.recovery(found).savefig(HERE / "recovery.svg")
+    recovery(found, "residual", "residual (% of move)", 100.0).savefig(HERE / "recovery.svg")
     below = 100 * js.adaptive.recovered(found)
     heading = "| below 5 % (% of schedules) | " + " | ".join(f"move {m}" for m in below.move.values) + " |"
     lines = [heading, "| --- |" + " --- |" * below.sizes["move"]]
@@ -57,9 +57,11 @@ def wild(strategies: dict[str, js.adaptive.AbstractStrategy]) -> list[str]:
     @jax.jit
     def residuals(faults: js.adaptive.Faults) -> dict[str, jax.Array]:
         traces = js.adaptive.run(link, strategies, schedule.reference, schedule.which, faults=faults)
-        return {name: judge.residual(trace, schedule) for name, trace in traces.items()}
+        return {name: metrics.residual(trace, schedule) for name, trace in traces.items()}
 
-    bound = js.adaptive.StateAware(TIME).bound(5.7, 0.017)
+    aware = js.adaptive.case("state-aware", TIME)
+    assert isinstance(aware, js.adaptive.StateAware)
+    bound = aware.bound(5.7, 0.017)
     lines = [
         "Wild signals: largest residual of moves 2 to 6, during the fault, and of the last, after it (% of move). "
         f"Stated bound of the state-aware strategy: {100 * bound:.0f} % of what a bare step leaves.",

@@ -44,14 +44,15 @@ FAST = 1e-4
 """s: 10 kHz."""
 LOOPS = 1000
 ROUNDS = 3
-LOW, HIGH = SlidingDFT(TIME), SlidingDFT(TIME, band=(50.0, 105.0), threshold=10.0)
+BAND = (4.0, 14.0)
+LOW, HIGH = SlidingDFT(TIME, 3000, BAND, 7.0), SlidingDFT(TIME, 3000, (50.0, 105.0), 10.0)
 IDENTIFIERS = {
     "sliding DFT, 26 bins": LOW,
-    "sliding DFT, 26 bins, Hann": SlidingDFT(TIME, window="hann"),
+    "sliding DFT, 26 bins, Hann": SlidingDFT(TIME, 3000, BAND, 7.0, window="hann"),
     "sliding DFT, 133 bins": HIGH,
-    "damped sinusoids, one mode": DampedSinusoids(TIME, modes=1),
-    "frequency tracker": FrequencyTracker(TIME, noise=0.02),
-    "decrement": Decrement(TIME, threshold=0.1),
+    "damped sinusoids, one mode": DampedSinusoids(TIME, BAND, 1),
+    "frequency tracker": FrequencyTracker(TIME, BAND, noise=0.02, amplitude=1.0),
+    "decrement": Decrement(TIME, BAND, 0.1),
 }
 
 
@@ -96,11 +97,9 @@ def online() -> list[dict[str, Any]]:
 
 def peers() -> list[dict[str, Any]]:
     """The magnitudes after every sample, otherwise: of the 26 bins, and as a sum also of the 133."""
-    bins = np.asarray(LOW.frequencies[0])
+    bins = np.asarray(LOW.omegas[0])
     window = np.zeros(LOW.points)
-    few, lots = (
-        np.exp(-1j * np.outer(np.asarray(dft.frequencies[0]), TIME * np.arange(LOW.points))) for dft in (LOW, HIGH)
-    )
+    few, lots = (np.exp(-1j * np.outer(np.asarray(dft.omegas[0]), TIME * np.arange(LOW.points))) for dft in (LOW, HIGH))
     poles = np.exp(1j * TIME * bins)
     memory = [np.zeros(1, complex) for _ in bins]
 
@@ -223,8 +222,8 @@ def many() -> list[dict[str, Any]]:
 
 def drift(block: int = 1_000_000, blocks: int = 100) -> list[dict[str, Any]]:
     """Error of the spectrum after many samples, relative to its largest magnitude: ours, and pole times sum."""
-    identifier = SlidingDFT(TIME, 64, (20.0, 200.0))
-    bins = np.asarray(identifier.frequencies[0])
+    identifier = SlidingDFT(TIME, 64, (20.0, 200.0), 7.0)
+    bins = np.asarray(identifier.omegas[0])
     dft = np.exp(-1j * np.outer(bins, TIME * np.arange(64)))
     advance = jax.jit(lambda state, given: jax.lax.scan(lambda s, x: (identifier.step(s, x)[0], None), state, given)[0])
     random, state, last = np.random.default_rng(1), identifier.start(), np.zeros(64)

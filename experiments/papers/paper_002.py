@@ -212,7 +212,7 @@ def surpassed(found: dict[str, Any]) -> list[Surpassed]:
     return [
         Surpassed(
             "largest V of either mode, payload unknown", theirs, largest(robust), "", by, worst(robust), 1e-9, limit,
-            words(robust) + "; " + found["robust"].result,
+            words(robust) + "; " + found["robust"].message,
         ),
         Surpassed(
             "duration for no more vibration than that", float(paper.duration), float(short.duration), "s",

@@ -41,7 +41,7 @@ def carried(run: report.Experiment) -> np.ndarray:
 def _spectra(run: report.Experiment, name: str, signal: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Times (s), frequencies (rad/s) and DFT magnitudes (m/s²) of an acceleration, ``tip`` or ``middle``."""
     given, mode = settings(run), ("tip", "middle").index(signal)
-    return figures.spectra(getattr(run.traces[name], signal), given.sample_time, given.points, given.bands[mode])
+    return figures.spectra(getattr(run.traces[name], signal), given.bands[mode], given.sample_time, given.points)
 
 
 def _magnitudes(run: report.Experiment, name: str, signal: str) -> list[float]:
@@ -222,7 +222,7 @@ def surpassed() -> tuple[Surpassed, str]:
     """
     strategies = {name: js.adaptive.case(name, TICK) for name in ("I-D", "state-aware")}
     plant = js.plants.FlexibleLink()
-    found = js.adaptive.study(plant, strategies, schedules=SCHEDULES, seed=SEED, piece=25)
+    found = js.adaptive.study(plant, strategies, schedules=SCHEDULES, seed=SEED, chunk=25)
     second = found.residual.sel(move=2)
 
     @jax.jit

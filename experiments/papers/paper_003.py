@@ -191,7 +191,7 @@ def surpassed(
         f"Large swing: without a filter the pulse at 2 m/s leaves up to {angles['none']:.3g}° (the worst bob "
         f"position), with the paper's filter {angles['paper']:.3f}°, with a linear one of {len(robust.shaper.times)} "
         f"impulses for the true range {angles['linear']:.3f}°, tuned on the nonlinear pendulum {angles['tuned']:.3f}°.",
-        f"Seven per cent over the whole range with five on-off impulses: {five.result}.",
+        f"Seven per cent over the whole range with five on-off impulses: {five.message}.",
         f"On the 5 ms clock of section 5 the impulses stand {switches(clock.shaper)}, and V over the range becomes "
         f"{100 * clock.after:.3f} % (before: {100 * clock.before:.3f} %; every time to its nearest tick: "
         f"{100 * clock.nearest:.3f} %).",

@@ -99,7 +99,7 @@ def recovery() -> tuple[Switched, Switched, Switched]:
     move = switching.preloaded(10.0, 0.0, 100.0)
     late = move.times.copy()
     late[2] *= 1.1
-    wrong = dataclasses.replace(move, times=late, optimal=None, result="an error of 10 % in the third time")
+    wrong = dataclasses.replace(move, times=late, optimal=None, message="an error of 10 % in the third time")
     turn = float(move.times[3])
     second = switching.transition(10.0, 0.0, wrong.state_at(turn)[1:], start=1.0, final=-1.0)
     third = switching.transition(10.0, 0.0, start=-1.0, final=0.0)

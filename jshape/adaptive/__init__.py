@@ -1,12 +1,13 @@
 """Adaptive shaping: identify while moving, and adapt to a payload nobody announced.
 
-- ``estimate.py`` and the identifiers: ``SlidingDFT``, ``DampedSinusoids``, ``FrequencyTracker``, ``Decrement``,
-  ``FilteredLeastSquares``.
-- ``shaper.py``, ``increments.py``, ``transition.py``: shapers that change while they run.
-- ``extremum_seeking.py``, ``gradient_seeking.py``: parameters that improve from move to move.
-- ``strategy.py``: identifier and shaper together; ``direct.py`` is the paper's, ``state_aware.py`` ours.
-- ``loop.py``, ``schedules.py``, ``judge.py``, ``study.py``: strategies on a link whose load changes.
+- ``identifiers/``: ``SlidingDFT``, ``DampedSinusoids``, ``FrequencyTracker``, ``Decrement``, ``FilteredLeastSquares``;
+  ``estimate.py`` is their base, ``reasons.py`` why an estimate is valid or not.
+- ``shapers/``: shapers that change while they run.
+- ``strategies/``: identifier and shaper together: ``direct_adaptive.py``, ``state_aware.py``; parameters that improve
+  from move to move: ``extremum_seeking.py``, ``gradient_seeking.py``; ``paper_cases.py``: all with a paper's numbers.
+- ``closed_loop/``: strategies on a link whose load changes.
 - ``moves/``: move by move, for plants that are nonlinear or vary in time.
+- ``formulas.py``: one recursion for JAX and for plain numbers.
 """
 
 import lazy_loader

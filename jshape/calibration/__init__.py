@@ -6,7 +6,7 @@ Read a measured spectrum or a raw record, let Klipper's own method choose, then 
     fits = calibration.fit_all(spectra)                        # Klipper's five, each at its best frequency
     choice = calibration.recommend(fits)                       # and what each alternative costs
     offer = calibration.tune(spectra, vibration=choice.best.vibration, duration=0.0144)
-    offer.shaper, offer.rated.smoothing, offer.rated.vibration, offer.finer, offer.simulated
+    offer.shaper, offer.message, offer.rated.smoothing, offer.rated.vibration, offer.finer, offer.simulated
     calibration.calibrate(spectra)                             # all of this at once
 
 Klipper's numbers are those of its August 2026 state (``version="current"``) and of December 2024 (``"2024"``).

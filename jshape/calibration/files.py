@@ -1,4 +1,4 @@
-"""Klipper's files: a raw record of the accelerometer, or spectra. Whatever is wrong is told with file and line.
+"""Klipper's files: a raw record of the accelerometer, or spectra. Every error names file and line.
 
 Raw: the line ``#time,accel_x,accel_y,accel_z``, then seconds and mm/s². Spectra: a header that starts with ``freq,``,
 then ``psd_x,psd_y,psd_z,psd_xyz`` or the names of several sets, a column each. Columns of shapers may follow; a blank
@@ -29,7 +29,7 @@ _LARGEST = 1e12
 _ROUNDED = 0.02
 """By how much, relative, the sum of densities written in four digits may differ from the density of the sum."""
 _GAP = 0.05
-"""s without a sample: a part of the record is lost."""
+"""s without a sample: a part of the record is missing."""
 
 Row = tuple[int, list[str]]
 """A line's number and its cells."""
@@ -38,9 +38,12 @@ Row = tuple[int, list[str]]
 def read(paths: str | Path | Sequence[str | Path], component: str = "xyz") -> list[Spectrum]:
     """Every spectrum in one file or several, normalised.
 
-    ``component``: ``"xyz"``, ``"x"``, ``"y"`` or ``"z"``; a file of several sets has the sum of all three only.
+    Args:
+        paths: of Klipper's files.
+        component: ``"xyz"``, ``"x"``, ``"y"`` or ``"z"``; a file of several sets has the sum of all three only.
 
-    *Raises* ``ValueError`` that names file and line of whatever is wrong, and for no file at all.
+    Raises:
+        ValueError: that names file and line of whatever is wrong, and for no file at all.
     """
     _check.one_of(component, "component", COMPONENTS)
     several = [paths] if isinstance(paths, str | Path) else list(paths)
@@ -129,7 +132,7 @@ def _spectra(path: Path, header: int, heading: list[str], rows: Iterable[Row], c
         chosen = {f"{path.name}, {name}": sets[:, i] for i, name in enumerate(names)}
     else:
         raise _problem(path, header, f"has no column psd_{component}: the sets are sums of all directions")
-    with _told(path, lines[-1]):
+    with _located(path, lines[-1]):
         return [
             Spectrum(name, frequencies, density if done else normalised(frequencies, density))
             for name, density in chosen.items()
@@ -164,8 +167,10 @@ def _record(path: Path, rows: Iterable[Row], component: str) -> Spectrum:
     values = np.array(table)
     steps = np.diff(values[:, 0], prepend=values[0, 0])
     _demand(path, lines, np.r_[True, steps[1:] > 0], "the time must be later than the one before")
-    _demand(path, lines, steps <= _GAP, f"more than {_GAP:g} s since the sample before: a part of the record is lost")
-    with _told(path, lines[-1]):
+    _demand(
+        path, lines, steps <= _GAP, f"more than {_GAP:g} s since the sample before: a part of the record is missing"
+    )
+    with _located(path, lines[-1]):
         frequencies, densities = power_spectrum(values[:, 0], values[:, 1:])
         density = densities.sum(axis=1) if component == "xyz" else densities[:, "xyz".index(component)]
         return Spectrum(path.name, frequencies, normalised(frequencies, density))
@@ -188,8 +193,8 @@ def _demand(path: Path, lines: list[int], holds: Any, words: str) -> None:
 
 
 @contextmanager
-def _told(path: Path, line: int) -> Iterator[None]:
-    """What is wrong with a measurement as a whole is told with the file and its last line."""
+def _located(path: Path, line: int) -> Iterator[None]:
+    """Errors of a measurement as a whole name the file and its last line."""
     try:
         yield
     except ValueError as error:

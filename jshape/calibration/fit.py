@@ -1,11 +1,12 @@
 """Each of Klipper's shapers at the frequency that Klipper gives it."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
 from jshape import _check
-from jshape.calibration.score import CEILING, DAMPINGS, Bins, Rated, rate
+from jshape.calibration.score import CEILING, ZETAS, Bins, Rated, rate
 from jshape.calibration.smoothing import CORNER_SPEED
 from jshape.calibration.spectrum import Spectrum
 from jshape.klipper import DAMPING, VERSIONS, impulses
@@ -26,30 +27,37 @@ def fit(
     *,
     version: str = "current",
     zeta: float = DAMPING,
-    dampings: Sequence[float] = DAMPINGS,
+    zetas: Sequence[float] = ZETAS,
     corner_speed: float = CORNER_SPEED,
     highest: float = HIGHEST,
 ) -> Rated:
     """A shaper of Klipper's at its best frequency for the spectra, to 0.2 Hz.
 
-    ``kind``: one of ``LOWEST``; ``zeta``: that of the shaper, ``dampings``: those it is judged at; ``corner_speed``:
-    mm/s; ``highest``: Hz, another than Klipper's 150 if the printer is stiffer.
-
     First the frequency with the least vibration, from above; then, from below, any with hardly more vibration
     (1.1 times, and since 2025 0.05 % on top) and a lower score.
 
-    *Raises* ``ValueError`` for an unknown kind or version and a highest frequency that leaves nothing to search.
+    Args:
+        kind: one of ``LOWEST``.
+        spectra: measured, that share the shaper.
+        version: Klipper's, ``"current"`` or ``"2024"``.
+        zeta: damping ratio for which the shaper is made.
+        zetas: damping ratios at which it is judged.
+        corner_speed: mm/s.
+        highest: Hz, another than Klipper's 150 if the printer is stiffer.
+
+    Raises:
+        ValueError: for an unknown kind or version and a highest frequency that leaves nothing to search.
     """
     _check.one_of(kind, "kind", tuple(LOWEST))
     _check.one_of(version, "version", VERSIONS)
     if not LOWEST[kind] < highest <= 2000:
         raise ValueError(f"highest must lie between {LOWEST[kind]:g} and 2000 Hz for {kind}, not {highest!r}")
-    bins = Bins(spectra, dampings, ceiling=max(CEILING, highest))
+    bins = Bins(spectra, zetas, ceiling=max(CEILING, highest))
     found = [
         rate(kind, *impulses(kind, frequency, zeta, version), bins, corner_speed, float(frequency))
         for frequency in np.round(np.arange(LOWEST[kind], highest, 0.2), 9)
     ]
-    # Of equals the highest frequency, which was looked at first.
+    # Of equals the highest frequency, as Klipper has it.
     least = min(reversed(found), key=lambda rated: rated.vibration)
     enough = 1.1 * least.vibration + (0.0005 if version == "current" else 0.0)
     best = least
@@ -60,7 +68,15 @@ def fit(
 
 
 def fit_all(
-    spectra: Sequence[Spectrum], kinds: Sequence[str] = OFFERED, *, version: str = "current", **options
+    spectra: Sequence[Spectrum],
+    kinds: Sequence[str] = OFFERED,
+    *,
+    version: str = "current",
+    zeta: float = DAMPING,
+    zetas: Sequence[float] = ZETAS,
+    corner_speed: float = CORNER_SPEED,
+    highest: float = HIGHEST,
 ) -> list[Rated]:
-    """``fit`` of several kinds, in their order; ``options``: its other arguments."""
-    return [fit(kind, spectra, version=version, **options) for kind in kinds]
+    """Several of Klipper's shapers, each at its best frequency, in their order; arguments as for ``fit``."""
+    given: Any = dict(version=version, zeta=zeta, zetas=zetas, corner_speed=corner_speed, highest=highest)
+    return [fit(kind, spectra, **given) for kind in kinds]

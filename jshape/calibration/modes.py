@@ -1,4 +1,4 @@
-"""Modes seen in a spectrum, and a time simulation of what a shaper leaves of them: a judge beside the spectrum's sums.
+"""Modes of a spectrum, and a time simulation of what a shaper leaves of them: a judge beside the spectrum's sums.
 
 Between impulses a mode's position and velocity are propagated exactly; V(f) and the weights of the score do not enter.
 """
@@ -14,7 +14,6 @@ from scipy.signal import find_peaks
 
 from jshape.calibration.score import CEILING
 from jshape.calibration.spectrum import Spectrum
-from jshape.vibration import pole, transform
 
 MOST = 4
 """Modes looked for in a spectrum."""
@@ -22,7 +21,13 @@ MOST = 4
 
 @dataclasses.dataclass(frozen=True)
 class Mode:
-    """``frequency``: Hz, undamped; ``zeta``: –; ``share``: of the power of all modes."""
+    """A mode of a spectrum.
+
+    Attributes:
+        frequency: undamped, Hz.
+        zeta: damping ratio.
+        share: of the power of all modes.
+    """
 
     frequency: float
     zeta: float
@@ -32,9 +37,13 @@ class Mode:
 def identify(spectrum: Spectrum, ceiling: float = CEILING) -> list[Mode]:
     """The modes of a spectrum, strongest first, from resonance curves fitted to its peaks by least squares.
 
-    ``ceiling``: Hz. Peaks of less than a twentieth of the greatest are left aside. At least one mode, at most ``MOST``.
-    A peak narrower than the spectrum's resolution reads as more damped than it is. ``jshape.identification`` weighs all
-    frequencies alike and finds weak modes, too; here those count that the score counts.
+    Peaks of less than a twentieth of the greatest are left aside. At least one mode, at most ``MOST``. A peak narrower
+    than the spectrum's resolution reads as more damped than it is. ``jshape.identification`` weighs all frequencies
+    alike and finds weak modes, too; here those count that the score counts.
+
+    Args:
+        spectrum: measured.
+        ceiling: Hz, up to which it counts.
     """
     inside = (spectrum.frequencies <= ceiling) & (spectrum.frequencies > 0)
     f, p = spectrum.frequencies[inside], spectrum.density[inside] / spectrum.density[inside].max()
@@ -62,12 +71,27 @@ def _curve(f: np.ndarray, frequency: np.ndarray, zeta: np.ndarray, height: np.nd
 
 
 def remaining(amplitudes: Any, times: Any, frequencies: Any, zetas: Any) -> Float[np.ndarray, " modes"]:
-    """The residual vibration V of each mode, a fraction.
+    """The vibration of each mode after the last impulse, over that after a single impulse, by simulation in time.
 
-    ``times``: s; ``frequencies``: Hz, undamped; ``zetas``: –, one or as many.
+    Args:
+        amplitudes: they sum to 1, shape (impulses,).
+        times: s, shape (impulses,).
+        frequencies: Hz, undamped, shape (modes,).
+        zetas: damping ratios, one or as many.
     """
     omega, zeta = np.broadcast_arrays(2 * np.pi * np.asarray(frequencies, float), np.asarray(zetas, float))
-    return np.abs(transform(np.asarray(amplitudes), np.asarray(times), pole(omega, zeta)))
+    damped = omega * np.sqrt(1 - zeta**2)
+    # Position and velocity over ω of a unit mass, at rest before the first impulse.
+    place, speed = np.zeros(omega.shape), np.zeros(omega.shape)
+    for amplitude, wait in zip(amplitudes, np.diff(times, prepend=0.0), strict=True):
+        decay, cosine = np.exp(-zeta * omega * wait), np.cos(damped * wait)
+        sine = np.sin(damped * wait) / np.sqrt(1 - zeta**2)
+        place, speed = (
+            decay * ((cosine + zeta * sine) * place + sine * speed),
+            decay * ((cosine - zeta * sine) * speed - sine * place) + amplitude,
+        )
+    # The swing from where it is and how fast; a single impulse of 1 swings by 1 over √(1 − ζ²), as this does.
+    return np.hypot(place * np.sqrt(1 - zeta**2), speed + zeta * place)
 
 
 def remaining_of(amplitudes: Any, times: Any, modes: Sequence[Mode]) -> float:
@@ -77,9 +101,15 @@ def remaining_of(amplitudes: Any, times: Any, modes: Sequence[Mode]) -> float:
 
 
 def step_response(amplitudes: Any, times: Any, modes: Sequence[Mode], at: Any) -> Float[np.ndarray, " samples"]:
-    """Where the tool stands at the instants ``at`` (s) after a step of 1, modes weighted by the roots of their shares.
+    """The position of the tool after a step of 1, modes weighted by the roots of their shares.
 
     The roots are scaled to sum to 1, so that the tool arrives at 1.
+
+    Args:
+        amplitudes: they sum to 1, shape (impulses,).
+        times: s, shape (impulses,).
+        modes: of the machine.
+        at: instants, s, shape (samples,).
     """
     weights = np.sqrt([m.share for m in modes])
     total = np.zeros(np.shape(at))

@@ -10,7 +10,13 @@ from jshape.klipper import VERSIONS
 
 @dataclasses.dataclass(frozen=True)
 class Choice:
-    """The recommended shaper, why it won, and for each of the others what it costs, in words."""
+    """Klipper's choice.
+
+    Attributes:
+        best: the recommended shaper.
+        reason: why it won, in words.
+        costs: for each of the others what it would cost, in words.
+    """
 
     best: Rated
     reason: str
@@ -24,7 +30,12 @@ def recommend(fits: Sequence[Rated], version: str = "current") -> Choice:
     lower, or, in the current version, if both its vibration and its smoothing are lower. If a ZV wins, the first other
     that leaves 1.1 times less vibration takes its place.
 
-    *Raises* ``ValueError`` for no shapers or an unknown version.
+    Args:
+        fits: fitted shapers.
+        version: Klipper's, ``"current"`` or ``"2024"``.
+
+    Raises:
+        ValueError: for no shapers or an unknown version.
     """
     _check.one_of(version, "version", VERSIONS)
     if not fits:

@@ -1,34 +1,48 @@
 """A whole calibration: Klipper's table and choice, jshape's offer, what both are worth, and the files to keep."""
 
 import dataclasses
-import json
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Iterator, Sequence
 from importlib.metadata import version as version_of
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from jshape import _check
-from jshape._files import MARKER
+from jshape._files import write_results
+from jshape._types import Progress
 from jshape.calibration.fit import HIGHEST, fit_all
-from jshape.calibration.modes import Mode, identify, remaining_of
+from jshape.calibration.modes import Mode, identify, remaining_of, step_response
 from jshape.calibration.recommend import Choice, cost, percent, recommend
-from jshape.calibration.score import CEILING, DAMPINGS, Bins, Rated
+from jshape.calibration.score import CEILING, ZETAS, Bins, Rated, vibration
 from jshape.calibration.smoothing import CORNER_SPEED, rounded
 from jshape.calibration.spectrum import Spectrum
-from jshape.calibration.spectrum_figures import figures
-from jshape.calibration.tuned import Tuned, tune
-from jshape.export import write_csv, write_json
+from jshape.calibration.tuned import LEAST, Tuned, tune
+from jshape.export import export
 from jshape.export.firmware import REPRAP, klipper, reprapfirmware
 from jshape.klipper import DAMPING
 from jshape.reports import plot
+from jshape.status import Result, Status
 
 
 @dataclasses.dataclass(frozen=True)
-class Calibration:
-    """Everything that was found. ``simulated``: for each shaper, what a simulation of the identified modes leaves of
-    them right after the last impulse, in the spectrum where that is most."""
+class Calibration(Result):
+    """A printer's shapers: Klipper's and the tuned one.
+
+    Attributes:
+        spectra: measured.
+        modes: of each spectrum.
+        fits: Klipper's shapers, each at its best frequency.
+        choice: the one that Klipper recommends.
+        offer: the tuned one.
+        simulated: for each shaper, the share of the identified modes that remains after its last impulse in a
+            simulation, in the spectrum where that is most.
+        version: Klipper's.
+        zeta: the printer's damping ratio.
+        ceiling: Hz, up to which the spectra count.
+    """
 
     spectra: list[Spectrum]
     modes: list[list[Mode]]
@@ -37,8 +51,13 @@ class Calibration:
     offer: Tuned
     simulated: dict[str, float]
     version: str
-    damping: float
+    zeta: float
     ceiling: float
+
+    @property
+    def status(self) -> Status:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """The tuned shaper's."""
+        return self.offer.status
 
     @property
     def shapers(self) -> list[Rated]:
@@ -46,91 +65,146 @@ class Calibration:
         return [*self.fits, self.offer.rated]
 
     @property
-    def verdict(self) -> str:
+    def message(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
         """What the tuned shaper brings beside the recommended one."""
-        if not self.offer.met:
-            return self.offer.result
+        if not self.converged:
+            return self.offer.message
         best, mine = self.choice.best, self.offer.rated
         modes = f"simulated, the identified modes keep {percent(self.simulated[mine.name])}"
         modes += f" (with {best.name} {percent(self.simulated[best.name])})"
-        return f"tuned: {cost(mine, best)}; {modes}; {self.offer.result}"
+        return f"tuned: {cost(mine, best)}; {modes}; {self.offer.message}"
 
 
 def calibrate(
     spectra: Sequence[Spectrum],
     *,
     version: str = "current",
-    damping: float = DAMPING,
+    zeta: float = DAMPING,
     corner_speed: float = CORNER_SPEED,
     highest: float = HIGHEST,
     duration: float | None = None,
     vibration: float | None = None,
     smoothing: float | None = None,
-    progress: Callable[[str, int, int], None] = lambda *_: None,
-    **options: Any,
+    impulses: int = 4,
+    shift: float = 0.0,
+    least: float = LEAST,
+    starts: int = 16,
+    seed: int = 0,
+    progress: Progress | None = None,
 ) -> Calibration:
-    """Fit, recommend, and tune a shaper of the same vibration for all spectra together.
+    """Fit Klipper's shapers, recommend one, and tune a shaper of the same vibration for all spectra together.
 
-    ``version``: Klipper's; ``damping``: the printer's ratio, if it has been measured: shapers are made for it and
-    judged at 0.75, 1 and 1.5 times it, as Klipper does around 0.1; ``corner_speed``: mm/s; ``highest``: Hz, up to
-    which shapers are fitted. The tuned shaper takes no longer than ``duration`` (s; the longest of the fitted ones,
-    unless given) and leaves at most ``vibration`` (the recommended shaper's) unless its ``smoothing`` (mm) is limited.
-    ``options``: of ``tune``: ``impulses``, ``shift``, ``least``, ``starts``, ``seed``.
+    Args:
+        spectra: measured, that share the shaper.
+        version: Klipper's, ``"current"`` or ``"2024"``.
+        zeta: the printer's damping ratio, if it has been measured: shapers are made for it and judged at 0.75, 1 and
+            1.5 times it, as Klipper does around 0.1.
+        corner_speed: mm/s.
+        highest: Hz, up to which shapers are fitted.
+        duration: the most that the tuned shaper may last, s; the longest of the fitted ones unless given.
+        vibration: the most that it may leave; the recommended shaper's unless given, or ``smoothing`` is limited.
+        smoothing: the most, mm.
+        impulses: of the tuned shaper, at least 2.
+        shift: fraction by which all frequencies may be off.
+        least: amplitude of each impulse.
+        starts: of the search, at most.
+        seed: of the starts.
+        progress: called along the way.
 
-    *Raises* ``ValueError`` as ``fit``, ``recommend`` and ``tune`` do.
+    Raises:
+        ValueError: as ``fit``, ``recommend`` and ``tune`` do.
     """
-    if not 0 < damping <= 0.3:
-        raise ValueError(f"damping must be over 0, up to 0.3, not {damping!r}")
+    if not 0 < zeta <= 0.3:
+        raise ValueError(f"zeta must be over 0, up to 0.3, not {zeta!r}")
     _check.not_negative(corner_speed, "corner_speed")
-    dampings = tuple(damping / DAMPING * zeta for zeta in DAMPINGS)
-    progress("Klipper's shapers", 0, 0)
-    shared: dict[str, Any] = dict(dampings=dampings, corner_speed=corner_speed)
-    fits = fit_all(spectra, version=version, zeta=damping, highest=highest, **shared)
+    zetas = tuple(zeta / DAMPING * usual for usual in ZETAS)
+    if progress is not None:
+        progress("Klipper's shapers", 0, 0, math.inf)
+    fits = fit_all(spectra, version=version, zeta=zeta, zetas=zetas, corner_speed=corner_speed, highest=highest)
     choice = recommend(fits, version)
     ceiling = max(CEILING, highest)
     if vibration is None and smoothing is None:
         # As judged with the same frequency shift: no more than the recommended one leaves there.
-        bins = Bins(spectra, dampings, options.get("shift", 0.0), ceiling)
+        bins = Bins(spectra, zetas, shift, ceiling)
         vibration = min(bins.worst(choice.best.amplitudes, choice.best.times), 1 - 1e-9)
     offer = tune(
         spectra,
         duration=max(fitted.duration for fitted in fits) if duration is None else duration,
         vibration=vibration,
         smoothing=smoothing,
+        impulses=impulses,
+        shift=shift,
+        zetas=zetas,
+        corner_speed=corner_speed,
         ceiling=ceiling,
-        progress=lambda done, total, _: progress("tuning, start", done, total),
-        **shared,
-        **options,
+        least=least,
+        starts=starts,
+        seed=seed,
+        progress=progress,
     )
-    progress("simulation of the modes", 0, 0)
     modes = [identify(spectrum, ceiling) for spectrum in spectra]
     simulated = {
         rated.name: max(remaining_of(rated.amplitudes, rated.times, part) for part in modes)
         for rated in [*fits, offer.rated]
     }
-    return Calibration(list(spectra), modes, fits, choice, offer, simulated, version, damping, ceiling)
+    return Calibration(list(spectra), modes, fits, choice, offer, simulated, version, zeta, ceiling)
 
 
 def write(found: Calibration, folder: Path, axis: str) -> list[str]:
-    """Numbers, shapers, lines to paste and figures into a folder; returns the files' names."""
+    """Write numbers, shapers, lines to paste and figures into a folder.
+
+    Args:
+        found: what is written.
+        folder: of the results.
+        axis: of the printer, ``"x"`` or ``"y"``.
+
+    Returns:
+        The files' names.
+    """
     (folder / "shapers").mkdir(parents=True, exist_ok=True)
     names = ["results.json", "paste.txt"]
-    (folder / "results.json").write_text(json.dumps(numbers(found), indent=2) + "\n", encoding="utf-8")
+    write_results(folder, numbers(found))
     (folder / "paste.txt").write_text(lines(found, axis), encoding="utf-8")
     for rated in found.shapers:
-        write_json(rated.shaper, folder / "shapers" / f"{rated.name}.json", rated.name)
-        write_csv(rated.shaper, folder / "shapers" / f"{rated.name}.csv")
+        export(rated.shaper, "json", folder / "shapers" / f"{rated.name}.json", name=rated.name)
+        export(rated.shaper, "csv", folder / "shapers" / f"{rated.name}.csv")
         names += [f"shapers/{rated.name}.json", f"shapers/{rated.name}.csv"]
-    for name, figure in figures(found.spectra, found.modes[0], found.shapers, found.damping, found.ceiling):
+    for name, figure in figures(found):
         plot.save(figure, folder / f"{name}.png")
         names += [f"{name}.png", f"{name}.pdf"]
     return names
 
 
+def figures(found: Calibration) -> Iterator[tuple[str, Figure]]:
+    """Each figure by its name: the spectrum, the spectrum behind each shaper, V(f), the step response."""
+    modes, zeta = found.modes[0], found.zeta
+    across = (0, found.ceiling)
+    frequency = "frequency (Hz)"
+    densities = [(s.name, s.frequencies, s.density / s.density.max()) for s in found.spectra]
+    labels = (frequency, "power density over its greatest")
+    yield "spectrum", plot.curves(densities, labels, across=across, ticks=[mode.frequency for mode in modes])
+    _, f, p = densities[0]
+    left = [(r.name, f, p * vibration(r.amplitudes, r.times, f, zeta)) for r in found.shapers]
+    labels = (frequency, "power density over the greatest")
+    # Under a twentieth nothing counts.
+    scale: Any = dict(across=across, up=(1e-4, 1.5), logarithmic=True, level=1 / 20)
+    yield "after", plot.curves([("unshaped", f, p), *left], labels, **scale)
+    f = np.linspace(1, found.ceiling, 800)
+    left = [(r.name, f, 100 * vibration(r.amplitudes, r.times, f, zeta)) for r in found.shapers]
+    labels = (frequency, f"residual vibration (%), ζ = {zeta:g}")
+    yield "vibration", plot.curves(left, labels, across=across, up=(0, 100))
+    slowest = 1 / min(mode.frequency for mode in modes)
+    t = np.linspace(0, max(r.duration for r in found.shapers) + 2 * slowest, 800)
+    impulses = [("unshaped", [1.0], [0.0]), *((r.name, r.amplitudes, r.times) for r in found.shapers)]
+    steps = [(name, 1e3 * t, step_response(a, times, modes, t)) for name, a, times in impulses]
+    yield "step", plot.curves(steps, ("time (ms)", "position over the step"))
+
+
 def lines(found: Calibration, axis: str) -> str:
     """What to paste: Klipper's choice into ``printer.cfg``, the tuned impulses into RepRapFirmware's ``config.g``.
 
-    *Raises* ``ValueError`` for an axis other than ``"x"`` and ``"y"``.
+    Raises:
+        ValueError: for an axis other than ``"x"`` and ``"y"``.
     """
     best, tuned = found.choice.best, found.offer.shaper
     firmware = klipper(best.shaper, axis=axis, firmware=found.version)
@@ -147,10 +221,8 @@ def numbers(found: Calibration) -> dict[str, Any]:
     """Everything that is a number, as plain data."""
     offer = found.offer
     return {
-        "format": MARKER,
-        "version": 1,
         "klipper": found.version,
-        "damping": found.damping,
+        "zeta": found.zeta,
         "spectra": [spectrum.name for spectrum in found.spectra],
         "modes": [[dataclasses.asdict(mode) for mode in modes] for modes in found.modes],
         "units": {"frequency": "Hz", "times": "s", "smoothing": "mm", "max_accel": "mm/s^2", "vibration": "fraction"},
@@ -159,25 +231,15 @@ def numbers(found: Calibration) -> dict[str, Any]:
         "reason": found.choice.reason,
         "costs": found.choice.costs,
         "tuned": {
-            "result": offer.result,
-            "met": offer.met,
-            "worst": offer.worst,
-            "finer": offer.finer,
-            "simulated": offer.simulated,
+            "status": offer.status.value,
+            "message": offer.message,
+            **{name: getattr(offer, name) for name in ("worst", "finer", "simulated")},
         },
         "versions": {name: version_of(name) for name in ("jshape", "numpy", "scipy")},
     }
 
 
 def _record(rated: Rated, simulated: float) -> dict[str, Any]:
-    return {
-        "name": rated.name,
-        "frequency": rated.frequency,
-        "amplitudes": np.asarray(rated.amplitudes).tolist(),
-        "times": np.asarray(rated.times).tolist(),
-        "vibration": rated.vibration,
-        "smoothing": rated.smoothing,
-        "max_accel": rated.max_accel,
-        "score": rated.score,
-        "modes_left": simulated,
-    }
+    about = dataclasses.asdict(rated)
+    lists = {name: np.asarray(about[name]).tolist() for name in ("amplitudes", "times")}
+    return {**about, **lists, "score": rated.score, "modes_left": simulated}

@@ -13,7 +13,7 @@ from jshape.calibration.spectrum import Spectrum
 from jshape.shaper import Shaper
 from jshape.vibration import phasors, pole, transform
 
-DAMPINGS = (0.075, 0.1, 0.15)
+ZETAS = (0.075, 0.1, 0.15)
 """The damping ratios over which the worst case is taken."""
 
 CEILING = 200.0
@@ -22,9 +22,16 @@ CEILING = 200.0
 
 @dataclasses.dataclass(frozen=True)
 class Rated:
-    """A shaper and its numbers. ``frequency``: Hz, of Klipper's; ``None`` for a tuned one.
+    """A shaper and its numbers.
 
-    ``vibration``: the share that remains, in the worst case; ``smoothing``: mm; ``max_accel``: mm/s².
+    Attributes:
+        name: of the shaper.
+        frequency: Hz, of Klipper's; ``None`` for a tuned one.
+        amplitudes: they sum to 1, shape (impulses,).
+        times: s, shape (impulses,).
+        vibration: the share that remains, in the worst case.
+        smoothing: mm.
+        max_accel: mm/s².
     """
 
     name: str
@@ -42,11 +49,12 @@ class Rated:
 
     @property
     def shaper(self) -> Shaper:
+        """The same as a ``Shaper``."""
         return Shaper(self.amplitudes, self.times)
 
     @property
     def duration(self) -> float:
-        """s."""
+        """From the first impulse to the last, s."""
         return float(self.times[-1])
 
     @property
@@ -56,31 +64,38 @@ class Rated:
 
 
 class Bins:
-    """The spectra's frequencies that count, for each damping ratio and each frequency shift: the cases of a worst case.
+    """The frequencies that count in spectra, for each damping ratio and frequency shift: the cases of a worst case.
 
     A frequency counts where its density is above a twentieth of its spectrum's greatest; what a shaper leaves above
-    that level, over what there is above it, is the vibration that remains. ``shift``: the spectra are moved up and
-    down by that fraction of the frequency, too.
+    that level, over what there is above it, is the vibration that remains.
 
-    *Raises* ``ValueError`` for no spectra, dampings outside (0, 1), a shift outside [0, 0.5], a ceiling below which
-    nothing vibrates.
+    Args:
+        spectra: measured, at least one.
+        zetas: damping ratios, each in (0, 1).
+        shift: fraction of the frequency, in [0, 0.5], by which the spectra are moved up and down, too.
+        ceiling: Hz, up to which the spectra count.
+        steps: of the shift, in each direction.
 
-    *Source*: Klipper's published numbers: Σ max(V·P − P_max/20, 0)/Σ max(P − P_max/20, 0).
+    Raises:
+        ValueError: for no spectra, ratios outside (0, 1), a shift outside [0, 0.5], a ceiling below which nothing
+            vibrates.
+
+    Source: Klipper's published numbers: Σ max(V·P − P_max/20, 0)/Σ max(P − P_max/20, 0).
     """
 
     def __init__(
         self,
         spectra: Sequence[Spectrum],
-        dampings: Sequence[float] | np.ndarray = DAMPINGS,
+        zetas: Sequence[float] | np.ndarray = ZETAS,
         shift: float = 0.0,
         ceiling: float = CEILING,
         steps: int = 1,
     ):
-        zeta = np.asarray(dampings, float)
+        zeta = np.asarray(zetas, float)
         if not len(spectra):
             raise ValueError("spectra is empty: at least one is needed")
         if zeta.ndim != 1 or not zeta.size or not np.all((zeta > 0) & (zeta < 1)):
-            raise ValueError(f"dampings must be a list of ratios between 0 and 1, not {dampings!r}")
+            raise ValueError(f"zetas must be a list of ratios between 0 and 1, not {zetas!r}")
         if not 0 <= shift <= 0.5:
             raise ValueError(f"shift must be a fraction between 0 and 0.5, not {shift!r}")
         _check.positive(ceiling, "ceiling")
@@ -102,7 +117,12 @@ class Bins:
             ]
 
     def vibrations(self, amplitudes: Any, times: Any) -> Float[np.ndarray, " cases"]:
-        """The share of the vibration that remains, for each spectrum, shift and damping; amplitudes not negative."""
+        """The share of the vibration that remains in each case.
+
+        Args:
+            amplitudes: not negative, they sum to 1, shape (impulses,).
+            times: s, shape (impulses,).
+        """
         return np.concatenate(
             [
                 np.maximum(np.abs(transform(amplitudes, times, poles)) * density - 1 / 20, 0).sum(axis=1) / excess.sum()
@@ -117,7 +137,10 @@ class Bins:
     def slopes(self, amplitudes: Any, times: Any, each: bool = False) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """``vibrations`` and their derivatives by amplitudes and by times, a row a case.
 
-        ``each``: instead of the sums, 20·V·P − 1 of every frequency that counts: how far above the level it stays.
+        Args:
+            amplitudes: not negative, they sum to 1, shape (impulses,).
+            times: s, shape (impulses,).
+            each: instead of the sums, 20·V·P − 1 of every frequency that counts: how far above the level it stays.
         """
         parts = []
         for poles, density, excess in self.cases:
@@ -141,8 +164,15 @@ class Bins:
         return value, by_amplitude, by_time
 
 
-def vibration(amplitudes: Any, times: Any, frequencies: Any, zeta: float) -> Float[np.ndarray, " bins"]:
-    """V at each frequency (Hz): the linear residual vibration, a fraction."""
+def vibration(amplitudes: Any, times: Any, frequencies: Any, zeta: Any) -> Float[np.ndarray, " bins"]:
+    """The linear residual vibration V at each frequency, a fraction, by its formula.
+
+    Args:
+        amplitudes: they sum to 1, shape (impulses,).
+        times: s, shape (impulses,).
+        frequencies: Hz, undamped.
+        zeta: damping ratio, one or as many.
+    """
     poles = pole(2 * np.pi * np.asarray(frequencies, float), zeta)
     return np.abs(transform(np.asarray(amplitudes), np.asarray(times), poles))
 
@@ -157,7 +187,13 @@ def rate(
 ) -> Rated:
     """A shaper with all its numbers.
 
-    ``amplitudes``: not negative, they sum to 1; ``times``: s; ``bins``: of the spectra; ``corner_speed``: mm/s.
+    Args:
+        name: of the shaper.
+        amplitudes: not negative, they sum to 1, shape (impulses,).
+        times: s, shape (impulses,).
+        bins: of the spectra.
+        corner_speed: mm/s.
+        frequency: Hz, of Klipper's shapers.
     """
     return Rated(
         name,

@@ -28,21 +28,31 @@ def _terms(amplitudes: Any, times: Any) -> tuple[float, float, float]:
 def smoothing(
     amplitudes: Any, times: Any, acceleration: float = ACCELERATION, corner_speed: float = CORNER_SPEED
 ) -> float:
-    """How far (mm) the shaped path leaves the commanded one, at a reversal or at a right angle, whichever is more.
+    """The distance of the shaped path from the commanded one, mm, at a reversal or a right angle, whichever is more.
 
-    ``amplitudes``, ``times``: of the impulses, s; ``acceleration``: mm/s²; ``corner_speed``: mm/s.
+    Args:
+        amplitudes: of any sum, shape (impulses,).
+        times: s, shape (impulses,).
+        acceleration: mm/s².
+        corner_speed: mm/s.
 
-    *Source*: Klipper's published numbers: about the impulses' mean time t_s, the reversal's (a/2) ΣA(T − t_s)²/ΣA and
-    the corner's √2 Σ_{T ≥ t_s} A(v + (a/2)(T − t_s))(T − t_s)/ΣA.
+    Source: Klipper's published numbers: about the impulses' mean time t_s, the reversal's (a/2) ΣA(T − t_s)²/ΣA and
+        the corner's √2 Σ_{T ≥ t_s} A(v + (a/2)(T − t_s))(T − t_s)/ΣA.
     """
     reversal, corner, turn = _terms(amplitudes, times)
     return max(acceleration * reversal, corner * corner_speed + acceleration * turn)
 
 
 def max_accel(amplitudes: Any, times: Any, corner_speed: float = CORNER_SPEED, target: float = TARGET) -> float:
-    """The largest acceleration (mm/s²) with a smoothing of at most ``target`` (mm); infinite for a single impulse.
+    """The largest acceleration that keeps the smoothing small, mm/s²; infinite for a single impulse.
 
     0 where the corner speed alone rounds corners by more.
+
+    Args:
+        amplitudes: of any sum, shape (impulses,).
+        times: s, shape (impulses,).
+        corner_speed: mm/s.
+        target: the most smoothing, mm.
     """
     reversal, corner, turn = _terms(amplitudes, times)
     room = target - corner * corner_speed

@@ -10,17 +10,23 @@ from scipy.signal import welch
 WINDOW = 0.5
 """The least length of a window, s."""
 
-LOWEST_RATE = 200.0
+LEAST_SAMPLE_RATE = 200.0
 """Hz: a record sampled more slowly shows nothing above 100 Hz, where printers vibrate."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Spectrum:
-    """One measurement. ``frequencies``: Hz, increasing; ``density``: normalised power density, of any unit.
+    """One measured spectrum.
 
-    *Raises* ``ValueError`` for lists of different lengths, frequencies that do not increase from 0 or above, densities
-    that are negative or not finite, a spectrum of fewer than 10 frequencies, one that ends below 100 Hz, and one that
-    is zero everywhere.
+    Attributes:
+        name: for tables and figures.
+        frequencies: Hz, increasing, shape (bins,).
+        density: normalised power density, of any unit, shape (bins,).
+
+    Raises:
+        ValueError: for lists of different lengths, frequencies that do not increase from 0 or above, densities that
+            are negative or not finite, a spectrum of fewer than 10 frequencies, one that ends below 100 Hz, and one
+            that is zero everywhere.
     """
 
     name: str
@@ -53,26 +59,34 @@ def normalised(frequencies: Float[np.ndarray, " bins"], density: Float[np.ndarra
 def power_spectrum(
     times: Float[np.ndarray, " samples"], acceleration: Float[np.ndarray, " samples axes"]
 ) -> tuple[Float[np.ndarray, " bins"], Float[np.ndarray, " bins axes"]]:
-    """Frequencies (Hz) and one-sided power density (mm²/s⁴/Hz) of each axis, not normalised.
+    """The one-sided power density of each axis by Welch's method, not normalised.
 
-    ``times``: s, increasing; ``acceleration``: mm/s². Welch's method: windows of the least power of two that lasts
-    0.5 s at the sampling rate N/T, Kaiser's with β = 6, half overlapping, the mean of each removed.
+    Windows of the least power of two that lasts 0.5 s at the sampling rate N/T, Kaiser's with β = 6, half overlapping,
+    the mean of each removed.
 
-    *Raises* ``ValueError`` for fewer samples than one window, or fewer than 200 a second.
+    Args:
+        times: s, increasing, shape (samples,).
+        acceleration: mm/s², shape (samples, axes).
 
-    *Source*: Klipper's published numbers; Welch (1967).
+    Returns:
+        Frequencies, Hz, shape (bins,), and the density, mm²/s⁴/Hz, shape (bins, axes).
+
+    Raises:
+        ValueError: for fewer samples than one window, or fewer than 200 a second.
+
+    Source: Klipper's published numbers; Welch (1967).
     """
     times, acceleration = np.asarray(times, float), np.asarray(acceleration, float)
     count = len(times)
     span = float(times[-1] - times[0]) if count else 0.0
-    # Compared before anything is computed from the rate, which may be enormous.
+    # Compared before anything is computed from the sampling rate, which may be enormous.
     if not span > 0 or span < WINDOW * (1 - 1e-9):
         raise ValueError(f"times must span at least {WINDOW:g} s, not {span:.4g} s")
-    rate = count / span
-    if rate < LOWEST_RATE:
-        raise ValueError(f"times must have at least {LOWEST_RATE:g} samples a second, not {rate:.4g}")
-    length = 2 ** int(np.ceil(np.log2(WINDOW * rate)))
+    sample_rate = count / span
+    if sample_rate < LEAST_SAMPLE_RATE:
+        raise ValueError(f"times must have at least {LEAST_SAMPLE_RATE:g} samples a second, not {sample_rate:.4g}")
+    length = 2 ** int(np.ceil(np.log2(WINDOW * sample_rate)))
     if count < length:
         raise ValueError(f"times must be at least one window of {length} samples, not {count}")
     window: Any = np.kaiser(length, 6.0)
-    return welch(acceleration, rate, window, length, length // 2, detrend="constant", scaling="density", axis=0)
+    return welch(acceleration, sample_rate, window, length, length // 2, detrend="constant", scaling="density", axis=0)

@@ -1,23 +1,27 @@
-"""jshape's own offer: amplitudes and times tuned on the measured spectra themselves, by exact derivatives.
+"""A shaper of one's own: amplitudes and times tuned on the measured spectra themselves, by exact derivatives.
 
 Klipper moves a shaper of a fixed form along the frequencies; here every impulse finds its own place. Asked for at most
 a vibration, the least smoothing is sought; asked for at most a smoothing, or only for a duration, the least vibration.
-The worst case is over dampings, frequency shifts and all spectra together: a bed that is empty and then loaded.
+The worst case is over damping ratios, frequency shifts and all spectra together: a bed that is empty and then loaded.
 """
 
 import dataclasses
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize
 
 from jshape import _check
+from jshape._memo import last_result
+from jshape._types import Progress
 from jshape.calibration.modes import remaining
-from jshape.calibration.score import CEILING, DAMPINGS, Bins, Rated, rate
+from jshape.calibration.score import CEILING, ZETAS, Bins, Rated, rate
 from jshape.calibration.smoothing import CORNER_SPEED, smoothing_slopes
 from jshape.calibration.spectrum import Spectrum
 from jshape.shaper import Shaper
+from jshape.status import Result, Status
 
 LEAST = 0.05
 """The least amplitude of an impulse. A vanishing one, far away, would pass for a zero of V, whose weights decay
@@ -26,6 +30,9 @@ towards the last impulse, and cancel nothing."""
 _SLACK = 1e-6
 """How much tighter, relative, a limit is in the search, so that what is handed back keeps it to the last digit."""
 
+_ROUNDING = 1e-12
+"""A share of the vibration below which nothing is left but rounding."""
+
 _AGREE = 5
 """When so many starts end at the best, and half of all are done, no more are made."""
 
@@ -33,25 +40,33 @@ _TOGETHER = 1e-7
 """s: impulses this close are one."""
 
 _UNIT = 0.1
-"""In what vibrations are counted in the search: of the size of those of bad shapers."""
+"""The unit of vibrations in the search: of the size of those of bad shapers."""
 
 
 @dataclasses.dataclass(frozen=True)
-class Tuned:
-    """A tuned shaper and its judges. ``rated``: its numbers, without the frequency shift, as for Klipper's shapers.
+class Tuned(Result):
+    """A tuned shaper and its judges.
 
-    ``shaper``: the same as a ``Shaper``. ``worst``: the remaining vibration with the frequency shift. ``finer``: that
-    on frequencies, shifts and dampings ten times finer, the spectra interpolated. ``simulated``: ``rated.vibration``
-    again, with every frequency's oscillator simulated in time. ``result`` says in words how the search ended.
+    Attributes:
+        rated: its numbers, without the frequency shift, as for Klipper's shapers.
+        worst: the remaining vibration with the frequency shift.
+        finer: that on frequencies, shifts and damping ratios ten times finer, the spectra interpolated.
+        simulated: ``rated.vibration`` again, with every frequency's oscillator simulated in time.
+        status: ``INFEASIBLE`` where no shaper was found that keeps to the limit.
+        message: how the search ended.
     """
 
-    shaper: Shaper
     rated: Rated
     worst: float
     finer: float
     simulated: float
-    met: bool
-    result: str
+    status: Status
+    message: str
+
+    @property
+    def shaper(self) -> Shaper:
+        """The same as a ``Shaper``."""
+        return self.rated.shaper
 
 
 def tune(
@@ -62,23 +77,37 @@ def tune(
     vibration: float | None = None,
     smoothing: float | None = None,
     shift: float = 0.0,
-    dampings: Sequence[float] = DAMPINGS,
+    zetas: Sequence[float] = ZETAS,
     corner_speed: float = CORNER_SPEED,
     ceiling: float = CEILING,
     least: float = LEAST,
     starts: int = 16,
     seed: int = 0,
-    progress: Callable[[int, int, float], None] = lambda *_: None,
+    progress: Progress | None = None,
 ) -> Tuned:
     """The shaper with the least smoothing (``vibration`` given) or the least vibration (otherwise) for the spectra.
 
-    ``duration``: s, the most that it may last. ``vibration``: the share that may remain in the worst case, from 0;
-    ``smoothing``: mm at 5000 mm/s², the most; not both. ``shift``: a fraction by which all frequencies may be off.
-    ``least``: amplitude of each impulse. ``ceiling``: Hz, up to which the spectra count. ``progress`` is told the
-    starts that are done, all, and the best value so far.
+    Args:
+        spectra: measured, that share the shaper.
+        impulses: at least 2.
+        duration: the most that it may last, s.
+        vibration: the share that may remain in the worst case, in [0, 1); without ``smoothing``.
+        smoothing: the most, mm at 5000 mm/s².
+        shift: fraction by which all frequencies may be off.
+        zetas: damping ratios of the worst case.
+        corner_speed: mm/s.
+        ceiling: Hz, up to which the spectra count.
+        least: amplitude of each impulse.
+        starts: of the search, at most.
+        seed: of the starts.
+        progress: called after each start with the best value so far.
 
-    *Raises* ``ValueError`` for limits that are not positive, both limits at once, fewer than two impulses, a least
-    amplitude that leaves no freedom, and what ``Bins`` refuses. Limits that cannot be met are told in the result.
+    Returns:
+        A ``Tuned``, infeasible where a limit cannot be met.
+
+    Raises:
+        ValueError: for limits that are not positive, both limits at once, fewer than two impulses, a least amplitude
+            that leaves no freedom, and for what ``Bins`` refuses.
     """
     n = _check.count(impulses, "impulses", least=2)
     _check.count(starts, "starts")
@@ -92,46 +121,46 @@ def tune(
         _check.positive(smoothing, "smoothing")
     if not 0 <= least < 1 / n:
         raise ValueError(f"least must be from 0 to below 1/{n}, so that {n} impulses can sum to 1, not {least!r}")
-    bins = Bins(spectra, dampings, shift, ceiling)
-    task = _Task(bins, n, float(duration), vibration, smoothing, float(corner_speed), float(least))
+    bins = Bins(spectra, zetas, shift, ceiling)
+    search = _Search(bins, n, float(duration), vibration, smoothing, float(corner_speed), float(least))
     random = np.random.default_rng(seed)
-    found: list[tuple[bool, float, np.ndarray, np.ndarray]] = []
+    candidates: list[tuple[bool, float, np.ndarray, np.ndarray]] = []
     agree = 0
     for done in range(starts):
-        found.append(task.search(random))
-        value = min((value for kept, value, *_ in found if kept), default=float("inf"))
-        agree = sum(kept and other <= 1.001 * value for kept, other, *_ in found)
-        progress(done + 1, starts, value)
+        candidates.append(search.run(random))
+        best = min((value for met, value, *_ in candidates if met), default=math.inf)
+        agree = sum(met and value <= 1.001 * best for met, value, *_ in candidates)
+        if progress is not None:
+            progress("tuning, start", done + 1, starts, best)
         if agree >= _AGREE and 2 * (done + 1) >= starts:
             break
-    # Limits that are kept come first; among equals, the best value.
-    met, value, amplitudes, times = min(found, key=lambda one: (not one[0], one[1]))
-    if met and vibration is None and value == 0:
+    # Limits that are met come first; among equals, the best value.
+    met, value, amplitudes, times = min(candidates, key=lambda one: (not one[0], one[1]))
+    if met and vibration is None and value < _ROUNDING:
         # Of all that leave nothing, the one that blurs least.
-        blurred = tune(
-            spectra, impulses=n, duration=duration, vibration=0.0, shift=shift, dampings=dampings,
+        least_blur = tune(
+            spectra, impulses=n, duration=duration, vibration=0.0, shift=shift, zetas=zetas,
             corner_speed=corner_speed, ceiling=ceiling, least=least, starts=starts, seed=seed, progress=progress,
         )  # fmt: skip
-        if blurred.met:
-            return blurred
-    between = np.linspace(min(dampings), max(dampings), 21)
+        if least_blur.converged:
+            return least_blur
+    between = np.linspace(min(zetas), max(zetas), 21)
     finer = Bins([_finer(s) for s in spectra], between, shift, ceiling, steps=10)
-    plain = Bins(spectra, dampings, ceiling=ceiling)
+    plain = Bins(spectra, zetas, ceiling=ceiling)
     amplitudes, times = _merged(amplitudes, times)
-    rated = rate("tuned", amplitudes, times, plain, corner_speed)
     return Tuned(
-        Shaper(amplitudes, times),
-        rated,
+        rate("tuned", amplitudes, times, plain, corner_speed),
         bins.worst(amplitudes, times),
         finer.worst(amplitudes, times),
-        _simulated(amplitudes, times, spectra, dampings, ceiling),
-        met,
-        task.words(met, agree, len(found)),
+        _simulated(amplitudes, times, spectra, zetas, ceiling),
+        Status.CONVERGED if met else Status.INFEASIBLE,
+        search.message(met, agree, len(candidates)),
     )
 
 
-class _Task:
-    """The search in the variables amplitudes, gaps (over the duration) and a bound above what is made the least."""
+class _Search:
+    """A local search from random starts, in the variables amplitudes, gaps (over the duration) and a bound above the
+    objective."""
 
     def __init__(self, bins, impulses, duration, vibration, smoothing, corner_speed, least):
         self.bins, self.n, self.duration, self.corner_speed, self.least = bins, impulses, duration, corner_speed, least
@@ -146,8 +175,8 @@ class _Task:
         return x[: self.n], self.sums @ x[self.n : -1]
 
     def conditions(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """What must not be negative, and its derivatives: limit or bound minus vibration, the same for smoothing, and
-        the time that is left."""
+        """The constraints and their derivatives: the slack of the duration, limit or bound minus vibration, and the
+        same for smoothing."""
         amplitudes, times = self.split(x)
         # Nothing may remain: the sums, all 0 inside, have no slope at that limit, but each frequency has.
         nothing = self.vibration == 0
@@ -158,10 +187,8 @@ class _Task:
             (self.vibration, _UNIT, left, left_a, left_t, not least_blur),
             (self.smoothing, self.unit, blur, blur_a, blur_t, least_blur),
         ]
-        values, slopes = (
-            [np.array([1 - x[self.n : -1].sum()])],
-            [np.r_[np.zeros(self.n), -np.ones(self.n - 1), 0.0][None]],
-        )
+        values = [np.array([1 - x[self.n : -1].sum()])]
+        slopes = [np.r_[np.zeros(self.n), -np.ones(self.n - 1), 0.0][None]]
         for limit, unit, value, by_a, by_t, bounded in limits:
             if bounded or limit is not None:
                 most = x[-1] if bounded else ((1 - _SLACK) * limit if limit else -_SLACK) / unit
@@ -170,9 +197,9 @@ class _Task:
                 slopes.append(np.hstack([-by_a / unit, -by_t @ self.sums / unit, own]))
         return np.concatenate(values), np.concatenate(slopes)
 
-    def search(self, random: np.random.Generator) -> tuple[bool, float, np.ndarray, np.ndarray]:
-        """From one random start: whether the limit is kept, the value (else what should have kept to the limit),
-        amplitudes and times."""
+    def run(self, random: np.random.Generator) -> tuple[bool, float, np.ndarray, np.ndarray]:
+        """From one random start: whether the limit is met, the value (else of what exceeds its limit), amplitudes and
+        times."""
         n = self.n
         free = 1 - n * self.least
         first = np.r_[
@@ -180,34 +207,25 @@ class _Task:
             random.dirichlet(np.full(n - 1, 5.0)) * random.uniform(0.4, 1.0),
             1.0,
         ]
-        last: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
-
-        def at(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            # SLSQP asks for values and derivatives one after the other.
-            key = x.tobytes()
-            if key not in last:
-                last.clear()
-                last[key] = self.conditions(x)
-            return last[key]
-
+        conditions = last_result(self.conditions)
         unity, target = np.r_[np.ones(n), np.zeros(n)], np.r_[np.zeros(2 * n - 1), 1.0]
-        run = minimize(
+        found = minimize(
             lambda x: x[-1],
             first,
             jac=lambda _: target,
             method="SLSQP",
             bounds=[(self.least, 1.0)] * n + [(0.0, 1.0)] * (n - 1) + [(0.0, None)],
             constraints=[
-                {"type": "ineq", "fun": lambda x: at(x)[0], "jac": lambda x: at(x)[1]},
+                {"type": "ineq", "fun": lambda x: conditions(x)[0], "jac": lambda x: conditions(x)[1]},
                 {"type": "eq", "fun": lambda x: x[:n].sum() - 1, "jac": lambda _: unity},
             ],
             options={"maxiter": 300, "ftol": 1e-8},
         )
-        if not np.all(np.isfinite(run.x)):
-            return False, float("inf"), np.full(n, 1 / n), np.linspace(0, self.duration, n)
-        return self.judged(run.x)
+        if not np.all(np.isfinite(found.x)):
+            return False, math.inf, np.full(n, 1 / n), np.linspace(0, self.duration, n)
+        return self._judged(found.x)
 
-    def judged(self, x: np.ndarray) -> tuple[bool, float, np.ndarray, np.ndarray]:
+    def _judged(self, x: np.ndarray) -> tuple[bool, float, np.ndarray, np.ndarray]:
         amplitudes, times = self.split(np.maximum(x, 0))
         amplitudes = np.maximum(amplitudes, self.least)
         amplitudes = amplitudes / amplitudes.sum()
@@ -215,12 +233,12 @@ class _Task:
         left = self.bins.worst(amplitudes, times)
         blur = float(smoothing_slopes(amplitudes, times, self.corner_speed)[0].max())
         if self.vibration is not None:
-            kept, value, missed = left <= self.vibration, blur, left
+            met, value, exceeding = left <= self.vibration, blur, left
         else:
-            kept, value, missed = self.smoothing is None or blur <= self.smoothing, left, blur
-        return kept, value if kept else missed, amplitudes, times
+            met, value, exceeding = self.smoothing is None or blur <= self.smoothing, left, blur
+        return met, value if met else exceeding, amplitudes, times
 
-    def words(self, met: bool, agree: int, starts: int) -> str:
+    def message(self, met: bool, agree: int, starts: int) -> str:
         sought = "vibration" if self.vibration is None else "smoothing"
         limit = f"a vibration of {100 * self.vibration:.3g} %" if self.vibration is not None else "that smoothing"
         if not met:
@@ -243,7 +261,7 @@ def _finer(spectrum: Spectrum) -> Spectrum:
 
 
 def _simulated(
-    amplitudes: Any, times: Any, spectra: Sequence[Spectrum], dampings: Sequence[float], ceiling: float
+    amplitudes: Any, times: Any, spectra: Sequence[Spectrum], zetas: Sequence[float], ceiling: float
 ) -> float:
     """The remaining vibration with V from a simulation in time instead of its formula."""
     worst = 0.0
@@ -251,7 +269,7 @@ def _simulated(
         inside = spectrum.frequencies <= ceiling
         f, p = spectrum.frequencies[inside], spectrum.density[inside]
         level = p.max() / 20
-        for zeta in dampings:
+        for zeta in zetas:
             left = remaining(amplitudes, times, f, zeta) * p
             worst = max(worst, float(np.maximum(left - level, 0).sum() / np.maximum(p - level, 0).sum()))
     return worst

@@ -6,34 +6,54 @@ Nothing here imports JAX before a command runs, so that help comes at once.
 import atexit
 import gc
 import importlib.util
+import math
 import os
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 if TYPE_CHECKING:
+    from jshape._types import Progress
     from jshape.problems.problem import Problem
 
 ProblemFile = Annotated[str, typer.Argument(help="A problem file (TOML), or the name of one that comes with jshape.")]
 Out = Annotated[Path | None, typer.Option(help="Folder for the results; NAME-results unless given.")]
 
+Environment = Annotated[str, typer.Argument(help="DuffingPayload, CranePayload, FlexibleLinkPayload, HoistingCrane.")]
+Preset = Annotated[str, typer.Option(help="easy, paper, hard or out-of-distribution.")]
+Context = Annotated[str, typer.Option(help="Is the payload hidden, observed or noisy?")]
+
 
 def begin(name: str, out: Path | None) -> tuple["Problem", Path]:
-    from jshape._files import check_writable
+    """The problem of that name and the folder for its results; says before it runs code of the problem's own."""
     from jshape.problems.problem import find, load
 
     path = find(name)
-    folder = out or Path(f"{path.stem}-results")
-    check_writable(folder)
+    folder = results_folder(out, f"{path.stem}-results")
     problem = load(name)
     if problem.foreign:
         typer.echo(f"{path}: runs code of its own, the plant {problem.foreign}", err=True)
     return problem, folder
 
 
+def results_folder(out: Path | None, name: str) -> Path:
+    """The folder asked for, or the one of that name.
+
+    Raises:
+        ValueError: if it holds files that are not jshape's.
+    """
+    from jshape._files import check_writable
+
+    folder = out or Path(name)
+    check_writable(folder)
+    return folder
+
+
 def prepare_jax() -> None:
+    """64-bit arithmetic, kept programs, and a process that ends quickly."""
     import jax
 
     from jshape.compilation_cache import keep_programs
@@ -50,14 +70,18 @@ def prepare_jax() -> None:
 
 
 def need_environments() -> None:
-    """*Raises* ``ValueError`` where Gymnasium, which the environments need, is not installed."""
+    """Check that Gymnasium, which the environments need, is installed.
+
+    Raises:
+        ValueError: if it is not.
+    """
     if importlib.util.find_spec("gymnasium") is None:
         raise ValueError("this command needs the environments: pip install 'jshape[envs]'")
 
 
 @contextmanager
-def explained() -> Any:
-    """What the user did wrong is told in a line, without a traceback; an interrupt ends quietly."""
+def explained() -> Iterator[None]:
+    """Report what the user did wrong in a line, without a traceback; an interrupt ends quietly."""
     try:
         yield
     except ValueError as error:
@@ -69,8 +93,12 @@ def explained() -> Any:
 
 
 @contextmanager
-def progress() -> Any:
-    """A line on the error stream that says what is being done, how far it is and the best value so far."""
+def progress_line() -> Iterator[tuple[Callable[[str], None], "Progress"]]:
+    """A line on the error stream that says what is being done, how far it is and the best value so far.
+
+    Yields:
+        ``step(stage)`` for what has no end in sight, and ``progress(stage, done, total, best)``.
+    """
     from rich.console import Console
     from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
@@ -79,11 +107,9 @@ def progress() -> Any:
     with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task("", total=None)
 
-        def step(words: str) -> None:
-            bar.update(task, description=words, total=None)
-
         def progress(stage: str, done: int, total: int, best: float) -> None:
-            words = f"{stage} {done}/{total}" + (f", best {best:.6g} J" if best < float("inf") else "")
-            bar.update(task, description=words, total=total, completed=done)
+            words = f"{stage} {done}/{total}" if total else stage
+            words += f", best {best:.6g}" if best < math.inf else ""
+            bar.update(task, description=words, total=total or None, completed=done)
 
-        yield step, progress
+        yield lambda stage: progress(stage, 0, 0, math.inf), progress

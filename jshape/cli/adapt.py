@@ -3,10 +3,8 @@
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich import box
-from rich.table import Table
 
-from jshape.cli._shared import Out, ProblemFile, begin, explained, prepare_jax, progress
+from jshape.cli._shared import Out, ProblemFile, begin, explained, prepare_jax, progress_line
 
 if TYPE_CHECKING:
     from jshape.adaptive.closed_loop.report import Experiment
@@ -28,8 +26,8 @@ def adapt(
         read, folder = begin(problem, out)
         given = {"schedules": schedules, "seed": seed}
         read = read.adapting(**{name: value for name, value in given.items() if value is not None})
-        with progress() as (step, tell):
-            found = experiment(read, step, lambda done, total: tell("random schedules", done, total, float("inf")))
+        with progress_line() as (step, progress):
+            found = experiment(read, progress=progress)
             step("figures")
             files = write(found, folder)
         _show(found)
@@ -38,15 +36,13 @@ def adapt(
 
 def _show(found: "Experiment") -> None:
     """Every strategy in a row, a block of columns for each load; then how soon it recovers in random schedules."""
-    from jshape.adaptive.closed_loop.study import recovered
-    from jshape.reports.tables import new_console
+    from jshape.adaptive.closed_loop.monte_carlo import recovered
+    from jshape.reports.tables import new_console, new_table
 
     console = new_console()
     title = f"{found.problem.title}: residual (% of move) and settling time (s) of the last move, ∫|a| dt a move (m/s)"
-    table = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False)
-    table.add_column("strategy", min_width=12)
-    for load, first, after in found.loads():
-        table.add_column(f"load {load:g}\nmoves {first + 1}–{after}", justify="right", no_wrap=True)
+    headings = [f"load {load:g}\nmoves {first + 1}–{after}" for load, first, after in found.loads()]
+    table = new_table("strategy", headings, title)
     for name in found.traces:
         cells = []
         for _, first, after in found.loads():
@@ -58,10 +54,7 @@ def _show(found: "Experiment") -> None:
     if found.study is not None:
         below = recovered(found.study)
         title = f"residual below 5 % in so many of {found.study.sizes['schedule']} random schedules (%)"
-        table = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False)
-        table.add_column("strategy", min_width=12)
-        for move in below.move.values:
-            table.add_column(f"move {move}", justify="right")
+        table = new_table("strategy", [f"move {move}" for move in below.move.values], title)
         for name in below.strategy.values:
             table.add_row(str(name), *(f"{100 * value:.1f}" for value in below.sel(strategy=name).values))
         console.print(table)

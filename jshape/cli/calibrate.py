@@ -2,11 +2,11 @@
 
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from jshape.cli._shared import Out, explained, prepare_jax, progress
+from jshape.cli._shared import Out, explained, prepare_jax, progress_line, results_folder
 
 if TYPE_CHECKING:
     from jshape.calibration.report import Calibration
@@ -24,7 +24,7 @@ def calibrate(
         str | None, typer.Option(help="x or y, for the lines to paste; from the file's name if not given.")
     ] = None,
     component: Annotated[str, typer.Option(help="What counts of the acceleration: xyz, or x, y, z alone.")] = "xyz",
-    damping: Annotated[float, typer.Option(help="The printer's damping ratio, if it was measured.")] = 0.1,
+    zeta: Annotated[float, typer.Option(help="The printer's damping ratio, if it was measured.")] = 0.1,
     corner_speed: Annotated[float, typer.Option(help="Klipper's square corner velocity, mm/s.")] = 5.0,
     highest: Annotated[float, typer.Option(help="Hz: fit shapers up to this frequency.")] = 150.0,
     impulses: Annotated[int, typer.Option(help="Of the tuned shaper.")] = 4,
@@ -48,19 +48,17 @@ def calibrate(
         spectra = read(data, component)
         which = axis or _axis(data[0])
         prepare_jax()
-        from jshape._files import check_writable
         from jshape.calibration.report import calibrate as calibrate_printer
         from jshape.calibration.report import lines, write
 
         if which not in ("x", "y"):
             raise ValueError(f"--axis must be x or y, not {which!r}")
-        folder = out or Path(f"{data[0].stem}-results")
-        check_writable(folder)
-        with progress() as (step, tell):
+        folder = results_folder(out, f"{data[0].stem}-results")
+        with progress_line() as (step, progress):
             found = calibrate_printer(
                 spectra,
                 version=klipper,
-                damping=damping,
+                zeta=zeta,
                 corner_speed=corner_speed,
                 highest=highest,
                 duration=duration,
@@ -70,7 +68,7 @@ def calibrate(
                 shift=shift,
                 starts=starts,
                 seed=seed,
-                progress=lambda stage, done, total: tell(stage, done, total, float("inf")) if total else step(stage),
+                progress=progress,
             )
             step("files")
             files = write(found, folder, which)
@@ -82,37 +80,27 @@ def calibrate(
 
 
 def _axis(path: Path) -> str:
-    """The axis that a file's name tells, as Klipper names its files; x if it tells none."""
+    """The axis in a file's name, as Klipper names its files; x if there is none."""
     found = re.search(r"(?:^|[_-])([xy])(?=[_.-]|$)", path.stem.lower())
     return found[1] if found else "x"
 
 
 def _show(found: "Calibration") -> None:
     """The table, why the recommended shaper won, what each other would cost, and what the tuned one brings."""
-    from rich import box
-    from rich.table import Table
-
     from jshape.calibration.recommend import percent
     from jshape.calibration.smoothing import rounded
-    from jshape.reports.tables import new_console
+    from jshape.reports.tables import new_console, new_table
 
     console = new_console()
-    say: Any = lambda words: console.print(words, highlight=False, markup=False)
+
+    def say(words: str) -> None:
+        console.print(words, highlight=False, markup=False)
+
     for spectrum, modes in zip(found.spectra, found.modes, strict=True):
         words = ", ".join(f"{m.frequency:.1f} Hz (ζ {m.zeta:.3f}, {100 * m.share:.0f} %)" for m in modes)
         say(f"{spectrum.name}: modes at {words}")
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    table.add_column("shaper")
-    for heading in (
-        "Hz",
-        "vibration\nleft",
-        "smoothing\n(mm)",
-        "max_accel\n(mm/s²)",
-        "duration\n(ms)",
-        "score",
-        "modes\nleft",
-    ):
-        table.add_column(heading, justify="right", no_wrap=True)
+    headings = ["Hz", "vibration\nleft", "smoothing\n(mm)", "max_accel\n(mm/s²)", "duration\n(ms)", "score"]
+    table = new_table("shaper", [*headings, "modes\nleft"])
     for rated in found.shapers:
         cells = [
             "" if rated.frequency is None else f"{rated.frequency:.1f}",
@@ -131,7 +119,7 @@ def _show(found: "Calibration") -> None:
     say(f"* recommended by Klipper ({found.version}): {found.choice.best.label}: {found.choice.reason}")
     for name, words in found.choice.costs.items():
         say(f"  {name} instead: {words}")
-    say(found.verdict)
+    say(found.message)
     offer = found.offer
     say(
         f"  checked: {percent(offer.finer)} on a grid ten times finer, {percent(offer.simulated)} by simulation in time"

@@ -69,7 +69,11 @@ def export(
 
 
 def pair(text: str) -> tuple[float, float]:
-    """``"9.0,0.017"`` as numbers. *Raises* ``ValueError`` if it is no such pair."""
+    """``"9.0,0.017"`` as numbers.
+
+    Raises:
+        ValueError: if it is no such pair.
+    """
     try:
         omega, zeta = (float(part) for part in text.split(","))
     except ValueError:

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from jshape.cli._shared import Out, explained, prepare_jax, progress
+from jshape.cli._shared import Out, explained, prepare_jax, progress_line, results_folder
 
 
 def identify(
@@ -26,21 +26,19 @@ def identify(
         str | None, typer.Option("--input", help="Column of the command: for a sweep, or a step with gains.")
     ] = None,
     modes: Annotated[int | None, typer.Option(help="How many modes; by Bayes's criterion unless given.")] = None,
-    rate: Annotated[
+    sample_rate: Annotated[
         float | None, typer.Option(help="Samples a second, Hz: times are counted, and no column holds them.")
     ] = None,
     out: Out = None,
 ) -> None:
-    """Find a machine's frequencies and dampings, with their uncertainty, and write a problem file to tune for it."""
+    """Find a machine's frequencies and damping ratios, with their uncertainty, and write a problem file for them."""
     with explained():
         prepare_jax()
-        from jshape._files import check_writable
         from jshape.identification.files import write
         from jshape.identification.from_csv import identify_csv
 
-        folder = out or Path(f"{data.stem}-results")
-        check_writable(folder)
-        with progress() as (step, tell):
+        folder = results_folder(out, f"{data.stem}-results")
+        with progress_line() as (step, progress):
             step("reading")
             found = identify_csv(
                 data,
@@ -48,14 +46,14 @@ def identify(
                 kind=kind,
                 inputs=input_,
                 modes=modes,
-                rate=rate,
-                progress=tell,
+                sample_rate=sample_rate,
+                progress=progress,
             )
             step("files")
             files = write(found, folder, data.name)
         for note in found.notes:
             typer.echo(f"note: {note}", err=True)
-        typer.echo(f"{data} ({', '.join(found.names)}): {found.result.split(':')[0]}")
+        typer.echo(f"{data} ({', '.join(found.names)}): {found.message.split(':')[0]}")
         lower, upper = found.interval()
         typer.echo(f"{'frequency (Hz)':>14}  {'from':>10} {'to':>10}   {'damping':>8}  {'from':>8} {'to':>8}")
         for omega, zeta, ends, bounds in zip(found.omega, found.zeta, lower.T, upper.T, strict=True):

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from jshape.cli._shared import Out, ProblemFile, begin, explained, prepare_jax, progress
+from jshape.cli._shared import Out, ProblemFile, begin, explained, prepare_jax, progress_line
 
 
 def pareto(
@@ -23,7 +23,7 @@ def pareto(
         from jshape.reports.tables import show_front
 
         read, folder = begin(problem, out)
-        with progress() as (step, tell):
+        with progress_line() as (step, progress):
             step("closed-form shapers")
             front = front_of(
                 read.plant,
@@ -31,7 +31,7 @@ def pareto(
                 over=read.over or None,
                 objective=read.objective,
                 store=store,
-                progress=tell,
+                progress=progress,
                 **read.front.model_dump(),
             )
             step("files")

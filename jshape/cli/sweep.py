@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
-from jshape.cli._shared import Out, ProblemFile, begin, explained, prepare_jax, progress
+from jshape.cli._shared import Out, ProblemFile, begin, explained, prepare_jax, progress_line
 
 
 def sweep(
@@ -28,11 +28,11 @@ def sweep(
     """Sweep a problem's uncertainty: every closed form that applies and shapers of yours, on every plant."""
     with explained():
         prepare_jax()
+        from jshape.design.closed_forms import closed_forms
         from jshape.export import read_shaper
-        from jshape.reports.report import closed_forms
         from jshape.reports.results import write_sweep
         from jshape.reports.tables import show_sweep
-        from jshape.sweeps import sweep as robustness
+        from jshape.sweeps.sweep import sweep as sweep_plants
 
         read, folder = begin(problem, out)
         if not read.over:
@@ -41,19 +41,19 @@ def sweep(
             raise ValueError(f"--store {store}: must not lie in the folder of the results, {folder}")
         over: dict[str, Any] = dict(read.over)
         if samples is not None:
-            ends = {name: (float(min(values)), float(max(values))) for name, values in read.over.items()}
-            spread = lambda low, high: ((low + high) / 2, (high - low) / 4) if sampling == "normal" else (low, high)
-            over = {name: spread(*pair) for name, pair in ends.items()}
-        with progress() as (step, tell):
+            for name, values in read.over.items():
+                low, high = float(min(values)), float(max(values))
+                over[name] = ((low + high) / 2, (high - low) / 4) if sampling == "normal" else (low, high)
+        with progress_line() as (step, progress):
             step("closed-form shapers")
-            shapers, left_out = closed_forms(read)
+            shapers, left_out = closed_forms(read.plant, read.distance)
             for path in shaper:
                 if path.stem in shapers:
                     raise ValueError(f"--shaper {path}: there is a shaper of that name already, {path.stem!r}")
                 shapers[path.stem] = read_shaper(path)
             step("sweep")
             try:
-                found = robustness.sweep(
+                found = sweep_plants(
                     read.plant,
                     shapers,
                     read.distance,
@@ -63,7 +63,7 @@ def sweep(
                     sampling=sampling,
                     seed=seed,
                     store=store,
-                    progress=lambda done, pieces: tell("sweep, piece", done, pieces, float("inf")),
+                    progress=progress,
                 )
             except KeyboardInterrupt:
                 again = f"what is done lies in {store}; the same command goes on from there"

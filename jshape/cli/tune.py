@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from jshape.cli._artist import artist
-from jshape.cli._shared import Out, ProblemFile, begin, explained, prepare_jax, progress
+from jshape.cli._shared import Out, ProblemFile, begin, explained, prepare_jax, progress_line
 
 
 def tune(
@@ -20,17 +20,19 @@ def tune(
     """Tune a shaper for a problem and set it beside every closed form that applies."""
     with explained(), artist() as draw:
         prepare_jax()
+        from jshape.design.closed_forms import closed_forms
         from jshape.design.tuning.tune import tune as tune_shaper
         from jshape.export import read_shaper
         from jshape.reports import report
         from jshape.reports.tables import show_report
+        from jshape.status import Status
 
         read, folder = begin(problem, out)
         design = read.design
         first = None if start is None else read_shaper(start)
         # The closed forms are compiled beside the search: with two cores that saves some seconds of a first run.
-        with progress() as (step, tell), ThreadPoolExecutor(1) as beside:
-            closed = beside.submit(report.closed_forms, read)
+        with progress_line() as (step, progress), ThreadPoolExecutor(1) as beside:
+            closed = beside.submit(closed_forms, read.plant, read.distance)
             step("tuning")
             given = design.model_dump(exclude={"objective", "starts", "seed"})
             solution = tune_shaper(
@@ -41,12 +43,14 @@ def tune(
                 starts=starts or design.starts,
                 seed=design.seed if seed is None else seed,
                 start=first,
-                progress=tell,
+                progress=progress,
                 **given,
             )
             result = report.build(read, solution, step, closed.result())
             figures = report.write(result, folder, step, draw)
         show_report(result, folder, figures)
+        if solution.status is Status.INTERRUPTED:
+            raise typer.Exit(130)
 
 
 def compare(problem: ProblemFile, out: Out = None) -> None:
@@ -57,7 +61,7 @@ def compare(problem: ProblemFile, out: Out = None) -> None:
         from jshape.reports.tables import show_report
 
         read, folder = begin(problem, out)
-        with progress() as (step, _):
+        with progress_line() as (step, _):
             result = report.build(read, None, step)
             figures = report.write(result, folder, step, draw)
         show_report(result, folder, figures)

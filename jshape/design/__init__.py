@@ -1,6 +1,6 @@
-"""How a shaper is chosen: closed forms for linear modes (``linear``), for any spring (``energy``), for bands of
-frequencies (``insensitive``) and for inputs that can only be switched (``switching``); what Klipper would choose from
-(``klipper``)."""
+"""Design of shapers: closed forms for linear modes (``linear``) and for any spring (``energy``), specified
+insensitivity over bands of frequencies (``insensitive``), minimum-time inputs that are only switched (``switching``),
+and the shapers of the firmware Klipper (``klipper``)."""
 
 from jshape import klipper
 from jshape.design import energy, insensitive, linear, switching

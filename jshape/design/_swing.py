@@ -1,4 +1,4 @@
-"""Times along undamped orbits of a mass on a spring, the only integrals that the energy shapers need."""
+"""Times along undamped orbits of a mass on a spring, the only integrals of the energy shapers."""
 
 import jax.numpy as jnp
 
@@ -8,12 +8,12 @@ from jshape.plants import AbstractOscillator, Duffing
 
 
 def half_period(plant: AbstractOscillator, low: Scalar, high: Scalar) -> Scalar:
-    """Time from the turning point ``low`` to the turning point ``high`` (deflections of equal potential, m), s.
+    """The time from one turning point to the other (deflections of equal potential, m), s.
 
     For the Duffing spring 2 K(m)/Ω with Ω² = (k1 + k3 a²)/m2 and m = k3 a²/(2 (k1 + k3 a²)); for any other, the
     integral of 1/velocity with x = middle + half·sin θ, which makes the integrand smooth.
 
-    *Source*: Moonmangmee and Chatlatanagulchai (2025), Eqs. 12, 13 and 36.
+    Source: Moonmangmee and Chatlatanagulchai (2025), Eqs. 12, 13 and 36.
     """
     middle, half = (low + high) / 2, (high - low) / 2
     if isinstance(plant.spring, Duffing):
@@ -30,11 +30,11 @@ def half_period(plant: AbstractOscillator, low: Scalar, high: Scalar) -> Scalar:
 
 
 def time_from_turn(plant: AbstractOscillator, turn: Scalar, other: Scalar) -> Scalar:
-    """Time between the turning point ``turn`` and the deflection ``other``, which is none (m), s.
+    """The time between a turning point and another deflection (m), s.
 
     With x = turn + (other − turn) u² the integrand is smooth.
 
-    *Source*: Moonmangmee and Chatlatanagulchai (2025), Eqs. 43 (with its bracket put right) and 50.
+    Source: Moonmangmee and Chatlatanagulchai (2025), Eqs. 43 (with its bracket corrected) and 50.
     """
     energy, way = plant.spring.potential(turn), other - turn
 

@@ -1,5 +1,6 @@
 """Every closed-form shaper that applies to a plant and a move, by name, to stand beside a design."""
 
+import functools
 from collections.abc import Callable
 from typing import Any
 
@@ -12,22 +13,30 @@ from jshape.shaper import Shaper
 
 
 def closed_forms(plant: AbstractPlant, distance: Any) -> tuple[dict[str, Shaper], dict[str, str]]:
-    """The shapers by name, the bare command first, and why the others do not apply."""
+    """The closed-form shapers of a plant and a move.
+
+    Args:
+        plant: the plant.
+        distance: m, or a command.
+
+    Returns:
+        The shapers by name, the bare command first; and by name, why others do not apply.
+    """
     found: dict[str, Shaper] = {"unshaped": Shaper([1.0], [0.0])}
     left_out: dict[str, str] = {}
     frequencies = np.atleast_1d(np.asarray(plant.natural_frequency()))
     zeta = np.atleast_1d(np.asarray(plant.zeta)) if isinstance(plant, ModalPlant) else np.zeros_like(frequencies)
     modes = [(float(w), float(z)) for w, z in zip(frequencies, zeta, strict=True)]
     if all(np.isfinite(w) and w > 0 for w, _ in modes):
-        for name, kind in {"linear ZV": "zv", "linear ZVD": "zvd", "linear ZVDD": "zvdd", "linear EI": "ei"}.items():
-            found[name] = getattr(linear, kind)(*modes[0]) if len(modes) == 1 else linear.multi_mode(modes, kind=kind)
+        for kind in ("zv", "zvd", "zvdd", "ei"):
+            found[f"linear {kind.upper()}"] = linear.multi_mode(modes, kind=kind)
     else:
         left_out["linear shapers"] = "the plant has no natural frequency at rest"
     designs: dict[str, Callable[[Any, Any], Shaper]] = {
         "energy 2-impulse": energy.two_impulse,
         "energy 3-impulse": energy.three_impulse,
-        "energy 4-impulse": lambda p, d: energy.robust(p, d, rests=2),
-        "energy 4-impulse, first order": lambda p, d: energy.first_order_robust(p, d, impulses=4),
+        "energy 4-impulse": functools.partial(energy.robust, rests=2),
+        "energy 4-impulse, first order": energy.first_order_robust,
         "energy fast 3-impulse": energy.fast_three_impulse,
         "energy negative": energy.negative,
     }

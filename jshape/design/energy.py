@@ -1,21 +1,22 @@
 """Energy shapers: closed forms from the work–energy principle, for a displacement-driven mass on any spring.
 
 The base moves so far that the payload swings from one resting point exactly to the next; each new move of the base
-comes when the payload rests. Where it rests, and how often, tells the shapers apart::
+comes when the payload rests. The shapers differ by where it rests, and how often::
 
     js.design.energy.two_impulse(plant, 1.0)              # one swing: the nonlinear ZV
     js.design.energy.three_impulse(plant, 1.0)            # rests half way: the nonlinear ZVD
     js.design.energy.robust(plant, 1.0, rests=3)          # rests three times, equal steps
     js.design.energy.first_order_robust(plant, 1.0, 4)    # steps for which errors in the mass cancel
-    js.design.energy.fast_three_impulse(plant, 1.0)       # a push at full speed instead of a rest
+    js.design.energy.fast_three_impulse(plant, 1.0)       # a push at full speed in the place of a rest
     js.design.energy.negative(plant, 1.0)                 # 1, −1, 1
 
-``damping`` says how a damper is taken into account: ``"exact"`` (the default: the equations of motion are solved),
+``damping`` selects how a damper is taken into account: ``"exact"`` (the default: the equations of motion are solved),
 ``"orbit"`` (the loss along the undamped orbit), ``"harmonic"`` (the loss of a harmonic quarter cycle, as in the paper)
 or ``"ignore"``. Without a damper they are one and the same; the two approximations are for shapers made of swings,
-``fast_three_impulse`` and ``negative`` know ``"exact"`` and ``"ignore"``. Amplitudes are normalised; times in s.
+``fast_three_impulse`` and ``negative`` have ``"exact"`` and ``"ignore"`` alone. Amplitudes are normalised; times in s.
 """
 
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -36,49 +37,64 @@ from jshape.simulation.simulate import all_states
 DAMPING = ("exact", "orbit", "harmonic", "ignore")
 
 _STEPS = 64
-"""Fixed steps a swing in the exact solution with damping: rounding is reached with fewer."""
+"""Fixed steps a swing in the exact solution with damping: fewer are enough for rounding."""
 
 
 def two_impulse(plant: AbstractOscillator, distance: Any, *, damping: str = "exact") -> Shaper:
-    """One swing from start to destination: the fastest shaper without negative impulses.
+    """The nonlinear ZV shaper: one swing from start to destination, the fastest without negative impulses.
 
-    *Raises* ``ValueError`` for a plant that is not a displacement-driven mass on a spring, a zero distance, or a spring
-    that does not swing that far.
-    *Source*: Chatlatanagulchai, Moonmangmee and Intarawirat (2017), Eqs. 2–5.
+    Args:
+        plant: a displacement-driven mass on a spring.
+        distance: of the move, m.
+        damping: one of ``DAMPING``.
+
+    Raises:
+        ValueError: for another plant, a zero distance, or a spring that does not swing that far.
+
+    Source: Chatlatanagulchai, Moonmangmee and Intarawirat (2017), Eqs. 2–5.
     """
     return _swings(plant, distance, jnp.ones(1), damping)
 
 
 def three_impulse(plant: AbstractOscillator, distance: Any, alpha: Any = 0.5, *, damping: str = "exact") -> Shaper:
-    """Two swings, with a rest at ``alpha`` (0 < α < 1) of the distance; 0.5 cancels errors in the mass to first order.
+    """The nonlinear ZVD shaper: two swings, with a rest between.
 
-    *Raises* ``ValueError`` as ``two_impulse``, and for an α outside (0, 1).
-    *Source*: Moonmangmee and Chatlatanagulchai (2025), Eqs. 13, 20, 21.
+    Args:
+        plant, distance, damping: as ``two_impulse``.
+        alpha: where the rest is, as a fraction of the distance, in (0, 1); 0.5 cancels errors in the mass to first
+            order.
+
+    Raises:
+        ValueError: as ``two_impulse``, and for an alpha outside (0, 1).
+
+    Source: Moonmangmee and Chatlatanagulchai (2025), Eqs. 13, 20, 21.
     """
-    alpha = _check.scalar(alpha, "alpha")
-    if _check.is_concrete(alpha) and not 0 < float(alpha) < 1:
-        raise ValueError(f"alpha must lie between 0 and 1, not {float(alpha)}")
+    alpha = _fraction(alpha, "alpha")
     return _swings(plant, distance, jnp.stack([alpha, 1 - alpha]), damping)
 
 
 def robust(plant: AbstractOscillator, distance: Any, rests: Any = 1, *, damping: str = "exact") -> Shaper:
-    """Rests on the way: ``rests`` of them in equal steps, or at the given positions (m, between 0 and the distance).
+    """Swings from rest to rest: k rests on the way make k + 2 impulses.
 
-    k rests make k + 2 impulses. Equal steps cancel errors in the mass to first order for odd numbers of impulses only
-    (see ``first_order_robust``).
+    Args:
+        plant, distance, damping: as ``two_impulse``.
+        rests: how many, in equal steps; or their positions, m, between 0 and the distance. Equal steps cancel errors in
+            the mass to first order for odd numbers of impulses only (see ``first_order_robust``).
 
-    *Raises* ``ValueError`` as ``two_impulse``, and for positions that are not in order between 0 and the distance.
-    *Source*: Chatlatanagulchai, Moonmangmee and Intarawirat (2017), Eqs. 6 (its lower limit put right) to 9;
+    Raises:
+        ValueError: as ``two_impulse``, and for positions that are not in order between 0 and the distance.
+
+    Source: Chatlatanagulchai, Moonmangmee and Intarawirat (2017), Eqs. 6 (its lower limit corrected) to 9;
     Moonmangmee and Chatlatanagulchai (2025), Eqs. 31 and 36 (Eq. 37 swaps the amplitudes).
     """
     if isinstance(rests, int | np.integer) or np.ndim(rests) == 0:
         count = _check.count(rests, "rests", least=0)
         return _swings(plant, distance, jnp.full(count + 1, 1 / (count + 1)), damping)
-    places = _check.as_array(rests, "rests")
+    positions = _check.as_array(rests, "rests")
     size = _check_arguments(plant, distance, damping)
-    ends = jnp.concatenate([jnp.zeros(1), places / size, jnp.ones(1)])
-    if places.ndim != 1 or (_check.is_concrete(ends) and np.any(np.diff(np.asarray(ends)) <= 0)):
-        given = _check.show(places)
+    ends = jnp.concatenate([jnp.zeros(1), positions / size, jnp.ones(1)])
+    if positions.ndim != 1 or (_check.is_concrete(ends) and np.any(np.diff(np.asarray(ends)) <= 0)):
+        given = _check.show(positions)
         raise ValueError(f"rests must lie in order between 0 and the distance, {_check.show(size)}, not {given}")
     return _swings(plant, distance, jnp.diff(ends), damping)
 
@@ -86,17 +102,23 @@ def robust(plant: AbstractOscillator, distance: Any, rests: Any = 1, *, damping:
 def first_order_robust(
     plant: AbstractOscillator, distance: Any, impulses: int = 4, *, damping: str = "exact"
 ) -> Shaper:
-    """Steps for which an error in the mass (in all frequencies alike) leaves nothing to first order.
+    """The swings for which the residual of an error in the mass (in all frequencies alike) vanishes to first order.
 
     With an even number of impulses the steps are s, m, …, m, s, with an odd one s, m, …, m.
 
-    The payload reaches the end of each swing late by an error that the next swing turns round: with swing forces F (at
-    the end of a swing, before the base moves; F' after it) and half periods h, the lag r_i = F_i h_i − r_{i−1} F_i/F'_i
-    must end at 0. For odd springs and odd numbers of impulses the steps come out equal.
+    By an error the payload reaches the end of each swing late, and the next swing reverses that: with swing forces F
+    (at the end of a swing, before the base moves; F' after it) and half periods h, the lag
+    r_i = F_i h_i − r_{i−1} F_i/F'_i must end at 0. For odd springs and odd numbers of impulses the steps are equal.
 
-    *Raises* ``ValueError`` as ``two_impulse``, and for fewer than three impulses. Derived here; it generalises
-    Moonmangmee and Chatlatanagulchai (2025), Eq. 28, whose equal steps for even numbers of impulses do not have this
-    property.
+    Args:
+        plant, distance, damping: as ``two_impulse``.
+        impulses: at least 3.
+
+    Raises:
+        ValueError: as ``two_impulse``, and for fewer than three impulses.
+
+    Source: derived here; it generalises Moonmangmee and Chatlatanagulchai (2025), Eq. 28, whose equal steps for even
+    numbers of impulses do not have this property.
     """
     impulses = _check.count(impulses, "impulses", least=3)
     size = _check_arguments(plant, distance, damping)
@@ -108,41 +130,48 @@ def fast_three_impulse(
 ) -> Shaper:
     """A second push when the payload is fastest, a last one when it rests at the destination.
 
-    ``first``: the first amplitude A1, a fraction of the distance, from the whole A1–A2 family (0 < A1 < ½ for an odd
-    spring); equal first and second amplitudes, the paper's optimum, unless given.
+    Args:
+        plant, distance: as ``two_impulse``.
+        first: the first amplitude A1, a fraction of the distance, from the whole A1–A2 family (0 < A1 < ½ for an odd
+            spring); equal first and second amplitudes, the paper's optimum, unless given.
+        damping: ``"exact"`` or ``"ignore"``.
 
-    *Raises* ``ValueError`` as ``two_impulse``, and for an A1 that leaves no second amplitude.
-    *Source*: Moonmangmee and Chatlatanagulchai (2025), Eqs. 43 (with its bracket put right), 45, 46, 50.
+    Raises:
+        ValueError: as ``two_impulse``, and for an A1 that leaves no second amplitude.
+
+    Source: Moonmangmee and Chatlatanagulchai (2025), Eqs. 43 (with its bracket corrected), 45, 46, 50.
     """
-    size = _check_arguments(plant, distance, damping)
-    if first is not None:
-        first = _check.scalar(first, "first")
-        if _check.is_concrete(first) and not 0 < float(first) < 1:
-            raise ValueError(f"first must lie between 0 and 1, not {float(first)}")
-    _check.one_of(damping, "damping", ("exact", "ignore"))
-    amplitudes, times = _fast(plant, size, first, _damping(plant, damping))
-    if _check.is_concrete(amplitudes) and not np.all(np.asarray(amplitudes)[:2] > 0) and first is not None:
+    size = _check_arguments(plant, distance, damping, ("exact", "ignore"))
+    first = None if first is None else _fraction(first, "first")
+    amplitudes, times = _fast(plant, size, first, _effective(plant, damping))
+    if first is not None and _check.is_concrete(amplitudes) and not np.all(np.asarray(amplitudes)[:2] > 0):
         raise ValueError(f"first must leave room for a second push, which {float(first)} does not")
     return _checked(amplitudes, times, size)
 
 
 def negative(plant: AbstractOscillator, distance: Any, *, damping: str = "exact") -> Shaper:
-    """Unity magnitude 1, −1, 1: the base goes all the way, comes back to brake the payload, and meets it there.
+    """The unity-magnitude shaper 1, −1, 1: the base goes all the way, comes back to brake the payload, and meets it.
 
-    *Raises* ``ValueError`` as ``two_impulse``.
-    *Source*: Chatlatanagulchai, Moonmangmee and Intarawirat (2017), Eq. 10 and after; here also for springs that are
+    Args:
+        plant, distance: as ``two_impulse``.
+        damping: ``"exact"`` or ``"ignore"``.
+
+    Raises:
+        ValueError: as ``two_impulse``.
+
+    Source: Chatlatanagulchai, Moonmangmee and Intarawirat (2017), Eq. 10 and after; here also for springs that are
     not odd, where the payload is not half way when the base comes back.
     """
-    size = _check_arguments(plant, distance, damping)
-    _check.one_of(damping, "damping", ("exact", "ignore"))
-    return _checked(*_negative(plant, size, _damping(plant, damping)), size)
+    size = _check_arguments(plant, distance, damping, ("exact", "ignore"))
+    return _checked(*_negative(plant, size, _effective(plant, damping)), size)
 
 
 def _swings(plant: AbstractOscillator, distance: Any, shares: Float[Array, " swings"], damping: str) -> Shaper:
     """The shaper whose swings cover these shares of the distance."""
     size = _check_arguments(plant, distance, damping)
-    damping = _damping(plant, damping)
-    bases, ways, times = _approximate_swings(plant, size, shares, damping)
+    damping = _effective(plant, damping)
+    ways = size * shares
+    bases, times = _approximate_swings(plant, ways, damping)
     if damping == "exact":
         # One program, compiled once, serves every swing of every shaper.
         exact = [_exact_swing(plant, *swing) for swing in zip(bases, ways, times, strict=True)]
@@ -151,37 +180,38 @@ def _swings(plant: AbstractOscillator, distance: Any, shares: Float[Array, " swi
 
 
 @kept
-def _approximate_swings(
-    plant: AbstractOscillator, size: Scalar, shares: Array, damping: str
-) -> tuple[Array, Array, Array]:
-    bases, ways = _bases(plant, size * shares)
-    times = jax.vmap(lambda b, w: half_period(plant, -b, w - b))(bases, ways)
+def _approximate_swings(plant: AbstractOscillator, ways: Array, damping: str) -> tuple[Array, Array]:
+    """Base positions (m) and durations (s) of swings of the given ways (m), without damping or nearly with it."""
+    bases = _bases(plant, ways)
+    times = jax.vmap(lambda base, way: half_period(plant, -base, way - base))(bases, ways)
     if damping != "ignore":
-        approximate = _loss_harmonic if damping == "harmonic" else _loss_orbit
-        losses = jax.vmap(lambda b, w, t: approximate(plant, b, w, t))(bases, ways, times)
-        bases, _ = _bases(plant, ways, losses)
-    return bases, ways, times
+        loss = _loss_harmonic if damping == "harmonic" else _loss_orbit
+        bases = _bases(plant, ways, jax.vmap(lambda *swing: loss(plant, *swing))(bases, ways, times))
+    return bases, times
 
 
 def _assemble(bases: Array, ways: Array, times: Array, size: Scalar) -> tuple[Array, Array]:
     """Amplitudes and times from each swing's base position ahead of it (m), way (m) and duration (s)."""
     xp = _check.numerics(bases, ways, times, size)
     bases, ways, times, size = (xp.asarray(x) for x in (bases, ways, times, size))
-    places = xp.concatenate([xp.zeros_like(ways[:1]), xp.cumsum(ways)])
-    levels = xp.concatenate([xp.zeros_like(ways[:1]), places[:-1] + bases, size[None]])
+    rests = xp.concatenate([xp.zeros_like(ways[:1]), xp.cumsum(ways)])
+    levels = xp.concatenate([rests[:1], rests[:-1] + bases, size[None]])
     return xp.diff(levels) / size, xp.concatenate([xp.zeros_like(times[:1]), xp.cumsum(times)])
 
 
 @kept
 def _first_order_shares(plant: AbstractOscillator, size: Scalar, swings: int) -> Array:
+    """The shares of the distance for which the lag ends at 0."""
+
     def shares(s: Scalar) -> Array:
         ends = 2 if swings % 2 else 1
         inner = jnp.full(swings - ends, 1.0) * (1 - ends * s) / (swings - ends)
         return jnp.concatenate([s[None], inner, s[None]][: ends + 1])
 
     def lag(s: Scalar) -> Scalar:
-        bases, ways = _bases(plant, size * shares(s))
-        times = jax.vmap(lambda b, w: half_period(plant, -b, w - b))(bases, ways)
+        ways = size * shares(s)
+        bases = _bases(plant, ways)
+        times = jax.vmap(lambda base, way: half_period(plant, -base, way - base))(bases, ways)
         before, after = jax.vmap(plant.spring.force)(ways - bases), jax.vmap(plant.spring.force)(-bases)
         total = jnp.zeros_like(s)
         for i in range(swings):
@@ -195,7 +225,11 @@ def _first_order_shares(plant: AbstractOscillator, size: Scalar, swings: int) ->
 
 @kept
 def _fast(plant: AbstractOscillator, size: Scalar, first: Scalar | None, damping: str) -> tuple[Array, Array]:
-    potential = lambda share: plant.spring.potential(share * size)
+    """Amplitudes and times of ``fast_three_impulse``; a negative second amplitude where there is none."""
+
+    def potential(share: Any) -> Scalar:
+        return plant.spring.potential(share * size)
+
     if first is None:
         a1 = a2 = bracketed_root(lambda a: 2 * potential(-a) - potential(1 - 2 * a), 0.0, 0.5)
     else:
@@ -208,7 +242,7 @@ def _fast(plant: AbstractOscillator, size: Scalar, first: Scalar | None, damping
     def conditions(x: Array) -> Array:
         second, t2, t3 = x
         one = second if first is None else first
-        passed, end = _after(plant, size, jnp.stack([one, second]), jnp.stack([t2, t3]))
+        passed, end = _states_at(plant, size, jnp.stack([one, second]), jnp.stack([t2, t3]))
         return jnp.stack([passed[0] / size - one, end[0] / size - 1, end[1] * t2 / size])
 
     if damping == "exact":
@@ -219,58 +253,66 @@ def _fast(plant: AbstractOscillator, size: Scalar, first: Scalar | None, damping
 
 @kept
 def _negative(plant: AbstractOscillator, size: Scalar, damping: str) -> tuple[Array, Array]:
-    potential = lambda share: plant.spring.potential(share * size)
-    balance = lambda p: potential(-1.0) - potential(p - 1) + potential(p) - potential(1.0)
-    place = bracketed_root(balance, 0.0, 1.0)
-    t2 = time_from_turn(plant, -size, (place - 1) * size)
-    t3 = t2 + time_from_turn(plant, size, place * size)
+    """Amplitudes and times of ``negative``."""
 
-    def conditions(x: Array) -> Array:
-        _, end = _after(plant, size, jnp.asarray([1.0, -1.0]), x)
+    def excess(share: Scalar) -> Scalar:
+        u = plant.spring.potential
+        return u(-size) - u((share - 1) * size) + u(share * size) - u(size)
+
+    share = bracketed_root(excess, 0.0, 1.0)
+    t2 = time_from_turn(plant, -size, (share - 1) * size)
+    t3 = t2 + time_from_turn(plant, size, share * size)
+    pushes = jnp.asarray([1.0, -1.0])
+
+    def conditions(times: Array) -> Array:
+        _, end = _states_at(plant, size, pushes, times)
         return jnp.stack([end[0] / size - 1, end[1] * t2 / size])
 
     if damping == "exact":
         t2, t3 = _newton(conditions, jnp.stack([t2, t3]))
-    return jnp.asarray([1.0, -1.0, 1.0]), jnp.stack([jnp.zeros_like(t2), t2, t3])
+    return jnp.append(pushes, 1.0), jnp.stack([jnp.zeros_like(t2), t2, t3])
 
 
-def _bases(plant: AbstractOscillator, ways: Array, losses: Any = 0.0) -> tuple[Array, Array]:
+def _bases(plant: AbstractOscillator, ways: Array, losses: Array | None = None) -> Array:
     """How far ahead of the payload the base must stand for each swing of the given way (m): U(−b) − U(w − b) = loss."""
+    if losses is None:
+        if plant.spring.odd:
+            return ways / 2
+        losses = jnp.zeros_like(ways)
     potential = plant.spring.potential
 
-    def one(way: Scalar, loss: Scalar) -> Scalar:
-        balance = lambda s: potential(-s * way) - potential((1 - s) * way) - loss
+    def base(way: Scalar, loss: Scalar) -> Scalar:
         # A damper takes energy, so the base may have to stand beyond the destination of the swing.
-        return way * bracketed_root(balance, 0.0, 2.0)
+        return way * bracketed_root(lambda s: potential(-s * way) - potential((1 - s) * way) - loss, 0.0, 2.0)
 
-    if plant.spring.odd and isinstance(losses, float):
-        return ways / 2, ways
-    return jax.vmap(one)(ways, jnp.broadcast_to(jnp.asarray(losses), ways.shape)), ways
+    return jax.vmap(base)(ways, losses)
 
 
-def _loss_harmonic(plant: AbstractOscillator, base: Scalar, way: Scalar, time: Scalar) -> Scalar:
-    """Energy lost in a quarter cycle of a harmonic motion with the swing's whole way as amplitude, J.
+def _loss_harmonic(plant: AbstractOscillator, _: Scalar, way: Scalar, time: Scalar) -> Scalar:
+    """The energy dissipated in a quarter cycle of a harmonic motion with the swing's whole way as amplitude, J.
 
-    *Source*: Chatlatanagulchai, Moonmangmee and Intarawirat (2017), after Eq. 5: for the cubic damper c w⁴ ω³ 3π/16
+    Source: Chatlatanagulchai, Moonmangmee and Intarawirat (2017), after Eq. 5: for the cubic damper c w⁴ ω³ 3π/16
     (the printed terms are dimensionally wrong). It over-estimates the loss of the papers' plant tenfold.
     """
-    del base
     omega = jnp.pi / time
-    speed = lambda phase: jnp.abs(way) * omega * jnp.cos(phase)
-    return integral(lambda phase: plant.damper.force(speed(phase)) * speed(phase) / omega, 0.0, jnp.pi / 2)
+
+    def power_by_phase(phase: Scalar) -> Scalar:
+        speed = jnp.abs(way) * omega * jnp.cos(phase)
+        return plant.damper.force(speed) * speed / omega
+
+    return integral(power_by_phase, 0.0, jnp.pi / 2)
 
 
-def _loss_orbit(plant: AbstractOscillator, base: Scalar, way: Scalar, time: Scalar) -> Scalar:
-    """Energy lost along the undamped orbit of the swing, J: the damper's force over its way."""
-    del time
+def _loss_orbit(plant: AbstractOscillator, base: Scalar, way: Scalar, _: Scalar) -> Scalar:
+    """The energy dissipated along the undamped orbit of the swing, J: the damper's force over its way."""
     middle, half, energy = way / 2 - base, way / 2, plant.spring.potential(-base)
 
-    def integrand(theta):
+    def force_by_angle(theta: Scalar) -> Scalar:
         kinetic = energy - plant.spring.potential(middle + half * jnp.sin(theta))
         speed = jnp.sqrt(2 * jnp.maximum(kinetic, 0.0) / plant.inertia())
         return plant.damper.force(speed) * jnp.abs(half) * jnp.cos(theta)
 
-    return integral(integrand, -jnp.pi / 2, jnp.pi / 2)
+    return integral(force_by_angle, -jnp.pi / 2, jnp.pi / 2)
 
 
 @kept
@@ -278,14 +320,14 @@ def _exact_swing(plant: AbstractOscillator, base: Scalar, way: Scalar, time: Sca
     """The base position and time for which the damped payload comes to rest exactly at the end of its way."""
 
     def conditions(x: Array) -> Array:
-        (end,) = _after(plant, way, x[:1], x[1:])
+        (end,) = _states_at(plant, way, x[:1], x[1:])
         return jnp.stack([end[0] / way - 1, end[1] * time / way])
 
     solution = _newton(conditions, jnp.stack([base / way, time]))
     return solution[0] * way, solution[1]
 
 
-def _after(plant: AbstractOscillator, size: Scalar, amplitudes: Array, times: Array) -> Float[Array, "times state"]:
+def _states_at(plant: AbstractOscillator, size: Scalar, amplitudes: Array, times: Array) -> Float[Array, "times state"]:
     """The states at the given times, from rest at 0, the base moving by one of the amplitudes at 0 and at each but
     the last of them.
     """
@@ -294,7 +336,8 @@ def _after(plant: AbstractOscillator, size: Scalar, amplitudes: Array, times: Ar
     return all_states(plant, plan.segments(), jnp.zeros(2), _STEPS)[:, -1]
 
 
-def _newton(conditions: Any, start: Array) -> Array:
+def _newton(conditions: Callable[[Array], Array], start: Array) -> Array:
+    """A root by Newton's method; NaN where it finds none."""
     import lineax as lx
     import optimistix as optx
 
@@ -304,18 +347,27 @@ def _newton(conditions: Any, start: Array) -> Array:
     return jnp.where(solution.result == optx.RESULTS.successful, solution.value, jnp.nan)
 
 
-def _damping(plant: AbstractOscillator, damping: str) -> str:
-    """What to do about the damper: nothing where it is known to do nothing."""
+def _effective(plant: AbstractOscillator, damping: str) -> str:
+    """The treatment of damping: ``"ignore"`` where the damper's force vanishes."""
     forces = jnp.stack([jnp.asarray(plant.damper.force(jnp.asarray(v))) for v in (1e-3, 0.1, 10.0)])
     return "ignore" if _check.is_concrete(forces) and not np.any(np.asarray(forces)) else damping
 
 
-def _check_arguments(plant: Any, distance: Any, damping: str) -> Scalar:
+def _fraction(value: Any, name: str) -> Scalar:
+    """A number between 0 and 1."""
+    value = _check.scalar(value, name)
+    if _check.is_concrete(value) and not 0 < float(value) < 1:
+        raise ValueError(f"{name} must lie between 0 and 1, not {float(value)}")
+    return value
+
+
+def _check_arguments(plant: Any, distance: Any, damping: str, allowed: tuple[str, ...] = DAMPING) -> Scalar:
+    """The distance, checked together with the other arguments."""
     if not isinstance(plant, AbstractOscillator) or plant.drives()[0] != "displacement":
         raise ValueError(
             f"plant must be a displacement-driven mass on a spring, such as TwoMass, not {type(plant).__name__}"
         )
-    _check.one_of(damping, "damping", DAMPING)
+    _check.one_of(damping, "damping", allowed)
     size = _check.scalar(distance, "distance")
     _check.not_zero(size, "distance")
     _check.warn_if_single()
@@ -323,11 +375,10 @@ def _check_arguments(plant: Any, distance: Any, damping: str) -> Scalar:
 
 
 def _checked(amplitudes: Array, times: Array, size: Scalar) -> Shaper:
-    if _check.is_concrete(amplitudes, times) and not (
-        np.all(np.isfinite(np.asarray(amplitudes))) and np.all(np.isfinite(np.asarray(times)))
-    ):
+    """The shaper, unless a number of it is not finite."""
+    if _check.is_concrete(amplitudes, times) and not np.all(np.isfinite(np.concatenate([amplitudes, times]))):
         raise ValueError(
-            f"distance: this spring does not carry the payload over {_check.show(size)} m that way: a swing passes a "
-            "point from which it does not come back, or the damper takes more than the base can give"
+            f"distance: this spring does not carry the payload over {_check.show(size)} m that way: the swing "
+            "diverges, or the damper takes more than the base can give"
         )
     return Shaper(amplitudes, times)

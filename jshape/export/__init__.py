@@ -13,9 +13,9 @@ import sys
 import types
 
 from jshape.export.formats import FORMATS, Format, as_bytes, export
-from jshape.export.shaper_file import read_shaper, write_csv, write_json
+from jshape.export.shaper_file import read_shaper
 
-__all__ = ["FORMATS", "Format", "as_bytes", "export", "read_shaper", "write_csv", "write_json"]
+__all__ = ["FORMATS", "Format", "as_bytes", "export", "read_shaper"]
 
 
 class _Callable(types.ModuleType):

@@ -1,15 +1,17 @@
 """A shaper as a C99 header: taps and a ring-buffer filter, in floating or in fixed point, without a heap.
 
-The filter is one state machine for all arithmetics (``templates/shaper.h``); here stands what differs between them.
+The filter is one state machine for all arithmetics (``templates/shaper.h``); what differs between them stands in
+``templates/arithmetics.toml``.
 """
 
-from collections.abc import Sequence
+import textwrap
+import tomllib
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
 from jshape import _check
-from jshape.export.fixed_point import error_bound, quantise
-from jshape.export.text import about, digitised_about, fill, identifier
+from jshape.export.text import TEMPLATES, digitised_about, fill, identifier, substituted
 from jshape.shaper import Shaper
 
 ARITHMETICS = ("float", "double", "q15", "q31")
@@ -24,97 +26,82 @@ def c99(
     name: str = "shaper",
     arithmetic: str = "float",
 ) -> str:
-    """A C99 header with the shaper's taps at ``sample_time`` (s) and a filter that runs them.
+    """A C99 header with the shaper's taps and a filter that runs them. At rest its output equals the command exactly.
 
-    ``method`` and ``modes``: as in ``Shaper.digitise``; what digitising costs at the modes stands in the comment.
-    ``name``: what the types and functions begin with. ``arithmetic``: ``"float"``, ``"double"``, or samples in fixed
-    point ``"q15"`` (int16_t, gains of 14 bits) or ``"q31"`` (int32_t, gains of 30 bits), saturated at full scale.
+    Args:
+        shaper: the shaper.
+        sample_time: s.
+        method: as in ``Shaper.digitise``.
+        modes: likewise; the residual vibration of the digital filter there stands in the comment.
+        name: what the types and functions begin with.
+        arithmetic: ``"float"``, ``"double"``, or samples in fixed point, saturated at full scale: ``"q15"`` (int16_t,
+            gains of 14 bits) or ``"q31"`` (int32_t, gains of 30 bits).
 
-    At rest the output equals the command exactly, in all of them. *Raises* ``ValueError`` as ``Shaper.digitise``, for a
-    name that C does not allow and, in fixed point, for amplitudes whose magnitudes sum to 4 or more.
+    Raises:
+        ValueError: as ``Shaper.digitise``, for a name that C does not allow and, in fixed point, for amplitudes whose
+            magnitudes sum to 4 or more.
     """
     name = identifier(name, "c99")
     _check.one_of(arithmetic, "arithmetic", ARITHMETICS)
     taps = shaper.digitise(sample_time, method, modes)
-    parts, gains, rounded = (_real if arithmetic in ("float", "double") else _fixed)(arithmetic, taps, name)
+    if arithmetic in ("float", "double"):
+        suffix = "f" if arithmetic == "float" else ""
+        rounded = taps.astype(np.float32 if arithmetic == "float" else np.float64)
+        gains = [f"{tap!s}{suffix}" for tap in rounded]
+        table, values = "real", dict(arithmetic=arithmetic, suffix=suffix)
+    else:
+        samples = 16 if arithmetic == "q15" else 32
+        bits = samples - 2
+        whole = quantise(taps, bits)
+        gains, rounded = [str(gain) for gain in whole.tolist()], whole / 2.0**bits
+        values = dict(samples=samples, twice=2 * samples, fraction=samples - 1, bits=bits, ONE=f"{name.upper()}_ONE")
+        table, values["bound"] = "fixed", f"{error_bound(taps, whole, bits, samples):.4g}"
+    fragments = tomllib.loads((TEMPLATES / "arithmetics.toml").read_text(encoding="utf-8"))[table]
     delays = np.flatnonzero(taps)
-    text = [*about(shaper), "", *digitised_about(shaper, rounded, float(sample_time), method, modes)]
     return fill(
         "shaper.h",
-        **parts,
-        about=text,
+        **{key: substituted(text, values) for key, text in fragments.items()},
+        about=digitised_about(shaper, rounded.astype(float), float(sample_time), method, modes),
         name=name,
         NAME=name.upper(),
         sample_time=repr(float(sample_time)),
         capacity=len(taps),
         count=len(delays),
-        delays=_rows([str(d) for d in delays]),
-        gains=_rows([gains[d] for d in delays]),
+        delays=_rows(map(str, delays.tolist())),
+        gains=_rows(gains[d] for d in delays),
     )
 
 
-def _rows(items: list[str], width: int = 100) -> list[str]:
-    """Items separated by commas, in lines of about that width."""
-    lines = [""]
-    for item in items:
-        if len(lines[-1]) + len(item) > width:
-            lines.append("")
-        lines[-1] += f"{item}, "
-    return [line.rstrip() for line in lines]
+def quantise(taps: np.ndarray, bits: int) -> np.ndarray:
+    """Taps as whole multiples of 2^-``bits``, each off by less than one, that sum to 2^``bits``.
+
+    At rest the output is then the command, bit for bit: rounding leaves no offset. All are rounded down and the
+    remainder goes to the largest remainders, one each, so that the total error is the smallest that such a sum allows.
+    *Raises* ``ValueError`` if the magnitudes sum to 4 or more: the accumulator of the filter would overflow.
+    """
+    one = 1 << bits
+    scaled = np.asarray(taps, float) / np.sum(taps) * one
+    whole = np.floor(scaled).astype(np.int64)
+    missing = one - int(whole.sum())
+    whole[np.argsort(whole - scaled, kind="stable")[:missing]] += 1
+    if np.abs(whole).sum() >= 4 * one or np.abs(whole).max() >= 2 * one:
+        raise ValueError(
+            f"amplitudes: their magnitudes sum to {np.abs(taps).sum():.6g}, the largest is {np.abs(taps).max():.6g}; "
+            "in fixed point the sum must be below 4 and each below 2"
+        )
+    return whole
 
 
-def _real(arithmetic: str, taps: np.ndarray, name: str) -> tuple[dict, list[str], np.ndarray]:
-    suffix, kind = ("f", np.float32) if arithmetic == "float" else ("", np.float64)
-    parts = {
-        "sample": arithmetic,
-        "tap": arithmetic,
-        "wide": arithmetic,
-        "unity": f"1.0{suffix}",
-        "gain_unit": "they sum to 1; if not, the tap without delay has the rest",
-        "arithmetic": [f"Samples and gains are {arithmetic}s. At rest the output is the command, exactly."],
-        "refused": "a delay does not fit",
-        "includes": [],
-        "constants": [],
-        # Differences to the command: at rest every term is exactly 0, whatever the gains were rounded to.
-        "accumulate": "sum += taps->gain[i] * (then - now);",
-        "finish": "return now + sum;",
-        "deliver": "return shaped;",
-        "check_start": [],
-        "check_each": [],
-        "check_end": [],
-    }
-    rounded = taps.astype(kind)
-    return parts, [f"{tap!s}{suffix}" for tap in rounded], rounded.astype(float)
+def error_bound(taps: np.ndarray, whole: np.ndarray, bits: int, samples: int) -> float:
+    """The greatest error of the output against the exact ``taps``, in steps of a sample of ``samples`` bits.
+
+    For any commands within full scale: the taps' rounding against full-scale commands of the worst signs, and half a
+    step for the one rounding of the output.
+    """
+    full = 2.0 ** (samples - 1)
+    return float(np.abs(whole / 2.0**bits - taps).sum() * full + 0.5)
 
 
-def _fixed(arithmetic: str, taps: np.ndarray, name: str) -> tuple[dict, list[str], np.ndarray]:
-    samples = 16 if arithmetic == "q15" else 32
-    bits, one = samples - 2, f"{name.upper()}_ONE"
-    sample, wide, most, least = f"int{samples}_t", f"int{2 * samples}_t", f"INT{samples}_MAX", f"INT{samples}_MIN"
-    whole = quantise(taps, bits)
-    bound = error_bound(taps, whole, bits, samples)
-    parts = {
-        "sample": sample,
-        "tap": sample,
-        "wide": wide,
-        "unity": one,
-        "gain_unit": f"in steps of 2^-{bits}; they sum to {one}",
-        "arithmetic": [
-            f"Samples are Q{samples - 1} ({sample}), gains Q2.{bits} that sum to exactly 1: at rest the output is the",
-            f"command, bit for bit. Otherwise it errs by at most {bound:.4g} steps of 2^-{samples - 1} against",
-            "exact taps; while a change of taps runs out, by as much as both together. It saturates at full scale.",
-        ],
-        "refused": "a delay does not fit, the gains do not sum to 1 or their magnitudes to less than 4",
-        "includes": ["", "#include <stdint.h>"],
-        "constants": [f"#define {one} (({wide})1 << {bits}) /* a gain of 1 */"],
-        "accumulate": f"sum += ({wide})taps->gain[i] * then;",
-        "finish": ["(void)now;", f"return (sum >= 0 ? sum + {one} / 2 : sum - {one} / 2) / {one};"],
-        "deliver": f"return ({sample})(shaped > {most} ? {most} : shaped < {least} ? {least} : shaped);",
-        "check_start": ["int64_t sum = 0, magnitude = 0;"],
-        "check_each": [
-            "sum += taps->gain[i];",
-            "magnitude += taps->gain[i] < 0 ? -(int64_t)taps->gain[i] : taps->gain[i];",
-        ],
-        "check_end": [f"if (sum != {one} || magnitude >= (int64_t)4 * {one}) {{", "    return 0;", "}"],
-    }
-    return parts, [str(q) for q in whole.tolist()], whole / 2.0**bits
+def _rows(items: Iterable[str]) -> list[str]:
+    """Items separated by commas, in lines."""
+    return textwrap.wrap(", ".join(items) + ",", 100, break_on_hyphens=False)

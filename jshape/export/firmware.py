@@ -1,6 +1,6 @@
 """A shaper as the line or two that a printer's firmware reads: Klipper, Marlin, RepRapFirmware.
 
-Klipper and Marlin know some shapers by name, frequency and damping, and nothing else; what is none of them is refused.
+Klipper and Marlin have some shapers by name, frequency and damping ratio, and nothing else; other shapers are refused.
 RepRapFirmware takes the impulses themselves.
 """
 
@@ -11,7 +11,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from jshape import _check
-from jshape.export.text import about, numbers
+from jshape.export.text import about, comment, numbers
 from jshape.klipper import KINDS, VERSIONS, impulses
 from jshape.shaper import Shaper
 
@@ -25,11 +25,14 @@ REPRAP_IMPULSES = 5
 def klipper(shaper: Shaper, *, axis: str = "x", firmware: str = "current", tolerance: float = 1e-3) -> str:
     """The ``[input_shaper]`` section of Klipper's configuration for one axis.
 
-    ``axis``: ``"x"`` or ``"y"``. ``firmware``: ``"current"`` (since October 2025) or ``"2024"``, whose
-    extra-insensitive shapers differ. ``tolerance``: how far an amplitude, or a time over the duration, may be from
-    Klipper's own. Damping ratios up to 0.3.
+    Args:
+        shaper: one of Klipper's, of a damping ratio up to 0.3.
+        axis: ``"x"`` or ``"y"``.
+        firmware: ``"current"`` (since October 2025) or ``"2024"``, whose extra-insensitive shapers differ.
+        tolerance: the greatest deviation of an amplitude, or of a time over the duration, from Klipper's own.
 
-    *Raises* ``ValueError`` if the shaper is none that Klipper knows; it names the nearest one.
+    Raises:
+        ValueError: if the shaper is none of Klipper's; it names the nearest one.
     """
     _check.one_of(axis, "axis", ("x", "y"))
     _check.one_of(firmware, "firmware", VERSIONS)
@@ -38,48 +41,50 @@ def klipper(shaper: Shaper, *, axis: str = "x", firmware: str = "current", toler
     error, frequency, zeta = found[kind]
     if not error <= tolerance:
         nearest = f"; the nearest, {kind} at {frequency} Hz and zeta {zeta}, is off by {error:.2g}" if error < 1 else ""
-        raise ValueError(f"Klipper knows {', '.join(KINDS)} alone, and this shaper is none of them{nearest}")
-    lines = [
-        *about(shaper),
-        "",
-        f"Klipper ({firmware}) computes its own {kind}: amplitudes, and times over the duration, within {error:.1g}.",
-    ]
-    settings = {"shaper_type": kind, "shaper_freq": frequency, "damping_ratio": zeta}
-    body = [f"{key}_{axis}: {value}" for key, value in settings.items()]
-    return "\n".join([*(f"# {line}".rstrip() for line in lines), "[input_shaper]", *body]) + "\n"
+        raise ValueError(f"Klipper has {', '.join(KINDS)} alone, and this shaper is none of them{nearest}")
+    note = f"Klipper ({firmware}) computes its own {kind}: amplitudes, and times over the duration, within {error:.1g}."
+    body = f"shaper_type_{axis}: {kind}\nshaper_freq_{axis}: {frequency}\ndamping_ratio_{axis}: {zeta}\n"
+    return comment("#", [*about(shaper), "", note]) + "[input_shaper]\n" + body
 
 
 def _nearest(shaper: Shaper, kind: str, version: str) -> tuple[float, str, str]:
-    """How far Klipper's nearest shaper of that kind is, its frequency (Hz) and damping, as they are written."""
+    """Deviation of Klipper's nearest shaper of that kind, its frequency (Hz) and damping ratio as they are written."""
     amplitudes, times = numbers(shaper)
     if len(times) != len(impulses(kind, 1.0, 0.0, version)[0]) or times[-1] <= 0:
         return math.inf, "", ""
 
-    def off(frequency: float, zeta: float) -> float:
+    def deviation(frequency: float, zeta: float) -> float:
         theirs, instants = impulses(kind, frequency, zeta, version)
         return max(np.abs(theirs - amplitudes).max(), np.abs(instants - times).max() / times[-1])
 
     def frequency(zeta: float) -> float:
         return float(impulses(kind, 1.0, zeta, version)[1][-1] / times[-1])
 
-    # The largest deviation has kinks: a grid finds the valley, a bounded search its ground.
+    # The largest deviation has kinks: a grid brackets the minimum, a bounded search finds it.
     grid = np.linspace(0.0, 0.3, 61)
-    at = int(np.argmin([off(frequency(zeta), zeta) for zeta in grid]))
+    at = int(np.argmin([deviation(frequency(zeta), zeta) for zeta in grid]))
     bounds = (grid[max(at - 1, 0)], grid[min(at + 1, 60)])
-    refined: Any = minimize_scalar(lambda zeta: off(frequency(zeta), zeta), bounds=bounds, options={"xatol": 1e-10})
-    zeta = min((grid[at], float(refined.x)), key=lambda zeta: off(frequency(zeta), zeta))
+    refined: Any = minimize_scalar(
+        lambda zeta: deviation(frequency(zeta), zeta), bounds=bounds, options={"xatol": 1e-10}
+    )
+    zeta = min((grid[at], float(refined.x)), key=lambda zeta: deviation(frequency(zeta), zeta))
     written = f"{frequency(zeta):.8g}", f"{zeta:.8g}"
-    return off(float(written[0]), float(written[1])), *written
+    return deviation(float(written[0]), float(written[1])), *written
 
 
 def marlin(shaper: Shaper, *, axis: str = "x") -> str:
-    """Marlin's ``M593`` for one axis: ``"x"``, ``"y"`` or ``"z"``.
+    """Marlin's ``M593`` for one axis.
 
     Its F is the *damped* frequency, half a period of which lies between the impulses; D is the damping ratio.
 
-    *Raises* ``ValueError`` unless the shaper is a ZV: two impulses, the second positive and not above the first.
+    Args:
+        shaper: a ZV.
+        axis: ``"x"``, ``"y"`` or ``"z"``.
 
-    *Source*: Marlin's M593 (2.1.2 and later). ζ from K = A₂/A₁ = exp(−ζπ/√(1 − ζ²)), Singer and Seering (1990).
+    Raises:
+        ValueError: unless the shaper has two impulses, the second positive and not above the first.
+
+    Source: Marlin's M593 (2.1.2 and later). ζ from K = A₂/A₁ = exp(−ζπ/√(1 − ζ²)), Singer and Seering (1990).
     """
     _check.one_of(axis, "axis", ("x", "y", "z"))
     amplitudes, times = numbers(shaper)
@@ -96,20 +101,24 @@ def marlin(shaper: Shaper, *, axis: str = "x") -> str:
         "F is the damped frequency. Marlin holds amplitudes in steps of 1/128: the second may be that much smaller.",
         "Needs INPUT_SHAPING_" + axis.upper() + "; M500 keeps it.",
     ]
-    command = f"M593 {axis.upper()} F{0.5 / times[1]:.6f} D{zeta:.6f}"
-    return "\n".join([*(f"; {line}".rstrip() for line in lines), command]) + "\n"
+    return comment(";", lines) + f"M593 {axis.upper()} F{0.5 / times[1]:.6f} D{zeta:.6f}\n"
 
 
 def reprapfirmware(shaper: Shaper, *, firmware: str = "3.6") -> str:
     """RepRapFirmware's ``M593 P"custom"``, for all axes together.
 
-    ``firmware``: ``"3.6"`` and later reads amplitudes and the impulses' times; ``"3.4"`` (to 3.5) reads amplitudes
-    summed up and the intervals between impulses. The last amplitude is left out in both: what is missing to 1.
+    The last amplitude is left out: what is missing to 1.
 
-    *Raises* ``ValueError`` for more than 5 impulses or fewer than 2, an amplitude that is not positive, and impulses
-    less than a microsecond apart.
+    Args:
+        shaper: of at most 5 impulses.
+        firmware: ``"3.6"`` and later reads amplitudes and the impulses' times; ``"3.4"`` (to 3.5) reads amplitudes
+            summed up and the intervals between impulses.
 
-    *Source*: Duet3D's G-code dictionary on M593; four impulses after the first in the firmware's ``AxisShaper`` (3.5).
+    Raises:
+        ValueError: for more than 5 impulses or fewer than 2, an amplitude that is not positive, and impulses less than
+            a microsecond apart.
+
+    Source: Duet3D's G-code dictionary on M593; four impulses after the first in the firmware's ``AxisShaper`` (3.5).
     """
     _check.one_of(firmware, "firmware", REPRAP)
     amplitudes, times = numbers(shaper)
@@ -121,12 +130,11 @@ def reprapfirmware(shaper: Shaper, *, firmware: str = "3.6") -> str:
         raise ValueError(
             f"RepRapFirmware takes times that increase, by a microsecond at least, not {_check.show(times)}"
         )
-    heights = amplitudes[:-1] if firmware == "3.6" else np.cumsum(amplitudes)[:-1]
-    delays = times[1:] if firmware == "3.6" else np.diff(times)
-    meaning = "amplitudes, T times of the impulses" if firmware == "3.6" else "amplitudes summed up, T intervals"
-    lines = [*about(shaper), "", f"For RepRapFirmware {firmware} and later: H {meaning} (s), for all axes."]
-    if firmware == "3.4":
-        lines[-1] = f"For RepRapFirmware 3.4 and 3.5, not for later ones: H {meaning} (s), for all axes."
-    joined = [":".join(f"{value:.7f}" for value in values) for values in (heights, delays)]
-    command = f'M593 P"custom" H{joined[0]} T{joined[1]}'
-    return "\n".join([*(f"; {line}".rstrip() for line in lines), command]) + "\n"
+    if firmware == "3.6":
+        heights, delays = amplitudes[:-1], times[1:]
+        note = "RepRapFirmware 3.6 and later: H amplitudes, T times of the impulses"
+    else:
+        heights, delays = np.cumsum(amplitudes)[:-1], np.diff(times)
+        note = "RepRapFirmware 3.4 and 3.5, not for later ones: H amplitudes summed up, T intervals"
+    h, t = (":".join(f"{value:.7f}" for value in values) for values in (heights, delays))
+    return comment(";", [*about(shaper), "", f"For {note} (s), for all axes."]) + f'M593 P"custom" H{h} T{t}\n'

@@ -1,7 +1,7 @@
 """The formats in which a shaper leaves jshape, in one table, and the one function that writes them.
 
-``js.export(s, "c99", "shaper.h", sample_time=0.001)`` is this function. What a format needs is told by the
-signature of its function; what it cannot carry stands in the table, and is refused rather than written nearly::
+``js.export(s, "c99", "shaper.h", sample_time=0.001)`` is this function. The signature of a format's function gives its
+options; what it cannot carry stands in the table, and is refused rather than approximated::
 
     for name, form in FORMATS.items():
         print(name, form.ending, form.options, form.lacks)
@@ -9,14 +9,13 @@ signature of its function; what it cannot carry stands in the table, and is refu
 
 import inspect
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from jshape import _check
-from jshape.export.arrays import as_arrays, as_filter
 from jshape.export.c99 import c99
 from jshape.export.firmware import klipper, marlin, reprapfirmware
 from jshape.export.matlab import matlab
@@ -26,8 +25,30 @@ from jshape.export.structured_text import structured_text
 from jshape.shaper import Shaper
 
 
+def as_arrays(shaper: Shaper) -> dict[str, np.ndarray]:
+    """``{"amplitudes": ..., "times": ...}`` (–, s), in the shaper's own precision; in a file, an ``.npz``."""
+    return {"amplitudes": np.asarray(shaper.amplitudes), "times": np.asarray(shaper.times)}
+
+
+def as_filter(
+    shaper: Shaper, *, sample_time: float, method: str = "nearest", modes: Sequence[tuple[float, float]] = ()
+) -> tuple[np.ndarray, np.ndarray]:
+    """``(b, a)`` for ``scipy.signal.lfilter(b, a, command)`` at a sample time (s); in a file, an ``.npz``.
+
+    ``method``, ``modes`` and errors as in ``Shaper.digitise``.
+    """
+    return shaper.digitise(sample_time, method, modes), np.ones(1)
+
+
 class Format(NamedTuple):
-    """How a shaper is written: the function, the file's usual ending, what comes out, what it cannot carry."""
+    """A format of export.
+
+    Attributes:
+        make: the function that writes a shaper; its keyword arguments are the format's options.
+        ending: of a file, usually.
+        what: what comes out.
+        lacks: what it cannot carry.
+    """
 
     make: Callable[..., Any]
     ending: str
@@ -36,7 +57,7 @@ class Format(NamedTuple):
 
     @property
     def options(self) -> dict[str, bool]:
-        """Its options, and whether each is needed."""
+        """Its options, and whether each is required."""
         parameters = list(inspect.signature(self.make).parameters.values())[1:]
         return {parameter.name: parameter.default is parameter.empty for parameter in parameters}
 
@@ -60,13 +81,19 @@ FORMATS = {
 
 
 def export(shaper: Shaper, format: str, path: str | Path | None = None, **options: Any) -> Any:
-    """A shaper in a format of ``FORMATS``; written to ``path`` if there is one (over what stands there).
+    """The shaper in a format of ``FORMATS``, and as a file if there is a path.
 
-    Returns the text; for ``"numpy"`` a dictionary of arrays, for ``"scipy"`` the arrays ``(b, a)``, which a file holds
-    as npz. ``options``: those of the format's function, such as ``sample_time`` (s).
+    Args:
+        shaper: the shaper.
+        format: a name in ``FORMATS``.
+        path: a file, overwritten if it exists.
+        options: keyword arguments of the format's function, such as ``sample_time`` (s).
 
-    *Raises* ``ValueError`` for an unknown format, an option that it does not know or needs, and whatever it cannot
-    carry.
+    Returns:
+        The text; for ``"numpy"`` a dictionary of arrays, for ``"scipy"`` the arrays (b, a), which a file holds as npz.
+
+    Raises:
+        ValueError: for an unknown format, an option that it does not have or that is missing, and what it cannot carry.
     """
     _check.one_of(format, "format", tuple(FORMATS))
     if not _check.is_concrete(shaper):
@@ -86,7 +113,7 @@ def export(shaper: Shaper, format: str, path: str | Path | None = None, **option
 
 
 def as_bytes(made: Any) -> bytes:
-    """What ``export`` returns as a file holds it: text in UTF-8, arrays as npz."""
+    """What ``export`` returns, as the bytes of a file: text in UTF-8, arrays as npz."""
     if isinstance(made, str):
         return made.encode()
     buffer = io.BytesIO()

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from jshape.export.text import about, digitised_about, fill, identifier, numbers
+from jshape.export.text import digitised_about, fill, identifier, numbers
 from jshape.shaper import Shaper
 
 
@@ -18,17 +18,27 @@ def matlab(
 ) -> str:
     """A script that defines ``NAME_amplitudes``, ``NAME_times``, ``NAME_b``, ``NAME_a`` and builds Simulink blocks.
 
-    ``sample_time``: s; ``method`` and ``modes`` as in ``Shaper.digitise``. *Raises* ``ValueError`` as that does, and
-    for a name that MATLAB does not allow.
+    Args:
+        shaper: the shaper.
+        sample_time: s.
+        method: as in ``Shaper.digitise``.
+        modes: likewise; the residual vibration of the digital filter there stands in the comment.
+        name: what the variables begin with.
+
+    Raises:
+        ValueError: as ``Shaper.digitise``, and for a name that MATLAB does not allow.
     """
     name = identifier(name, "matlab")
     taps = shaper.digitise(sample_time, method, modes)
     amplitudes, times = numbers(shaper)
     kept = np.flatnonzero(taps)
-    row = lambda values: " ".join(repr(value) for value in values.tolist())
+
+    def row(values: np.ndarray) -> str:
+        return " ".join(map(repr, values.tolist()))
+
     return fill(
         "shaper.m",
-        about=[*about(shaper), "", *digitised_about(shaper, taps, float(sample_time), method, modes)],
+        about=digitised_about(shaper, taps, float(sample_time), method, modes),
         name=name,
         sample_time=repr(float(sample_time)),
         amplitudes=row(amplitudes),

@@ -8,9 +8,10 @@ import numpy as np
 from jshape import _check
 from jshape.export.text import about, fill, identifier, numbers, pairs, vibrations
 from jshape.shaper import Shaper
+from jshape.vibration import pole
 
 SEARCHED = 12
-"""Up to so many switches every choice of earlier or later cycles is looked at: 4096."""
+"""Up to so many switches every choice of earlier or later cycles is compared: 4096."""
 
 
 def on_off(
@@ -18,14 +19,19 @@ def on_off(
 ) -> str:
     """A function block in Structured Text that switches an output by a table of whole cycles.
 
-    ``sample_time``: s, of the task or interrupt. ``modes``: pairs ``(omega, zeta)`` (rad/s, –), best several over the
-    band that the shaper is for. The comment says what the rounding costs there; of the cycles before and after each
-    instant those are taken whose worst vibration there is least (beyond 12 switches, the nearest cycles).
+    Args:
+        shaper: of amplitudes 1, −1, …, 1.
+        sample_time: of the task or interrupt, s.
+        modes: pairs (omega, zeta) (rad/s, –), best several over the band that the shaper is for. Of the cycles before
+            and after each instant those are taken whose worst vibration there is least (beyond 12 switches, the nearest
+            cycles); the comment says what the rounding costs.
+        name: of the block.
 
-    *Raises* ``ValueError`` unless the amplitudes are 1, −1, …, 1 in turn, for no modes, a name that the language does
-    not allow, and a cycle in which two switches fall together.
+    Raises:
+        ValueError: unless the amplitudes are 1, −1, …, 1 in turn, for no modes, a name that the language does not
+            allow, and a cycle in which two switches fall together.
 
-    *Source*: Peláez, Doval-Gandoy, Caparrini and García-Prada (2006), on-off amplitudes from a PLC.
+    Source: Peláez, Doval-Gandoy, Caparrini and García-Prada (2006), on-off amplitudes from a PLC.
     """
     name = identifier(name, "structured_text")
     amplitudes, times = numbers(shaper)
@@ -33,9 +39,10 @@ def on_off(
     _check.positive(sample_time, "sample_time")
     if np.abs(amplitudes - (-1.0) ** np.arange(len(times))).max() > 1e-6 or len(times) % 2 == 0:
         raise ValueError(f"amplitudes must be 1, -1, ..., 1 for an on-off output, not {_check.show(amplitudes)}")
-    if not pairs(modes):
+    checked = pairs(modes)
+    if not checked:
         raise ValueError("modes is empty: at least one (omega, zeta) is needed, to judge the rounding by")
-    cycles = switching_cycles(amplitudes, times, sample_time, pairs(modes))
+    cycles = switching_cycles(amplitudes, times, sample_time, checked)
     rounded = Shaper(amplitudes, cycles * sample_time)
     table = [f"    {'cycle':>8} {'s':>12}"]
     for index, cycle in enumerate(cycles.tolist()):
@@ -75,8 +82,6 @@ def switching_cycles(
     for omega, zeta in modes:
         _check.positive(omega, "modes: omega")
         _check.damping_ratio(zeta, "modes: zeta")
-        pole = omega * sample_time * complex(-zeta, np.sqrt(1 - zeta**2))
-        # What each impulse leaves when the last one has come, as V is defined.
-        left = np.exp(pole * (choices[:, -1:] - choices)) @ amplitudes
-        worst = np.maximum(worst, np.abs(left))
+        reach = (choices[:, -1:] - choices) * sample_time
+        worst = np.maximum(worst, np.abs(np.exp(pole(omega, zeta) * reach) @ amplitudes))
     return choices[np.argmin(worst)].astype(int)

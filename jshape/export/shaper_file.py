@@ -4,7 +4,6 @@
 """
 
 import csv
-import io
 import json
 import zipfile
 from pathlib import Path
@@ -19,7 +18,7 @@ VERSION = 1
 
 
 def as_record(shaper: Shaper, name: str = "") -> dict[str, Any]:
-    """A shaper as plain data: format, version, name, units, amplitudes, times (s)."""
+    """The shaper as plain data: format, version, name, units, amplitudes, times (s)."""
     return {
         "format": FORMAT,
         "version": VERSION,
@@ -37,28 +36,16 @@ def json_text(shaper: Shaper, *, name: str = "") -> str:
 
 def csv_text(shaper: Shaper) -> str:
     """A shaper as CSV: a header, ``time_s,amplitude``, and one line an impulse."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["time_s", "amplitude"])
     record = as_record(shaper)
-    writer.writerows((repr(t), repr(a)) for t, a in zip(record["times"], record["amplitudes"], strict=True))
-    return text.getvalue()
-
-
-def write_json(shaper: Shaper, path: str | Path, name: str = "") -> None:
-    """Write a shaper as JSON."""
-    Path(path).write_text(json_text(shaper, name=name), encoding="utf-8")
-
-
-def write_csv(shaper: Shaper, path: str | Path) -> None:
-    """Write a shaper as CSV: a header and one line an impulse."""
-    Path(path).write_text(csv_text(shaper), encoding="utf-8")
+    rows = zip(record["times"], record["amplitudes"], strict=True)
+    return "".join(["time_s,amplitude\n", *(f"{time!r},{amplitude!r}\n" for time, amplitude in rows)])
 
 
 def read_shaper(path: str | Path) -> Shaper:
-    """Read a shaper from JSON, CSV or npz, by the file's ending.
+    """A shaper from a JSON, CSV or npz file, by its ending.
 
-    *Raises* ``ValueError`` that names the file if it is missing, not such a file, or holds no valid shaper.
+    Raises:
+        ValueError: that names the file, if it is missing, not such a file, or holds no valid shaper.
     """
     path = Path(path)
     try:

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from jshape import _check
-from jshape.export.text import about, digitised_about, fill, identifier, impulses, numbers
+from jshape.export.text import digitised_about, fill, identifier, impulses, numbers
 from jshape.shaper import Shaper
 
 METHODS = ("split", "nearest", "zeros")
@@ -30,15 +30,21 @@ def structured_text(
     name: str = "InputShaper",
     capacity: int | None = None,
 ) -> str:
-    """A function block ``name`` that shapes a command (LREAL), once a cycle.
+    """A function block that shapes a command (LREAL), once a cycle.
 
-    ``sample_time``: s, the cycle time that the block assumes unless its input says another. ``method``: ``"split"``
-    keeps the impulses at their own times, for any cycle time; ``"nearest"`` and ``"zeros"`` (with ``modes``) first move
-    them to this one's cycles, as in ``Shaper.digitise``. ``capacity``: how many cycles the ring buffer holds; unless
-    given, enough for twice the shaper's length, so that half the cycle time or twice the times still fit.
+    Args:
+        shaper: the shaper.
+        sample_time: the cycle time that the block assumes unless its input gives another, s.
+        method: ``"split"`` keeps the impulses at their own times, for any cycle time; ``"nearest"`` and ``"zeros"``
+            (with ``modes``) first move them to this one's cycles, as in ``Shaper.digitise``.
+        modes: as in ``Shaper.digitise``.
+        name: of the block.
+        capacity: of the ring buffer, cycles; unless given, enough for twice the shaper's length, so that half the cycle
+            time or twice the times still fit.
 
-    *Raises* ``ValueError`` as ``Shaper.digitise``, for a name that the language does not allow and for a capacity below
-    the shaper's own.
+    Raises:
+        ValueError: as ``Shaper.digitise``, for a name that the language does not allow and for a capacity below the
+            shaper's own.
     """
     name = identifier(name, "structured_text")
     _check.one_of(method, "method", METHODS)
@@ -50,7 +56,7 @@ def structured_text(
     room = 2 * least if capacity is None else _check.count(capacity, "capacity", least)
     return fill(
         "input_shaper.st",
-        about=[*about(shaper), "", *digitised_about(shaper, taps, cycle, method, modes)],
+        about=digitised_about(shaper, taps, cycle, method, modes),
         name=name,
         cycle=real(cycle),
         last=len(times) - 1,

@@ -35,23 +35,20 @@ def identifier(name: Any, language: str) -> str:
 
 def about(shaper: Shaper) -> list[str]:
     """The shaper in lines for a comment: how many impulses, how long, each one's time and amplitude."""
-    amplitudes, times = numbers(shaper)
+    amplitudes, times = (values.tolist() for values in numbers(shaper))
     count = f"{len(times)} impulse{'s' if len(times) > 1 else ''}"
-    rows = [
-        f"    {time!r:<24} {amplitude!r}" for time, amplitude in zip(times.tolist(), amplitudes.tolist(), strict=True)
-    ]
     return [
-        f"Input shaper from jshape: {count}, {float(times[-1]):.6g} s long.",
+        f"Input shaper from jshape: {count}, {times[-1]:.6g} s long.",
         "",
         f"    {'time (s)':<24} amplitude (they sum to 1)",
-        *rows,
+        *(f"    {time!r:<24} {amplitude!r}" for time, amplitude in zip(times, amplitudes, strict=True)),
     ]
 
 
 def digitised_about(shaper: Shaper, taps: np.ndarray, sample_time: float, method: str, modes: Any) -> list[str]:
-    """The digital filter in lines for a comment: its sample time, and what digitising costs at the modes."""
-    lines = [f'Digitised at {sample_time!r} s ("{method}"): {np.count_nonzero(taps)} taps, {len(taps)} samples long.']
-    return lines + vibrations(shaper, impulses(taps, sample_time), modes, "digitised")
+    """The shaper and its digital filter in lines for a comment, with the residual vibration of both at the modes."""
+    line = f'Digitised at {sample_time!r} s ("{method}"): {np.count_nonzero(taps)} taps, {len(taps)} samples long.'
+    return [*about(shaper), "", line, *vibrations(shaper, impulses(taps, sample_time), modes, "digitised")]
 
 
 def impulses(taps: np.ndarray, sample_time: float) -> Shaper:
@@ -62,7 +59,7 @@ def impulses(taps: np.ndarray, sample_time: float) -> Shaper:
 
 
 def vibrations(exact: Shaper, changed: Shaper, modes: Any, word: str) -> list[str]:
-    """Residual vibration V of two shapers at every mode, a line each: what a change costs there."""
+    """Residual vibration V of two shapers at every mode, a line each."""
     return [
         f"Vibration at omega = {omega!r} rad/s, zeta = {zeta!r}: "
         f"{100 * float(percentage_vibration(exact, omega, zeta)):.4g} % exact, "
@@ -79,6 +76,20 @@ def pairs(modes: Any) -> list[tuple[float, float]]:
         raise ValueError(f"modes must be pairs (omega, zeta), not {modes!r}") from None
 
 
+def comment(mark: str, lines: list[str]) -> str:
+    """Lines as comments that begin with a mark."""
+    return "".join(f"{mark} {line}".rstrip() + "\n" for line in lines)
+
+
+def substituted(text: Any, values: dict[str, Any]) -> Any:
+    """A text, or a list of texts, with its ``$names`` replaced."""
+    return (
+        [Template(line).substitute(values) for line in text]
+        if isinstance(text, list)
+        else Template(text).substitute(values)
+    )
+
+
 def fill(template: str, **values: Any) -> str:
     """A template of this package with its ``$names`` replaced.
 
@@ -89,7 +100,7 @@ def fill(template: str, **values: Any) -> str:
     for line in text.splitlines():
         alone = re.fullmatch(r"([\s*%]*)\$(\w+)", line)
         if alone and isinstance(values[alone[2]], list):
-            lines += [(alone[1] + each).rstrip() for each in values[alone[2]]]
+            lines += [(alone[1] + item).rstrip() for item in values[alone[2]]]
         else:
             lines.append(Template(line).substitute(values))
     return "\n".join(lines) + "\n"

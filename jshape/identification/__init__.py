@@ -1,4 +1,4 @@
-"""Modes from measured data: a record in, a plant out, with how sure it is."""
+"""Identification: modes from measured data; a record in, a plant out, with its uncertainty."""
 
 from jshape.identification.duffing import IdentifiedDuffing, identify_duffing
 from jshape.identification.from_csv import identify_csv

@@ -1,10 +1,10 @@
-"""Modes fitted by variable projection: frequencies and dampings are searched for, all else is linear.
+"""Modes fitted by variable projection: frequencies and damping ratios are searched for, all else is linear.
 
 Whatever was measured, a mode contributes a few known shapes (``AbstractFamily.columns``) with unknown factors. For
-given frequencies and dampings the best factors are a linear least squares problem; what it leaves, and the exact
+given frequencies and ratios the best factors are a linear least squares problem; what it leaves, and the exact
 derivative of that, go to Levenberg and Marquardt's method.
 
-*Source*: Golub and Pereyra, SIAM J. Numer. Anal. 10 (1973), the derivative of a projection.
+Source: Golub and Pereyra, SIAM J. Numer. Anal. 10 (1973), the derivative of a projection.
 """
 
 import abc
@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares
 
+from jshape._memo import last_result
 from jshape.identification._uncertainty import covariance
 
 STEEPEST = 0.95
@@ -23,8 +24,12 @@ STEEPEST = 0.95
 class AbstractFamily(abc.ABC):
     """What a record can be made of: the shapes that any mode adds, and those that are there without one.
 
-    ``data``: rows × channels, real. ``weights``: of the rows. ``background``: rows × shapes that need no mode.
-    ``lowest``, ``highest``: frequencies that the record can tell, rad/s.
+    Attributes:
+        data: real, shape (rows, channels).
+        weights: shape (rows,).
+        background: shapes that need no mode, shape (rows, shapes).
+        lowest: frequency that the record resolves, rad/s.
+        highest: likewise.
     """
 
     data: np.ndarray
@@ -38,12 +43,12 @@ class AbstractFamily(abc.ABC):
         """A mode's shapes (rows × shapes) and their derivatives along ω and along ζ."""
 
     @abc.abstractmethod
-    def power(self, residual: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Frequencies (rad/s) and how much of the residual (rows × channels, weighted) lies there."""
+    def power(self, residuals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Frequencies (rad/s) and how much of the residuals (rows × channels, weighted) lies there."""
 
-    @abc.abstractmethod
     def residue(self, factors: np.ndarray) -> np.ndarray:
         """The complex amplitude of a mode in each channel, from its factors (shapes × channels)."""
+        return factors[0] + 1j * factors[1]
 
     @abc.abstractmethod
     def at(self, axis: np.ndarray, inputs: np.ndarray | None) -> "AbstractFamily":
@@ -67,17 +72,26 @@ def real_columns(*parts: np.ndarray) -> np.ndarray:
 
 @dataclasses.dataclass(frozen=True)
 class Fit:
-    """Modes as fitted: ``omega``, ``zeta``; ``factors`` (shapes × channels) behind the background and every mode in
-    turn; ``noise``: standard deviation of a row of weight 1, a channel; ``residual``: weighted, in units of the noise;
-    ``squares``: the sum of its squares, a channel, in the data's units; ``free``: degrees of freedom a channel;
-    ``jacobian`` of the residual (rows × channels × parameters); ``basis``: orthonormal, of all shapes; ``converged``.
+    """Modes as fitted.
+
+    Attributes:
+        omega: rad/s, shape (modes,).
+        zeta: damping ratios, shape (modes,).
+        factors: of the background and of every mode in turn, shape (shapes, channels).
+        noise: standard deviation of a row of weight 1, shape (channels,).
+        residuals: weighted, in units of the noise, shape (rows, channels).
+        squares: sum of their squares in the data's units, shape (channels,).
+        free: degrees of freedom a channel.
+        jacobian: of the residuals, shape (rows, channels, parameters).
+        basis: orthonormal, of all shapes.
+        converged: whether the search did.
     """
 
     omega: np.ndarray
     zeta: np.ndarray
     factors: np.ndarray
     noise: np.ndarray
-    residual: np.ndarray
+    residuals: np.ndarray
     squares: np.ndarray
     free: float
     jacobian: np.ndarray
@@ -85,13 +99,13 @@ class Fit:
     converged: bool
 
     def fitted(self, family: AbstractFamily) -> np.ndarray:
-        """What the modes and the background say in the rows of a family, rows × channels."""
+        """The modes and the background in the rows of a family, rows × channels."""
         modes = zip(self.omega, self.zeta, strict=True)
         return np.hstack([family.background, *(family.columns(*mode)[0] for mode in modes)]) @ self.factors
 
     def covariance(self) -> np.ndarray:
         """Of (ω_1 …, ζ_1 …)."""
-        return covariance(self.jacobian, self.residual, self.free)
+        return covariance(self.jacobian, self.residuals, self.free)
 
 
 def project(
@@ -99,9 +113,10 @@ def project(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """The best factors at these modes.
 
-    Returns what they leave (rows × channels, in units of the noise), the factors in the data's units, an orthonormal
-    basis of the shapes, and the residual's derivative along ω_1 …, ζ_1 …: all of it, and the part that remains where
-    the residual is noise, whose inverse square is the covariance.
+    Returns:
+        The residuals (rows × channels, in units of the noise), the factors in the data's units, an orthonormal basis of
+        the shapes, and the residuals' derivative along ω_1 …, ζ_1 …: all of it, and the part that remains where the
+        residuals are noise, whose inverse square is the covariance.
     """
     weights = family.weights[:, None]
     modes = [[weights * part for part in family.columns(*mode)] for mode in zip(omega, zeta, strict=True)]
@@ -112,9 +127,9 @@ def project(
     kept = values > 1e-11 * values[0]
     basis, inverse = basis[:, kept], (right[kept].T / values[kept]).T / size
     data = weights * family.data / noise
-    residual = data - basis @ (basis.T @ data)
+    residuals = data - basis @ (basis.T @ data)
     factors = inverse.T @ (basis.T @ data)
-    full = np.empty((residual.size, 2 * len(modes)))
+    full = np.empty((residuals.size, 2 * len(modes)))
     plain = np.empty_like(full)
     begin = family.background.shape[1]
     for i, (shape, *slopes) in enumerate(modes):
@@ -122,15 +137,15 @@ def project(
         for j, slope in enumerate(slopes):
             moved = slope @ factors[place]
             first = basis @ (basis.T @ moved) - moved
-            second = basis @ (inverse[:, place] @ (slope.T @ residual))
+            second = basis @ (inverse[:, place] @ (slope.T @ residuals))
             plain[:, i + j * len(modes)] = first.ravel()
             full[:, i + j * len(modes)] = (first - second).ravel()
         begin = place.stop
-    return residual, factors * noise, basis, full, plain
+    return residuals, factors * noise, basis, full, plain
 
 
 def fit(family: AbstractFamily, omega: Any, zeta: Any, noise: np.ndarray) -> Fit:
-    """Modes refined from a start; ``noise``: a first estimate of each channel's, made better on the way."""
+    """Modes refined from a start; ``noise``: a first estimate of each channel's, improved on the way."""
     found = _refined(family, np.asarray(omega, float), np.asarray(zeta, float), noise)
     # With one channel the noise scales everything alike; with several it says how much each one counts.
     for _ in range(0 if family.data.shape[1] == 1 or not len(found.omega) else 2):
@@ -142,15 +157,7 @@ def _refined(family: AbstractFamily, omega: np.ndarray, zeta: np.ndarray, noise:
     count, channels, converged = len(omega), family.data.shape[1], True
     if count:
         lower, upper = np.repeat([family.lowest, 0.0], count), np.repeat([family.highest, STEEPEST], count)
-        memory: dict[bytes, Any] = {}
-
-        def projected(x: np.ndarray) -> Any:
-            key = x.tobytes()
-            if key not in memory:
-                memory.clear()
-                memory[key] = project(family, x[:count], x[count:], noise)
-            return memory[key]
-
+        projected: Any = last_result(lambda x: project(family, x[:count], x[count:], noise))
         jacobian: Any = lambda x: projected(x)[3]
         start = np.clip(np.concatenate([omega, zeta]), lower + 1e-9 * upper, upper * (1 - 1e-9))
         found = least_squares(
@@ -158,10 +165,10 @@ def _refined(family: AbstractFamily, omega: np.ndarray, zeta: np.ndarray, noise:
             x_scale="jac", ftol=1e-10, xtol=1e-10, gtol=1e-12, max_nfev=60,
         )  # fmt: skip
         omega, zeta, converged = found.x[:count], found.x[count:], found.status > 0
-    residual, factors, basis, _, plain = project(family, omega, zeta, noise)
-    free = max(len(residual) - basis.shape[1] - 2 * count / channels, 1.0)
-    squares = np.sum(residual**2, axis=0) * noise**2
-    better = np.maximum(np.sqrt(squares / free), 1e-13 * np.max(np.abs(family.data), axis=0))
-    residual = residual * (noise / better)
-    plain = plain.reshape(len(residual), channels, 2 * count) * (noise / better)[:, None]
-    return Fit(omega, zeta, factors, better, residual, squares, free, plain, basis, converged)
+    residuals, factors, basis, _, plain = project(family, omega, zeta, noise)
+    free = max(len(residuals) - basis.shape[1] - 2 * count / channels, 1.0)
+    squares = np.sum(residuals**2, axis=0) * noise**2
+    estimate = np.maximum(np.sqrt(squares / free), 1e-13 * np.max(np.abs(family.data), axis=0))
+    residuals = residuals * (noise / estimate)
+    plain = plain.reshape(len(residuals), channels, 2 * count) * (noise / estimate)[:, None]
+    return Fit(omega, zeta, factors, estimate, residuals, squares, free, plain, basis, converged)

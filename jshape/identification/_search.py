@@ -1,24 +1,25 @@
-"""How many modes there are, and where: one more at the residual's highest peak, all refined, as long as it pays.
+"""The number of modes and where they are: one more at the residuals' highest peak, all refined, while it pays.
 
-What pays is told by Bayes's information criterion in Djurić's form for tones: a frequency counts three times, because
-its precision grows as the record's length to the power 3/2 and not 1/2.
+Bayes's information criterion in Djurić's form for tones decides: a frequency counts three times, because its precision
+grows as the record's length to the power 3/2 and not 1/2.
 
-*Source*: Schwarz, Annals of Statistics 6 (1978); Djurić, IEEE Trans. Signal Processing 44 (1996).
+Source: Schwarz, Annals of Statistics 6 (1978); Djurić, IEEE Trans. Signal Processing 44 (1996).
 """
 
-from collections.abc import Callable
+import math
 
 import numpy as np
 from scipy.signal import find_peaks
 
+from jshape._types import Progress
 from jshape.identification._projection import AbstractFamily, Fit, fit
 from jshape.identification.records import RecordError
 
 MOST = 12
 """Modes that are looked for, unless a number is asked for."""
 
-DAMPINGS = (0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.25)
-"""Where the search for a mode's damping begins."""
+ZETAS = (0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.25)
+"""Where the search for a mode's damping ratio begins."""
 
 PATIENCE = 2
 """After so many modes that did not pay, one after the other, the search ends."""
@@ -26,15 +27,19 @@ PATIENCE = 2
 EXACT = 1e-9
 """What is left of a record whose greatest value is 1 below which it is rounding, and says nothing."""
 
-Progress = Callable[[str, int, int, float], None]
-
 
 def search(
     family: AbstractFamily, modes: int | None = None, progress: Progress | None = None
 ) -> tuple[Fit, np.ndarray]:
-    """The best fit, with ``modes`` modes or as many as the criterion wants, and the criterion for 0, 1, … modes.
+    """The best fit, and the criterion for 0, 1, … modes.
 
-    *Raises* ``RecordError`` if the record is too short for so many modes.
+    Args:
+        family: with the record's data.
+        modes: how many; the number of least criterion unless given.
+        progress: called before each further mode.
+
+    Raises:
+        RecordError: if the record is too short for so many modes.
     """
     rows, channels = family.data.shape
     found = fit(family, [], [], np.maximum(np.std(family.data, axis=0), 1e-300))
@@ -47,7 +52,7 @@ def search(
                 raise RecordError(f"values: too short a record, {rows} rows, for {modes} modes")
             break
         if progress is not None:
-            progress("modes", len(fits), most, float("inf"))
+            progress("modes", len(fits), most, math.inf)
         found = _one_more(family, found)
         fits.append(found)
         values.append(criterion(found))
@@ -58,23 +63,23 @@ def search(
 
 
 def criterion(found: Fit) -> float:
-    """Rows × log of the residual variance, and for each parameter log(rows), thrice for a frequency."""
-    rows, channels = found.residual.shape
+    """Bayes's criterion: rows × log of the residual variance, and log(rows) a parameter, thrice for a frequency."""
+    rows, channels = found.residuals.shape
     likelihood = rows * float(np.sum(np.log(np.maximum(found.squares / rows, EXACT**2))))
     return likelihood + np.log(rows) * (4 * len(found.omega) + channels * found.basis.shape[1])
 
 
 def _one_more(family: AbstractFamily, found: Fit) -> Fit:
-    """The fit with another mode: the one of some starts that takes most from the residual, then all refined."""
-    omegas, power = family.power(found.residual)
-    best, start = -1.0, (float(omegas[np.argmax(power)]), DAMPINGS[2])
+    """The fit with another mode: the one of some starts that takes most from the residuals, then all refined."""
+    omegas, power = family.power(found.residuals)
+    best, start = -1.0, (float(omegas[np.argmax(power)]), ZETAS[2])
     for omega in _highest(omegas, power):
-        for zeta in DAMPINGS:
+        for zeta in ZETAS:
             shapes = family.weights[:, None] * family.columns(omega, zeta)[0]
             shapes = shapes - found.basis @ (found.basis.T @ shapes)
             own, triangle = np.linalg.qr(shapes)
             size = np.abs(np.diag(triangle))
-            gain = float(np.sum((own[:, size > 1e-8 * size.max(initial=1e-300)].T @ found.residual) ** 2))
+            gain = float(np.sum((own[:, size > 1e-8 * size.max(initial=1e-300)].T @ found.residuals) ** 2))
             if gain > best:
                 best, start = gain, (omega, zeta)
     return fit(family, np.append(found.omega, start[0]), np.append(found.zeta, start[1]), found.noise)

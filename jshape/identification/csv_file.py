@@ -26,8 +26,15 @@ FREQUENCIES = {"hz": 2 * math.pi, "khz": 2000 * math.pi, "rad/s": 1.0, "rad_s": 
 
 @dataclasses.dataclass(frozen=True)
 class Table:
-    """A file's columns: ``axis`` (s or rad/s), ``values`` (rows × channels), ``inputs`` or ``None``, the channels'
-    ``names``, ``notes``, and ``where``, which says where a row stands. Cells without a number are NaN.
+    """A file's columns; cells without a number are NaN.
+
+    Attributes:
+        axis: s or rad/s, shape (rows,).
+        values: shape (rows, channels).
+        inputs: shape (rows,), or ``None``.
+        names: of the channels.
+        notes: on the file.
+        where: says where a row stands.
     """
 
     axis: np.ndarray
@@ -42,26 +49,32 @@ def read_csv(
     path: str | Path,
     columns: list[str] | None = None,
     inputs: str | None = None,
-    rate: float | None = None,
+    sample_rate: float | None = None,
     spectrum: bool = False,
 ) -> Table:
     """Read a record from a CSV file.
 
-    ``columns``: the time (spectra: frequency) and the channels, by name or number (the first is 1); the first column
-    and all other numeric ones unless given. ``inputs``: the column of what drove the machine. ``rate``: samples a
-    second (Hz); times are then counted, and ``columns`` are channels only. A unit in the header of the first column is
-    heeded (``t [ms]``); without one it is in s, frequencies in Hz.
+    A unit in the header of the first column is heeded (``t [ms]``); without one it is in s, frequencies in Hz.
 
-    *Raises* ``RecordError``, with file and line, for a file that is missing, binary or empty, a column that is not
-    there, a line that is too short or long (the last may be cut off), and a cell that is no number.
+    Args:
+        path: of the file.
+        columns: the time (spectra: frequency) and the channels, by name or number (the first is 1); the first column
+            and all other numeric ones unless given.
+        inputs: the column of what drove the machine.
+        sample_rate: Hz; times are then counted, and ``columns`` are channels only.
+        spectrum: whether the first column holds frequencies.
+
+    Raises:
+        RecordError: with file and line, for a file that is missing, binary or empty, a column that is not there, a
+            line that is too short or long (the last may be cut off), and a cell that is no number.
     """
     path = Path(path)
-    if rate is not None and not 0 < rate < math.inf:
-        raise ValueError(f"rate must be greater than 0, not {rate}")
+    if sample_rate is not None and not 0 < sample_rate < math.inf:
+        raise ValueError(f"sample_rate must be greater than 0, not {sample_rate}")
     rows, numbers = _rows(path, _text(path))
     header, begin, width = _header(path, rows, numbers)
     comma = any(re.fullmatch(r"\s*[-+]?\d+,\d+(e[-+]?\d+)?\s*", cell, re.I) for row in rows[begin:] for cell in row)
-    chosen = _choose(path, header, rows[begin], columns, inputs, rate, numbers[max(begin - 1, 0)], comma)
+    chosen = _choose(path, header, rows[begin], columns, inputs, sample_rate is None, numbers[max(begin - 1, 0)], comma)
     notes = []
     last = len(rows) - 1
     if len(rows[last]) < width and last > begin:
@@ -81,11 +94,11 @@ def read_csv(
     driven = None
     if inputs is not None:
         driven, data, names = data[:, -1], data[:, :-1], names[:-1]
-    if rate is None:
+    if sample_rate is None:
         axis, data = data[:, 0] * _unit(names[0], spectrum), data[:, 1:]
         names = names[1:]
     else:
-        axis = np.arange(len(data)) / rate
+        axis = np.arange(len(data)) / sample_rate
     lines = numbers[begin:]
     return Table(axis, data, driven, tuple(names), tuple(notes), lambda row: f"{path}:{lines[row]}: ")
 
@@ -135,9 +148,10 @@ def _rows(path: Path, text: str) -> tuple[list[list[str]], list[int]]:
 def _header(path: Path, rows: list[list[str]], numbers: list[int]) -> tuple[list[str] | None, int, int]:
     """The names of the columns, if there are any, the row at which data begin, and how many columns there are."""
     width = Counter(len(row) for row in rows).most_common(1)[0][0]
-    numeric = lambda row: any(
-        _number(cell, True) is not None and cell.strip().lower() not in MISSING_WORDS for cell in row
-    )
+
+    def numeric(row: list[str]) -> bool:
+        return any(_number(cell, True) is not None and not _missing(cell) for cell in row)
+
     begin = next((i for i, row in enumerate(rows) if len(row) == width and numeric(row)), None)
     if begin is None:
         raise RecordError(f"{path}:{numbers[0]}: no line with numbers")
@@ -149,7 +163,7 @@ def _header(path: Path, rows: list[list[str]], numbers: list[int]) -> tuple[list
 
 def _choose(
     path: Path, header: list[str] | None, row: list[str], columns: list[str] | None, inputs: str | None,
-    rate: float | None, line: int, comma: bool,
+    timed: bool, line: int, comma: bool,
 ) -> list[int]:  # fmt: skip
     """Which columns to take: the axis, unless it is counted, the channels, and the input last."""
     names = [name.strip() for name in header] if header else []
@@ -170,8 +184,8 @@ def _choose(
         found = [j for j, cell in enumerate(row) if j not in driven and _number(cell, comma) is not None]
     else:
         found = [find(name) for name in columns]
-    if len(found) < (2 if rate is None else 1):
-        wanted = "a channel" if rate is not None else "a first column and a channel"
+    if len(found) < (2 if timed else 1):
+        wanted = "a first column and a channel" if timed else "a channel"
         raise RecordError(f"{path}:{line}: {wanted} with numbers is needed; the columns are {listed}")
     if len(set(found + driven)) < len(found + driven):
         raise RecordError(f"{path}:{line}: the same column is asked for twice; the columns are {listed}")

@@ -4,7 +4,7 @@
     found.parameters, found.std                                 # {"k1": …, "k3": …, "c": …}, N/m, N/m³, N s/m
     js.design.energy.three_impulse(found.plant, 1.0)
 
-The start comes from the equation of motion itself, which is linear in what is sought; then Levenberg and Marquardt's
+The start comes from the equation of motion itself, which is linear in the unknowns; then Levenberg and Marquardt's
 method fits the simulated motion to the measured one, over a part of the record that grows from a few periods to all.
 """
 
@@ -20,21 +20,33 @@ from scipy.optimize import least_squares
 from scipy.signal import savgol_filter
 
 from jshape import _check
+from jshape._memo import last_result
 from jshape.command import Sampled
 from jshape.identification._uncertainty import covariance, is_white
-from jshape.identification.records import RecordError, Where, check_record, longest_stretch, row
+from jshape.identification.records import Record, RecordError, Where, check_record, longest_stretch, row
 from jshape.plants import AbstractPlant, Duffing, ForcedMass, LinearDamper, PowerDamper, TwoMass
 from jshape.simulation.simulate import simulate
+from jshape.status import Result, Status
 
 DRIVES = ("displacement", "force")
 
 
 @dataclasses.dataclass(frozen=True)
-class IdentifiedDuffing:
-    """A Duffing pair as fitted. ``parameters`` and ``std``: by name, ``k1`` (N/m), ``k3`` (N/m³), ``c`` (N s/m, or
-    N s³/m³) and, driven by a force, ``mass`` (kg); ``covariance`` in their order. ``plant``: the machine;
-    ``predicted``: the position (m) at ``times`` (s), beside the measured ``values``; ``noise``: standard deviation of
-    the difference, m. ``result`` says in words what was found, ``notes`` what is to be known.
+class IdentifiedDuffing(Result):
+    """A Duffing oscillator as fitted.
+
+    Attributes:
+        plant: the machine.
+        parameters: by name, ``k1`` (N/m), ``k3`` (N/m³), ``c`` (N s/m, or N s³/m³) and, under a force, ``mass`` (kg).
+        std: standard deviation of each.
+        covariance: in their order.
+        times: s, shape (rows,).
+        values: the measured position, m, shape (rows,).
+        predicted: the fitted position, m, shape (rows,).
+        noise: standard deviation of the difference, m.
+        status: ``STOPPED`` where the fit did not converge.
+        message: what was found.
+        notes: on the record.
     """
 
     plant: AbstractPlant
@@ -45,7 +57,8 @@ class IdentifiedDuffing:
     values: np.ndarray
     predicted: np.ndarray
     noise: float
-    result: str
+    status: Status
+    message: str
     notes: tuple[str, ...]
 
 
@@ -61,14 +74,21 @@ def identify_duffing(
 ) -> IdentifiedDuffing:
     """A payload on a spring k1 x + k3 x³ and a damper c v (or c v³), from its measured position.
 
-    ``times``: s, even; ``values``: the payload's position, m. ``inputs``: what drove it meanwhile, straight lines
-    between samples: by ``drive`` the base's position (m) or a force on the payload (N); a free vibration unless given.
-    ``mass``: of the payload, kg; a motion without a measured force tells only the ratios to it, and with one it is
-    fitted as well, from this start. ``power``: of the damper, 1 or 3. Where the sensor's zero is, and how the motion
-    began, is fitted, too.
+    Where the sensor's zero is, and how the motion began, is fitted, too.
 
-    *Raises* ``RecordError``, a ``ValueError``, for a record that cannot be used or a motion that no such spring
-    explains, ``ValueError`` for wrong arguments.
+    Args:
+        times: s, even, shape (rows,).
+        values: the payload's position, m, shape (rows,).
+        mass: of the payload, kg; a motion without a measured force determines only the ratios to it, and with one it
+            is fitted as well, from this start.
+        inputs: what drove it meanwhile, straight lines between samples, shape (rows,); a free vibration unless given.
+        drive: what ``inputs`` are, ``"displacement"`` of the base, m, or ``"force"`` on the payload, N.
+        power: of the damper, 1 or 3.
+        where: says where a row stands, for messages.
+
+    Raises:
+        RecordError: a ``ValueError``, for a record that cannot be used or a motion that no such spring explains.
+        ValueError: for wrong arguments.
     """
     _check.one_of(drive, "drive", DRIVES)
     mass = float(_check.scalar(mass, "mass"))
@@ -81,67 +101,69 @@ def identify_duffing(
     record = longest_stretch(check_record(times, values, inputs, where=where))
     if record.values.shape[1] != 1:
         raise ValueError(f"values must be one channel, the payload's position, not {record.values.shape[1]}")
+    return _identified(record, mass, drive == "force", power)
+
+
+def _identified(record: Record, mass: float, forced: bool, power: int) -> IdentifiedDuffing:
+    x = record.values[:, 0]
+    p, residuals, jacobian, converged = _fitted(record, mass, forced, power)
+    names = ["k1", "k3", "c", "mass"] if forced else ["k1", "k3", "c"]
+    count, free = len(names), len(x) - len(p)
+    noise = max(float(np.sqrt(np.sum(residuals**2) / free)), 1e-300)
+    explained = 1 - np.sum(residuals**2) / np.sum((x - np.mean(x)) ** 2)
+    if not explained > 0.5:
+        raise RecordError("values: no spring k1 x + k3 x³ explains this motion")
+    spread = covariance(jacobian[:, None] / noise, residuals[:, None] / noise, free)[:count, :count]
+    parameters = dict(zip(names, p[:count].tolist(), strict=True))
+    std = dict(zip(names, np.sqrt(np.diag(spread)).tolist(), strict=True))
+    notes = list(record.notes)
+    if not is_white(residuals[:, None]):
+        notes.append(
+            "the residuals are no white noise: intervals allow for it, but another spring or damper may fit better"
+        )
+    described = ", ".join(f"{name} {value:.5g} ± {1.96 * std[name]:.2g}" for name, value in parameters.items())
+    message = f"{described} (95 % intervals); explains {100 * explained:.4g} % of the motion"
+    return IdentifiedDuffing(
+        _plant(jnp.asarray(p[:count]), jnp.asarray(mass), forced, power), parameters, std, spread,
+        record.axis, x, x + residuals, noise,
+        Status.CONVERGED if converged else Status.STOPPED,
+        message if converged else f"did not converge; {message}", tuple(notes),
+    )  # fmt: skip
+
+
+def _fitted(record: Record, mass: float, forced: bool, power: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, bool]:
+    """The parameters that fit best, the residuals (simulated less measured, m), their derivative, and whether the fit
+    converged."""
     times, x = record.axis - record.axis[0], record.values[:, 0]
     step = float(times[-1]) / (len(times) - 1)
     if np.max(np.abs(times - step * np.arange(len(times)))) > 0.05 * step:
         raise RecordError("times must be even: a simulation is compared with every sample")
-    forced = drive == "force"
     driven = np.zeros_like(x) if record.inputs is None else record.inputs
-    names = ["k1", "k3", "c", "mass"] if forced else ["k1", "k3", "c"]
     start, period = _start(x, driven, step, mass, power, forced)
     fixed = (jnp.asarray(times), jnp.asarray(driven), jnp.asarray(mass), jnp.asarray(x))
 
-    memory: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
-
+    @last_result
     def compared(p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Simulated less measured, m, and its derivative; finite, also where the simulation is lost."""
-        key = p.tobytes()
-        if key not in memory:
-            memory.clear()
-            slopes, misfit = _compared(jnp.asarray(p), fixed, forced, power)
-            memory[key] = (
-                np.nan_to_num(np.asarray(misfit), nan=1e9, posinf=1e9, neginf=-1e9),
-                np.nan_to_num(np.asarray(slopes)),
-            )
-        return memory[key]
+        """The residuals and their derivative; finite, also where the simulation diverges."""
+        slopes, residuals = _compared(jnp.asarray(p), fixed, forced, power)
+        finite = np.nan_to_num(np.asarray(residuals), nan=1e9, posinf=1e9, neginf=-1e9)
+        return finite, np.nan_to_num(np.asarray(slopes))
 
     lower = np.full(len(start), -np.inf)
     lower[[0, 2]] = 1e-9 * start[0], 0.0
     if forced:
         lower[3] = 1e-9 * start[3]
-    p, rows, found = np.maximum(start, lower), min(len(x), max(16, int(4 * period / step))), None
+    p, rows = np.maximum(start, lower), min(len(x), max(16, int(4 * period / step)))
     while True:
-        slopes: Any = lambda p, rows=rows: compared(p)[1][:rows]
+        jacobian: Any = lambda p, rows=rows: compared(p)[1][:rows]
         found = least_squares(
-            lambda p, rows=rows: compared(p)[0][:rows], p, slopes, bounds=(lower, np.inf),
+            lambda p, rows=rows: compared(p)[0][:rows], p, jacobian, bounds=(lower, np.inf),
             x_scale="jac", ftol=1e-12, xtol=1e-12, gtol=1e-15, max_nfev=100,
         )  # fmt: skip
         p = found.x
         if rows == len(x):
-            break
+            return p, *compared(p), found.status > 0
         rows = min(len(x), 2 * rows)
-    count = len(names)
-    residual, jacobian = compared(p)
-    free = len(x) - len(p)
-    noise = max(float(np.sqrt(np.sum(residual**2) / free)), 1e-300)
-    explained = 1 - np.sum(residual**2) / np.sum((x - np.mean(x)) ** 2)
-    if not explained > 0.5:
-        raise RecordError("values: no spring k1 x + k3 x³ explains this motion")
-    spread = covariance(jacobian[:, None] / noise, residual[:, None] / noise, free)[:count, :count]
-    parameters = dict(zip(names, p[:count].tolist(), strict=True))
-    std = dict(zip(names, np.sqrt(np.diag(spread)).tolist(), strict=True))
-    notes = list(record.notes)
-    if not is_white(residual[:, None]):
-        notes.append(
-            "what is left is no white noise: intervals allow for it, but another spring or damper may fit better"
-        )
-    told = ", ".join(f"{name} {value:.5g} ± {1.96 * std[name]:.2g}" for name, value in parameters.items())
-    words = f"{told} (95 % intervals); explains {100 * explained:.4g} % of the motion"
-    plant = _plant(jnp.asarray(p[:count]), jnp.asarray(mass), forced, power)
-    return IdentifiedDuffing(
-        plant, parameters, std, spread, record.axis, x, x + residual, noise,
-        words if found.status > 0 else f"not converged; {words}", tuple(notes),
-    )  # fmt: skip
 
 
 def _plant(p: Array, mass: Array, forced: bool, power: int) -> AbstractPlant:
@@ -152,15 +174,17 @@ def _plant(p: Array, mass: Array, forced: bool, power: int) -> AbstractPlant:
 def _simulated(p: Array, fixed: Any, forced: bool, power: int) -> tuple[Array, Array]:
     """Simulated less measured position, m, twice: one of them is differentiated.
 
-    ``p``: the plant's parameters, then position and speed at first, and the sensor's zero.
+    Args:
+        p: the plant's parameters, then position and speed at first, and the sensor's zero.
+        fixed: times, input, mass and measured position.
     """
     times, driven, mass, x = fixed
     plant = _plant(p, mass, forced, power)
     run = simulate(
         plant, Sampled(times, driven), initial_state=p[-3:-1], horizon=times[-1], samples=len(x), method="fixed"
     )
-    misfit = run.payload + p[-1] - x
-    return misfit, misfit
+    residuals = run.payload + p[-1] - x
+    return residuals, residuals
 
 
 _compared: Any = eqx.filter_jit(jax.jacfwd(_simulated, has_aux=True))
@@ -185,15 +209,12 @@ def _start(
     bend = position - zero - (0.0 if forced else driven)
     slip = speed - (0.0 if forced else np.gradient(driven, step))
     scale = float(np.max(np.abs(bend)))
-    shapes = [bend, bend**3 / scale**2, np.sign(slip) * np.abs(slip) ** power, np.ones_like(x)]
-    if forced:
-        # Force on the left: mass, too, is among the factors.
-        factors = np.linalg.lstsq(np.stack([*shapes[:3], force], axis=1), driven, rcond=None)[0]
-        k1, k3, c, m = factors[0], factors[1] / scale**2, factors[2], factors[3]
-        m = m if m > 0 else mass
-    else:
-        factors = np.linalg.lstsq(np.stack(shapes, axis=1), -mass * force, rcond=None)[0]
-        k1, k3, c, m = factors[0], factors[1] / scale**2, factors[2], mass
+    shapes = [bend, bend**3 / scale**2, np.sign(slip) * np.abs(slip) ** power]
+    # With the force on the left the mass, too, is among the factors; else the constant moves the zero.
+    last, left = (force, driven) if forced else (np.ones_like(x), -mass * force)
+    k1, k3, c, m = np.linalg.lstsq(np.stack([*shapes, last], axis=1), left, rcond=None)[0]
+    k3 = k3 / scale**2
+    m = m if forced and m > 0 else mass
     if not k1 > 0:
         k1, k3 = m * (2 * np.pi / period) ** 2, 0.0
     plant = [k1, k3, max(c, 0.0), m] if forced else [k1, k3, max(c, 0.0)]

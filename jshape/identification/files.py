@@ -6,44 +6,47 @@ from pathlib import Path
 
 import numpy as np
 
-from jshape._files import MARKER
-from jshape.identification.prediction_figure import prediction
+from jshape._files import write_results
 from jshape.identification.result import Identified
 from jshape.reports import plot
 
 
 def write(found: Identified, folder: Path, name: str) -> list[str]:
-    """Write ``results.json``, ``prediction.csv``, ``problem.toml`` and the figure; returns their names."""
-    folder.mkdir(parents=True, exist_ok=True)
+    """Write ``results.json``, ``prediction.csv``, ``problem.toml`` and the figure.
+
+    Args:
+        found: what is written.
+        folder: of the results.
+        name: of the record.
+
+    Returns:
+        The files' names.
+    """
     lower, upper = found.interval()
     record = {
-        "format": MARKER,
-        "version": 1,
         "identified": name,
         "kind": found.kind,
-        "result": found.result,
+        "status": found.status.value,
+        "message": found.message,
         "notes": list(found.notes),
         "units": {"omega": "rad/s", "zeta": "1"},
-        "omega": found.omega.tolist(),
-        "zeta": found.zeta.tolist(),
         "omega_95": lower.T.tolist(),
         "zeta_95": upper.T.tolist(),
-        "covariance": found.covariance.tolist(),
         "channels": list(found.names),
-        "gains": found.gains.tolist(),
-        "noise": found.noise.tolist(),
-        "criteria": found.criteria.tolist(),
     }
-    (folder / "results.json").write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
+    arrays = ("omega", "zeta", "covariance", "gains", "noise", "criteria")
+    write_results(folder, record | {name: getattr(found, name).tolist() for name in arrays})
     (folder / "problem.toml").write_text(problem(found, name), encoding="utf-8")
     _write_prediction(found, folder / "prediction.csv")
-    plot.save(prediction(found), folder / "prediction.png")
+    spectrum = found.kind == "spectrum"
+    axis, modes = (found.axis / (2 * np.pi), found.omega / (2 * np.pi)) if spectrum else (found.axis, None)
+    figure = plot.prediction(axis, found.values, found.predict(), found.names, modes)
+    plot.save(figure, folder / "prediction.png")
     return ["results.json", "problem.toml", "prediction.csv", "prediction.png", "prediction.pdf"]
 
 
 def problem(found: Identified, name: str) -> str:
     """A problem file for ``jshape tune``: the plant that was measured, as uncertain as the measurement left it."""
-    numbers = lambda values: "[" + ", ".join(repr(float(v)) for v in values) + "]"
     reach = np.minimum(1.96 * found.omega_std / found.omega, 0.5)
     # Every combination is a plant of its own, so that few values a mode must do where there are many modes.
     count = {1: 11, 2: 5}.get(len(reach), 3)
@@ -53,15 +56,15 @@ def problem(found: Identified, name: str) -> str:
         if r > 1e-6
     )
     return f"""# Modes identified from {json.dumps(name)}.
-# {found.result}
+# {found.message}
 title = {json.dumps(f"Identified from {name}")}
 distance = 1.0   # m; put the move of your machine here
 
 [plant]
 type = "ModalPlant"
-omega = {numbers(found.omega)}   # rad/s
-zeta = {numbers(found.zeta)}
-gains = {numbers(found.gains[:, 0])}
+omega = {found.omega.tolist()}   # rad/s
+zeta = {found.zeta.tolist()}
+gains = {found.gains[:, 0].tolist()}
 
 # Multiples: the 95 % intervals of the frequencies.
 [uncertainty]

@@ -4,7 +4,7 @@ import dataclasses
 from pathlib import Path
 
 from jshape import _check
-from jshape.identification._search import Progress
+from jshape._types import Progress
 from jshape.identification.csv_file import read_csv
 from jshape.identification.modes import KINDS, identify
 from jshape.identification.records import RecordError
@@ -20,24 +20,34 @@ def identify_csv(
     kind: str = "ring-down",
     inputs: str | None = None,
     modes: int | None = None,
-    rate: float | None = None,
+    sample_rate: float | None = None,
     progress: Progress | None = None,
 ) -> Identified:
-    """``identify`` for a CSV file; ``columns``, ``inputs`` (a column) and ``rate`` as ``read_csv`` has them.
+    """Modes of a machine from a CSV file.
 
-    ``kind``: as in ``identify``, a ``"spectrum"`` being a power spectral density; ``"frequency-response"`` takes
-    channels as pairs of columns, real and imaginary. A unit in the header of the first column is heeded; without one
-    it is in s, frequencies in Hz.
+    A unit in the header of the first column is heeded; without one it is in s, frequencies in Hz.
 
-    *Raises* ``RecordError``, a ``ValueError``, that begins with the file, and the line where there is one, for whatever
-    cannot be read or identified; ``ValueError`` for wrong arguments.
+    Args:
+        path: of the file.
+        columns: as in ``read_csv``.
+        kind: as in ``identify``, a ``"spectrum"`` being a power spectral density; ``"frequency-response"`` takes
+            channels as pairs of columns, real and imaginary.
+        inputs: the column of what drove the machine.
+        modes: how many; by Bayes's information criterion unless given.
+        sample_rate: Hz, where no column holds times.
+        progress: called before each further mode.
+
+    Raises:
+        RecordError: a ``ValueError``, that begins with the file, and the line where there is one, for whatever cannot
+            be read or identified.
+        ValueError: for wrong arguments.
     """
     _check.one_of(kind, "kind", FILE_KINDS)
     spectrum = kind in ("spectrum", "frequency-response")
-    if spectrum and rate is not None:
-        raise ValueError(f"rate: a {kind} needs its column of frequencies instead")
+    if spectrum and sample_rate is not None:
+        raise ValueError(f"sample_rate: a {kind} needs its column of frequencies instead")
     try:
-        read = read_csv(path, columns, inputs, rate, spectrum)
+        read = read_csv(path, columns, inputs, sample_rate, spectrum)
         values, names = read.values, read.names
         if kind == "frequency-response":
             if len(names) % 2:
@@ -54,6 +64,6 @@ def identify_csv(
             where=read.where,
         )
     except RecordError as error:
-        words = str(error)
-        raise RecordError(words if words.startswith(str(path)) else f"{path}: {words}") from None
+        message = str(error)
+        raise RecordError(message if message.startswith(str(path)) else f"{path}: {message}") from None
     return dataclasses.replace(found, notes=(*read.notes, *found.notes))

@@ -1,19 +1,21 @@
 """``js.identify``: a record in, modes with their uncertainty out.
 
 found = js.identify(times, values)                   # a ring-down: rad/s, damping ratios, how many there are
-found.omega, found.omega_std, found.zeta, found.result
+found.omega, found.omega_std, found.zeta, found.message
 shaper = js.design.linear.multi_mode(list(zip(found.omega, found.zeta)))
 js.tune(found.plant, 1.0, impulses=3)
 """
 
 import dataclasses
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from jshape import _check
+from jshape._types import Progress
 from jshape.identification._projection import STEEPEST, AbstractFamily, Fit, fit
-from jshape.identification._search import Progress, search
+from jshape.identification._search import search
 from jshape.identification._uncertainty import is_white
 from jshape.identification.records import FEWEST, Record, RecordError, Where, check_record, longest_stretch, row
 from jshape.identification.result import Identified
@@ -21,6 +23,7 @@ from jshape.identification.ring_down import RingDown
 from jshape.identification.spectrum import FrequencyResponse, PowerSpectrum
 from jshape.identification.step import after_the_step, driven_residue, step_residue
 from jshape.identification.sweep import Sweep
+from jshape.status import Status
 
 KINDS = ("ring-down", "step", "sweep", "spectrum")
 
@@ -32,28 +35,34 @@ def identify(
     kind: str = "ring-down",
     inputs: Any = None,
     modes: int | None = None,
-    names: Any = None,
+    names: Sequence[str] | None = None,
     progress: Progress | None = None,
     where: Where = row,
 ) -> Identified:
-    """Modes of a machine from a record of it: frequencies, damping ratios, how sure they are, how many there are.
+    """Modes of a machine from a measured record: frequencies, damping ratios, their uncertainty and their number.
 
-    ``times``: s, increasing, evenly spaced but for gaps. ``values``: as long; several columns are several channels,
-    which share the modes. ``kind``: ``"ring-down"``, free vibration; ``"step"``, what follows a step of the command;
-    ``"sweep"``, any motion whose command is recorded with it; ``"spectrum"``, for which ``times`` are frequencies in
-    rad/s and complex values a frequency response, real ones a power spectral density (of what noise shakes).
-    ``inputs``: the command at the same times, needed by a sweep; a step without it begins at the first sample and
-    tells shares of the swing instead of gains. ``modes``: how many; by Bayes's information criterion unless given.
-    ``names``: of the channels. ``progress``: called as ``progress("modes", done, most, inf)``. ``where``: says where a
-    row stands, for messages.
-
-    The fit is maximum likelihood for white noise in each channel; where the residual turns out correlated the
+    The fit is maximum likelihood for white noise in each channel; where the residuals turn out correlated the
     uncertainty allows for that.
 
-    *Raises* ``RecordError``, a ``ValueError``, for a record that cannot be used (``check_record`` lists why) or in
-    which no vibration stands out; ``ValueError`` for wrong arguments.
+    Args:
+        times: s, increasing, evenly spaced but for gaps, shape (rows,); of a spectrum frequencies, rad/s.
+        values: shape (rows,) or (rows, channels); channels share the modes. Of a spectrum complex values are a
+            frequency response, real ones a power spectral density (of what noise shakes).
+        kind: ``"ring-down"``, free vibration; ``"step"``, what follows a step of the command; ``"sweep"``, any motion
+            whose command is recorded with it; ``"spectrum"``.
+        inputs: the command at the same times, needed by a sweep; a step without it begins at the first sample and
+            yields shares of the vibration instead of gains.
+        modes: how many; by Bayes's information criterion unless given.
+        names: of the channels.
+        progress: called before each further mode.
+        where: says where a row stands, for messages.
 
-    *Source*: Golub and Pereyra (1973), variable projection; Djurić (1996), the number of modes.
+    Raises:
+        RecordError: a ``ValueError``, for a record that cannot be used (``check_record`` lists why) or in which no
+            vibration stands out.
+        ValueError: for wrong arguments.
+
+    Source: Golub and Pereyra (1973), variable projection; Djurić (1996), the number of modes.
     """
     _check.one_of(kind, "kind", KINDS)
     modes = None if modes is None else _check.count(modes, "modes")
@@ -114,6 +123,7 @@ def _result(
     size: float,
     modes: int | None,
 ) -> Identified:
+    """The modes among what was fitted, in the record's units, with everything that is to be said about them."""
     if not len(found.omega):
         raise RecordError(f"values: no vibration stands out in this {kind} of {len(record.axis)} samples")
     count, covariance = len(found.omega), found.covariance()
@@ -124,7 +134,9 @@ def _result(
         raise RecordError(f"values: no vibration stands out in this {kind}; only drifts do")
     notes = list(record.notes)
     for i in np.nonzero(~vibrates)[0]:
-        notes.append(f"left out as no vibration: {found.omega[i] / 2 / np.pi:.4g} Hz, damping {found.zeta[i]:.2g}")
+        notes.append(
+            f"left out as no vibration: {found.omega[i] / 2 / np.pi:.4g} Hz, damping ratio {found.zeta[i]:.2g}"
+        )
     kept = np.nonzero(vibrates)[0]
     kept = kept[np.argsort(found.omega[kept])]
     omega, zeta = found.omega[kept], found.zeta[kept]
@@ -137,17 +149,18 @@ def _result(
     explained = 1 - found.squares / np.maximum(np.sum((family.weights[:, None] * family.data) ** 2, axis=0), 1e-300)
     notes += more + _warnings(record, kind, family, found, omega, zeta, explained)
     deviation = np.sqrt(np.diag(covariance))
-    told = [
+    described = [
         f"{w / 2 / np.pi:.5g} ± {1.96 * s / 2 / np.pi:.2g} Hz, damping {z:.4g} ± {1.96 * d:.2g}"
         for w, z, s, d in zip(omega, zeta, deviation, deviation[len(omega) :], strict=False)
     ]
     how = "as asked for" if modes is not None else "by Bayes's criterion"
-    words = f"{len(omega)} mode{'s' if len(omega) > 1 else ''} ({how}; 95 % intervals): {'; '.join(told)}"
+    message = f"{len(omega)} mode{'s' if len(omega) > 1 else ''} ({how}; 95 % intervals): {'; '.join(described)}"
     if not found.converged:
-        words = f"not converged; {words}"
+        message = f"did not converge; {message}"
     noise = found.noise if isinstance(family, PowerSpectrum) else found.noise * scale
     return Identified(
-        kind, omega, zeta, covariance, residues, gains, noise, criteria, words, tuple(notes),
+        kind, omega, zeta, covariance, residues, gains, noise, criteria,
+        Status.CONVERGED if found.converged else Status.STOPPED, message, tuple(notes),
         record.axis, record.values, record.inputs, record.names, family, found, (centre, scale),
     )  # fmt: skip
 
@@ -159,7 +172,7 @@ def _gains(
     known = record.inputs is not None or np.iscomplexobj(record.values)
     if not known and kind != "step":
         return np.abs(residues) / np.sum(np.abs(residues), axis=0), []
-    unit = step_residue(omega, zeta) if kind == "step" else driven_residue(omega, zeta)
+    unit = step_residue(zeta) if kind == "step" else driven_residue(omega, zeta)
     ratio = residues / (size * unit[:, None])
     gains = np.where(ratio.real < 0, -1.0, 1.0) * np.abs(ratio)
     if not known:
@@ -186,8 +199,8 @@ def _warnings(
         near = omega > 0.8 * family.highest
         if near.any():
             notes.append(f"{omega[near][0] / 2 / np.pi:.4g} Hz is close to half the sampling rate: perhaps an alias")
-        middle = np.median(np.abs(found.residual), axis=0) / 0.6745
-        far = (np.abs(found.residual) > 8 * np.maximum(middle, 1e-12)).any(axis=1) & (middle > 1e-9).all()
+        middle = np.median(np.abs(found.residuals), axis=0) / 0.6745
+        far = (np.abs(found.residuals) > 8 * np.maximum(middle, 1e-12)).any(axis=1) & (middle > 1e-9).all()
         if far.any():
             at = record.where(int(record.rows[np.argmax(far)]))
             more = f", and {far.sum() - 1} others" if far.sum() > 1 else ""
@@ -195,7 +208,9 @@ def _warnings(
     elif isinstance(family, PowerSpectrum):
         gap = float(np.median(np.diff(record.axis)))
         if np.any(2 * zeta * omega < 4 * gap):
-            notes.append("a peak is narrower than four frequency steps: its damping is no more than an upper bound")
-    if not is_white(found.residual) and kind != "spectrum":
-        notes.append("what is left is no white noise (a drift, a nonlinearity, a filter): intervals allow for it")
+            notes.append(
+                "a peak is narrower than four frequency steps: its damping ratio is no more than an upper bound"
+            )
+    if not is_white(found.residuals) and kind != "spectrum":
+        notes.append("the residuals are no white noise (a drift, a nonlinearity, a filter): intervals allow for it")
     return notes

@@ -1,4 +1,4 @@
-"""Records as they come from machines, and whether they can be trusted: the clock, gaps, channels that say nothing.
+"""Records as they come from machines, checked: the clock, gaps, channels that say nothing.
 
 What spoils an identification raises an error that says where; what only has to be known is a note.
 """
@@ -18,13 +18,13 @@ DRIFT = 1e-3
 """The change of the sampling interval over a record from which on a clock drifts."""
 
 UNEVEN = 0.2
-"""The jitter, in sampling intervals, from which on times are not believed."""
+"""The jitter, in sampling intervals, from which on times are refused."""
 
 MISSING = 0.2
 """The share of a record that may be missing."""
 
 LONGEST = 1e9
-"""The gap, in sampling intervals, from which on a time is not believed."""
+"""The gap, in sampling intervals, from which on a time is refused."""
 
 
 class RecordError(ValueError):
@@ -37,8 +37,16 @@ Where = Callable[[int], str]
 
 @dataclasses.dataclass(frozen=True)
 class Record:
-    """A record that passed: ``axis`` (s or rad/s), ``values`` (rows × channels), ``inputs`` (rows) or ``None``,
-    ``rows``: their place among what was given, ``names`` of the channels, and ``notes``: what ought to be known.
+    """A record that passed.
+
+    Attributes:
+        axis: s or rad/s, shape (rows,).
+        values: shape (rows, channels).
+        inputs: shape (rows,), or ``None``.
+        rows: their places among what was given.
+        names: of the channels.
+        notes: what ought to be known.
+        where: says where a row stands.
     """
 
     axis: np.ndarray
@@ -60,10 +68,18 @@ def check_record(
 ) -> Record:
     """A record checked for everything that would make its modes wrong.
 
-    ``axis``: s (spectrum: rad/s), increasing; ``values``: as long, a column a channel; rows with a NaN are left out.
+    Args:
+        axis: s (spectrum: rad/s), increasing, shape (rows,).
+        values: shape (rows,) or (rows, channels); rows with a NaN are left out.
+        inputs: shape (rows,), or ``None``.
+        names: of the channels.
+        where: says where a row stands, for messages.
+        spectrum: whether the axis holds frequencies.
 
-    *Raises* ``ValueError`` for what is no such arrays; ``RecordError`` for a clock that stands still, runs back, drifts
-    or is uneven, an infinite value, a channel that is constant, too few samples, or too many that are missing.
+    Raises:
+        ValueError: for what is no such arrays.
+        RecordError: for a clock that stands still, runs back, drifts or is uneven, an infinite value, a channel that is
+            constant, too few samples, or too many that are missing.
     """
     axis, values, inputs = _arrays(axis, values, inputs, spectrum)
     names = _names(names, values.shape[1])
@@ -82,7 +98,7 @@ def check_record(
         if np.mean(holes) > MISSING:
             raise RecordError(f"{first}no number here, nor in {holes.sum() - 1} other rows")
         notes.append(f"{first}no number here{_more(holes)}; left out")
-    # The clock is told by all its stamps, also where a channel has no number.
+    # The clock is judged by all its stamps, also where a channel has no number.
     stamped = np.nonzero(~np.isnan(axis))[0]
     back = np.diff(axis[stamped]) <= 0
     if back.any():
@@ -131,7 +147,7 @@ def longest_stretch(record: Record) -> Record:
 
 
 def _clock(times: np.ndarray, rows: np.ndarray, where: Where) -> tuple[np.ndarray, list[str]]:
-    """Times of an even clock, as exact as they can be told, and notes on gaps."""
+    """Times of an even clock, as exact as the stamps allow, and notes on gaps."""
     steps = np.diff(times)
     step = float(np.median(steps))
     if not 1e-9 < step < 1e6 or not np.isfinite(times[-1] - times[0]):

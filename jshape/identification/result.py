@@ -1,4 +1,4 @@
-"""What an identification hands back: modes and how sure they are, the plant that they make, what it predicts."""
+"""The result of an identification: modes and their uncertainty, the plant that they make, what it predicts."""
 
 import dataclasses
 
@@ -8,21 +8,32 @@ from scipy.stats import t as students
 from jshape import _check
 from jshape.identification._projection import AbstractFamily, Fit
 from jshape.plants import ModalPlant
+from jshape.status import Result, Status
 
 
 @dataclasses.dataclass(frozen=True)
-class Identified:
+class Identified(Result):
     """Modes of a measured machine, ascending.
 
-    ``omega``: rad/s; ``zeta``: –; ``covariance``: of ω_1 …, ζ_1 …. ``residues``: modes × channels, complex, in the
-    channels' units: a mode is Re(c e^{λ t}) from the record's first sample on (spectra, sweeps: ½ c/(s − λ) and its
-    conjugate). ``gains``: modes × channels, what ``ModalPlant`` takes; absolute where the input is known, elsewhere
-    shares of the swing.
-
-    ``result`` says in words what was found, ``notes`` what is to be known about the record. ``criteria``: the
-    criterion for 0, 1, 2 … modes; the least decides. ``noise``: standard deviation of what the modes do not explain,
-    a channel, in its units (of a power spectral density: a fraction). ``axis``: s (spectra: rad/s), ``values``,
-    ``inputs``: the record as it was used; ``names``: of its channels.
+    Attributes:
+        kind: of the record.
+        omega: undamped natural frequencies, rad/s, shape (modes,).
+        zeta: damping ratios, shape (modes,).
+        covariance: of ω_1 …, ζ_1 ….
+        residues: complex, in the channels' units, shape (modes, channels): a mode is Re(c e^{λ t}) from the record's
+            first sample on (spectra, sweeps: ½ c/(s − λ) and its conjugate).
+        gains: what ``ModalPlant`` takes, shape (modes, channels); absolute where the input is known, else shares of the
+            vibration.
+        noise: standard deviation of what the modes do not explain, in the channels' units (of a power spectral density:
+            a fraction), shape (channels,).
+        criteria: the criterion for 0, 1, 2 … modes; the least decides.
+        status: ``STOPPED`` where the fit did not converge.
+        message: what was found.
+        notes: on the record.
+        axis: of the record as it was used, s (spectra: rad/s), shape (rows,).
+        values: likewise, shape (rows, channels).
+        inputs: likewise, shape (rows,), or ``None``.
+        names: of the channels.
     """
 
     kind: str
@@ -33,7 +44,8 @@ class Identified:
     gains: np.ndarray
     noise: np.ndarray
     criteria: np.ndarray
-    result: str
+    status: Status
+    message: str
     notes: tuple[str, ...]
     axis: np.ndarray
     values: np.ndarray
@@ -54,9 +66,13 @@ class Identified:
         return np.sqrt(np.diag(self.covariance)[len(self.omega) :])
 
     def interval(self, level: float = 0.95) -> tuple[np.ndarray, np.ndarray]:
-        """Lower and upper ends (2 × modes) for ω, rad/s, and for ζ, that hold the truth with that probability.
+        """Confidence intervals: lower and upper ends for ω, rad/s, and for ζ, each of shape (2, modes).
 
-        *Raises* ``ValueError`` unless 0 < level < 1.
+        Args:
+            level: the probability with which an interval holds the truth.
+
+        Raises:
+            ValueError: unless 0 < level < 1.
         """
         if not 0 < level < 1:
             raise ValueError(f"level must lie between 0 and 1, not {_check.show(level)}")
@@ -69,9 +85,11 @@ class Identified:
         return ModalPlant(self.omega, self.zeta, self.gains[:, 0])
 
     def predict(self, at: np.ndarray | None = None, inputs: np.ndarray | None = None) -> np.ndarray:
-        """What the fit says the channels do: rows × channels, at the record's own times unless others are given.
+        """The channels according to the fit, shape (rows, channels).
 
-        ``at``: s (spectra: rad/s). ``inputs``: at those times, evenly spaced, where the record was driven.
+        Args:
+            at: instants, s (spectra: rad/s); the record's own unless given.
+            inputs: at those instants, evenly spaced, where the record was driven.
         """
         axis = self.axis if at is None else np.atleast_1d(np.asarray(at, float))
         family = self._family.at(axis, self.inputs if at is None else inputs)

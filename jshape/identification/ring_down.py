@@ -1,6 +1,6 @@
 """Ring-downs: the record is a constant and, for every mode, Re(c e^{λ t}) in each channel.
 
-λ = −ζω + iω√(1−ζ²): the frequency that is seen, ω√(1−ζ²), is never taken for ω.
+λ = −ζω + iω√(1−ζ²): the damped frequency ω√(1−ζ²) is never taken for ω.
 """
 
 import numpy as np
@@ -9,7 +9,13 @@ from jshape.identification._projection import AbstractFamily, pole, real_columns
 
 
 class RingDown(AbstractFamily):
-    """Free vibration. ``times``: s, increasing, may have gaps; ``data``: times × channels."""
+    """Free vibration.
+
+    Args:
+        times: s, increasing, with gaps or without, shape (times,).
+        data: shape (times, channels).
+        origin: the instant at which residues are taken, s; the first unless given.
+    """
 
     def __init__(self, times: np.ndarray, data: np.ndarray, origin: float | None = None):
         self.origin = float(times[0]) if origin is None else origin
@@ -27,19 +33,16 @@ class RingDown(AbstractFamily):
         slope = self.since * z
         return real_columns(z), real_columns(slope * along_omega), real_columns(slope * along_zeta)
 
-    def power(self, residual: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def power(self, residuals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         # On an even grid; where a sample is missing there is nothing.
         index = np.rint((self.since - self.since[0]) / self.step).astype(int)
-        grid = np.zeros((index[-1] + 1, residual.shape[1]))
-        grid[index] = residual
+        grid = np.zeros((index[-1] + 1, residuals.shape[1]))
+        grid[index] = residuals
         size = 2 * len(grid)
         omegas = 2 * np.pi * np.fft.rfftfreq(size, self.step)
         power = np.sum(np.abs(np.fft.rfft(grid, size, axis=0)) ** 2, axis=1)
         inside = (omegas >= self.lowest) & (omegas <= self.highest)
         return omegas[inside], power[inside]
-
-    def residue(self, factors: np.ndarray) -> np.ndarray:
-        return factors[0] + 1j * factors[1]
 
     def at(self, axis: np.ndarray, inputs: np.ndarray | None) -> "RingDown":
         del inputs

@@ -4,43 +4,58 @@ A frequency response is the sum of ½ c/(iw − λ) + ½ c̄/(iw − λ̄) over 
 (a + b w²)/|ω² − w² + 2iζωw|², with an error in proportion to its own size. Frequencies w in rad/s.
 """
 
+import abc
+
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from jshape.identification._projection import AbstractFamily, pole
 
 
-class FrequencyResponse(AbstractFamily):
-    """Complex frequency responses. ``at_omega``: rad/s; ``data``: frequencies × channels, complex.
+class _AbstractSpectrum(AbstractFamily):
+    """Values over frequencies, rad/s."""
+
+    def __init__(self, at_omega: np.ndarray):
+        self.axis = np.asarray(at_omega, float)
+        gap = float(np.median(np.diff(self.axis))) if len(self.axis) > 1 else 1.0
+        self.lowest, self.highest = max(float(self.axis[0]), gap / 2), float(self.axis[-1])
+
+    def power(self, residuals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        inside = (self.axis >= self.lowest) & (self.axis <= self.highest)
+        return self.axis[inside], self._power(residuals)[inside]
+
+    @abc.abstractmethod
+    def _power(self, residuals: np.ndarray) -> np.ndarray:
+        """How much of the residuals lies at each frequency."""
+
+
+class FrequencyResponse(_AbstractSpectrum):
+    """Complex frequency responses.
 
     The background is a real constant (modes above the band) and a mass line −1/w² (the rigid body, modes below it).
+
+    Args:
+        at_omega: rad/s, shape (frequencies,).
+        data: complex, shape (frequencies, channels).
     """
 
     def __init__(self, at_omega: np.ndarray, data: np.ndarray):
-        self.axis = np.asarray(at_omega, float)
+        super().__init__(at_omega)
         self.data = _stack(data)
         self.weights = np.ones(2 * len(self.axis))
         w = np.where(self.axis > 0, self.axis, np.inf)
         middle = np.median(self.axis)
         self.background = np.stack([_stack(np.ones_like(w)), _stack((middle / w) ** 2)], axis=1)
-        gap = float(np.median(np.diff(self.axis))) if len(self.axis) > 1 else 1.0
-        self.lowest, self.highest = max(float(self.axis[0]), gap / 2), float(self.axis[-1])
 
     def columns(self, omega: float, zeta: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         at, *along = pole(omega, zeta)
-        here, there = 1 / (1j * self.axis - at) / 2, 1 / (1j * self.axis - at.conjugate()) / 2
-        both = lambda u, v: np.stack([_stack(u + v), _stack(1j * (u - v))], axis=1)
-        slopes = [both(2 * here**2 * a, 2 * there**2 * a.conjugate()) for a in along]
-        return both(here, there), slopes[0], slopes[1]
+        near, far = 1 / (1j * self.axis - at) / 2, 1 / (1j * self.axis - at.conjugate()) / 2
+        slopes = [_both(2 * near**2 * a, 2 * far**2 * a.conjugate()) for a in along]
+        return _both(near, far), slopes[0], slopes[1]
 
-    def power(self, residual: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        power = np.sum(residual**2, axis=1)
-        power = power[: len(self.axis)] + power[len(self.axis) :]
-        inside = (self.axis >= self.lowest) & (self.axis <= self.highest)
-        return self.axis[inside], power[inside]
-
-    def residue(self, factors: np.ndarray) -> np.ndarray:
-        return factors[0] + 1j * factors[1]
+    def _power(self, residuals: np.ndarray) -> np.ndarray:
+        power = np.sum(residuals**2, axis=1)
+        return power[: len(self.axis)] + power[len(self.axis) :]
 
     def at(self, axis: np.ndarray, inputs: np.ndarray | None) -> "FrequencyResponse":
         del inputs
@@ -51,20 +66,22 @@ class FrequencyResponse(AbstractFamily):
         return values[:half] + 1j * values[half:]
 
 
-class PowerSpectrum(AbstractFamily):
-    """Power spectral densities. ``at_omega``: rad/s; ``data``: frequencies × 1, positive; ``level``: the expected
-    size at each frequency, which the error is in proportion to; a running mean unless given.
+class PowerSpectrum(_AbstractSpectrum):
+    """Power spectral densities.
+
+    Args:
+        at_omega: rad/s, shape (frequencies,).
+        data: positive, shape (frequencies, 1).
+        level: the expected size at each frequency, to which the error is in proportion; a running mean unless given.
     """
 
     def __init__(self, at_omega: np.ndarray, data: np.ndarray, level: np.ndarray | None = None):
-        self.axis = np.asarray(at_omega, float)
+        super().__init__(at_omega)
         self.data = data
         if level is None:
             level = uniform_filter1d(data[:, 0], 7, mode="nearest") if data.size else np.ones(len(self.axis))
         self.weights = 1 / np.maximum(level, 1e-9 * np.max(level))
         self.background = np.ones((len(self.axis), 1))
-        gap = float(np.median(np.diff(self.axis))) if len(self.axis) > 1 else 1.0
-        self.lowest, self.highest = max(float(self.axis[0]), gap / 2), float(self.axis[-1])
 
     def columns(self, omega: float, zeta: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         w = self.axis
@@ -82,19 +99,22 @@ class PowerSpectrum(AbstractFamily):
             -value * (along_zeta / below)[:, None],
         )
 
-    def power(self, residual: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _power(self, residuals: np.ndarray) -> np.ndarray:
         # A single frequency proves nothing where each is as uncertain as it is high.
-        power = np.maximum(uniform_filter1d(residual[:, 0], 5, mode="nearest"), 0.0)
-        inside = (self.axis >= self.lowest) & (self.axis <= self.highest)
-        return self.axis[inside], power[inside]
+        return np.maximum(uniform_filter1d(residuals[:, 0], 5, mode="nearest"), 0.0)
 
     def residue(self, factors: np.ndarray) -> np.ndarray:
-        # The swing's size; its phase is lost in a power.
+        # The size of the vibration; a power has no phase.
         return np.sqrt(np.maximum(factors[0] + factors[1], 0.0)).astype(complex)
 
     def at(self, axis: np.ndarray, inputs: np.ndarray | None) -> "PowerSpectrum":
         del inputs
         return PowerSpectrum(axis, np.empty((len(axis), 0)))
+
+
+def _both(u: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """The shapes of c u + c̄ v for complex c."""
+    return np.stack([_stack(u + v), _stack(1j * (u - v))], axis=1)
 
 
 def _stack(values: np.ndarray) -> np.ndarray:

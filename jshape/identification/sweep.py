@@ -1,6 +1,6 @@
 """Sweeps: the record is driven, by any input that was recorded with it.
 
-Every mode adds Re(c z) in each channel, where z' = λ z + r is the mode's answer to the input r, straight lines from
+Every mode adds Re(c z) in each channel, where z' = λ z + r is the mode's response to the input r, straight lines from
 sample to sample, and Re(d e^{λ t}), since it need not begin at rest; a constant and a part that follows the input at
 once come on top. Whether a position, a speed or an acceleration was measured only changes the factors.
 """
@@ -13,7 +13,14 @@ from jshape.identification.ring_down import RingDown
 
 
 class Sweep(RingDown):
-    """A driven record on an even grid. ``inputs``: what drove it, as long as ``times``."""
+    """A driven record on an even grid.
+
+    Args:
+        times: s, shape (times,).
+        data: shape (times, channels).
+        inputs: what drove it, shape (times,).
+        origin: the instant at which residues are taken, s; the first unless given.
+    """
 
     def __init__(self, times: np.ndarray, data: np.ndarray, inputs: np.ndarray, origin: float | None = None):
         super().__init__(times, data, origin)
@@ -23,29 +30,32 @@ class Sweep(RingDown):
     def columns(self, omega: float, zeta: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         at, along_omega, along_zeta = pole(omega, zeta)
         free = np.exp(at * self.since)
-        driven, driven_slope = self._answer(at)
-        slope = (self.since * free, driven_slope)
-        parts = lambda along: real_columns(slope[1] * along, slope[0] * along)
-        return real_columns(driven, free), parts(along_omega), parts(along_zeta)
+        driven, driven_slope = self._response(at)
+        free_slope = self.since * free
+        slopes = [real_columns(driven_slope * along, free_slope * along) for along in (along_omega, along_zeta)]
+        return real_columns(driven, free), slopes[0], slopes[1]
 
-    def _answer(self, at: complex) -> tuple[np.ndarray, np.ndarray]:
+    def _response(self, at: complex) -> tuple[np.ndarray, np.ndarray]:
         """z at the samples, and its derivative with respect to λ, exactly, from rest."""
         x = at * self.step
         grow = np.exp(x)
-        now, before, now_slope, before_slope = _weights(x)
+        current, previous, current_slope, previous_slope = _weights(x)
         h, r = self.step, self.inputs.astype(complex)
         r = r - r[0]
-        source = h * (now * r + before * np.concatenate([[0.0], r[:-1]]))
-        remember = lambda source: np.asarray(lfilter([1.0], [1.0, -grow], source))
-        z = remember(source)
-        previous = np.concatenate([[0.0], z[:-1]])
-        source = h * grow * previous + h * h * (now_slope * r + before_slope * np.concatenate([[0.0], r[:-1]]))
-        return z, remember(source)
+        earlier = np.concatenate([[0.0], r[:-1]])
+        z = _recursion(grow, h * (current * r + previous * earlier))
+        source = h * grow * np.concatenate([[0.0], z[:-1]]) + h * h * (current_slope * r + previous_slope * earlier)
+        return z, _recursion(grow, source)
 
     def at(self, axis: np.ndarray, inputs: np.ndarray | None) -> "Sweep":
         if inputs is None:
             raise ValueError("inputs must be given: what was driven is predicted from what drives it")
         return Sweep(axis, np.empty((len(axis), 0)), inputs, self.origin)
+
+
+def _recursion(factor: complex, source: np.ndarray) -> np.ndarray:
+    """z_k = factor z_{k−1} + source_k."""
+    return np.asarray(lfilter([1.0], [1.0, -factor], source))
 
 
 def _weights(x: complex) -> tuple[complex, complex, complex, complex]:
@@ -58,9 +68,9 @@ def _weights(x: complex) -> tuple[complex, complex, complex, complex]:
         factorials = np.cumprod(np.concatenate([[1.0], np.arange(1, 23)]))
         rise = 1 / factorials[powers + 2]
         fall = (powers + 1) / factorials[powers + 2]
-        value = lambda series: complex(np.sum(series * x**powers))
-        slope = lambda series: complex(np.sum(series[1:] * powers[1:] * x ** powers[:-1]))
-        return value(rise), value(fall), slope(rise), slope(fall)
+        values = [complex(np.sum(series * x**powers)) for series in (rise, fall)]
+        slopes = [complex(np.sum(series[1:] * powers[1:] * x ** powers[:-1])) for series in (rise, fall)]
+        return values[0], values[1], slopes[0], slopes[1]
     grow = np.exp(x)
     rise, fall = (grow - 1 - x) / x**2, (grow * (x - 1) + 1) / x**2
     return rise, fall, (grow - 1) / x**2 - 2 * rise / x, grow / x - 2 * fall / x

@@ -162,8 +162,11 @@ class Beam(AbstractLink):
         # Divided by cosh β, so that nothing overflows. Root n lies between (n − 1)π and nπ, where the sign changes.
         def root(n: Array) -> Scalar:
             sign = jnp.where(n % 2 == 0, 1.0, -1.0)
-            bend = lambda b: jnp.cos(b) * jnp.tanh(b) - jnp.sin(b)
-            equation = lambda b: sign * (1 / jnp.cosh(b) + jnp.cos(b) + ratio * b * bend(b))
+
+            def equation(b: Scalar) -> Scalar:
+                loaded = jnp.cos(b) * jnp.tanh(b) - jnp.sin(b)
+                return sign * (1 / jnp.cosh(b) + jnp.cos(b) + ratio * b * loaded)
+
             return bracketed_root(equation, (n - 1) * jnp.pi, n * jnp.pi)
 
         return jax.vmap(root)(jnp.arange(1, self.count + 1))

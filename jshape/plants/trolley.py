@@ -207,9 +207,9 @@ class AbstractCrane(AbstractPlant):
 
     def vector_field(self, t: Scalar, state: State, inputs: Inputs) -> State:
         n = self.angles
-        rate, bend = self.length_rates(t)
+        length_speed, length_acceleration = self.length_rates(t)
         if self.drive == "force":
-            return self._pushed(state, inputs, rate, bend)
+            return self._pushed(state, inputs, length_speed, length_acceleration)
         place = jnp.concatenate([state[:n], state[2 * n :]])
 
         def carried(place: Array) -> Array:
@@ -217,25 +217,31 @@ class AbstractCrane(AbstractPlant):
             return swept + inputs * self.coupling(place) if self.drive == "velocity" else swept
 
         velocity = state[n : 2 * n] - carried(place)
-        along = jnp.concatenate([velocity, rate])
+        along = jnp.concatenate([velocity, length_speed])
         # A given speed does not enter the momenta's own balance but through where it carries the angles.
         change = self.free(place, along) + jax.jvp(carried, (place,), (along,))[1]
         if self.drive == "acceleration":
             change = change - inputs * self.coupling(place)
-        return jnp.concatenate([velocity, change, rate])
+        return jnp.concatenate([velocity, change, length_speed])
 
-    def _pushed(self, state: State, force: Scalar, rate: Array, bend: Array) -> State:
+    def _pushed(self, state: State, force: Scalar, length_speed: Array, length_acceleration: Array) -> State:
         n = self.angles
         place = jnp.concatenate([state[1 : 1 + n], state[2 + 2 * n :]])
         speed, velocity = state[1 + n], state[2 + n : 2 + 2 * n]
-        along = jnp.concatenate([velocity, rate])
+        along = jnp.concatenate([velocity, length_speed])
         free, coupling = self.free(place, along), self.coupling(place)
-        slope = lambda place, along: jax.jvp(self.moment, (place,), (along,))[1]
+
+        def slope(place: Array, along: Array) -> Array:
+            return jax.jvp(self.moment, (place,), (along,))[1]
+
         # Newton's law for all together: (M + m) s'' + moment'' = force − friction, with angles'' = free − s'' coupling.
-        pull = jax.jvp(slope, (place, along), (along, jnp.concatenate([free, bend])))[1]
-        inertia = self.trolley.mass + self.carried() - slope(place, jnp.concatenate([coupling, jnp.zeros_like(bend)]))
+        pull = jax.jvp(slope, (place, along), (along, jnp.concatenate([free, length_acceleration])))[1]
+        turned = slope(place, jnp.concatenate([coupling, jnp.zeros_like(length_acceleration)]))
+        inertia = self.trolley.mass + self.carried() - turned
         acceleration = (force - self.trolley.damping * speed - pull) / inertia
-        return jnp.concatenate([speed[None], velocity, acceleration[None], free - acceleration * coupling, rate])
+        return jnp.concatenate(
+            [speed[None], velocity, acceleration[None], free - acceleration * coupling, length_speed]
+        )
 
     def relative(self, state: State, inputs: Inputs) -> tuple[Array, Array, Scalar]:
         """Angles and lengths, the angles' true velocities (rad/s), the trolley's acceleration (m/s²; 0 without it)."""

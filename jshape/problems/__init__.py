@@ -1,1 +1,1 @@
-"""Problem files that come with jshape: ``jshape tune paper_001`` finds them by name."""
+"""Problem files: ``schema`` and ``problem`` check and read them; ``jshape tune paper_001`` finds the shipped ones."""

@@ -7,7 +7,13 @@ from jshape.plants import AbstractPlant
 
 
 class SinhMass(AbstractPlant):
-    """m x'' = −k sinh((x − base) / scale). ``m``: kg, ``k``: N, ``scale``: m."""
+    """A mass on a spring of hyperbolic force, m x'' = −k sinh((x − base) / scale).
+
+    Attributes:
+        m: kg.
+        k: N.
+        scale: m.
+    """
 
     m: jax.Array
     k: jax.Array

@@ -37,7 +37,7 @@ PARTS = {
 """The tables of a plant that are parts with a ``type`` of their own."""
 
 WORDS = ("drive",)
-"""What is told by a word."""
+"""Parameters whose value is a word."""
 
 COMMANDS = {name: getattr(commands, name) for name in ("Step", "Trapezoid", "SCurve", "Sampled")}
 
@@ -50,8 +50,17 @@ class ProblemError(ValueError):
 class Problem:
     """A problem as read: everything that ``js.tune`` and ``js.sweep`` take.
 
-    ``over``: leaf → multiples of nominal, empty where nothing is uncertain. ``foreign``: the ``module:Class`` whose
-    code was run to make the plant, if any.
+    Attributes:
+        name: of the file.
+        title: for tables and figures.
+        plant: the nominal plant.
+        distance: of the move, m, or a command.
+        over: leaf → multiples of nominal, empty where nothing is uncertain.
+        design: what to tune.
+        front: what ``jshape pareto`` tries.
+        adapt: how ``jshape adapt`` tries strategies, if it does.
+        text: of the file.
+        foreign: the ``module:Class`` whose code was run to make the plant, if any.
     """
 
     name: str
@@ -67,7 +76,7 @@ class Problem:
 
     @property
     def objective(self) -> str:
-        """The objective asked for; unless stated, worst where something is uncertain, nominal elsewhere."""
+        """The objective asked for; unless stated, worst where something is uncertain, else nominal."""
         return self.design.objective or ("worst" if self.over else "nominal")
 
     def adapting(self, **changes: Any) -> "Problem":
@@ -82,7 +91,11 @@ def shipped() -> dict[str, Path]:
 
 
 def find(name: str) -> Path:
-    """The file of that name: a path, or the name of a shipped problem. *Raises* ``ProblemError`` if there is none."""
+    """The file of that name: a path, or the name of a shipped problem.
+
+    Raises:
+        ProblemError: if there is none.
+    """
     path = Path(name)
     if path.is_dir():
         raise ProblemError(f"{name}: is a directory, not a problem file")
@@ -94,7 +107,11 @@ def find(name: str) -> Path:
 
 
 def load(name: str | Path) -> Problem:
-    """Read and check a problem file (a path or a shipped name). *Raises* ``ProblemError``, with line and key."""
+    """Read and check a problem file (a path or a shipped name).
+
+    Raises:
+        ProblemError: for whatever is wrong, with line and key.
+    """
     path = find(str(name))
     try:
         text = path.read_text(encoding="utf-8")
@@ -109,7 +126,7 @@ def load(name: str | Path) -> Problem:
         file = File.model_validate(raw)
     except ValidationError as error:
         first = error.errors()[0]
-        raise where.error(_keys(raw, first["loc"]), _words(first)) from None
+        raise where.error(_keys(raw, first["loc"]), _message(first)) from None
     plant, foreign = _plant(file.plant, path, where)
     distance = _distance(file, where)
     over = {name: spec.multiples() for name, spec in file.uncertainty.items()}
@@ -130,27 +147,28 @@ def _distance(file: File, where: "_Lines") -> Any:
         if file.distance == 0:
             raise where.error(["distance"], "must not be 0: there is nothing to shape")
         return file.distance
-    table = dict(file.command)
-    kind = table.pop("type", None)
-    if kind not in COMMANDS:
-        raise where.error(["command", "type"], f"must be one of {', '.join(COMMANDS)}, not {kind!r}")
-    return _build(COMMANDS[kind], table, ["command"], where)
+    return _part(file.command, COMMANDS, ["command"], where)
 
 
 def _plant(table: dict[str, Any], path: Path, where: "_Lines") -> tuple[AbstractPlant, str | None]:
-    table = dict(table)
-    kind = table.pop("type", None)
+    kind, known = table.get("type"), _known(AbstractPlant)
     if not isinstance(kind, str):
         raise where.error(["plant", "type"], f"must name a plant or module:Class, not {kind!r}")
     foreign = kind if ":" in kind else None
-    known = _known(AbstractPlant)
     if foreign:
-        build = _imported(kind, path, where)
-    elif kind in known:
-        build = known[kind]
-    else:
+        known = {kind: _imported(kind, path, where)}
+    elif kind not in known:
         raise where.error(["plant", "type"], f"unknown plant {kind!r}: there are {', '.join(known)}, or module:Class")
-    return _build(build, table, ["plant"], where), foreign
+    return _part(table, known, ["plant"], where), foreign
+
+
+def _part(table: dict[str, Any], known: dict[str, type], keys: list[str], where: "_Lines") -> Any:
+    """An object from its table, whose ``type`` is one of the known."""
+    rest = {key: value for key, value in table.items() if key != "type"}
+    kind = table.get("type")
+    if kind not in known:
+        raise where.error([*keys, "type"], f"must be one of {', '.join(known)}, not {kind!r}")
+    return _build(known[kind], rest, keys, where)
 
 
 def _known(base: type) -> dict[str, type]:
@@ -174,8 +192,8 @@ def _imported(kind: str, path: Path, where: "_Lines") -> type:
         module = importlib.import_module(module_name)
     except Exception as error:
         # Whatever the foreign code raised, the user wants to know where it was asked for.
-        words = f"cannot import {module_name!r}: {type(error).__name__}: {error}"
-        raise where.error(["plant", "type"], words) from None
+        message = f"cannot import {module_name!r}: {type(error).__name__}: {error}"
+        raise where.error(["plant", "type"], message) from None
     finally:
         sys.path.pop(0)
     found = getattr(module, class_name, None)
@@ -185,7 +203,7 @@ def _imported(kind: str, path: Path, where: "_Lines") -> type:
 
 
 def _build(kind: type, table: dict[str, Any], keys: list[str], where: "_Lines") -> Any:
-    """An object from its table: parts first, then the constructor, its complaints told with the line."""
+    """An object from its table: parts first, then the constructor, whose errors are raised with the line."""
     parameters = list(inspect.signature(kind).parameters)
     values = {}
     for name, value in table.items():
@@ -196,25 +214,20 @@ def _build(kind: type, table: dict[str, Any], keys: list[str], where: "_Lines") 
     try:
         return kind(**values)
     except (TypeError, ValueError) as error:
-        words = str(error)
-        blamed = next((name for name in values if re.match(rf"{name}\b", words)), None)
+        message = str(error)
+        blamed = next((name for name in values if re.match(rf"{name}\b", message)), None)
         if isinstance(error, TypeError):
-            words = words.replace(f"{kind.__name__}.__init__() ", "")
+            message = message.replace(f"{kind.__name__}.__init__() ", "")
         elif blamed:
-            words = words.removeprefix(blamed).lstrip()
-        raise where.error([*keys, blamed] if blamed else keys, words) from None
+            message = message.removeprefix(blamed).lstrip()
+        raise where.error([*keys, blamed] if blamed else keys, message) from None
 
 
 def _value(name: str, value: Any, place: list[str], where: "_Lines") -> Any:
     if name in PARTS:
         if not isinstance(value, dict):
             raise where.error(place, f"must be a table with a type, not {value!r}")
-        known = _known(PARTS[name])
-        table = dict(value)
-        kind = table.pop("type", None)
-        if kind not in known:
-            raise where.error([*place, "type"], f"must be one of {', '.join(known)}, not {kind!r}")
-        return _build(known[kind], table, place, where)
+        return _part(value, _known(PARTS[name]), place, where)
     if name in WORDS:
         if not isinstance(value, str):
             raise where.error(place, f"must be a word, not {value!r}")
@@ -242,7 +255,7 @@ def _keys(raw: Any, place: tuple[int | str, ...]) -> list[str]:
     return keys
 
 
-def _words(error: Any) -> str:
+def _message(error: Any) -> str:
     """pydantic's complaint in this project's words."""
     given = error["input"]
     if error["type"] == "missing":
@@ -275,10 +288,10 @@ class _Lines:
     def _split(key: str) -> tuple[str, ...]:
         return tuple(part.strip("\"'") for part in re.findall(r"\"[^\"]*\"|'[^']*'|[\w-]+", key))
 
-    def error(self, keys: list[str], words: str) -> ProblemError:
+    def error(self, keys: list[str], message: str) -> ProblemError:
         """The error at that key, or at the nearest table around it that has a line."""
         for length in range(len(keys), 0, -1):
             line = self.lines.get(tuple(".".join(keys[:length]).split("."))) or self.lines.get(tuple(keys[:length]))
             if line is not None:
-                return ProblemError(f"{self.path}:{line}: {'.'.join(keys)}: {words}")
-        return ProblemError(f"{self.path}: {'.'.join(keys)}{': ' if keys else ''}{words}")
+                return ProblemError(f"{self.path}:{line}: {'.'.join(keys)}: {message}")
+        return ProblemError(f"{self.path}: {'.'.join(keys)}{': ' if keys else ''}{message}")

@@ -7,6 +7,8 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator, model_valida
 
 
 class Strict(BaseModel):
+    """A table that takes the keys of its fields and no others."""
+
     model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 
 
@@ -57,7 +59,7 @@ class Design(Strict):
     objective: Literal["nominal", "worst", "mean", "cvar"] | None = None
     also: list[str] | dict[str, Any] = []
     peak_deflection: Positive | None = None
-    rate: Positive | None = None
+    speed_limit: Positive | None = None
     command_overshoot: Annotated[float, Field(ge=0, strict=False)] | None = None
     starts: int = Field(default=32, ge=1, le=100_000)
     seed: int = Field(default=0, ge=0)
@@ -76,9 +78,19 @@ class Front(Strict):
 class Adapt(Strict):
     """How ``jshape adapt`` tries strategies on a ``FlexibleLink`` whose load changes.
 
-    A square wave of the problem's ``distance``, from minus to plus half of it and back, ``changes`` of the load as
-    pairs [time, load] (s and the link's unit), and ``schedules`` random ones beside it, if any. The others are the
-    parameters of the strategies: what they start with, the bands of the modes (rad/s) and the DFT's points.
+    Attributes:
+        cases: the strategies.
+        sample_time: s.
+        period: of the square wave, from minus to plus half of the problem's distance and back, s.
+        duration: of the experiment, s.
+        changes: of the load, pairs (time, load), s and the link's unit.
+        omega: with which the strategies start, rad/s.
+        zeta: likewise.
+        bands: of the modes, (least, greatest), rad/s.
+        points: of the DFT.
+        thresholds: of the DFTs, m/s².
+        schedules: random ones beside the square wave, if any.
+        seed: of noise and schedules.
     """
 
     cases: list[Literal["unshaped", "I", "I-D", "I-D-E", "state-aware"]] = ["unshaped", "I", "I-D", "state-aware"]
@@ -96,6 +108,8 @@ class Adapt(Strict):
 
 
 class File(Strict):
+    """A whole problem file."""
+
     title: str = ""
     distance: float | None = Field(default=None, strict=False)
     command: dict[str, Any] | None = None

@@ -4,7 +4,7 @@ Each function draws one figure from numbers and returns it; ``save`` and ``draw`
 loads JAX or xarray, so that a process of its own can draw.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -78,8 +78,11 @@ def response(
 ) -> Figure:
     """Command and payload over time, one panel a shaper.
 
-    ``extremes``: responses of plants at the ends of the uncertain set, drawn thin. ``names``: of what the command
-    moves and of the payload; ``label``: of the vertical axis.
+    Args:
+        nominal: shaper → response of the nominal plant.
+        extremes: shaper → responses of plants at the ends of the uncertain set, drawn thin.
+        names: of what the command moves and of the payload.
+        label: of the vertical axis.
     """
     with mpl.rc_context(STYLE):
         figure, axes = plt.subplots(
@@ -132,9 +135,14 @@ def sensitivity(
     limit: float | None = 5.0,
     band: tuple[float, float] | None = None,
 ) -> Figure:
-    """Residual vibration (a fraction; drawn in %) of each shaper against a leaf, actual over nominal.
+    """Residual vibration of each shaper, %, against a leaf, actual over nominal.
 
-    ``limit``: a level to mark, %. ``band``: the stated uncertainty, shaded.
+    Args:
+        leaf: its name.
+        ratios: its values over nominal.
+        vibrations: shaper → fractions.
+        limit: a level to mark, %.
+        band: the stated uncertainty, ratios, shaded.
     """
     percent = {name: 100 * np.asarray(values) for name, values in vibrations.items()}
     with mpl.rc_context(STYLE):
@@ -185,13 +193,133 @@ def convergence(history: np.ndarray, objective: str) -> Figure:
         many = len(values) >= 60
         axis.semilogy(many + np.arange(len(values)), values, color=COLOURS[0], marker="" if many else ".")
         if many:
-            # Most is won by the first few of hundreds.
+            # Most is gained by the first few of hundreds.
             axis.set_xscale("log")
         powers(axis)
-        axis.set_xlabel("iteration" if objective == "nominal" else "shapers looked at")
+        axis.set_xlabel("iteration" if objective == "nominal" else "evaluations")
         words = {"nominal": "residual energy", "worst": "worst residual energy", "mean": "mean residual energy"}
         axis.set_ylabel(f"{words.get(objective, 'tail mean of the energy')} (J)")
         axis.margins(x=0.02)
+    return figure
+
+
+def learning(moves: np.ndarray, reward: np.ndarray, regret: np.ndarray) -> Figure:
+    """The mean reward of a move over training, each update's and a running mean, beside the oracle's.
+
+    Args:
+        moves: made until each update.
+        reward: mean of a move, at each update.
+        regret: against the oracle, likewise.
+    """
+    # The mean of the last few updates says more than each one's own, which depends on the payloads drawn.
+    few = max(1, min(20, len(moves) // 5))
+    window = np.ones(few) / few
+    smooth = np.convolve(reward, window, "valid")
+    with mpl.rc_context(STYLE):
+        figure, axis = plt.subplots(figsize=(WIDTH, 0.7 * WIDTH))
+        axis.plot(moves, reward, color=COLOURS[0], alpha=0.25, linewidth=0.6)
+        axis.plot(moves[few - 1 :], smooth, color=COLOURS[0], label=f"mean of {few} updates")
+        oracle = smooth + np.convolve(regret, window, "valid")
+        axis.plot(moves[few - 1 :], oracle, color="0.3", linestyle="--", label="oracle")
+        axis.set_xlabel("moves")
+        axis.set_ylabel("mean reward of a move")
+        axis.legend()
+    return figure
+
+
+def regret(intervals: Mapping[str, tuple[float, float, float]]) -> Figure:
+    """The regret of each policy, a point with its interval, the least at the top.
+
+    Args:
+        intervals: policy → (middle, low, high), in the environment's cost of a move.
+    """
+    names = sorted(intervals, key=lambda name: -intervals[name][0])
+    with mpl.rc_context(STYLE):
+        figure, axis = plt.subplots(figsize=(WIDTH, 0.6 + 0.18 * len(names)))
+        for place, name in enumerate(names):
+            middle, low, high = (1000 * x for x in intervals[name])
+            axis.plot([low, high], [place, place], color=COLOURS[0])
+            axis.plot(middle, place, "o", color=COLOURS[0], markersize=4)
+        axis.set_yticks(range(len(names)), names)
+        axis.set_xlabel("regret against the oracle, 1000 × cost of a move")
+    return figure
+
+
+def prediction(
+    axis: np.ndarray, measured: np.ndarray, fitted: np.ndarray, names: Sequence[str], modes: np.ndarray | None = None
+) -> Figure:
+    """A record, a fit over it and the residual, a pair of panels a channel (six at most).
+
+    Args:
+        axis: times, s, or frequencies, Hz, shape (rows,).
+        measured: the record, shape (rows, channels).
+        fitted: likewise.
+        names: of the channels.
+        modes: frequencies to mark, Hz; with them sizes are drawn, logarithmic, over frequencies.
+    """
+    size = np.real if modes is None else np.abs
+    # The channels that are not drawn are as good.
+    count = min(len(names), 6)
+    with mpl.rc_context(STYLE):
+        figure, axes = plt.subplots(
+            2 * count, 1, figsize=(WIDTH, 0.5 + 1.7 * count), sharex=True, squeeze=False,
+            height_ratios=[3, 1] * count,
+        )  # fmt: skip
+        for i in range(count):
+            above, below = axes[2 * i : 2 * i + 2, 0]
+            above.plot(axis, size(measured[:, i]), ".", color="0.55", markersize=2, rasterized=True, label="measured")
+            above.plot(axis, size(fitted[:, i]), color=COLOURS[0], linewidth=0.8, rasterized=True, label="fit")
+            residual = size(measured[:, i] - fitted[:, i])
+            below.plot(axis, residual, color=COLOURS[1], linewidth=0.5, rasterized=True, label="residual")
+            above.set_title(names[i], loc="left")
+            above.margins(x=0)
+            if modes is not None:
+                above.set_yscale("log")
+                below.set_yscale("log")
+                for frequency in modes:
+                    above.axvline(frequency, color="0.5", linewidth=0.5, linestyle=":")
+        axes[-1, 0].set_xlabel("time (s)" if modes is None else "frequency (Hz)")
+        handles = [line for panel in axes[:2, 0] for line in panel.get_legend_handles_labels()[0]]
+        figure.legend(handles, ["measured", "fit", "residual"], loc="outside upper center", ncols=3)
+    return figure
+
+
+def curves(
+    lines: Sequence[tuple[str, Any, Any]],
+    labels: tuple[str, str],
+    *,
+    across: tuple[float, float] | None = None,
+    up: tuple[float, float] | None = None,
+    logarithmic: bool = False,
+    level: float | None = None,
+    ticks: Iterable[float] = (),
+) -> Figure:
+    """Labelled curves over one axis.
+
+    Args:
+        lines: (name, x, y) of each curve.
+        labels: of the horizontal and the vertical axis, with their units.
+        across: limits of the horizontal axis.
+        up: limits of the vertical axis.
+        logarithmic: whether the vertical axis is.
+        level: of y, to mark.
+        ticks: values of x, to write above.
+    """
+    with mpl.rc_context(STYLE):
+        figure, axis = plt.subplots(figsize=(WIDTH, 2.6))
+        labelled_lines(figure, axis, lines)
+        axis.set_xlabel(labels[0])
+        axis.set_ylabel(labels[1])
+        if logarithmic:
+            axis.set_yscale("log")
+        if across is not None:
+            axis.set_xlim(*across)
+        if up is not None:
+            axis.set_ylim(*up)
+        if level is not None:
+            axis.axhline(level, color="0.5", linewidth=0.6)
+        for x in ticks:
+            axis.annotate(f"{x:.0f}", (x, 1), xycoords=("data", "axes fraction"), fontsize=6, ha="center")
     return figure
 
 
@@ -199,9 +327,14 @@ def sweep(dataset: "xr.Dataset", metric: str | None = None) -> Figure:
     """A metric of a ``js.sweep``: what depends on the set that was swept.
 
     One leaf: a curve for each shaper. Two: a panel for each shaper, with one colour scale. Samples: the share of the
-    plants on which each shaper leaves more than a given value. ``metric``: the dataset's first, if not given.
+    plants on which each shaper leaves more than a given value.
 
-    *Raises* ``ValueError`` for a variable that the dataset does not have, and for more than two leaves: select some.
+    Args:
+        dataset: as ``js.sweep`` returns it.
+        metric: a variable of it; the first unless given.
+
+    Raises:
+        ValueError: for a variable that the dataset does not have, and for more than two leaves: select some.
     """
     names = [str(name) for name in dataset.data_vars]
     metric = names[0] if metric is None else metric
@@ -224,29 +357,22 @@ def _label(data: "xr.DataArray") -> str:
 
 
 def _curves(data: "xr.DataArray", leaf: str) -> Figure:
-    figure, axis = plt.subplots(figsize=(WIDTH, 2.6))
-    labelled_lines(figure, axis, [(str(name), data[leaf], data.sel(shaper=name)) for name in data["shaper"].values])
-    axis.set_xlabel(_label(data[leaf]))
-    axis.set_ylabel(_label(data))
+    lines = [(str(name), data[leaf], data.sel(shaper=name)) for name in data["shaper"].values]
+    figure = curves(lines, (_label(data[leaf]), _label(data)))
     if np.nanmin(data.values) >= 0:
-        axis.set_ylim(bottom=0)
+        figure.axes[0].set_ylim(bottom=0)
     return figure
 
 
 def _exceedance(data: "xr.DataArray") -> Figure:
-    figure, axis = plt.subplots(figsize=(WIDTH, 2.6))
     count = data.sizes["sample"]
     # Of a million samples a thousand draw the same curve; the last, rare ones are all kept.
     rank = np.unique(
         np.concatenate([np.linspace(0, count - 1, 1000), np.arange(max(count - 100, 0), count)]).astype(int)
     )
-    curves = [(str(name), np.sort(data.sel(shaper=name).values)[rank], 1 - rank / count) for name in data.shaper.values]
-    labelled_lines(figure, axis, curves)
-    axis.set_yscale("log")
-    powers(axis)
-    axis.set_ylim(1 / count, 1)
-    axis.set_xlabel(_label(data))
-    axis.set_ylabel("share of plants at or above")
+    lines = [(str(name), np.sort(data.sel(shaper=name).values)[rank], 1 - rank / count) for name in data.shaper.values]
+    figure = curves(lines, (_label(data), "share of plants at or above"), up=(1 / count, 1), logarithmic=True)
+    powers(figure.axes[0])
     return figure
 
 
@@ -273,9 +399,9 @@ def powers(axes: Any) -> None:
             axis.set_minor_formatter(Powers(labelOnlyBase=False, minor_thresholds=(1, 0.4)))
 
 
-def labelled_lines(figure: Figure, axis: Any, curves: list[tuple[str, Any, Any]]) -> None:
+def labelled_lines(figure: Figure, axis: Any, lines: Sequence[tuple[str, Any, Any]]) -> None:
     """One line a shaper, the tuned one heavy, and a legend above."""
-    for i, (name, x, y) in enumerate(curves):
+    for i, (name, x, y) in enumerate(lines):
         heavy = name == "tuned"
         axis.plot(
             x,
@@ -287,7 +413,7 @@ def labelled_lines(figure: Figure, axis: Any, curves: list[tuple[str, Any, Any]]
             zorder=3 if heavy else 2,
         )
     axis.margins(x=0)
-    if len(curves) > 1:
+    if len(lines) > 1:
         figure.legend(loc="outside upper center", ncols=2)
 
 
@@ -300,7 +426,7 @@ def _panels(data: "xr.DataArray", vertical: str, across: str) -> Figure:
     )
     finite = data.values[np.isfinite(data.values)]
     greatest = np.max(finite, initial=1e-300)
-    # Shapers differ by orders of magnitude: three decades where nothing is negative, a plain scale elsewhere.
+    # Shapers differ by orders of magnitude: three decades where nothing is negative, else a plain scale.
     wide = np.min(finite, initial=0.0) >= 0
     norm = LogNorm(greatest / 1000, greatest) if wide else Normalize(finite.min(), greatest)
     drawn = None
@@ -309,7 +435,7 @@ def _panels(data: "xr.DataArray", vertical: str, across: str) -> Figure:
             axis.set_visible(False)
             continue
         values = data.isel(shaper=i).transpose(vertical, across).values
-        # A plant that is lost stays white.
+        # A plant that diverged stays white.
         drawn = axis.pcolormesh(
             data[across], data[vertical], np.where(np.isfinite(values), np.maximum(values, norm.vmin or 0.0), np.nan),
             norm=norm, cmap="cividis", shading="nearest", rasterized=True,

@@ -1,9 +1,10 @@
-"""One problem, every shaper that applies, side by side: the table, the numbers and the figures that people take
-away."""
+"""Every shaper that applies to a problem, side by side: the table, the numbers and the figures that people take away.
+
+``build`` evaluates the shapers, ``write`` writes the folder.
+"""
 
 import csv
 import dataclasses
-import json
 from collections.abc import Callable, Iterator
 from importlib.metadata import version
 from pathlib import Path
@@ -12,24 +13,31 @@ from typing import Any
 
 import numpy as np
 
-from jshape._files import MARKER
+from jshape._files import write_results
 from jshape.command import as_command
-from jshape.design import closed_forms as forms
+from jshape.design.closed_forms import closed_forms
 from jshape.design.tuning.solution import Solution
-from jshape.export import write_csv, write_json
+from jshape.export import export
 from jshape.metrics import energy_profile, residual_energy
 from jshape.plants import AbstractOscillator
 from jshape.problems.problem import Problem
 from jshape.shaper import Shaper
-from jshape.simulation.simulate import simulate, with_arrays
-from jshape.sweeps.chunks import cut
-from jshape.sweeps.evaluate import evaluate, padded_shapers, task
-from jshape.sweeps.leaves import check_over, grid, leaf, with_leaves
+from jshape.simulation.simulate import simulate
+from jshape.sweeps.evaluate import evaluate, study
+from jshape.sweeps.leaves import leaf, with_leaves
 
 
 @dataclasses.dataclass(frozen=True)
 class Row:
-    """One shaper's numbers. ``worst`` values are over the stated uncertainty, ``None`` where there is none."""
+    """One shaper's numbers.
+
+    Attributes:
+        name: of the shaper.
+        shaper: the shaper.
+        nominal_energy: residual energy of the nominal plant, J.
+        worst_energy: greatest residual energy over the stated uncertainty, J; ``None`` where nothing is uncertain.
+        worst_vibration: likewise, the residual vibration, a fraction of the distance.
+    """
 
     name: str
     shaper: Shaper
@@ -40,9 +48,12 @@ class Row:
 
 @dataclasses.dataclass(frozen=True)
 class Curves:
-    """How each shaper's residual vibration (over the distance) depends on a leaf.
+    """How each shaper's residual vibration depends on a leaf.
 
-    ``ratios``: the leaf's values over nominal; ``values``: in its own unit.
+    Attributes:
+        ratios: the leaf's values over nominal.
+        values: the same in the leaf's unit.
+        vibrations: of each shaper, fractions of the distance.
     """
 
     ratios: np.ndarray
@@ -52,7 +63,15 @@ class Curves:
 
 @dataclasses.dataclass(frozen=True)
 class Report:
-    """All rows, the sensitivity data, what did not apply and why, and the tuned solution, if there is one."""
+    """A problem's shapers compared.
+
+    Attributes:
+        problem: the problem.
+        rows: of every shaper, the tuned one last.
+        left_out: the closed forms that do not apply, and why.
+        curves: leaf → sensitivity to it.
+        solution: the tuned one, if there is one.
+    """
 
     problem: Problem
     rows: list[Row]
@@ -89,23 +108,22 @@ Draw = Callable[..., None]
 """``draw(path, kind, *numbers)``: draws and saves that figure, a function of ``jshape.reports.plot``."""
 
 
-def closed_forms(problem: Problem) -> tuple[dict[str, Shaper], dict[str, str]]:
-    """Every closed-form shaper that applies to a problem, and why the others do not."""
-    return forms.closed_forms(problem.plant, problem.distance)
-
-
 def build(
     problem: Problem,
     solution: Solution | None,
     step: Step = lambda _: None,
     closed: tuple[dict[str, Shaper], dict[str, str]] | None = None,
 ) -> Report:
-    """Judge every shaper of a problem, the tuned one last. ``step`` is told what is being done.
+    """Evaluate every shaper of a problem, the tuned one last.
 
-    ``closed``: what ``closed_forms`` returned, where that has been called already.
+    Args:
+        problem: the problem.
+        solution: its tuned shaper, if there is one.
+        step: called with what is being done.
+        closed: what ``closed_forms`` returned, where that has been called already.
     """
     step("closed-form shapers")
-    shapers, left_out = closed_forms(problem) if closed is None else closed
+    shapers, left_out = closed_forms(problem.plant, problem.distance) if closed is None else closed
     if solution is not None:
         shapers["tuned"] = solution.shaper
     curves: dict[str, Curves] = {}
@@ -139,12 +157,8 @@ def build(
 
 def _swept(problem: Problem, shapers: dict[str, Shaper], over: dict[str, Any], *metrics: str) -> list[np.ndarray]:
     """Each metric of every shaper (its first axis) over a grid of multiples of the leaves (the others)."""
-    plant, command = with_arrays(problem.plant), as_command(problem.distance)
-    absolute = check_over(plant, over)
-    points = {name: np.asarray(values) for name, values in grid(absolute).items()}
-    alike = padded_shapers(shapers.values())
-    found = evaluate(task(plant, command, alike, metrics), points, cut(plant, command, alike, points))
-    return [values.reshape(len(shapers), *(len(v) for v in absolute.values())) for values in found]
+    asked = study(problem.plant, shapers.values(), problem.distance, over, metrics)
+    return [values.reshape(len(shapers), *(len(v) for v in asked.absolute.values())) for values in evaluate(asked)]
 
 
 def _wide(values: Any) -> np.ndarray:
@@ -154,9 +168,16 @@ def _wide(values: Any) -> np.ndarray:
 
 
 def write(report: Report, folder: Path, step: Step = lambda _: None, draw: Draw | None = None) -> list[Path]:
-    """Write the shapers, the numbers, the problem and the figures into a folder; returns the figures' paths.
+    """Write the shapers, the numbers, the problem and the figures into a folder.
 
-    ``draw``: draws and saves a figure, ``jshape.reports.plot.draw`` unless given; without it matplotlib is not loaded.
+    Args:
+        report: what is written.
+        folder: of the results.
+        step: called with what is being done.
+        draw: draws and saves a figure, ``jshape.reports.plot.draw`` unless given; with it matplotlib is not loaded.
+
+    Returns:
+        The figures' paths.
     """
     step("files")
     if draw is None:
@@ -165,8 +186,8 @@ def write(report: Report, folder: Path, step: Step = lambda _: None, draw: Draw 
     (folder / "figures").mkdir(exist_ok=True)
     for row in report.rows:
         stem = row.name.replace(",", "").replace(" ", "_").replace("-", "_")
-        write_json(row.shaper, folder / "shapers" / f"{stem}.json", row.name)
-        write_csv(row.shaper, folder / "shapers" / f"{stem}.csv")
+        export(row.shaper, "json", folder / "shapers" / f"{stem}.json", name=row.name)
+        export(row.shaper, "csv", folder / "shapers" / f"{stem}.csv")
     (folder / "problem.toml").write_text(report.problem.text, encoding="utf-8")
     for name, curves in report.curves.items():
         with (folder / f"sensitivity_{name}.csv").open("w", newline="", encoding="utf-8") as file:
@@ -175,7 +196,7 @@ def write(report: Report, folder: Path, step: Step = lambda _: None, draw: Draw 
             for shaper, values in curves.vibrations.items():
                 columns = (part.tolist() for part in (curves.ratios, curves.values, values))
                 table.writerows([shaper, *row] for row in zip(*columns, strict=True))
-    (folder / "results.json").write_text(json.dumps(numbers(report), indent=2) + "\n", encoding="utf-8")
+    write_results(folder, numbers(report))
     paths = []
     for name, kind, values in figures(report, step):
         path = folder / "figures" / f"{name}.png"
@@ -185,20 +206,16 @@ def write(report: Report, folder: Path, step: Step = lambda _: None, draw: Draw 
 
 
 def numbers(report: Report) -> dict[str, Any]:
-    """Everything in the report that is a number, as plain data; what is not finite becomes a word."""
-
-    def plain(value: float | None) -> float | str | None:
-        return value if value is None or np.isfinite(value) else "lost"
-
+    """Everything in the report that is a number, as plain data."""
     rows = [
         {
             "name": row.name,
             "amplitudes": np.asarray(row.shaper.amplitudes).tolist(),
             "times": np.asarray(row.shaper.times).tolist(),
             "move_time": report.move_time(row),
-            "nominal_residual_energy": plain(row.nominal_energy),
-            "worst_residual_energy": plain(row.worst_energy),
-            "worst_residual_vibration": plain(row.worst_vibration),
+            "nominal_residual_energy": row.nominal_energy,
+            "worst_residual_energy": row.worst_energy,
+            "worst_residual_vibration": row.worst_vibration,
         }
         for row in report.rows
     ]
@@ -206,15 +223,14 @@ def numbers(report: Report) -> dict[str, Any]:
     tuned = None
     if solution is not None:
         tuned = {
-            "result": solution.result,
+            "status": solution.status.value,
+            "message": solution.message,
             "objective": solution.objective,
-            "certified": solution.certified,
+            "objective_on_finer_set": solution.objective_on_finer_set,
             "integration_error": solution.error,
             "history": np.asarray(solution.history).tolist(),
         }
     return {
-        "format": MARKER,
-        "version": 1,
         "problem": report.problem.name,
         "title": report.problem.title,
         "units": {"times": "s", "energies": "J", "vibrations": "fraction of the distance"},
@@ -264,10 +280,11 @@ def figures(report: Report, step: Step = lambda _: None) -> Iterator[tuple[str, 
     yield "response", "response", (nominal, extremes, names, label)
     if isinstance(problem.plant, AbstractOscillator):
         step("energies")
-        step_rows = [row for row in shown if len(row.shaper.times) > 1]
-        profile = lambda row: energy_profile(problem.plant, row.shaper.pad(longest), problem.distance)
-        drawn = ("position", "kinetic", "potential", "total")
-        yield "energy", "energy", ({row.name: _numbers(profile(row), *drawn) for row in step_rows},)
+        profiles = {}
+        for row in (row for row in shown if len(row.shaper.times) > 1):
+            profile = energy_profile(problem.plant, row.shaper.pad(longest), problem.distance)
+            profiles[row.name] = _numbers(profile, "position", "kinetic", "potential", "total")
+        yield "energy", "energy", (profiles,)
 
 
 def _numbers(result: Any, *names: str) -> SimpleNamespace:

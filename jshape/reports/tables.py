@@ -1,5 +1,6 @@
 """What the command line prints: tables of reports, sweeps and fronts."""
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,13 +18,10 @@ if TYPE_CHECKING:
 def show_report(report: Report, folder: Path, figures: list[Path]) -> None:
     """Every shaper in a row, then what tuning gained and where the results lie."""
     console = new_console()
-    table = Table(title=report.problem.title, box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False)
-    table.add_column("shaper", min_width=12)
-    table.add_column("amplitudes\nat times (s)", min_width=28)
     uncertain = bool(report.problem.over)
-    words = ["move\ntime (s)", "nominal\nenergy (J)"]
-    for heading in words + (["worst\nenergy (J)", "worst vi-\nbration (%)"] if uncertain else []):
-        table.add_column(heading, justify="right", no_wrap=True)
+    headings = ["move\ntime (s)", "nominal\nenergy (J)"]
+    headings += ["worst\nenergy (J)", "worst vi-\nbration (%)"] if uncertain else []
+    table = new_table("shaper", headings, report.problem.title, second="amplitudes\nat times (s)")
     for row in report.rows:
         impulses = [" ".join(f"{v:6.4f}" for v in part.tolist()) for part in (row.shaper.amplitudes, row.shaper.times)]
         cells = [row.name, "\n".join(impulses), f"{report.move_time(row):.4f}", number(row.nominal_energy)]
@@ -31,10 +29,9 @@ def show_report(report: Report, folder: Path, figures: list[Path]) -> None:
             cells += [number(row.worst_energy), number(100 * row.worst_vibration)]
         table.add_row(*cells, style="bold" if row.name == "tuned" else None)
     console.print(table)
-    for name, reason in report.left_out.items():
-        console.print(f"left out: {name}: {reason}", style="dim", highlight=False)
+    _show_left_out(console, report.left_out)
     if report.solution is not None:
-        console.print(f"tuned: {report.solution.result}", highlight=False)
+        console.print(f"tuned: {report.solution.message}", highlight=False)
         for line in report.gains():
             console.print(line, highlight=False)
     if uncertain:
@@ -53,10 +50,7 @@ def show_sweep(problem: Problem, found: "xr.Dataset", left_out: dict[str, str]) 
         data = found[metric]
         unit = "" if data.attrs["units"] == "1" else f" ({data.attrs['units']})"
         title = f"{problem.title}: {data.attrs['long_name']}{unit}, {data.size // data.sizes['shaper']} plants"
-        table = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False)
-        table.add_column("shaper", min_width=12)
-        for heading in ("mean", "95 % quantile", "worst"):
-            table.add_column(heading, justify="right", no_wrap=True)
+        table = new_table("shaper", ["mean", "95 % quantile", "worst"], title)
         part = summary(data)
         for name in part["shaper"].values:
             cells = [number(float(part[word].sel(shaper=name))) for word in ("mean", "quantile_95", "worst")]
@@ -64,8 +58,7 @@ def show_sweep(problem: Problem, found: "xr.Dataset", left_out: dict[str, str]) 
         console.print(table)
         if "error" in data.attrs:
             console.print(f"finer steps change this by at most {data.attrs['error']:.1e}", highlight=False)
-    for name, reason in left_out.items():
-        console.print(f"left out: {name}: {reason}", style="dim", highlight=False)
+    _show_left_out(console, left_out)
 
 
 def show_front(problem: Problem, front: "xr.Dataset") -> None:
@@ -87,12 +80,10 @@ def show_front(problem: Problem, front: "xr.Dataset") -> None:
 
 
 def number(value: float) -> str:
-    """A number in four digits, or that the plant was lost."""
-    if value != value or value == float("inf"):
-        return "lost"
-    # The optimisers' stand-in for a plant that is lost.
-    if abs(value) >= 1e29:
-        return "lost"
+    """A number in four digits, or that the plant diverged."""
+    # The optimisers write 1e30 for a plant that diverged.
+    if not abs(value) < 1e29:
+        return "diverged"
     return "0" if abs(value) < 1e-18 else f"{value:.4g}"
 
 
@@ -100,3 +91,26 @@ def new_console() -> Console:
     """As wide as the terminal; 120 columns where there is none."""
     console = Console()
     return console if console.is_terminal else Console(width=120)
+
+
+def new_table(first: str, others: Iterable[str], title: str | None = None, second: str | None = None) -> Table:
+    """A table as every command prints it.
+
+    Args:
+        first: heading of the first column, names.
+        others: headings of the columns of numbers.
+        title: above the table, if any.
+        second: heading of a wide second column, if there is one.
+    """
+    table = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False)
+    table.add_column(first, min_width=12)
+    if second is not None:
+        table.add_column(second, min_width=28)
+    for heading in others:
+        table.add_column(heading, justify="right", no_wrap=True)
+    return table
+
+
+def _show_left_out(console: Console, left_out: dict[str, str]) -> None:
+    for name, reason in left_out.items():
+        console.print(f"left out: {name}: {reason}", style="dim", highlight=False)

@@ -6,6 +6,7 @@ instants.
 derivatives of every order. Both run segment by segment in a time that is rescaled to [0, 1] on each of them.
 """
 
+import html
 from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
@@ -22,34 +23,35 @@ from jshape.plants import AbstractPlant
 from jshape.shaper import Shaper
 from jshape.simulation.integrate import integrate
 from jshape.simulation.schedule import Schedule, Segments, inputs_at, schedule
+from jshape.simulation.steps import TOLERANCE, field_of
+from jshape.status import Result, Status
 
 if TYPE_CHECKING:
     import diffrax
 
-TRACED_STEPS = (16, 128)
-"""Steps a segment to choose from at run time, where durations or frequencies are traced; see ``settled_state``."""
-
-TOLERANCE = 1e-11
-"""Relative error of the energy after ten periods that steps are chosen for unless another one is asked for."""
+_TRACED_STEPS = 128
+"""Steps a segment of methods whose steps are fixed, where durations or frequencies are traced."""
 
 _ANGLE = {"dopri8": 0.6, "tsit5": 0.06}
 """The phase (rad) of the fastest mode that a step may cover at that tolerance."""
 
 _ORDER = {"dopri8": 8, "tsit5": 5}
 
-_LOST_ANGLE = 2.5
-"""The phase of a step beyond which nothing of the answer is left."""
-
 _MOST_STEPS = 65536
 
 
-class Response(eqx.Module):
-    """What a plant did. All arrays have a leading time axis.
+class Response(Result, eqx.Module):
+    """The response of a plant to a command. All arrays have a leading time axis.
 
-    ``times``: s; ``states``: as the plant documents them; ``command``: the (shaped) command; ``payload``: what is to
-    arrive, m; ``deflection``: how far the flexible part is bent, m; ``energy``: above rest at the input of that
-    instant, J; ``diverged``: whether the plant has left the region from which it returns; ``error``: estimate of the
-    worst absolute error of any state at any sample. ``result`` says in words how it ended.
+    Attributes:
+        times: s.
+        states: shape (times, state), as the plant documents them.
+        command: the (shaped) command, m.
+        payload: position of what is to arrive, m.
+        deflection: of the flexible part, m.
+        energy: above rest at the input of that instant, J.
+        diverged: whether the plant has left the region from which it returns to rest.
+        error: estimate of the worst absolute error of any state at any sample.
     """
 
     times: Times
@@ -62,13 +64,48 @@ class Response(eqx.Module):
     error: Scalar
 
     @property
-    def result(self) -> str:
-        """How the simulation ended, in words (for concrete responses, not under a JAX transformation)."""
-        if bool(self.diverged):
-            finite = np.all(np.isfinite(np.asarray(self.states)), axis=1)
-            lost = "" if finite.all() else f"; not finite from {float(self.times[np.argmin(finite)]):.4g} s on"
-            return f"diverged: the plant left the region from which it returns to rest{lost}"
-        return f"completed, states within about {float(self.error):.1e}"
+    def status(self) -> Status:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """``CONVERGED`` or ``DIVERGED``; for concrete responses, not under a JAX transformation."""
+        return Status.DIVERGED if bool(self.diverged) else Status.CONVERGED
+
+    @property
+    def message(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """The status in a sentence, with the states' accuracy."""
+        if not bool(self.diverged):
+            return f"converged: states within about {float(self.error):.1e}"
+        finite = np.all(np.isfinite(np.asarray(self.states)), axis=1)
+        until = "" if finite.all() else f"; not finite from {float(self.times[np.argmin(finite)]):.4g} s on"
+        return f"diverged: the plant left the region from which it returns to rest{until}"
+
+    def __repr__(self) -> str:
+        if self.times.ndim != 1 or not _check.is_concrete(self):
+            return f"Response(times of shape {self.times.shape})"
+        return f"Response({len(self.times)} samples to {float(self.times[-1]):.4g} s, {self.message})"
+
+    def _repr_html_(self) -> str:
+        if self.times.ndim != 1 or not _check.is_concrete(self):
+            return f"<code>{html.escape(repr(self))}</code>"
+        peak, left = float(jnp.max(jnp.abs(self.deflection))), float(self.energy[-1])
+        rows = [("status", self.message), ("peak deflection", f"{peak:.4g} m"), ("energy at the end", f"{left:.4g} J")]
+        table = "".join(f"<tr><th>{name}</th><td>{html.escape(text)}</td></tr>" for name, text in rows)
+        return f"<div>{_curves(self.times, self.command, self.payload)}<table>{table}</table></div>"
+
+
+def _curves(times: Any, *curves: Any) -> str:
+    """Command (grey) and payload against time as a small SVG picture."""
+    width, height = 320, 120
+    values = np.nan_to_num(np.array([np.asarray(curve, float) for curve in curves]), posinf=0.0, neginf=0.0)
+    x = np.asarray(times, float) / max(float(times[-1]), 1e-300) * width
+    y = height * (1 - (values - values.min()) / max(np.ptp(values), 1e-300))
+    lines = [
+        f'<polyline fill="none" stroke="{colour}" points="{_points(x, row)}"/>'
+        for colour, row in zip(("#999", "#06c"), y, strict=False)
+    ]
+    return f'<svg viewBox="-4 -4 {width + 8} {height + 8}" width="{width}" role="img">{"".join(lines)}</svg>'
+
+
+def _points(x: np.ndarray, y: np.ndarray) -> str:
+    return " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, y, strict=True))
 
 
 def simulate(
@@ -125,7 +162,7 @@ def final_state(
     if len(plan.breaks) == 1:
         return initial_state, jnp.zeros_like(initial_state)
     segments = plan.segments()
-    state, error, _ = integrate(_field(plant), initial_state, segments.duration, segments, steps, method)
+    state, error, _ = integrate(field_of(plant), initial_state, segments.duration, segments, steps, method)
     return state, error
 
 
@@ -133,73 +170,27 @@ def all_states(
     plant: AbstractPlant, segments: Segments, initial_state: State, steps: int
 ) -> Float[Array, "segments points state"]:
     """The states at the beginning of each segment and after each of its fixed steps: ``steps + 1`` points."""
-    _, _, states = integrate(_field(plant), initial_state, segments.duration, segments, steps, save=True)
+    _, _, states = integrate(field_of(plant), initial_state, segments.duration, segments, steps, save=True)
     assert states is not None
     first = jnp.concatenate([initial_state[None], states[:-1, -1]])
     return jnp.concatenate([first[:, None], states], axis=1)
-
-
-def settled_state(plant: AbstractPlant, plan: Schedule, initial_state: State) -> tuple[State, State, Bool[Array, ""]]:
-    """``final_state`` where nothing is known before the run: the steps are chosen in it, from the frequencies there.
-
-    Under ``vmap`` the fastest plant of the batch chooses for all, so that only one of the choices is computed. The
-    third value says whether the most of ``TRACED_STEPS`` were enough for an answer at all.
-    """
-    if len(plan.breaks) == 1:
-        return initial_state, jnp.zeros_like(initial_state), jnp.asarray(True)
-    arrays, rest = eqx.partition(plant, eqx.is_array)
-    arrays, held = jax.lax.stop_gradient((arrays, plan))
-    angle = _bound(_jacobians(eqx.combine(arrays, rest), held)) * jnp.max(jnp.diff(held.breaks))
-    angle = _batch_maximum(angle.astype(initial_state.dtype))
-    dynamic, static = eqx.partition((plant, plan), eqx.is_array)
-
-    def branch(steps: int):
-        def run(dynamic: Any) -> tuple[State, State]:
-            plant, plan = eqx.combine(dynamic, static)
-            return final_state(plant, plan, initial_state, steps)
-
-        return run
-
-    few, many = TRACED_STEPS
-    state, error = jax.lax.cond(angle <= few * _ANGLE["dopri8"], branch(few), branch(many), dynamic)
-    return state, error, angle <= many * _LOST_ANGLE
-
-
-def _of_batch(axis_size: int, in_batched: list[bool], value: Array):
-    del axis_size, in_batched
-    return _batch_maximum(jnp.max(value, axis=0)), False
-
-
-_batch_maximum: Any = jax.custom_batching.custom_vmap(lambda value: value)
-"""The value itself; under ``vmap`` the greatest of the batch, one for all."""
-_batch_maximum.def_vmap(_of_batch)
-
-
-def _bound(matrices: Float[Array, "places state state"]) -> Scalar:
-    """The greatest magnitude of the matrices' eigenvalues, from above, by the norm of their sixteenth powers."""
-    size = jnp.max(jnp.abs(matrices))
-    scaled = matrices / jnp.where(size > 0, size, 1.0)
-    for _ in range(4):
-        # Not ``@``: XLA 0.10's algebraic simplifier fails on a small product that is batched twice.
-        scaled = jnp.sum(scaled[:, :, :, None] * scaled[:, None, :, :], axis=2)
-    return size * jnp.max(jnp.linalg.norm(scaled, axis=(1, 2))) ** (1 / 16)
 
 
 def steps_for(plant: AbstractPlant, plan: Schedule, method: str = "dopri8", tolerance: float = TOLERANCE) -> int:
     """How many fixed steps a segment needs, a power of two, from the plant's frequencies at this command.
 
     The fastest of: at rest, and with the flexible part bent by the whole command. ``tolerance``: relative error of
-    the energy after ten periods. Where values are being traced they are not known, and the answer is the most of
-    ``TRACED_STEPS``. *Raises* ``ValueError`` if it would take more than 65,536.
+    the energy after ten periods. Where values are being traced they are not known, and the answer is 128. *Raises*
+    ``ValueError`` if it would take more than 65,536.
     """
     if len(plan.breaks) == 1:
         return 1
     if not _check.is_concrete(plant, plan):
-        return TRACED_STEPS[-1]
+        return _TRACED_STEPS
     longest = float(np.max(np.diff(np.asarray(plan.breaks))))
     angle = fastest(plant, plan) * longest
     if not np.isfinite(angle):
-        return TRACED_STEPS[-1]
+        return _TRACED_STEPS
     allowed = _ANGLE[method] * (tolerance / TOLERANCE) ** (1 / _ORDER[method])
     least = 8 if tolerance <= TOLERANCE else 1
     steps = max(least, 2 ** int(np.ceil(np.log2(max(angle / allowed, 1.0)))))
@@ -236,14 +227,6 @@ def default_horizon(plant: AbstractPlant, plan: Schedule) -> Scalar:
     return jnp.where(lowest > 0, end + periods, jnp.where(end > 0, 1.5 * end, 1.0))
 
 
-def _field(plant: AbstractPlant):
-    def field(local: Scalar, state: State, segment: Segments) -> State:
-        inputs = inputs_at(plant, segment.coefficients, segment.age + local)
-        return plant.vector_field(segment.begin + local, state, inputs)
-
-    return field
-
-
 def _jacobians(plant: AbstractPlant, plan: Schedule) -> Float[Array, "places state state"]:
     start, end = plant.zero_inputs(), plan.final_inputs(plant)
     time = jnp.zeros_like(plan.breaks[0])
@@ -252,12 +235,12 @@ def _jacobians(plant: AbstractPlant, plan: Schedule) -> Float[Array, "places sta
     return jnp.stack([jacobian(*place) for place in places])
 
 
-_frequencies: Any = kept(_jacobians)
+state_jacobians: Any = kept(_jacobians)
 
 
 def fastest(plant: AbstractPlant, plan: Schedule) -> float:
     """The fastest mode at this command, rad/s: at rest, or with the flexible part bent by the whole command."""
-    matrices = np.asarray(_frequencies(plant, plan), dtype=float)
+    matrices = np.asarray(state_jacobians(plant, plan), dtype=float)
     if not np.all(np.isfinite(matrices)):
         return np.inf
     return float(np.max(np.abs(np.linalg.eigvals(matrices))))
@@ -269,7 +252,7 @@ def _simulate_adaptive(plant, plan, state, horizon, samples, rtol, atol, adjoint
 
     times = horizon * jnp.linspace(0.0, 1.0, samples, dtype=state.dtype)
     segments, at = plan.sampled(times)
-    field = _field(plant)
+    field = field_of(plant)
 
     def rescaled(s, y, segment):
         return segment.duration * field(s * segment.duration, y, segment)
@@ -309,12 +292,12 @@ def _steps_between(plant: AbstractPlant, plan: Schedule, horizon: Scalar, sample
     if not _check.is_concrete(plant, plan, horizon):
         return max(1, -(-256 // samples))
     angle = fastest(plant, plan) * float(horizon) / (samples - 1)
-    return min(_MOST_STEPS, max(1, int(np.ceil(angle / _ANGLE["dopri8"])))) if np.isfinite(angle) else TRACED_STEPS[-1]
+    return min(_MOST_STEPS, max(1, int(np.ceil(angle / _ANGLE["dopri8"])))) if np.isfinite(angle) else _TRACED_STEPS
 
 
 def _fixed_states(plant, segments: Segments, state: State, at, steps: int) -> tuple[Array, Scalar]:
     """States at the samples by the fixed-step kernel, and the embedded estimate of their error."""
-    _, error, states = integrate(_field(plant), state, segments.duration, segments, steps, save=True)
+    _, error, states = integrate(field_of(plant), state, segments.duration, segments, steps, save=True)
     assert states is not None
     return jnp.concatenate([state[None], states[:, -1]])[at], jnp.max(error)
 

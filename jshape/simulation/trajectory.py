@@ -10,18 +10,33 @@ from jshape import _check
 from jshape._types import Scalar
 from jshape.command import polynomial
 from jshape.compilation_cache import kept
+from jshape.simulation.integrate import integrate
 from jshape.simulation.schedule import Schedule, Segments, inputs_at
-from jshape.simulation.simulate import all_states, fastest
+from jshape.simulation.simulate import fastest
+from jshape.simulation.steps import field_of
+
+ACCURACY = 1e-6
+"""Relative error of the states above which a trajectory is flagged; the cubic pieces are about as accurate."""
 
 
-class Track(eqx.Module):
-    """A quantity and its rate at the ends of all fixed steps of a move, one row a segment; did the payload get lost?"""
+class Trajectory(eqx.Module):
+    """A quantity along a move.
+
+    Attributes:
+        time: s, at the ends of all fixed steps, one row a segment.
+        value: the quantity there.
+        slope: its rate there.
+        step: of each segment, s.
+        diverged: whether the plant diverged.
+        met: whether the embedded errors of all steps stay below ``ACCURACY`` of each state's greatest magnitude.
+    """
 
     time: Float[Array, "segments points"]
     value: Float[Array, "segments points"]
     slope: Float[Array, "segments points"]
     step: Float[Array, " segments"]
-    lost: Bool[Array, ""]
+    diverged: Bool[Array, ""]
+    met: Bool[Array, ""]
 
 
 def fine_steps(plant, plan: Schedule, periods: float) -> int:
@@ -43,14 +58,17 @@ def tail(plant, plan: Schedule, periods: float) -> Scalar:
 
 
 @kept
-def track(plant, plan: Schedule, state, periods: float, name: str, steps: int, parts: int = 1) -> Track:
+def trajectory(plant, plan: Schedule, state, periods: float, name: str, steps: int, parts: int = 1) -> Trajectory:
     """The named quantity over the move and that many periods of the slowest mode after it, the latter in ``parts``."""
     after = jnp.full(parts, tail(plant, plan, periods) / parts)
     moving = plan.segments()
     age = after * jnp.arange(parts)
     last = Segments(plan.breaks[-1] + age, after, age, jnp.repeat(plan.coefficients[-1:], parts, axis=0))
     segments = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), moving, last)
-    states = all_states(plant, segments, state, steps)
+    _, error, states = integrate(field_of(plant), state, segments.duration, segments, steps, save=True)
+    assert states is not None
+    first = jnp.concatenate([state[None], states[:-1, -1]])
+    states = jnp.concatenate([first[:, None], states], axis=1)
     local = segments.duration[:, None] * jnp.linspace(0.0, 1.0, steps + 1)
     quantity = getattr(plant, name)
 
@@ -62,8 +80,9 @@ def track(plant, plan: Schedule, state, periods: float, name: str, steps: int, p
         return jax.jvp(quantity, (y, position), (rate, velocity))
 
     value, slope = jax.vmap(jax.vmap(at, in_axes=(None, 0, 0)))(segments, states, local)
-    lost = plant.diverged(states[-1, -1], plan.final_inputs(plant)) | ~jnp.all(jnp.isfinite(value))
-    return Track(segments.begin[:, None] + local, value, slope, segments.duration / steps, lost)
+    diverged = plant.diverged(states[-1, -1], plan.final_inputs(plant)) | ~jnp.all(jnp.isfinite(value))
+    met = jnp.all(error <= ACCURACY * jnp.max(jnp.abs(states), axis=(0, 1)))
+    return Trajectory(segments.begin[:, None] + local, value, slope, segments.duration / steps, diverged, met)
 
 
 def extremes(value, slope, step) -> Array:
@@ -81,7 +100,7 @@ def extremes(value, slope, step) -> Array:
     return jnp.maximum(peak, jnp.maximum(p0, p1))
 
 
-def _crossings(value, slope, along: Track) -> Array:
+def _crossings(value, slope, along: Trajectory) -> Array:
     """Where in each step ``value`` crosses 0, s, by Newton's method on the cubic of that step."""
     h = along.step[:, None]
     p0, p1, m0, m1 = value[:, :-1], value[:, 1:], h * slope[:, :-1], h * slope[:, 1:]
@@ -93,14 +112,14 @@ def _crossings(value, slope, along: Track) -> Array:
     return along.time[:, :-1] + s * h
 
 
-def last_above(value, slope, along: Track) -> Scalar:
+def last_above(value, slope, along: Trajectory) -> Scalar:
     """The last time at which ``value`` comes down to 0; 0 if it is never above, infinite if it still is at the end."""
     down = (value[:, :-1] > 0) & (value[:, 1:] <= 0)
     last = jnp.max(jnp.where(down, _crossings(value, slope, along), 0.0))
     return jnp.where(value[-1, -1] > 0, jnp.inf, last)
 
 
-def first_above(value, slope, along: Track) -> Scalar:
+def first_above(value, slope, along: Trajectory) -> Scalar:
     """The first time at which ``value`` reaches 0 from below; infinite if it does not."""
     up = (value[:, :-1] < 0) & (value[:, 1:] >= 0)
     return jnp.min(jnp.where(up, _crossings(value, slope, along), jnp.inf))

@@ -8,7 +8,12 @@ from typing import Any
 
 
 def check_client(client: Any) -> None:
-    """*Raises* ``ImportError`` without dask.distributed, ``ValueError`` if ``client`` is not one of its clients."""
+    """Check that ``client`` is a client of a ``dask.distributed`` cluster.
+
+    Raises:
+        ImportError: without dask.distributed.
+        ValueError: if ``client`` is something else.
+    """
     try:
         from distributed import Client
     except ImportError:
@@ -20,10 +25,14 @@ def check_client(client: Any) -> None:
 def on_cluster(
     client: Any, function: Callable[..., Any], calls: Iterable[tuple[int, tuple[Any, ...]]]
 ) -> Iterator[tuple[int, Any]]:
-    """The index and result of each ``(index, arguments)`` of the calls, in the order in which they complete.
+    """Yield the index and result of each call, in the order in which the calls complete.
 
-    No more are under way than keep every thread of the cluster busy, whatever the number of calls; they are called
-    off if the caller stops listening.
+    No more are under way than keep every thread of the cluster busy; they are cancelled if the caller stops iterating.
+
+    Args:
+        client: of the cluster.
+        function: what is called on the workers.
+        calls: (index, arguments) of each call.
     """
     from distributed import as_completed
 
@@ -44,9 +53,9 @@ def on_cluster(
     try:
         for future in completed:
             result = future.result()
-            more = submit()
-            if more is not None:
-                completed.add(more)
+            following = submit()
+            if following is not None:
+                completed.add(following)
             yield indices.pop(future), result
     finally:
         client.cancel(list(indices))

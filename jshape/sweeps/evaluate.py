@@ -1,8 +1,12 @@
-"""Metrics of many plants, piece by piece: side by side on all local devices, or on the workers of a cluster.
+"""Metrics of many plants, chunk by chunk: side by side on all local devices, or on the workers of a cluster.
 
-A ``Task`` says what is computed for a plant; ``evaluate`` does so for all of them.
+``study`` checks what is asked for and cuts the set into chunks; ``evaluate`` computes it::
+
+    asked = study(plant, shapers, distance, {"m2": [0.9, 1.1]}, ("residual_energy",))
+    energies = evaluate(asked)      # values × shapers × plants
 """
 
+import dataclasses
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from importlib.metadata import version
 from pathlib import Path
@@ -16,14 +20,16 @@ from jax.sharding import Mesh, PartitionSpec
 from jaxtyping import Array, Float
 
 from jshape import metrics
-from jshape.command import AbstractCommand
+from jshape._types import Progress
+from jshape.command import AbstractCommand, as_command
 from jshape.compilation_cache import kept
 from jshape.plants import AbstractOscillator, AbstractPlant
 from jshape.shaper import Shaper
-from jshape.sweeps.checkpoint import in_pieces
-from jshape.sweeps.chunks import Piece
+from jshape.simulation.simulate import with_arrays
+from jshape.sweeps.checkpoint import in_chunks
+from jshape.sweeps.chunks import Chunk, cut, slices
 from jshape.sweeps.dask import on_cluster
-from jshape.sweeps.leaves import with_leaves
+from jshape.sweeps.leaves import check_over, grid, with_leaves
 
 BATCH = 4096
 """Plants computed side by side: enough for the vector units, few enough to stay in the cache."""
@@ -37,10 +43,15 @@ STEPPED = ("residual_energy", "residual_vibration")
 """The metrics whose fixed steps are chosen here; the others choose their own."""
 
 
-class Task(eqx.Module):
-    """What is computed for every plant: metrics of the shapers (stacked along a leading axis), and their slopes.
+class Evaluation(eqx.Module):
+    """What is computed of every plant: metrics of the shapers, and their derivatives.
 
-    ``slopes``: the leaves with respect to which each metric is derived; none, if there are none.
+    Attributes:
+        plant: the nominal plant.
+        command: the move.
+        shapers: stacked along a leading axis.
+        metrics: by name or as functions.
+        slopes: the leaves with respect to which each metric is differentiated, if any.
     """
 
     plant: AbstractPlant
@@ -50,27 +61,31 @@ class Task(eqx.Module):
     slopes: tuple[str, ...] = eqx.field(static=True)
 
     def __call__(self, shaper: Shaper, values: dict[str, Array], steps: int) -> Float[Array, " values"]:
-        """For one shaper and one plant: each metric, followed by its slopes."""
-
-        def one(metric: str | Metric, values: dict[str, Array]) -> Array:
-            changed = with_leaves(self.plant, values)
-            if callable(metric):
-                return metric(changed, shaper, self.command)
-            given = dict(steps=steps) if metric in STEPPED else {}
-            return getattr(metrics, metric)(changed, shaper, self.command, **given)
-
+        """For one shaper and one plant: each metric, followed by its derivatives."""
         found = []
         for metric in self.metrics:
+
+            def at(values: dict[str, Array], metric: str | Metric = metric) -> Array:
+                changed = with_leaves(self.plant, values)
+                if callable(metric):
+                    return metric(changed, shaper, self.command)
+                given = dict(steps=steps) if metric in STEPPED else {}
+                return getattr(metrics, metric)(changed, shaper, self.command, **given)
+
             if len(self.slopes) in range(1, FORWARD + 1) and isinstance(metric, str):
-                along = lambda name, metric=metric: lambda x: one(metric, {**values, name: x})
-                pairs = [jax.jvp(along(n), (values[n],), (jnp.ones_like(values[n]),)) for n in self.slopes]
+                pairs = [
+                    jax.jvp(
+                        lambda x, at=at, n=name: at({**values, n: x}), (values[name],), (jnp.ones_like(values[name]),)
+                    )
+                    for name in self.slopes
+                ]
                 found += [pairs[0][0], *(slope for _, slope in pairs)]
             elif self.slopes:
                 # A function of the user's may have no forward mode.
-                value, slopes = jax.value_and_grad(lambda v, metric=metric: one(metric, v))(values)
+                value, slopes = jax.value_and_grad(at)(values)
                 found += [value, *(slopes[name] for name in self.slopes)]
             else:
-                found.append(one(metric, values))
+                found.append(at(values))
         return jnp.stack(found)
 
     @property
@@ -80,18 +95,81 @@ class Task(eqx.Module):
 
     @property
     def batch(self) -> int:
-        """Plants side by side: fewer where a metric keeps the whole track of each."""
+        """Plants side by side: fewer where a metric keeps the whole trajectory of each."""
         brief = isinstance(self.plant, AbstractOscillator) and self.plant.drives()[0] == "displacement"
         light = ("residual_energy", "residual_vibration") if brief else ("residual_energy",)
         return BATCH if all(isinstance(m, str) and m in light for m in self.metrics) else max(BATCH // 64, 1)
 
 
-def task(
-    plant, command, shapers: list[Shaper], metrics: tuple[str | Metric, ...], slopes: tuple[str, ...] = ()
-) -> Task:
-    """A task with plain NumPy leaves, which any device and any process can take."""
+@dataclasses.dataclass(frozen=True)
+class Study:
+    """A set of plants, the moves that they make and what is computed of them.
+
+    Attributes:
+        plant: the nominal plant.
+        command: the move.
+        shapers: all of one length, in the order given.
+        evaluation: what is computed of a plant.
+        absolute: leaf → the values given for it, absolute.
+        points: leaf → one absolute value a plant.
+        chunks: of the plants.
+    """
+
+    plant: AbstractPlant
+    command: AbstractCommand
+    shapers: list[Shaper]
+    evaluation: Evaluation
+    absolute: dict[str, Array]
+    points: dict[str, np.ndarray]
+    chunks: list[Chunk]
+
+
+def study(
+    plant: AbstractPlant,
+    shapers: Iterable[Shaper | None],
+    distance: Any,
+    over: Mapping[str, Any],
+    metrics: tuple[str | Metric, ...],
+    *,
+    relative: bool = True,
+    combined: bool = True,
+    derivatives: bool = False,
+) -> Study:
+    """What a sweep computes, checked and cut into chunks.
+
+    Args:
+        plant: the nominal plant.
+        shapers: ``None`` is the bare command.
+        distance: of the move, m, or a command.
+        over: leaf → values, multiples of nominal if ``relative``.
+        metrics: names of ``jshape.metrics``, or functions (plant, shaper, command) → scalar.
+        relative: whether values are multiples of nominal.
+        combined: whether every combination of the values is a plant; else the n-th values of all leaves are one.
+        derivatives: whether each metric is differentiated with respect to each leaf.
+
+    Raises:
+        ValueError: as ``check_over`` and ``as_command`` do.
+    """
+    command, plant = as_command(distance), with_arrays(plant)
+    absolute = check_over(plant, over, relative)
+    points = {name: np.asarray(values) for name, values in (grid(absolute) if combined else absolute).items()}
+    padded = padded_shapers(shapers)
+    asked = evaluation(plant, command, padded, metrics, tuple(absolute) if derivatives else ())
+    count = len(next(iter(points.values())))
+    chunks = cut(plant, command, padded, points) if asked.stepped else slices(np.arange(count))
+    return Study(plant, command, padded, asked, absolute, points, chunks)
+
+
+def evaluation(
+    plant: AbstractPlant,
+    command: AbstractCommand,
+    shapers: list[Shaper],
+    metrics: tuple[str | Metric, ...],
+    slopes: tuple[str, ...] = (),
+) -> Evaluation:
+    """An ``Evaluation`` with NumPy leaves, which any device and any process can take."""
     stacked = jax.tree.map(lambda *leaves: np.stack(leaves), *shapers)
-    made = Task(plant, command, stacked, metrics, slopes)
+    made = Evaluation(plant, command, stacked, metrics, slopes)
     return jax.tree.map(lambda leaf: np.asarray(leaf) if isinstance(leaf, jax.Array) else leaf, made)
 
 
@@ -103,43 +181,56 @@ def padded_shapers(shapers: Iterable[Shaper | None]) -> list[Shaper]:
 
 
 def evaluate(
-    of: Task,
-    points: Mapping[str, np.ndarray],
-    cut: list[Piece],
-    store: Path | None = None,
-    progress: Callable[[int, int], None] | None = None,
-    client: Any = None,
+    study: Study, store: Path | None = None, progress: Progress | None = None, client: Any = None
 ) -> Float[np.ndarray, "values shapers plants"]:
-    """The task's values for all plants, computed here or on a cluster, kept piece by piece in ``store`` if given."""
-    chosen = lambda piece: {name: values[_filled(piece)] for name, values in points.items()}
+    """The values of all plants of a study, computed here or on a cluster.
 
-    def here(missing: list[int]) -> Iterator[tuple[int, np.ndarray]]:
-        for index in missing:
-            yield index, side_by_side(of, chosen(cut[index]), cut[index].steps)[..., : len(cut[index].at)]
+    Args:
+        study: what is computed.
+        store: folder of the checkpoint, if there is one.
+        progress: called after each chunk.
+        client: a ``dask.distributed.Client``, if a cluster computes.
+    """
+    of, points, chunks = study.evaluation, study.points, study.chunks
 
-    def there(missing: list[int]) -> Iterator[tuple[int, np.ndarray]]:
+    def filled(chunk: Chunk) -> dict[str, np.ndarray]:
+        # The last chunk of a bucket is filled up with its last plant, so that one program serves all.
+        at = np.append(chunk.at, np.full(chunk.size - len(chunk.at), chunk.at[-1]))
+        return {name: values[at] for name, values in points.items()}
+
+    def compute(missing: list[int]) -> Iterator[tuple[int, np.ndarray]]:
         wide = bool(jax.config.jax_enable_x64)  # pyright: ignore[reportAttributeAccessIssue]
-        calls = ((index, (of, chosen(cut[index]), cut[index].steps, wide)) for index in missing)
-        for index, values in on_cluster(client, _elsewhere, calls):
-            yield index, values[..., : len(cut[index].at)]
+        calls = ((index, (of, filled(chunks[index]), chunks[index].steps, wide)) for index in missing)
+        if client is not None:
+            return on_cluster(client, _side_by_side, calls)
+        return ((index, _side_by_side(*arguments)) for index, arguments in calls)
 
-    fingerprint = lambda: _fingerprint(of, points, cut)
     found: np.ndarray | None = None
-    for index, values in in_pieces(there if client is not None else here, len(cut), store, fingerprint, progress):
+    for index, values in in_chunks(compute, len(chunks), store, lambda: _fingerprint(study), progress):
+        at = chunks[index].at
         if found is None:
             found = np.empty((*values.shape[:2], len(next(iter(points.values())))), values.dtype)
-        found[:, :, cut[index].at] = values
+        found[:, :, at] = values[..., : len(at)]
     assert found is not None
     return found
 
 
-def _filled(piece: Piece) -> np.ndarray:
-    """The last piece of a bucket is filled up with its last plant, so that one program serves all."""
-    return np.append(piece.at, np.full(piece.size - len(piece.at), piece.at[-1]))
+def _side_by_side(of: Evaluation, points: dict[str, np.ndarray], steps: int, wide: bool) -> np.ndarray:
+    """``side_by_side`` in a worker, whose JAX has a precision of its own."""
+    with jax.enable_x64(wide):
+        return side_by_side(of, points, steps)
 
 
-def side_by_side(of: Task, points: Mapping[str, np.ndarray], steps: int) -> Float[np.ndarray, "values shapers plants"]:
-    """The task's values for some plants, shared out evenly among all local devices."""
+def side_by_side(
+    of: Evaluation, points: Mapping[str, np.ndarray], steps: int
+) -> Float[np.ndarray, "values shapers plants"]:
+    """The values of some plants, shared out evenly among all local devices.
+
+    Args:
+        of: what is computed of a plant.
+        points: leaf → one absolute value a plant.
+        steps: fixed steps of the metrics in ``STEPPED``.
+    """
     count = len(next(iter(points.values())))
     devices = jax.local_devices()
     lanes = min(of.batch, -(-count // len(devices)))
@@ -150,17 +241,20 @@ def side_by_side(of: Task, points: Mapping[str, np.ndarray], steps: int) -> Floa
 
 
 @kept
-def _many(of: Task, points: Mapping[str, Any], steps: int, lanes: int) -> Array:
+def _many(of: Evaluation, points: Mapping[str, Any], steps: int, lanes: int) -> Array:
     mesh = Mesh(np.array(jax.local_devices()), ("plants",))
     arrays, rest = eqx.partition(of, eqx.is_array)
 
-    def share(arrays: Task, points: Mapping[str, Any]) -> Array:
+    def share(arrays: Evaluation, points: Mapping[str, Any]) -> Array:
         of = eqx.combine(arrays, rest)
-        each = lambda shaper: jax.lax.map(lambda values: of(shaper, values, steps), points, batch_size=lanes)
+
+        def each(shaper: Shaper) -> Array:
+            return jax.lax.map(lambda values: of(shaper, values, steps), points, batch_size=lanes)
+
         return jnp.moveaxis(jax.lax.map(each, of.shapers), -1, 0)
 
     along = PartitionSpec("plants")
-    # Devices never talk to each other here, so there is nothing for JAX to check.
+    # Devices never communicate here, so there is nothing for JAX to check.
     shared = jax.shard_map(
         share,
         mesh=mesh,
@@ -171,18 +265,12 @@ def _many(of: Task, points: Mapping[str, Any], steps: int, lanes: int) -> Array:
     return shared(arrays, points)
 
 
-def _elsewhere(of: Task, points: dict[str, np.ndarray], steps: int, wide: bool) -> np.ndarray:
-    """In a worker, whose JAX has a precision of its own."""
-    with jax.enable_x64(wide):
-        return side_by_side(of, points, steps)
-
-
-def _fingerprint(of: Task, points: Mapping[str, np.ndarray], cut: list[Piece]) -> bytes:
+def _fingerprint(study: Study) -> bytes:
     """Everything that the numbers depend on: the program that is run for a plant, as text, and all that it is given."""
-    arrays, rest = eqx.partition(of, lambda leaf: isinstance(leaf, np.ndarray))
-    first = jax.tree.map(lambda leaf: leaf[0], arrays.shapers), {name: values[0] for name, values in points.items()}
-    program = jax.jit(lambda arrays, shaper, values: eqx.combine(arrays, rest)(shaper, values, cut[0].steps))
+    arrays, rest = eqx.partition(study.evaluation, lambda leaf: isinstance(leaf, np.ndarray))
+    first = jax.tree.map(lambda leaf: leaf[0], arrays.shapers), {n: values[0] for n, values in study.points.items()}
+    program = jax.jit(lambda arrays, shaper, values: eqx.combine(arrays, rest)(shaper, values, study.chunks[0].steps))
     text = program.lower(arrays, *first).as_text()
-    words = f"{[(piece.size, piece.steps) for piece in cut]} {list(points)} {version('jax')}"
-    leaves = [np.asarray(leaf) for leaf in jax.tree.leaves((arrays, dict(points)))]
-    return b"|".join([text.encode(), words.encode(), *(leaf.tobytes() for leaf in leaves)])
+    facts = f"{[(chunk.size, chunk.steps) for chunk in study.chunks]} {list(study.points)} {version('jax')}"
+    leaves = [np.asarray(leaf) for leaf in jax.tree.leaves((arrays, study.points))]
+    return b"|".join([text.encode(), facts.encode(), *(leaf.tobytes() for leaf in leaves)])

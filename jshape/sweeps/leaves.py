@@ -30,14 +30,23 @@ def leaf_names(plant: AbstractPlant) -> list[str]:
 
 
 def leaf(plant: AbstractPlant, name: str) -> Array:
-    """The value of the leaf of that dotted path. *Raises* ``ValueError`` for an unknown one, listing what there is."""
+    """The value of the leaf of that dotted path.
+
+    Raises:
+        ValueError: for an unknown one; the message lists what there is.
+    """
     where, index = _where(plant, name)
     value = jnp.asarray(where(plant))
     return value if index is None else value[index]
 
 
 def with_leaves(plant: AbstractPlant, values: Mapping[str, Any]) -> AbstractPlant:
-    """The plant with those leaves replaced. Values may be traced; they are not checked."""
+    """The plant with some leaves replaced.
+
+    Args:
+        plant: the nominal plant.
+        values: leaf → its new value, which may be traced and is not checked.
+    """
     for name, value in values.items():
         where, index = _where(plant, name)
         new = value if index is None else jnp.asarray(where(plant)).at[index].set(value)
@@ -48,8 +57,14 @@ def with_leaves(plant: AbstractPlant, values: Mapping[str, Any]) -> AbstractPlan
 def check_over(plant: AbstractPlant, over: Mapping[str, Any], relative: bool = True) -> dict[str, Array]:
     """The absolute values of each named leaf of an uncertain set.
 
-    *Raises* ``ValueError`` for an empty set, an unknown leaf, values that are not a list of finite numbers, multiples
-    of a leaf that is 0, or values with which the plant itself cannot be (a negative mass).
+    Args:
+        plant: the nominal plant.
+        over: leaf → a list of values.
+        relative: whether the values are multiples of nominal.
+
+    Raises:
+        ValueError: for an empty set, an unknown leaf, values that are not a list of finite numbers, multiples of a leaf
+            that is 0, or values with which the plant itself cannot be (a negative mass).
     """
     if not isinstance(over, Mapping) or not over:
         raise ValueError(f"over must name at least one leaf and its values, not {over!r}")
@@ -76,11 +91,18 @@ def grid(absolute: Mapping[str, Array]) -> dict[str, Array]:
 
 
 def map_plants(function: Callable[[AbstractPlant], Any], plant: AbstractPlant, samples: Mapping[str, Array]) -> Any:
-    """``vmap`` of a function of the plant over samples of its leaves (one entry a plant in each)."""
+    """The values of a function for many plants, by ``vmap``.
+
+    Args:
+        function: of a plant.
+        plant: the nominal plant.
+        samples: leaf → one absolute value a plant.
+    """
     return jax.vmap(lambda values: function(with_leaves(plant, values)))(dict(samples))
 
 
 def _where(plant: AbstractPlant, name: str) -> tuple[Callable[[Any], Any], int | None]:
+    """What takes the leaf (or the array that it is an entry of) out of a plant, and the entry's index."""
     if not isinstance(name, str) or name not in leaf_names(plant):
         raise ValueError(f"unknown leaf {name!r}: {type(plant).__name__} has {', '.join(leaf_names(plant))}")
     parts = name.split(".")

@@ -16,20 +16,24 @@ SAMPLING = ("sobol", "latin hypercube", "uniform", "normal")
 
 
 def draw(ranges: Mapping[str, Any], count: int, sampling: str = "sobol", seed: int = 0) -> dict[str, np.ndarray]:
-    """``count`` joint samples of the leaves, in the units of their ranges: one of ``draw_sets``."""
+    """``count`` joint samples of the leaves, in the units of their ranges: one set of ``draw_sets``."""
     return draw_sets(ranges, count, 1, sampling, seed)[0]
 
 
 def draw_sets(
     ranges: Mapping[str, Any], count: int, sets: int, sampling: str = "sobol", seed: int = 0
 ) -> list[dict[str, np.ndarray]]:
-    """Several sets of ``count`` joint samples of the leaves, independent of each other, in the units of their ranges.
+    """Several sets of joint samples of the leaves, independent of each other, in the units of their ranges.
 
-    ``ranges``: leaf → (least, greatest), or (mean, standard deviation) for ``"normal"``. Sobol points are scrambled and
-    balanced best for powers of two.
+    Args:
+        ranges: leaf → (least, greatest), or (mean, standard deviation) for ``"normal"``.
+        count: samples a set; Sobol points are scrambled, and balanced best for powers of two.
+        sets: number of sets.
+        sampling: one of ``SAMPLING``.
+        seed: of the random numbers.
 
-    *Raises* ``ValueError`` for an unknown sampling, a range that is no pair of finite numbers, or one the wrong way
-    round.
+    Raises:
+        ValueError: for an unknown sampling, a range that is no pair of finite numbers, or one the wrong way round.
     """
     count = _check.count(count, "samples")
     _check.one_of(sampling, "sampling", SAMPLING)

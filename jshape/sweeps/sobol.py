@@ -1,4 +1,4 @@
-"""Which uncertain leaf the spread of a metric comes from: Sobol indices, by SciPy.
+"""Sobol indices: which uncertain leaf the spread of a metric comes from, by SciPy.
 
 ::
 
@@ -7,7 +7,7 @@
     ds.total.sel(shaper="tuned")            # ... and together with the others
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -15,13 +15,10 @@ import xarray as xr
 from scipy.stats import bootstrap, sobol_indices
 
 from jshape import _check
-from jshape.command import as_command
+from jshape._types import Progress
 from jshape.plants import AbstractPlant
 from jshape.shaper import Shaper
-from jshape.simulation.simulate import with_arrays
-from jshape.sweeps.chunks import cut, slices
-from jshape.sweeps.evaluate import Metric, evaluate, padded_shapers, task
-from jshape.sweeps.leaves import check_over
+from jshape.sweeps.evaluate import Metric, evaluate, study
 from jshape.sweeps.sampling import draw_sets
 from jshape.sweeps.sweep import METRICS, as_metrics, named_shapers
 
@@ -41,24 +38,36 @@ def sensitivity_indices(
     relative: bool = True,
     confidence: float = 0.95,
     resamples: int = 499,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> xr.Dataset:
     """First-order and total Sobol indices of a metric of each shaper, and a summary of its spread.
 
-    ``shapers``, ``distance``, ``metric``, ``relative``, ``progress`` as in ``sweep``. ``over``: leaf → (least,
-    greatest), or (mean, standard deviation) with ``sampling="normal"``; the leaves are taken to be independent.
-    ``samples``: a power of two; ``samples × (leaves + 2)`` plants are run. ``confidence``: level of the intervals, by
-    ``resamples`` bootstrap draws.
+    Args:
+        plant: the nominal plant.
+        shapers: one, or several by name; ``None`` is the bare command.
+        distance: of the move, m, or a command.
+        over: leaf → (least, greatest), or (mean, standard deviation) with ``sampling="normal"``; the leaves are taken
+            to be independent.
+        metric: one, as in ``sweep``.
+        samples: a power of two; ``samples × (leaves + 2)`` plants are run.
+        sampling: as in ``sweep``.
+        seed: of the samples and the bootstrap.
+        relative: whether the values of ``over`` are multiples of nominal.
+        confidence: level of the intervals, in (0, 1).
+        resamples: bootstrap draws.
+        progress: called after each chunk.
 
-    Returns a dataset: ``first_order`` and ``total`` over ``shaper`` and ``leaf``, dimensionless, with ``_low`` and
-    ``_high`` for the ends of their confidence intervals; ``mean``, ``std`` and ``quantiles`` of the metric, in its
-    unit. A shaper whose metric does not vary has indices of 0.
+    Returns:
+        ``first_order`` and ``total`` over ``shaper`` and ``leaf``, dimensionless, with ``_low`` and ``_high`` for the
+        ends of their confidence intervals; ``mean``, ``std`` and ``quantiles`` of the metric, in its unit. A shaper
+        whose metric does not vary has indices of 0.
 
-    *Raises* ``ValueError`` for wrong arguments as ``sweep`` does, samples that are no power of two, a confidence
-    outside (0, 1), and if the metric is not finite for every plant (a payload that is lost has no variance).
+    Raises:
+        ValueError: for wrong arguments as ``sweep`` does, samples that are no power of two, a confidence outside
+            (0, 1), and if the metric is not finite for every plant (one that diverged has no variance).
 
-    *Source*: Saltelli et al., Computer Physics Communications 181 (2010), Table 2 (b) and (f), as in
-    ``scipy.stats.sobol_indices``.
+    Source: Saltelli et al., Computer Physics Communications 181 (2010), Table 2 (b) and (f), as in
+        ``scipy.stats.sobol_indices``.
     """
     names = named_shapers(shapers)
     samples = _check.count(samples, "samples", least=2)
@@ -70,22 +79,16 @@ def sensitivity_indices(
     if not isinstance(metric, str) and not callable(metric):
         raise ValueError(f"metric must be one name or one function, not {metric!r}")
     ((name, asked),) = as_metrics(metric).items()
-    command, plant = as_command(distance), with_arrays(plant)
     a, b = draw_sets(over, samples, 2, sampling, seed)
-    leaves = list(over)
-    mixed = [a, b, *({**a, leaf: b[leaf]} for leaf in leaves)]
-    values = {leaf: np.concatenate([part[leaf] for part in mixed]) for leaf in leaves}
-    points = {leaf: np.asarray(v) for leaf, v in check_over(plant, values, relative).items()}
-    padded = padded_shapers(names.values())
-    of = task(plant, command, padded, (asked,))
-    pieces = cut(plant, command, padded, points) if of.stepped else slices(np.arange(samples * len(mixed)))
-    found = evaluate(of, points, pieces, progress=progress)[0]
-    lost = np.count_nonzero(~np.isfinite(found))
-    if lost:
-        raise ValueError(f"over: {name} is not finite for {lost} of {found.size} plants; narrow the ranges")
+    mixed = [a, b, *({**a, leaf: b[leaf]} for leaf in over)]
+    values = {leaf: np.concatenate([part[leaf] for part in mixed]) for leaf in over}
+    of = study(plant, names.values(), distance, values, (asked,), relative=relative, combined=False)
+    found = evaluate(of, progress=progress)[0]
+    diverged = np.count_nonzero(~np.isfinite(found))
+    if diverged:
+        raise ValueError(f"over: {name} is not finite for {diverged} of {found.size} plants; narrow the ranges")
     # (A, B and each A with one leaf of B, shapers, samples)
     found = np.moveaxis(found.reshape(len(names), len(mixed), samples), 1, 0)
-    indices = _indices(found)
     draws = bootstrap(
         (np.arange(samples),),
         lambda chosen: _indices(found[..., chosen]),
@@ -95,29 +98,44 @@ def sensitivity_indices(
         vectorized=False,
         rng=np.random.default_rng(seed),
     )
-    interval = draws.confidence_interval
-    long_name, unit = METRICS.get(name, (name, "SI"))
-    variables: dict[str, Any] = {}
-    for i, (index, words) in enumerate((("first_order", "first-order Sobol index"), ("total", "total Sobol index"))):
-        for end, data in (("", indices), ("_low", interval.low), ("_high", interval.high)):
-            about = dict(long_name=words + {"": "", "_low": ", lower end", "_high": ", upper end"}[end], units="1")
-            variables[index + end] = (("shaper", "leaf"), data[i], about)
-    independent = np.concatenate([found[0], found[1]], axis=-1)
-    about = lambda words: dict(long_name=f"{words} of {long_name}", units=unit)
-    variables["mean"] = ("shaper", independent.mean(axis=-1), about("mean"))
-    variables["std"] = ("shaper", independent.std(axis=-1), about("standard deviation"))
-    quantiles = np.quantile(independent, QUANTILES, axis=-1).T
-    variables["quantiles"] = (("shaper", "quantile"), quantiles, about("quantiles"))
     coordinates = {
         "shaper": ("shaper", np.array(list(names), object), dict(long_name="shaper")),
-        "leaf": ("leaf", np.array(leaves, object), dict(long_name="leaf")),
+        "leaf": ("leaf", np.array(list(over), object), dict(long_name="leaf")),
         "quantile": ("quantile", list(QUANTILES), dict(long_name="quantile", units="1")),
     }
     attrs = dict(
-        plant=type(plant).__name__, distance=float(command.final), metric=name, samples=samples, sampling=sampling,
+        plant=type(plant).__name__, distance=float(of.command.final), metric=name, samples=samples, sampling=sampling,
         seed=seed, confidence=confidence,
     )  # fmt: skip
+    variables = _shares(_indices(found), draws.confidence_interval) | _spread(found, *METRICS.get(name, (name, "SI")))
     return xr.Dataset(variables, coordinates, attrs)
+
+
+def _shares(indices: np.ndarray, interval: Any) -> dict[str, Any]:
+    """The indices and the ends of their intervals as variables."""
+    variables = {}
+    for i, (index, words) in enumerate((("first_order", "first-order Sobol index"), ("total", "total Sobol index"))):
+        for end, more, data in (
+            ("", "", indices),
+            ("_low", ", lower end", interval.low),
+            ("_high", ", upper end", interval.high),
+        ):
+            variables[index + end] = (("shaper", "leaf"), data[i], dict(long_name=words + more, units="1"))
+    return variables
+
+
+def _spread(found: np.ndarray, long_name: str, unit: str) -> dict[str, Any]:
+    """Mean, standard deviation and quantiles of the two independent sets of samples as variables."""
+    independent = np.concatenate([found[0], found[1]], axis=-1)
+    quantiles = np.quantile(independent, QUANTILES, axis=-1).T
+    return {
+        name: (dims, data, dict(long_name=f"{words} of {long_name}", units=unit))
+        for name, words, dims, data in (
+            ("mean", "mean", "shaper", independent.mean(axis=-1)),
+            ("std", "standard deviation", "shaper", independent.std(axis=-1)),
+            ("quantiles", "quantiles", ("shaper", "quantile"), quantiles),
+        )
+    }
 
 
 def _indices(found: np.ndarray) -> np.ndarray:

@@ -112,7 +112,7 @@ def direct_adaptive(params: Params, seeks: bool = False, scale: Any = 1.0, zeta:
     seeking = ExtremumSeeking(
         step_time=1.0,
         start=jnp.full(modes, zeta, dtype),
-        frequency=jnp.linspace(1.6, 2.2, modes, dtype=dtype),
+        omega=jnp.linspace(1.6, 2.2, modes, dtype=dtype),
         amplitude=jnp.asarray(0.01, dtype),
         gain=jnp.asarray(-0.5, dtype),
         high_pass=jnp.asarray(0.5, dtype),

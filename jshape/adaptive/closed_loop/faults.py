@@ -1,6 +1,5 @@
-"""What sensors do when they misbehave: six ways, as they come on real machines."""
+"""Six kinds of sensor faults, as they come on real machines."""
 
-from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -10,52 +9,44 @@ import numpy as np
 from jshape import _check
 from jshape.adaptive.closed_loop.loop import Faults
 
+KINDS = ("knock", "dead", "nan", "frozen", "dropped", "hum")
+
 _KNOCK = (0.0, 0.2, 20.0, 20.0)
-"""What a blow adds to encoder, strain gauge (rad) and accelerometers (m/s²): beyond all that the link does by
-itself."""
+"""What a blow adds to encoder, strain gauge (rad) and accelerometers (m/s²): beyond all that the link does
+by itself."""
 _HUM = (0.0, 0.05, 5.0, 5.0)
 
 
-def wild(kind: str, samples: int, sample_time: float, *, begin: float, end: float, frequency: float = 57.0) -> Faults:
-    """Faults of one kind from ``begin`` to ``end`` (s), for a run of so many ``samples``.
+def wild(kind: str, samples: int, sample_time: float, *, begin: float, end: float, omega: float = 57.0) -> Faults:
+    """Faults of one kind.
 
-    ``kind``: ``"knock"``, three samples of strain gauge and accelerometers far beyond their usual range; ``"dead"``,
-    all read 0; ``"nan"``, no sample comes; ``"frozen"``, all stay as they are; ``"dropped"``, every fifth sample, at
-    random, does not come; ``"hum"``, a vibration of ``frequency`` (rad/s; ten times the slowest resonance of the
-    paper's link) in strain gauge and accelerometers, as large as that of an unshaped move.
+    Args:
+        kind: ``"knock"``, three samples of strain gauge and accelerometers far beyond their usual range; ``"dead"``,
+            all read 0; ``"nan"``, no sample comes; ``"frozen"``, all stay as they are; ``"dropped"``, every fifth
+            sample, at random, does not come; ``"hum"``, a vibration of ``omega`` in strain gauge and accelerometers, as
+            large as that of an unshaped move.
+        samples: of the run.
+        sample_time: s.
+        begin: of the faults, s.
+        end: of the faults, s.
+        omega: of the hum, rad/s; by default ten times the slowest resonance of the paper's link.
 
-    *Raises* ``ValueError`` for a kind that is none, or times the wrong way round.
+    Raises:
+        ValueError: for a kind that is none, or times the wrong way round.
     """
-    _check.one_of(kind, "kind", tuple(KINDS))
+    _check.one_of(kind, "kind", KINDS)
     if not 0 <= begin < end:
         raise ValueError(f"begin must be before end and not negative, not {begin} and {end}")
     at = np.arange(samples) * sample_time
     during = (at >= begin) & (at < end)
-    none = Faults(jnp.zeros((samples, 4)), jnp.ones(samples), jnp.zeros(samples, bool), jnp.zeros(samples, bool))
-    return KINDS[kind](none, during, at, frequency)
-
-
-def _knock(none: Faults, during: np.ndarray, at: np.ndarray, frequency: float) -> Faults:
-    del at, frequency
-    first = int(np.argmax(during))
-    return none._replace(added=none.added.at[first : first + 3].set(jnp.array(_KNOCK)))
-
-
-def _hum(none: Faults, during: np.ndarray, at: np.ndarray, frequency: float) -> Faults:
-    wave = np.where(during, np.sin(frequency * at), 0.0)
-    return none._replace(added=jnp.asarray(wave[:, None] * np.array(_HUM)))
-
-
-def _dropped(none: Faults, during: np.ndarray, at: np.ndarray, frequency: float) -> Faults:
-    del at, frequency
-    return none._replace(missing=during & jax.random.bernoulli(jax.random.key(5), 0.2, during.shape))
-
-
-KINDS: dict[str, Callable[[Faults, Any, Any, float], Faults]] = {
-    "knock": _knock,
-    "dead": lambda none, during, at, frequency: none._replace(alive=jnp.where(during, 0.0, 1.0)),
-    "nan": lambda none, during, at, frequency: none._replace(missing=jnp.asarray(during)),
-    "frozen": lambda none, during, at, frequency: none._replace(frozen=jnp.asarray(during)),
-    "dropped": _dropped,
-    "hum": _hum,
-}
+    none, first = Faults.none(samples), int(np.argmax(during))
+    hum = np.where(during, np.sin(omega * at), 0.0)
+    changes: dict[str, dict[str, Any]] = {
+        "knock": dict(added=none.added.at[first : first + 3].set(jnp.array(_KNOCK))),
+        "dead": dict(alive=jnp.where(during, 0.0, 1.0)),
+        "nan": dict(missing=jnp.asarray(during)),
+        "frozen": dict(frozen=jnp.asarray(during)),
+        "dropped": dict(missing=during & jax.random.bernoulli(jax.random.key(5), 0.2, during.shape)),
+        "hum": dict(added=jnp.asarray(hum[:, None] * np.array(_HUM))),
+    }
+    return none._replace(**changes[kind])

@@ -1,9 +1,10 @@
 """The closed loop: a link whose load changes, its sensors, and strategies side by side, sample by sample.
 
     link = js.adaptive.SampledLink(js.plants.FlexibleLink(), loads=(0.0, 20.0), sample_time=0.005)
-    traces = js.adaptive.run(link, {"unshaped": Unshaped(), "ours": StateAware(0.005)}, reference, which)
+    strategies = {name: js.adaptive.case(name, 0.005) for name in ("unshaped", "state-aware")}
+    traces = js.adaptive.run(link, strategies, reference, which)
 
-Each strategy has a link of its own; all see the same noise and the same faults. A run is one scan, and ``vmap`` runs
+Each strategy has a link of its own; all get the same noise and the same faults. A run is one scan, and ``vmap`` runs
 hundreds of schedules side by side.
 """
 
@@ -21,7 +22,7 @@ from jshape.adaptive.strategies.strategy import AbstractStrategy
 
 
 class Faults(NamedTuple):
-    """What goes wrong with the sensors, sample by sample."""
+    """Faults of the sensors, sample by sample."""
 
     added: Float[Array, "samples 4"]
     """Added to the readings, in their units and order: a knock, a hum."""
@@ -32,9 +33,15 @@ class Faults(NamedTuple):
     frozen: Bool[Array, " samples"]
     """The readings stay what they were."""
 
+    @classmethod
+    def none(cls, samples: int) -> "Faults":
+        """Sensors that work."""
+        never = jnp.zeros(samples, bool)
+        return cls(jnp.zeros((samples, 4)), jnp.ones(samples), never, never)
+
 
 class Trace(NamedTuple):
-    """What happened in a run, each with a leading axis of samples."""
+    """The signals of a run, each with a leading axis of samples."""
 
     command: Float[Array, " samples"]
     """Of the motor's reference, rad."""
@@ -49,8 +56,8 @@ class Trace(NamedTuple):
     omega: Float[Array, "samples modes"]
     """The frequencies that the shaper is tuned to, rad/s."""
     zeta: Float[Array, "samples modes"]
-    doubted: Int[Array, " samples"]
-    """How many samples or estimates the strategy has not believed so far."""
+    rejected: Int[Array, " samples"]
+    """How many samples or estimates the strategy has rejected so far."""
 
 
 def run(
@@ -63,39 +70,43 @@ def run(
     faults: Faults | None = None,
     key: PRNGKeyArray | None = None,
 ) -> dict[str, Trace]:
-    """All strategies on the same schedule.
+    """Run all strategies on the same schedule.
 
-    ``reference``: the motor's reference angle at each sample, rad, (samples,); the link begins at rest at the first.
-    ``which``: the index of the load that hangs at the tip at each sample, (samples,). ``sensors``: noise and
-    resolution; the defaults of ``Sensors``, unless given. ``key``: of the noise.
+    Args:
+        link: the machine, with all loads that it will carry.
+        strategies: by name.
+        reference: the motor's reference angle at each sample, rad, shape (samples,); the link begins at rest at the
+            first.
+        which: index of the load that hangs at the tip at each sample, shape (samples,).
+        sensors: noise and resolution; the defaults of ``Sensors``, unless given.
+        faults: of the sensors; none, unless given.
+        key: of the noise.
 
-    *Raises* ``ValueError`` for lists of different lengths, an index that no load has, a reference that is not finite,
-    or a strategy with another sample time than the link's.
+    Raises:
+        ValueError: for lists of different lengths, an index that no load has, a reference that is not finite, or a
+            strategy with another sample time than the link's.
     """
     reference, which = _check.as_array(reference, "reference"), jnp.asarray(which)
     _check_schedule(link, strategies, reference, which)
     sensors = Sensors() if sensors is None else sensors
-    if faults is None:
-        never = jnp.zeros(len(reference), bool)
-        faults = Faults(jnp.zeros((len(reference), 4)), jnp.ones(len(reference)), never, never)
+    faults = Faults.none(len(reference)) if faults is None else faults
     draws = jax.random.normal(jax.random.key(0) if key is None else key, (len(reference), 4))
 
     def tick(state: Any, sample: Any) -> tuple[Any, Any]:
         angle, which, draw, fault = sample
-        new, seen = {}, {}
+        new, traces = {}, {}
         for name, strategy in strategies.items():
             body, memory, command, before = state[name]
             readings = sensors.read(link.truth(body, command, which), draw)
-            told = jnp.where(fault.frozen, before, fault.alive * jnp.stack(list(readings)) + fault.added)
-            memory, decision = strategy.step(memory, angle, Readings(*jnp.where(fault.missing, jnp.nan, told)))
+            values = jnp.where(fault.frozen, before, fault.alive * jnp.stack(list(readings)) + fault.added)
+            memory, decision = strategy.step(memory, angle, Readings(*jnp.where(fault.missing, jnp.nan, values)))
             truth = link.truth(body, decision.command, which)
-            bent = truth.motor + truth.strain
-            seen[name] = Trace(
-                decision.command, bent, truth.strain, truth.tip, truth.middle,
-                decision.omega, decision.zeta, jnp.asarray(decision.doubted),
+            traces[name] = Trace(
+                decision.command, truth.motor + truth.strain, truth.strain, truth.tip, truth.middle,
+                decision.omega, decision.zeta, jnp.asarray(decision.rejected),
             )  # fmt: skip
-            new[name] = link.step(body, decision.command, which), memory, decision.command, told
-        return new, seen
+            new[name] = link.step(body, decision.command, which), memory, decision.command, values
+        return new, traces
 
     rest = link.plant.rest_state(reference[0])
     still = jnp.stack(list(link.truth(rest, reference[0], which[0])))

@@ -1,4 +1,4 @@
-"""What the figures of the paper show, for any run: spectra over time, estimates, accumulated vibration, one move."""
+"""The figures of the paper for any run: spectra over time, estimates, accumulated vibration, one move."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -6,7 +6,6 @@ from typing import Any
 import matplotlib as mpl
 import matplotlib.pyplot as plt
 import numpy as np
-import xarray as xr
 from matplotlib.figure import Figure
 
 from jshape.adaptive.closed_loop.loop import Trace
@@ -18,15 +17,24 @@ EVERY = 1.0
 
 
 def _colours(traces: Mapping[str, Any]) -> dict[str, str]:
-    """One for each run, the same in every figure."""
+    """One colour for each run, the same in every figure."""
     return {name: COLOURS[i % len(COLOURS)] for i, name in enumerate(traces)}
 
 
 def spectra(
-    samples: Any, sample_time: float, points: int, band: tuple[float, float]
+    samples: Any, band: tuple[float, float], sample_time: float, points: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Times (s), frequencies (rad/s) and magnitudes (times, frequencies) of the DFT over the last ``points``
-    samples."""
+    """Magnitudes of the DFT over the last samples, every second.
+
+    Args:
+        samples: of an accelerometer, m/s², shape (samples,).
+        band: rad/s.
+        sample_time: s.
+        points: of the DFT.
+
+    Returns:
+        Times (s), frequencies (rad/s) and magnitudes (m/s²), shape (times, frequencies).
+    """
     samples = np.concatenate([np.zeros(points - 1), np.asarray(samples)])
     apart = 2 * np.pi / points / sample_time
     bins = np.arange(int(np.ceil(band[0] / apart)), int(band[1] / apart) + 1)
@@ -38,20 +46,24 @@ def spectra(
 def spectrogram(
     traces: Mapping[str, Trace], sample_time: float, points: int, bands: Any, surface: bool = False
 ) -> Figure:
-    """DFT magnitudes over time, a row a run, the tip's accelerometer left and the middle's right; from above, or as a
-    ``surface``. Figs. 8 and 7 of the paper, which leaves the unshaped run out: beside it nothing is seen."""
+    """Draw DFT magnitudes over time, a row a run, the tip's accelerometer left and the middle's right.
+
+    Figs. 8 and 7 of the paper, which leaves the unshaped run out: beside it nothing is visible.
+
+    Args:
+        traces: by name.
+        sample_time: s.
+        points: of the DFT.
+        bands: one for each accelerometer, rad/s, shape (2, 2).
+        surface: in perspective, and not from above.
+    """
     with mpl.rc_context(STYLE):
         figure, axes = plt.subplots(
             len(traces), 2, figsize=(2 * WIDTH, 0.5 + (2.4 if surface else 1.5) * len(traces)), squeeze=False,
             subplot_kw={"projection": "3d"} if surface else None,
         )  # fmt: skip
-        shown = [
-            [
-                spectra(samples, sample_time, points, band)
-                for samples, band in zip((t.tip, t.middle), bands, strict=True)
-            ]
-            for t in traces.values()
-        ]
+        signals = [(trace.tip, trace.middle) for trace in traces.values()]
+        shown = [[spectra(*one, sample_time, points) for one in zip(pair, bands, strict=True)] for pair in signals]
         for column, letter in enumerate(("p", "m")):
             top = max(float(row[column][2].max()) for row in shown)
             for row, (name, axis) in enumerate(zip(traces, axes[:, column], strict=True)):
@@ -75,9 +87,13 @@ def spectrogram(
 
 
 def adaptation(traces: Mapping[str, Trace], schedule: Schedule, true: Any, sample_time: float) -> Figure:
-    """The frequencies and damping ratios that the shapers are tuned to, the true frequencies behind them. Fig. 9.
+    """Draw the frequencies and damping ratios that the shapers are tuned to, the true frequencies behind them. Fig. 9.
 
-    ``true``: of each load, rad/s, (loads, modes).
+    Args:
+        traces: by name.
+        schedule: of the run.
+        true: frequencies with each load, rad/s, shape (loads, modes).
+        sample_time: s.
     """
     colours = _colours(traces)
     traces = {name: trace for name, trace in traces.items() if trace.omega.shape[1]}
@@ -99,7 +115,7 @@ def adaptation(traces: Mapping[str, Trace], schedule: Schedule, true: Any, sampl
 
 
 def accumulated(values: Mapping[str, Any]) -> Figure:
-    """The vibration accumulated over each move, ∫ |a| dt, of every run. Fig. 10."""
+    """Draw the vibration accumulated over each move, ∫ |a| dt (m/s), of every run. Fig. 10."""
     with mpl.rc_context(STYLE):
         figure, axis = plt.subplots(figsize=(2 * WIDTH, 2.2))
         for name, value in values.items():
@@ -112,7 +128,7 @@ def accumulated(values: Mapping[str, Any]) -> Figure:
 
 
 def moves(traces: Mapping[str, Trace], schedule: Schedule, sample_time: float, first: int, count: int = 2) -> Figure:
-    """The payload's angle over a few moves, its reference behind it. Fig. 11."""
+    """Draw the payload's angle over ``count`` moves from ``first`` on, its reference behind it. Fig. 11."""
     with mpl.rc_context(STYLE):
         figure, axes = plt.subplots(
             len(traces), 1, figsize=(2 * WIDTH, 0.4 + 1.1 * len(traces)), sharex=True, sharey=True, squeeze=False
@@ -127,20 +143,4 @@ def moves(traces: Mapping[str, Trace], schedule: Schedule, sample_time: float, f
             axis.set_title(name, loc="left")
             axis.set_ylabel("θ$_p$ (°)")
         axes[-1, 0].set_xlabel("time (s)")
-        return figure
-
-
-def recovery(found: xr.Dataset) -> Figure:
-    """The residual of the moves around a change of load, all random schedules: median and 95 % quantile."""
-    with mpl.rc_context(STYLE):
-        figure, axis = plt.subplots(figsize=(WIDTH, 2.4))
-        for name, colour in _colours(dict.fromkeys(found.strategy.values)).items():
-            part = 100 * found.residual.sel(strategy=name)
-            axis.plot(found.move, part.median("schedule"), color=colour, marker="o", ms=3, label=name)
-            axis.plot(found.move, part.quantile(0.95, "schedule"), color=colour, linestyle=":")
-        axis.axhline(5.0, color="0.5", linewidth=0.6)
-        axis.set_yscale("log")
-        axis.set_xlabel("move after the change")
-        axis.set_ylabel("residual (% of move)")
-        figure.legend(ncols=3, loc="outside upper center")
         return figure

@@ -1,9 +1,9 @@
-"""A problem's adaptive experiment from beginning to end: run, judged, drawn, written."""
+"""A problem's adaptive experiment from beginning to end: run, evaluated, drawn, written."""
 
 import dataclasses
 import itertools
-import json
-from collections.abc import Callable
+import math
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,14 +11,16 @@ import jax
 import numpy as np
 import xarray as xr
 
-from jshape._files import MARKER
+from jshape._files import write_results
+from jshape._types import Progress
 from jshape.adaptive.closed_loop import loop_figures as figures
-from jshape.adaptive.closed_loop.judge import accumulated_vibration, residual, settling_time
 from jshape.adaptive.closed_loop.loop import Trace, run
+from jshape.adaptive.closed_loop.metrics import accumulated_vibration, residual, settling_time
+from jshape.adaptive.closed_loop.monte_carlo import recovered, study
 from jshape.adaptive.closed_loop.sampled_link import SampledLink
 from jshape.adaptive.closed_loop.schedules import Schedule, square_wave
-from jshape.adaptive.closed_loop.study import recovered, study
-from jshape.adaptive.strategies.cases import case
+from jshape.adaptive.recovery_figure import recovery
+from jshape.adaptive.strategies.paper_cases import case
 from jshape.plants import FlexibleLink
 from jshape.problems.problem import Problem
 from jshape.reports import plot
@@ -26,7 +28,7 @@ from jshape.reports import plot
 
 @dataclasses.dataclass(frozen=True)
 class Experiment:
-    """What a problem's ``[adapt]`` table gave: the square wave and, if asked for, the random schedules."""
+    """The result of a problem's ``[adapt]`` table: the square wave and, if asked for, the random schedules."""
 
     problem: Problem
     schedule: Schedule
@@ -40,22 +42,25 @@ class Experiment:
     study: xr.Dataset | None
 
     def loads(self) -> list[tuple[float, int, int]]:
-        """Each stretch of one load: the load, its first move and the one after its last. A move counts to the load with
-        which it ends."""
+        """Each stretch of one load: the load, its first move and the one after its last.
+
+        A move belongs to the load with which it ends.
+        """
         which, move = np.asarray(self.schedule.which), np.asarray(self.schedule.move)
         last = [int(which[move == m][-1]) for m in range(len(self.schedule.sizes))]
         starts = [0, *(m for m in range(1, len(last)) if last[m] != last[m - 1]), len(last)]
         return [(float(self.schedule.loads[last[a]]), a, b) for a, b in itertools.pairwise(starts)]
 
 
-def experiment(
-    problem: Problem,
-    step: Callable[[str], Any] = lambda words: None,
-    progress: Callable[[int, int], Any] = lambda done, all: None,
-) -> Experiment:
-    """Run what the problem's ``[adapt]`` table says.
+def experiment(problem: Problem, *, progress: Progress = lambda *_: None) -> Experiment:
+    """Run the experiment of a problem's ``[adapt]`` table.
 
-    *Raises* ``ValueError`` if there is none, the plant is no ``FlexibleLink``, or the distance is a command.
+    Args:
+        problem: from a problem file.
+        progress: called before each stage, and along the random schedules.
+
+    Raises:
+        ValueError: if there is no such table, the plant is no ``FlexibleLink``, or the distance is a command.
     """
     settings = problem.adapt
     if settings is None:
@@ -66,7 +71,7 @@ def experiment(
         raise ValueError(f"{problem.name}: needs a distance, the amplitude of its square wave, not a [command]")
     given = settings.model_dump(include={"omega", "zeta", "bands", "points", "thresholds"})
     strategies = {name: case(name, settings.sample_time, **given) for name in dict.fromkeys(settings.cases)}
-    step("square wave")
+    progress("square wave", 0, 1, math.inf)
     schedule = square_wave(problem.distance, settings.period, settings.duration, settings.changes, settings.sample_time)
     link = SampledLink(problem.plant, schedule.loads, settings.sample_time)
     traces = jax.jit(lambda key: run(link, strategies, schedule.reference, schedule.which, key=key))(
@@ -74,48 +79,40 @@ def experiment(
     )
     # jit hands a dictionary back in alphabetical order.
     traces = {name: traces[name] for name in strategies}
-    judged = lambda judge, *rest: {name: np.asarray(judge(t, schedule, *rest)) for name, t in traces.items()}
+    metrics = residual, settling_time, partial(accumulated_vibration, sample_time=settings.sample_time)
     found = None
     if settings.schedules:
-        step("random schedules")
-        lowest, highest = (float(edge(schedule.loads)) for edge in (np.min, np.max))
+        progress("random schedules", 0, settings.schedules, math.inf)
         found = study(
             problem.plant, strategies, schedules=settings.schedules, seed=settings.seed,
-            piece=min(settings.schedules, 25), loads=(lowest, highest),
+            chunk=min(settings.schedules, 25), loads=(float(np.min(schedule.loads)), float(np.max(schedule.loads))),
             progress=progress,
         )  # fmt: skip
-    return Experiment(
-        problem,
-        schedule,
-        traces,
-        judged(residual),
-        judged(settling_time),
-        judged(accumulated_vibration, settings.sample_time),
-        found,
+    residuals, settling, accumulated = (
+        {name: np.asarray(metric(trace, schedule)) for name, trace in traces.items()} for metric in metrics
     )
+    return Experiment(problem, schedule, traces, residuals, settling, accumulated, found)
 
 
 def write(experiment: Experiment, folder: Path) -> list[str]:
-    """The numbers of every move and the figures; gives the files' names."""
+    """Write the numbers of every move and the figures into a folder; returns the files' names."""
     settings, schedule, traces = experiment.problem.adapt, experiment.schedule, experiment.traces
     assert settings is not None
     folder.mkdir(parents=True, exist_ok=True)
-    moves = {
-        name: {
-            "residual": experiment.residual[name].tolist(),
-            "settling_time_s": experiment.settling[name].tolist(),
-            "accumulated_vibration_m_per_s": experiment.accumulated[name].tolist(),
-        }
-        for name in traces
+    metrics = {
+        "residual": experiment.residual,
+        "settling_time_s": experiment.settling,
+        "accumulated_vibration_m_per_s": experiment.accumulated,
     }
-    record: dict[str, Any] = {"format": MARKER, "version": 1, "problem": experiment.problem.name, "moves": moves}
+    moves = {name: {metric: values[name].tolist() for metric, values in metrics.items()} for name in traces}
+    record: dict[str, Any] = {"problem": experiment.problem.name, "moves": moves}
     drawn = {"accumulated": figures.accumulated(experiment.accumulated)}
     if experiment.study is not None:
         below = recovered(experiment.study)
         record["recovered"] = {str(n): below.sel(strategy=n).values.tolist() for n in below.strategy.values}
         experiment.study.to_netcdf(folder / "study.nc", engine="scipy")
-        drawn["recovery"] = figures.recovery(experiment.study)
-    (folder / "results.json").write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
+        drawn["recovery"] = recovery(experiment.study, "residual", "residual (% of move)", 100.0)
+    write_results(folder, record)
     time, points, bands = settings.sample_time, settings.points, settings.bands
     shaped = {name: trace for name, trace in traces.items() if name != "unshaped"} or traces
     drawn["spectra"] = figures.spectrogram(shaped, time, points, bands)

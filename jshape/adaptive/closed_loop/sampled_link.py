@@ -14,18 +14,24 @@ from jaxtyping import Array, Float, Int
 
 from jshape import _check
 from jshape._types import Scalar, State
+from jshape.adaptive.arguments import check_positive
 from jshape.adaptive.strategies.strategy import Readings
 from jshape.plants import FlexibleLink
+from jshape.quantisation import quantised
 
 
 class Sensors(eqx.Module):
     """Noise and resolution of the four sensors, in the order and the units of ``Readings``.
 
-    ``noise``: standard deviations of white noise; ``resolution``: the steps of the converters, 0 for none. Unless
-    given, an encoder of 4,000 lines in quadrature, a strain gauge of 0.05° noise, and accelerometers of 5 mg noise, the
-    latter three through twelve bits over ±15°, ±2 g and ±2 g.
+    Unless given, an encoder of 4,000 lines in quadrature, a strain gauge of 0.05° noise, and accelerometers of 5 mg
+    noise, the latter three through twelve bits over ±15°, ±2 g and ±2 g.
 
-    *Raises* ``ValueError`` for negative numbers or any that are not four.
+    Args:
+        noise: standard deviations of white noise, shape (4,).
+        resolution: steps of the converters, 0 for none, shape (4,).
+
+    Raises:
+        ValueError: for negative numbers or any that are not four.
     """
 
     noise: Float[Array, " 4"]
@@ -42,19 +48,23 @@ class Sensors(eqx.Module):
             _check.not_negative(value, name)
 
     def read(self, truth: Readings, draws: Float[Array, " 4"]) -> Readings:
-        """The truth with noise, ``draws`` being four standard normal numbers, rounded to the converters' steps."""
-        values = jnp.stack(list(truth)) + self.noise * draws
-        step = jnp.where(self.resolution > 0, self.resolution, 1.0)
-        return Readings(*jnp.where(self.resolution > 0, step * jnp.round(values / step), values))
+        """The truth with noise, rounded to the converters' steps; ``draws``: four standard normal numbers."""
+        return Readings(*quantised(jnp.stack(list(truth)) + self.noise * draws, self.resolution))
 
 
 class SampledLink(eqx.Module):
-    """A ``FlexibleLink`` sampled every ``sample_time`` (s), with each of several ``loads``.
+    """A flexible link between two samples of its controller, exact, with each of several loads.
 
     ``step`` and ``truth`` take the index of the load that hangs there now. When the load changes, angles and speeds of
     motor and modes stay what they are. State: that of the plant.
 
-    *Raises* ``ValueError`` for a plant that is no ``FlexibleLink``, no loads, or a sample time that is not positive.
+    Args:
+        plant: a ``FlexibleLink``; its own load does not count.
+        loads: in the plant's unit, shape (loads,).
+        sample_time: s.
+
+    Raises:
+        ValueError: for a plant that is no ``FlexibleLink``, no loads, or a sample time that is not positive.
     """
 
     plant: FlexibleLink
@@ -72,8 +82,7 @@ class SampledLink(eqx.Module):
         self.loads = _check.as_array(loads, "loads")
         if self.loads.ndim != 1 or not len(self.loads):
             raise ValueError(f"loads must be a list of at least one load, not of shape {self.loads.shape}")
-        self.sample_time = _check.scalar(sample_time, "sample_time")
-        _check.positive(self.sample_time, "sample_time")
+        self.sample_time = check_positive(sample_time, "sample_time")
         self.flow, self.entry, self.outputs, self.through = jax.vmap(self._matrices)(self.loads)
 
     def carrying(self, load: Scalar) -> FlexibleLink:
@@ -85,9 +94,12 @@ class SampledLink(eqx.Module):
         zero = plant.zero_inputs()
         rest = plant.rest_state(zero)
         slopes = jax.jacfwd(lambda y, u: plant.vector_field(zero, y, u), argnums=(0, 1))(rest, zero)
-        readings = lambda y, u: jnp.stack(
-            [y[0], plant.deflection(y, u), plant.tip_acceleration(y, u), plant.middle_acceleration(y, u)]
-        )
+
+        def readings(y: State, u: Scalar) -> Array:
+            return jnp.stack(
+                [y[0], plant.deflection(y, u), plant.tip_acceleration(y, u), plant.middle_acceleration(y, u)]
+            )
+
         outputs, through = jax.jacfwd(readings, argnums=(0, 1))(rest, zero)
         n = len(rest)
         whole = jnp.zeros((n + 1, n + 1), rest.dtype).at[:n, :n].set(slopes[0]).at[:n, n].set(slopes[1])

@@ -1,4 +1,4 @@
-"""What the machine is asked to do and what happens to it meanwhile: moves, and loads that change unannounced."""
+"""Schedules of moves, and of loads that change unannounced."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -35,12 +35,17 @@ class Schedule(NamedTuple):
 def square_wave(
     amplitude: Any, period: Any, duration: Any, changes: Sequence[tuple[float, float]], sample_time: float
 ) -> Schedule:
-    """A square wave between ``amplitude`` and minus it (rad), which begins with an edge upwards at time 0.
+    """A square wave, which begins with an edge upwards at time 0.
 
-    ``period``, ``duration``: s. ``changes``: pairs (time in s, the load from then on); the first is at time 0 or is the
-    load from the beginning.
+    Args:
+        amplitude: the wave goes from minus this to plus this, rad.
+        period: s.
+        duration: s.
+        changes: pairs (time in s, the load from then on); the first is the load from the beginning.
+        sample_time: s.
 
-    *Raises* ``ValueError`` for numbers that are not positive, times that do not increase, or no load.
+    Raises:
+        ValueError: for numbers that are not positive, times that do not increase, or no load.
     """
     for value, name in ((period, "period"), (duration, "duration"), (sample_time, "sample_time")):
         _check.positive(value, name)
@@ -54,7 +59,7 @@ def square_wave(
     targets = float(amplitude) * np.where(np.arange(len(edges)) % 2, -1.0, 1.0)
     at = np.arange(count) * sample_time
     which = np.maximum(np.searchsorted(times, at + 1e-9 * sample_time, side="right") - 1, 0)
-    # The edge comes a sample after the start, so that the link can be seen at rest.
+    # The edge comes a sample after the start, so that the link is observed at rest.
     return _assemble(edges + 1, -float(amplitude), targets, which, loads, count, sample_time)
 
 
@@ -68,23 +73,36 @@ def random_moves(
     between: tuple[int, int] = (4, 6),
     sample_time: float = 0.005,
 ) -> tuple[Schedule, Scalar]:
-    """Moves of random size (rad), either way, each with a random dwell (s), and one change of the load.
+    """Moves of random size, either way, with random dwells, and one change of the load.
 
-    The load is uniform in ``loads`` before and after the change, which comes at a moment uniform between the beginnings
-    of the moves ``between``. Gives the schedule and the number of the first move that begins after the change. All
-    schedules have the same number of samples, so that ``vmap`` runs them side by side.
+    All schedules have the same number of samples, so that ``vmap`` runs them side by side.
+
+    Args:
+        key: of everything random.
+        moves: how many.
+        sizes: least and greatest, rad.
+        dwell: shortest and longest time from one edge to the next, s.
+        loads: least and greatest, uniform before and after the change.
+        between: the change comes at a moment uniform between the beginnings of these moves.
+        sample_time: s.
+
+    Returns:
+        The schedule, and the number of the first move that begins after the change.
     """
     keys = jax.random.split(key, 5)
-    uniform = lambda key, shape, ends: jax.random.uniform(key, shape, minval=ends[0], maxval=ends[1])
     count = int(np.ceil((moves * dwell[1] + dwell[0]) / sample_time))
-    lengths = jnp.round(uniform(keys[0], (moves,), dwell) / sample_time).astype(int)
+    lengths = jnp.round(_uniform(keys[0], (moves,), dwell) / sample_time).astype(int)
     edges = 1 + jnp.cumsum(lengths) - lengths[0]
     signs = jnp.where(jax.random.bernoulli(keys[1], shape=(moves,)), 1.0, -1.0)
-    targets = jnp.cumsum(signs * uniform(keys[2], (moves,), sizes))
+    targets = jnp.cumsum(signs * _uniform(keys[2], (moves,), sizes))
     change = jax.random.randint(keys[3], (), edges[between[0]], edges[between[1]])
     which = (jnp.arange(count) >= change).astype(int)
-    schedule = _assemble(edges, 0.0, targets, which, uniform(keys[4], (2,), loads), count, sample_time)
+    schedule = _assemble(edges, 0.0, targets, which, _uniform(keys[4], (2,), loads), count, sample_time)
     return schedule, jnp.searchsorted(edges, change, side="left")
+
+
+def _uniform(key: PRNGKeyArray, shape: tuple[int, ...], ends: tuple[float, float]) -> Array:
+    return jax.random.uniform(key, shape, minval=ends[0], maxval=ends[1])
 
 
 def _assemble(edges: Any, start: Any, targets: Any, which: Any, loads: Any, count: int, sample_time: float) -> Schedule:

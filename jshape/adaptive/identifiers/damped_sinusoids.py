@@ -1,8 +1,8 @@
-"""Frequencies and dampings of a few modes from a short window: a fit of damped sinusoids that reaches the
+"""Frequencies and damping ratios of a few modes from a short window: a fit of damped sinusoids that reaches the
 Cramér–Rao bound.
 
 A subspace method (ESPRIT) finds where to begin, Gauss–Newton steps go on to the least-squares fit, which for white
-noise is the most likely one, and its Jacobian tells the uncertainties. A window of two periods is enough, where a DFT
+noise is the most likely one, and its Jacobian gives the uncertainties. A window of two periods is enough, where a DFT
 needs thousands of samples to tell two frequencies apart; in return the window must hold one free decay.
 """
 
@@ -14,40 +14,16 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jshape import _check
-from jshape.adaptive.identifiers.estimate import (
-    BLANKED,
-    FOUND,
-    FROZEN,
-    OUTSIDE,
-    STARTING,
-    UNCERTAIN,
-    WEAK,
-    AbstractIdentifier,
-    Estimate,
-    check_band,
-    check_level,
-    check_time,
-    first_reason,
-    ignorance,
-)
-from jshape.adaptive.identifiers.sensor import (
-    BLOCK_AT_START,
-    LIMIT,
-    SENSOR_AT_START,
-    Block,
-    Sensor,
-    block_size,
-    gather,
-    half_period,
-    look,
-    mean_gain,
-)
-from jshape.adaptive.numbers import Numbers
+from jshape.adaptive.arguments import check_band, check_level
+from jshape.adaptive.formulas import Numbers
+from jshape.adaptive.identifiers import reasons
+from jshape.adaptive.identifiers.estimate import AbstractIdentifier, Estimate, uninformed
+from jshape.adaptive.identifiers.sensor import LIMIT, Block, Sensor, averaged, block_size, checked, mean_gain
 
 MEANS = 8
 """Least number of block means in the shortest period."""
 SUBSPACE = 24
-"""Greatest length of the vectors whose subspace is looked for; longer ones cost more and only begin the fit."""
+"""Greatest length of the vectors whose subspace is sought; longer ones cost more and only begin the fit."""
 STEPS = 8
 """Gauss–Newton steps: from the beginning that ESPRIT gives, 3 or 4 reach rounding errors in most windows."""
 
@@ -70,104 +46,96 @@ class DecayState(NamedTuple):
 
 
 class DampedSinusoids(AbstractIdentifier):
-    """Frequency and damping of each of ``modes`` modes by a fit to the last ``points`` samples.
+    """Frequency and damping ratio of several modes by a least-squares fit to the last samples.
 
-    The estimate's arrays have the shape (modes,). ``sample_time``: s. ``points``: samples in the window; two periods
-    of the lowest frequency, if not given. ``band``: (lowest, highest) allowed frequency of all modes, rad/s, or one
-    such pair for each. Modes stand in ascending order, but where another order puts more of them into their own
-    bands. ``every``: means from one fit to the next. ``threshold``: least amplitude, in the unit of the samples, at
-    the window's end (``magnitude``). ``precision``: greatest standard deviation of a frequency that still counts,
-    relative to it. ``limit``: greatest believable |sample|.
-
-    Samples are averaged in blocks, eight or more to the shortest period, which leaves poles as they are; a constant
-    is fitted with the modes. A blanked sample or a sensor that stood still begins the window anew: there is no fit
-    across a gap. A new excitation within the window makes the fit poor by more than its standard deviation tells: blank
-    the samples in which the machine is driven.
+    The estimate's arrays have the shape (modes,). Samples are averaged in blocks, eight or more to the shortest period,
+    which leaves poles as they are; a constant is fitted with the modes. A blanked sample or a sensor that stood still
+    begins the window anew: there is no fit across a gap. A new excitation within the window makes the fit poor by more
+    than its standard deviation says: blank the samples in which the machine is driven.
 
     A fit takes some hundred microseconds in NumPy, between fits a sample takes a few. Under ``vmap`` a fit is made with
     every sample, and only one in many is used: for a thousand windows at once call ``fit_window`` under ``vmap``.
 
-    *Raises* ``ValueError`` for a band that is no band, or a window too short for the modes.
+    Args:
+        sample_time: s.
+        band: lowest and highest allowed frequency of all modes, rad/s, shape (2,), or one such pair for each, shape
+            (modes, 2). Modes stand in ascending order, but where another order puts more of them into their own bands.
+        modes: how many.
+        points: samples in the window; two periods of the lowest frequency, if not given.
+        every: block means from one fit to the next.
+        threshold: least amplitude (``magnitude``) at the window's end, in the unit of the samples.
+        precision: greatest standard deviation of a valid frequency, relative to it.
+        limit: greatest plausible |sample|.
 
-    *Source*: Roy and Kailath, *ESPRIT*, 1989; Golub and Pereyra, *The differentiation of pseudo-inverses and nonlinear
-    least squares problems whose variables separate*, 1973.
+    Raises:
+        ValueError: for a band that is no band, or a window too short for the modes.
+
+    Source: Roy and Kailath (1989), ESPRIT; Golub and Pereyra (1973), The differentiation of pseudo-inverses and
+        nonlinear least squares problems whose variables separate.
     """
 
-    threshold: Float[Array, ""]
     precision: Float[Array, ""]
-    limit: Float[Array, ""]
-    sample_time: float = eqx.field(static=True)
     points: int = eqx.field(static=True)
     modes: int = eqx.field(static=True)
-    band: tuple[float, float] = eqx.field(static=True)
-    """From the lowest to the highest allowed frequency of any mode."""
     bands: tuple[tuple[float, float], ...] = eqx.field(static=True)
-    """One for each mode."""
+    """One for each mode; ``band`` spans all."""
     every: int = eqx.field(static=True)
     block: int = eqx.field(static=True)
     """Samples in a block."""
-    patience: int = eqx.field(static=True)
-    """How many samples the sensor may stand still."""
 
     def __init__(
         self,
         sample_time: float,
+        band: Any,
+        modes: int,
+        *,
         points: int | None = None,
-        modes: int = 2,
-        band: Any = (4.0, 14.0),
         every: int = 4,
         threshold: Any = 0.0,
         precision: Any = 0.05,
         limit: Any = LIMIT,
     ):
-        self.sample_time = check_time(sample_time)
         self.modes = _check.count(modes, "modes")
         given = np.asarray(_check.as_array(band, "band"), float)
         if given.shape not in ((2,), (self.modes, 2)):
             raise ValueError(f"band must be (low, high), or one such pair for each mode, not of shape {given.shape}")
         pairs = np.broadcast_to(given, (self.modes, 2))
+        super().__init__(sample_time, (pairs.min(), pairs.max()), threshold, limit)
         self.bands = tuple(check_band(pair, self.sample_time) for pair in pairs)
-        self.band = float(pairs.min()), float(pairs.max())
         self.every = _check.count(every, "every")
-        self.threshold = check_level(threshold, "threshold")
         self.precision = check_level(precision, "precision")
-        self.limit = check_level(limit, "limit")
         self.block = block_size(self.band, self.sample_time, MEANS)
         if points is None:
             points = int(np.ceil(4 * np.pi / self.band[0] / self.sample_time))
         self.points = _check.count(points, "points")
+        least = (8 * self.modes + 4) * self.block
         if self.points // self.block < 8 * self.modes + 4:
             raise ValueError(
-                f"points must be at least {(8 * self.modes + 4) * self.block} for {self.modes} modes up to "
-                f"{self.band[1]:g} rad/s at {self.sample_time:g} s, not {self.points}"
+                f"points must be at least {least} for {self.modes} modes up to {self.band[1]:g} rad/s at "
+                f"{self.sample_time:g} s, not {self.points}"
             )
-        self.patience = half_period(self.band, self.sample_time)
 
     def initial(self) -> DecayState:
-        start = [ignorance(band) for band in self.bands]
-        reasons = np.full(self.modes, STARTING)
+        start = [uninformed(band) for band in self.bands]
+        reason = np.full(self.modes, reasons.STARTING)
         return DecayState(
             ring=np.zeros(self.points // self.block),
             place=0,
             filled=0,
             waited=0,
-            block=BLOCK_AT_START,
-            sensor=SENSOR_AT_START,
-            fit=reasons,
+            block=Block(),
+            sensor=Sensor(),
+            fit=reason,
             estimate=Estimate(*(np.array(column) for column in zip(*start, strict=True))),
-            reason=reasons,
+            reason=reason,
         )
 
     @staticmethod
     def advance(own: Any, numbers: Numbers, state: DecayState, sample: Any, active: Any) -> DecayState:
         xp, select = numbers.xp, numbers.select
-        sensor, value, trouble = look(numbers, state.sensor, sample, active, own.limit, own.patience)
-        gap = (trouble == BLANKED) | (trouble == FROZEN)
-        block, filled, fit = select(
-            gap, (BLOCK_AT_START, 0, state.fit * 0 + STARTING), (state.block, state.filled, state.fit)
-        )
-        block, full, mean = gather(numbers, block, value, own.block)
-        block, full = select(gap, (BLOCK_AT_START, False), (block, full))
+        sensor, value, trouble = checked(numbers, state.sensor, sample, active, own.limit, own.patience)
+        block, full, mean, gap = averaged(numbers, state.block, value, own.block, trouble)
+        filled, fit = select(gap, (0, state.fit * 0 + reasons.STARTING), (state.filled, state.fit))
         size, place = len(state.ring), state.place
         ring = numbers.put(state.ring, place, select(full, mean, state.ring[place]))
         come = select(full, 1, 0)
@@ -176,31 +144,37 @@ class DampedSinusoids(AbstractIdentifier):
         waited = state.waited + come
         due = full & (filled == size) & (waited >= own.every)
 
-        def anew(last: Estimate, _: Any) -> tuple[Estimate, Any]:
+        def refit(last: Estimate, _: Any) -> tuple[Estimate, Any]:
             found = fit_window(own, numbers, xp.roll(ring, -place))
             low, high = np.array(own.bands).T
-            reasons = first_reason(
+            causes = reasons.first(
                 numbers._replace(select=xp.where),
-                (found.magnitude <= own.threshold, WEAK),
-                ((found.omega < low) | (found.omega > high), OUTSIDE),
-                (~(found.omega_std <= own.precision * found.omega), UNCERTAIN),
+                (found.magnitude <= own.threshold, reasons.WEAK),
+                ((found.omega < low) | (found.omega > high), reasons.OUTSIDE),
+                (~(found.omega_std <= own.precision * found.omega), reasons.UNCERTAIN),
             )
-            return _settle(xp, last, found, reasons), xp.asarray(reasons, state.fit.dtype)
+            return _settle(xp, last, found, causes), xp.asarray(causes, state.fit.dtype)
 
-        estimate, fit = numbers.when(due, anew, lambda last, fit: (last, fit), state.estimate, fit)
-        reason = select(trouble != FOUND, 0 * fit + trouble, fit)
-        estimate = estimate._replace(valid=reason == FOUND)
+        estimate, fit = numbers.when(due, refit, lambda last, fit: (last, fit), state.estimate, fit)
+        reason = select(trouble != reasons.FOUND, 0 * fit + trouble, fit)
+        estimate = estimate._replace(valid=reason == reasons.FOUND)
         return DecayState(ring, place, filled, select(due, 0, waited), block, sensor, fit, estimate, reason)
 
 
-def _settle(xp: Any, last: Estimate, found: Estimate, reasons: Any) -> Estimate:
+def _settle(xp: Any, last: Estimate, found: Estimate, causes: Any) -> Estimate:
     """Mode by mode, ``found`` where there is no reason against it."""
-    good = reasons == FOUND
+    good = causes == reasons.FOUND
     return Estimate(*(xp.where(good, new, old) for new, old in zip(found[:-1], last[:-1], strict=True)), valid=good)
 
 
 def fit_window(own: Any, numbers: Numbers, means: Any) -> Estimate:
-    """Modes of a window of block means, oldest first: the least-squares fit, without judging whether it counts."""
+    """Modes of a window by the least-squares fit, whether or not it is valid.
+
+    Args:
+        own: a ``DampedSinusoids``, or whatever has its fields (``plain``).
+        numbers: JAX or NumPy.
+        means: block means, oldest first, in the unit of the samples.
+    """
     xp, modes, spacing = numbers.xp, own.modes, own.block * own.sample_time
     times = spacing * np.arange(len(means))
     scale = xp.maximum(xp.max(abs(means)), 1e-300)
@@ -209,24 +183,23 @@ def fit_window(own: Any, numbers: Numbers, means: Any) -> Estimate:
     poles = _esprit(xp, numbers.constant(data), modes, spacing)
     far = np.pi / times[-1]
 
-    def onward(poles: Any) -> Any:
+    def gauss_newton(poles: Any) -> Any:
         step = _linearised(xp, data, times, poles)[0]
         decay, omega = poles + xp.clip(step, -far, far)
         omega = xp.clip(omega, own.band[0] / 2, np.pi / spacing)
         return xp.stack([xp.clip(decay, -0.1 * omega, omega), omega])
 
-    poles = numbers.repeat(STEPS, onward, poles)
+    poles = numbers.repeat(STEPS, gauss_newton, poles)
     _, covariance, amplitudes = _linearised(xp, data, times, poles)
     decay, damped = poles
     omega = xp.hypot(decay, damped)
     by_omega = xp.stack([decay / omega, damped / omega])
     by_zeta = xp.stack([damped**2 / omega**3, -decay * damped / omega**3])
-    spread = lambda by: xp.sqrt(abs(xp.einsum("im,imjm,jm->m", by, covariance, by)))
+    omega_std, zeta_std = (xp.sqrt(abs(xp.einsum("im,imjm,jm->m", by, covariance, by))) for by in (by_omega, by_zeta))
     gain = mean_gain(numbers, damped, own.sample_time, own.block)
     magnitude = scale * amplitudes * xp.exp(-decay * times[-1]) / gain
-    found = Estimate(
-        omega, xp.maximum(decay / omega, 0.0), spread(by_omega), spread(by_zeta), magnitude, xp.full(modes, True)
-    )
+    zeta = xp.maximum(decay / omega, 0.0)
+    found = Estimate(omega, zeta, omega_std, zeta_std, magnitude, xp.full(modes, True))
     order = _order(xp, own.bands, found)
     return Estimate(*(field[order] for field in found))
 
@@ -279,8 +252,8 @@ def _inverse(xp: Any, columns: Any) -> Any:
 def _order(xp: Any, bands: Any, found: Estimate) -> Any:
     """Which of the ascending frequencies belongs to which band: where most strength falls into its own band."""
     low, high = np.array(bands)[:, :, None].transpose(1, 0, 2)
-    weight = xp.where((found.omega >= low) & (found.omega <= high), found.magnitude, 0.0)
+    weights = xp.where((found.omega >= low) & (found.omega <= high), found.magnitude, 0.0)
     orders = np.array(list(permutations(range(len(bands)))))
-    scores = weight[np.arange(len(bands)), orders].sum(axis=1)
+    scores = weights[np.arange(len(bands)), orders].sum(axis=1)
     # Rounding errors must not change the ascending order, which comes first.
     return xp.asarray(orders)[(scores >= (1 - 1e-9) * scores.max()).argmax()]

@@ -12,36 +12,11 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jshape import _check
-from jshape.adaptive.identifiers.estimate import (
-    BLANKED,
-    FOUND,
-    FROZEN,
-    OUTSIDE,
-    STARTING,
-    UNCERTAIN,
-    WEAK,
-    AbstractIdentifier,
-    Estimate,
-    check_band,
-    check_level,
-    check_time,
-    first_reason,
-    ignorance,
-    settle,
-)
-from jshape.adaptive.identifiers.sensor import (
-    BLOCK_AT_START,
-    LIMIT,
-    SENSOR_AT_START,
-    Block,
-    Sensor,
-    block_size,
-    gather,
-    half_period,
-    look,
-    mean_gain,
-)
-from jshape.adaptive.numbers import Numbers
+from jshape.adaptive.arguments import check_level
+from jshape.adaptive.formulas import Numbers
+from jshape.adaptive.identifiers import reasons
+from jshape.adaptive.identifiers.estimate import AbstractIdentifier, Estimate, settle, uninformed
+from jshape.adaptive.identifiers.sensor import LIMIT, Block, Sensor, averaged, block_size, checked, mean_gain
 
 MEANS = 24
 """Least number of block means in the shortest period, so that a parabola finds a turning point to a ten-thousandth."""
@@ -68,12 +43,8 @@ class Line(NamedTuple):
     def slope(self, numbers: Numbers, points: Any) -> tuple[Any, Any]:
         """The slope and its variance, by the scatter about the line."""
         weight = numbers.select(self.weight > 0, self.weight, 1.0)
-        xx, xy, yy = (
-            self.xx - self.x**2 / weight,
-            self.xy - self.x * self.y / weight,
-            self.yy - self.y**2 / weight,
-        )
-        xx = numbers.select(xx > 0, xx, 1.0)
+        xx, yy = self.xx - self.x**2 / weight, self.yy - self.y**2 / weight
+        xy, xx = self.xy - self.x * self.y / weight, numbers.select(xx > 0, xx, 1.0)
         slope, free = xy / xx, numbers.select(points > 2, points - 2, 1)
         scatter = yy - slope * xy
         return slope, numbers.select(scatter > 0, scatter, 0.0) / free / xx
@@ -82,37 +53,37 @@ class Line(NamedTuple):
 class Decay(NamedTuple):
     """The vibration so far; times in blocks."""
 
-    older: Any
+    older: Any = 0.0
     """The last mean but one."""
-    newer: Any
+    newer: Any = 0.0
     """The last mean."""
-    clock: Any
+    clock: Any = 0.0
     """Time since the last turn."""
-    rising: Any
+    rising: Any = 1.0
     """1 on the way up, −1 on the way down."""
-    extreme: Any
+    extreme: Any = -FAR
     """The farthest turning point on this way."""
-    reached: Any
+    reached: Any = 0.0
     """When, since the last turn."""
-    turned: Any
+    turned: Any = 0.0
     """Where the last turn was."""
-    turns: Any
+    turns: Any = 0
     """How many turns there were, counted to 2. The first may be none: the signal began there."""
-    swing: Any
+    swing: Any = 0.0
     """Size of the last swing."""
-    first: Any
+    first: Any = 1.0
     """Size of the decay's first swing."""
-    since: Any
+    since: Any = 0.0
     """Time from the decay's first swing to the last one."""
-    swings: Any
+    swings: Any = 0
     """How many swings the decay has had."""
-    sizes: Line
+    sizes: Line = Line()
     """Logarithms of the swings, over time."""
-    times: Line
+    times: Line = Line()
     """Times of the swings, over their number."""
 
 
-DECAY_AT_START = Decay(0.0, 0.0, 0.0, 1.0, -FAR, 0.0, 0.0, 0, 0.0, 1.0, 0.0, 0, Line(), Line())
+_STILL = Decay()
 
 
 class DecrementState(NamedTuple):
@@ -126,71 +97,58 @@ class DecrementState(NamedTuple):
 
 
 class Decrement(AbstractIdentifier):
-    """Damping and frequency of a free decay by its logarithmic decrement.
-
-    ``sample_time``: s. ``band``: allowed frequencies, rad/s. ``threshold``: least half swing that counts
-    (``magnitude``), in the unit of the samples; how far the signal must come back from a turning point before that is
-    believed, so choose it above the noise. ``precision``: greatest standard deviation of the frequency that counts,
-    relative to it. ``limit``: greatest believable |sample|.
+    """Damping ratio and frequency of a free decay by its logarithmic decrement.
 
     Samples are averaged in blocks, 24 or more to the shortest period. After a swing that is larger than the one before
     by more than the threshold a new decay begins; a blanked sample or a sensor that stood still begins everything anew.
     Standard deviations come from the scatter of the swings about their lines, so the first few are rough. One
     vibration must stand out; for two at once there is ``DampedSinusoids``.
 
-    *Raises* ``ValueError`` for a band that is no band or a threshold that is not positive.
+    Args:
+        sample_time: s.
+        band: lowest and highest allowed frequency, rad/s.
+        threshold: least half swing (``magnitude``) that counts, in the unit of the samples; the signal must come back
+            from a turning point by that much, so choose it above the noise.
+        precision: greatest standard deviation of a valid frequency, relative to it.
+        limit: greatest plausible |sample|.
 
-    *Source*: Rayleigh, *The theory of sound*, 1877, §46; every textbook of vibration since.
+    Raises:
+        ValueError: for a band that is no band or a threshold that is not positive.
+
+    Source: Rayleigh (1877), The theory of sound, §46; every textbook of vibration since.
     """
 
-    threshold: Float[Array, ""]
     precision: Float[Array, ""]
-    limit: Float[Array, ""]
-    sample_time: float = eqx.field(static=True)
-    band: tuple[float, float] = eqx.field(static=True)
     block: int = eqx.field(static=True)
     """Samples in a block."""
-    patience: int = eqx.field(static=True)
-    """How many samples the sensor may stand still, or the signal go without a turn."""
 
-    def __init__(
-        self,
-        sample_time: float,
-        threshold: Any,
-        band: Any = (4.0, 14.0),
-        precision: Any = 0.05,
-        limit: Any = LIMIT,
-    ):
-        self.sample_time = check_time(sample_time)
-        self.band = check_band(band, self.sample_time)
+    def __init__(self, sample_time: float, band: Any, threshold: Any, *, precision: Any = 0.05, limit: Any = LIMIT):
         _check.positive(threshold, "threshold")
-        self.threshold = check_level(threshold, "threshold")
+        super().__init__(sample_time, band, threshold, limit)
         self.precision = check_level(precision, "precision")
-        self.limit = check_level(limit, "limit")
         self.block = block_size(self.band, self.sample_time, MEANS)
-        self.patience = half_period(self.band, self.sample_time)
 
     def initial(self) -> DecrementState:
-        return DecrementState(BLOCK_AT_START, DECAY_AT_START, SENSOR_AT_START, ignorance(self.band), STARTING)
+        return DecrementState(Block(), _STILL, Sensor(), uninformed(self.band), reasons.STARTING)
 
     @staticmethod
     def advance(own: Any, numbers: Numbers, state: DecrementState, sample: Any, active: Any) -> DecrementState:
         select = numbers.select
-        sensor, value, trouble = look(numbers, state.sensor, sample, active, own.limit, own.patience)
-        gap = (trouble == BLANKED) | (trouble == FROZEN)
-        block, full, mean = gather(numbers, state.block, value, own.block)
+        sensor, value, trouble = checked(numbers, state.sensor, sample, active, own.limit, own.patience)
+        block, full, mean, gap = averaged(numbers, state.block, value, own.block, trouble)
         decay = select(full, _with_mean(own, numbers, state.decay, mean), state.decay)
-        block, decay = select(gap, (BLOCK_AT_START, DECAY_AT_START), (block, decay))
+        decay = select(gap, _STILL, decay)
 
         found = _estimate(own, numbers, decay)
         low, high = own.band
-        reason = first_reason(
+        reason = reasons.first(
             numbers,
-            (trouble != FOUND, trouble),
-            (decay.swings < SWINGS, STARTING),
-            (decay.clock * own.block > 2 * own.patience, WEAK),
-            ((found.omega < low) | (found.omega > high), OUTSIDE),
-            (found.omega_std > own.precision * found.omega, UNCERTAIN),
+            (trouble != reasons.FOUND, trouble),
+            (decay.swings < SWINGS, reasons.STARTING),
+            # A working sensor may stand still for ``patience`` samples, and a decay go without a turn for twice that.
+            (decay.clock * own.block > 2 * own.patience, reasons.WEAK),
+            ((found.omega < low) | (found.omega > high), reasons.OUTSIDE),
+            (found.omega_std > own.precision * found.omega, reasons.UNCERTAIN),
         )
         return DecrementState(block, decay, sensor, settle(numbers, state.estimate, found, reason), reason)
 

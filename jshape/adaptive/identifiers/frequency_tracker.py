@@ -7,42 +7,20 @@ the same whatever the sampling rate.
 
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
 
-from jshape import _check
-from jshape.adaptive.identifiers.estimate import (
-    FOUND,
-    KNOCK,
-    OUTSIDE,
-    STARTING,
-    UNCERTAIN,
-    WEAK,
-    AbstractIdentifier,
-    Estimate,
-    check_band,
-    check_level,
-    check_time,
-    first_reason,
-    ignorance,
-    settle,
-)
-from jshape.adaptive.identifiers.sensor import (
-    LIMIT,
-    SENSOR_AT_START,
-    Sensor,
-    half_period,
-    look,
-)
-from jshape.adaptive.numbers import Numbers
+from jshape.adaptive.arguments import check_level, check_positive
+from jshape.adaptive.formulas import Numbers
+from jshape.adaptive.identifiers import reasons
+from jshape.adaptive.identifiers.estimate import AbstractIdentifier, Estimate, settle, uninformed
+from jshape.adaptive.identifiers.sensor import LIMIT, Sensor, checked
 
 GATE = 36.0
 """Greatest squared innovation over its variance: six standard deviations."""
 SLOW = 1e-3
 """How much slower the offset drifts than the vibration is renewed, as a ratio of variances."""
-DAMPING = 0.3
-"""Greatest damping ratio that is believed."""
+GREATEST_ZETA = 0.3
 
 
 class TrackState(NamedTuple):
@@ -52,126 +30,111 @@ class TrackState(NamedTuple):
     """Quadratures, their frequency (rad/s), damping ratio, offset: of shape (5,)."""
     covariance: Any
     """Of the mean: (5, 5)."""
-    knocks: Any
-    """Samples in a row that were too far off."""
+    outliers: Any
+    """How many in a row."""
     sensor: Sensor
     estimate: Estimate
     reason: Any
 
 
 class FrequencyTracker(AbstractIdentifier):
-    """Frequency and damping of the one vibration in a band, followed sample by sample.
-
-    ``sample_time``: s. ``band``: allowed frequencies, rad/s. ``noise``: standard deviation of a sample's error, and
-    ``amplitude``: size of a typical vibration, both in the unit of the samples. ``drift``: how fast the frequency may
-    change, in standard deviations of its logarithm after a second (the damping ratio: a tenth of that number).
-    ``renewal``: s, after which the machine's moves have typically excited a vibration of that amplitude anew.
-    ``threshold``: least amplitude that counts (``magnitude``). ``precision``: greatest standard deviation of the
-    frequency that counts, relative to it. ``limit``: greatest believable |sample|.
+    """Frequency and damping ratio of the one vibration in a band, followed sample by sample.
 
     While a sample is missing or blanked the oscillator turns on by itself. A sample six deviations off is left out
-    (``KNOCK``); if that goes on for half a period of the lowest frequency, or if everything is forgotten after a long
-    gap, the filter begins anew.
+    (``OUTLIER``); if that goes on for half a period of the lowest frequency, or if everything is forgotten after a long
+    gap, the filter begins anew. It begins in the middle of the band and converges from there where one vibration stands
+    out; a second one of like size in or near the band misleads it. Standard deviations are the filter's own, so as good
+    as ``noise`` is.
 
-    It begins in the middle of the band and finds its way from there where one vibration stands out; a second one of
-    like size in or near the band misleads it. Standard deviations are the filter's own, so as good as ``noise`` is.
+    Args:
+        sample_time: s.
+        band: lowest and highest allowed frequency, rad/s.
+        noise: standard deviation of a sample's error, in the unit of the samples.
+        amplitude: size of a typical vibration, in the unit of the samples.
+        drift: how fast the frequency may change, in standard deviations of its logarithm after a second (the damping
+            ratio: a tenth of that number).
+        renewal: s, after which the machine's moves have typically excited a vibration of that amplitude anew.
+        threshold: least amplitude (``magnitude``) that counts, in the unit of the samples.
+        precision: greatest standard deviation of a valid frequency, relative to it.
+        limit: greatest plausible |sample|.
 
-    *Raises* ``ValueError`` for a band that is no band or a noise, amplitude or renewal that is not positive.
+    Raises:
+        ValueError: for a band that is no band or a noise, amplitude or renewal that is not positive.
 
-    *Source*: La Scala and Bitmead, *Design of an extended Kalman filter frequency tracker*, 1996, with damping and
-    offset added.
+    Source: La Scala and Bitmead (1996), Design of an extended Kalman filter frequency tracker, with damping and offset
+        added.
     """
 
     noise: Float[Array, ""]
     amplitude: Float[Array, ""]
     drift: Float[Array, ""]
     renewal: Float[Array, ""]
-    threshold: Float[Array, ""]
     precision: Float[Array, ""]
-    limit: Float[Array, ""]
-    sample_time: float = eqx.field(static=True)
-    band: tuple[float, float] = eqx.field(static=True)
-    patience: int = eqx.field(static=True)
-    """How many samples the sensor may stand still, or be far off."""
 
     def __init__(
         self,
         sample_time: float,
+        band: Any,
         noise: Any,
-        amplitude: Any = 1.0,
-        band: Any = (4.0, 14.0),
+        amplitude: Any,
+        *,
         drift: Any = 0.01,
         renewal: Any = 100.0,
         threshold: Any = 0.0,
         precision: Any = 0.05,
         limit: Any = LIMIT,
     ):
-        self.sample_time = check_time(sample_time)
-        self.band = check_band(band, self.sample_time)
-        for value, name in ((noise, "noise"), (amplitude, "amplitude"), (renewal, "renewal")):
-            _check.positive(value, name)
-        self.noise, self.amplitude = _check.scalar(noise, "noise"), _check.scalar(amplitude, "amplitude")
-        self.renewal = _check.scalar(renewal, "renewal")
-        self.drift = check_level(drift, "drift")
-        self.threshold = check_level(threshold, "threshold")
-        self.precision = check_level(precision, "precision")
-        self.limit = check_level(limit, "limit")
-        self.patience = half_period(self.band, self.sample_time)
+        super().__init__(sample_time, band, threshold, limit)
+        self.noise, self.amplitude = check_positive(noise, "noise"), check_positive(amplitude, "amplitude")
+        self.renewal = check_positive(renewal, "renewal")
+        self.drift, self.precision = check_level(drift, "drift"), check_level(precision, "precision")
 
     def initial(self) -> TrackState:
-        # Lost, so that the filter begins with the first sample.
-        lost, starting = self.patience + 1, STARTING
-        return TrackState(np.zeros(5), np.zeros((5, 5)), lost, SENSOR_AT_START, ignorance(self.band), starting)
+        # So many outliers that the filter begins with the first sample.
+        outliers, none = self.patience + 1, (np.zeros(5), np.zeros((5, 5)))
+        return TrackState(*none, outliers, Sensor(), uninformed(self.band), reasons.STARTING)
 
     @staticmethod
     def advance(own: Any, numbers: Numbers, state: TrackState, sample: Any, active: Any) -> TrackState:
         xp, select = numbers.xp, numbers.select
-        sensor, value, trouble = look(numbers, state.sensor, sample, active, own.limit, own.patience)
-        # Lost: too many knocks, or far less known than the band alone tells.
-        known, (low, high) = state.covariance, own.band
-        kept = (known[2, 2] <= (high - low) ** 2) & (known[0, 0] <= 9 * own.amplitude**2)
-        kept = kept & (state.knocks <= own.patience)
-        mean, covariance, knocks = numbers.when(
-            kept, lambda *all: all[:3], lambda *all: _prior(own, xp, all[3]), state.mean, known, state.knocks, value
-        )
+        sensor, value, trouble = checked(numbers, state.sensor, sample, active, own.limit, own.patience)
+        # Diverged: too many outliers, or far less certain than the band alone makes it.
+        covariance, (low, high) = state.covariance, own.band
+        kept = (covariance[2, 2] <= (high - low) ** 2) & (covariance[0, 0] <= 9 * own.amplitude**2)
+        kept = kept & (state.outliers <= own.patience)
+        mean, covariance, outliers = numbers.when(
+            kept, lambda *all: all[:3], lambda *all: _prior(own, xp, all[3]),
+            state.mean, covariance, state.outliers, value,
+        )  # fmt: skip
         mean, covariance = _predict(own, xp, mean, covariance)
 
-        # The sample sees the first quadrature and the offset.
-        seen = covariance[:, 0] + covariance[:, 4]
-        variance = seen[0] + seen[4] + own.noise**2
+        # A sample is the sum of the first quadrature and the offset.
+        cross = covariance[:, 0] + covariance[:, 4]
+        variance = cross[0] + cross[4] + own.noise**2
         innovation = value - mean[0] - mean[4]
-        knock = innovation**2 > GATE * variance
-        use = (trouble == FOUND) & (knock == 0)
-        weight = select(use, 1 / variance, 0.0)
-        mean = mean + weight * innovation * seen
-        covariance = covariance - weight * xp.outer(seen, seen)
-        omega, zeta = xp.clip(mean[2], low, high), xp.clip(mean[3], 0.0, DAMPING)
+        outlier = innovation**2 > GATE * variance
+        weight = select((trouble == reasons.FOUND) & (outlier == 0), 1 / variance, 0.0)
+        mean = mean + weight * innovation * cross
+        covariance = covariance - weight * xp.outer(cross, cross)
+        omega, zeta = xp.clip(mean[2], low, high), xp.clip(mean[3], 0.0, GREATEST_ZETA)
         mean = xp.array([mean[0], mean[1], omega, zeta, mean[4]])
+        outliers = select(trouble == reasons.FOUND, select(outlier, outliers + 1, 0), outliers)
 
-        knocks = select(trouble == FOUND, select(knock, knocks + 1, 0), knocks)
-
-        deviation = xp.sqrt(xp.maximum(covariance[2, 2], 0.0))
-        found = Estimate(
-            mean[2],
-            mean[3],
-            deviation,
-            xp.sqrt(xp.maximum(covariance[3, 3], 0.0)),
-            xp.hypot(mean[0], mean[1]),
-            True,
-        )
-        reason = first_reason(
+        omega_std, zeta_std = (xp.sqrt(xp.maximum(covariance[i, i], 0.0)) for i in (2, 3))
+        found = Estimate(mean[2], mean[3], omega_std, zeta_std, xp.hypot(mean[0], mean[1]), True)
+        reason = reasons.first(
             numbers,
-            (trouble != FOUND, trouble),
-            (knock, KNOCK),
-            (found.magnitude <= own.threshold, WEAK),
-            ((found.omega <= low) | (found.omega >= high), OUTSIDE),
-            (deviation > own.precision * found.omega, UNCERTAIN),
+            (trouble != reasons.FOUND, trouble),
+            (outlier, reasons.OUTLIER),
+            (found.magnitude <= own.threshold, reasons.WEAK),
+            ((found.omega <= low) | (found.omega >= high), reasons.OUTSIDE),
+            (omega_std > own.precision * found.omega, reasons.UNCERTAIN),
         )
-        return TrackState(mean, covariance, knocks, sensor, settle(numbers, state.estimate, found, reason), reason)
+        return TrackState(mean, covariance, outliers, sensor, settle(numbers, state.estimate, found, reason), reason)
 
 
 def _prior(own: Any, xp: Any, value: Any) -> tuple[Any, Any, Any]:
-    """What is known from the first sample, and no knocks."""
+    """Mean and covariance from the first sample alone, and no outliers."""
     low, high = own.band
     variances = [own.amplitude**2, own.amplitude**2, (high - low) ** 2 / 12, 0.05**2, own.amplitude**2]
     mean = xp.array([0.0, 0.0, (low + high) / 2, 0.02, value])
@@ -198,7 +161,7 @@ def _predict(own: Any, xp: Any, mean: Any, covariance: Any) -> tuple[Any, Any]:
         ]
     )
     renewed = own.amplitude**2 / own.renewal
-    rates = [renewed, renewed, (own.drift * omega) ** 2, (0.1 * own.drift) ** 2, SLOW * renewed]
+    variances = [renewed, renewed, (own.drift * omega) ** 2, (0.1 * own.drift) ** 2, SLOW * renewed]
     covariance = turn @ covariance @ turn.T
-    covariance = (covariance + covariance.T) / 2 + xp.diag(time * xp.array(rates))
+    covariance = (covariance + covariance.T) / 2 + xp.diag(time * xp.array(variances))
     return xp.array([p, q, omega, zeta, mean[4]]), covariance

@@ -1,9 +1,9 @@
-"""A mode's frequency, damping and gain from what drives it and what it answers, while it moves.
+"""A mode's frequency, damping ratio and gain from its drive and its response, while it moves.
 
 The equation of motion y'' + a y' + b y = −g u'' holds for y and u as well when both have passed the same filter: four
 equal lags, whose states give the derivatives without differentiating. The first derivative takes the place of y, so
 that a sensor's offset does not count. The equation is linear in a = 2ζω, b = ω² and g, and least squares with
-forgetting solves it: half a swing of a clear signal is enough, and no blanking is needed.
+forgetting solves it: half a period of a clear signal is enough, and no blanking is needed.
 
 *Source*: the method of state variable filters (Young, 1981, Automatica 17, 23–39) with exponential forgetting.
 """
@@ -13,8 +13,8 @@ import math
 from typing import Any, NamedTuple
 
 from jshape import _check
-from jshape.adaptive.identifiers.estimate import check_band, check_time
-from jshape.adaptive.numbers import Numbers
+from jshape.adaptive.arguments import check_band, check_time
+from jshape.adaptive.formulas import Numbers
 
 
 class Filtered(NamedTuple):
@@ -37,7 +37,7 @@ class Normal(NamedTuple):
 
 
 class Fit(NamedTuple):
-    """What the last seconds tell; ``valid`` says whether to believe the frequency, ``known`` whether the gain too."""
+    """The mode that fits the last seconds best."""
 
     omega: Any
     """rad/s"""
@@ -48,53 +48,75 @@ class Fit(NamedTuple):
     zeta_std: Any
     gain_std: Any
     valid: Any
-    known: Any
+    """Whether frequency and damping ratio count."""
+    gain_valid: Any
+    """Whether the gain does, too."""
 
 
 @dataclasses.dataclass(frozen=True)
 class FilteredLeastSquares:
-    """One mode, seen by a sensor y and driven by the acceleration u'' of a base whose position u is measured.
+    """One mode, measured by a sensor y and driven by the acceleration u'' of a base whose position u is measured.
 
-    ``sample_time``: s. ``band``: the frequencies that are believed, rad/s. ``corner``: of the filter's four lags,
-    rad/s; unless given, twice the band's geometric mean. ``memory``: after how many seconds a sample counts 1/e.
-    ``threshold``: the least amplitude, in the unit of y, that is listened to. ``accuracy``: the largest relative
-    standard deviation of frequency and gain that is believed; white residuals are assumed, so that it is a measure, not
-    a promise. Further modes that the sensor sees follow a slow drive at once and shift what is found in motion: the
-    second of the paper's link by 1.3 %.
+    Further modes in the sensor's signal follow a slow drive at once and shift what is found in motion: the second of a
+    flexible link of 9 and 70 rad/s by 1.3 %. ``advance`` takes a sample and ``fit`` solves, in JAX or in plain numbers
+    (``Numbers``).
 
-    ``advance(numbers, state, y, u)`` takes a sample, in JAX or in plain numbers (``Numbers``).
+    Attributes:
+        sample_time: s.
+        band: lowest and highest allowed frequency, rad/s.
+        threshold: least amplitude of a valid fit, in the unit of y.
+        corner: of the filter's four lags, rad/s; unless given, twice the band's geometric mean.
+        memory: after how many seconds a sample counts 1/e; unless given, a period of the band's geometric mean.
+        accuracy: largest relative standard deviation of a valid frequency and gain; white residuals are assumed, so
+            that it is a measure, not a promise.
 
-    *Raises* ``ValueError`` for numbers that are not positive, or a band the wrong way round.
+    Raises:
+        ValueError: for numbers that are not positive, or a band the wrong way round.
     """
 
     sample_time: float
     band: tuple[float, float]
+    threshold: float
     corner: float | None = None
-    memory: float = 1.0
-    threshold: float = 3e-3
+    memory: float | None = None
     accuracy: float = 0.02
 
     def __post_init__(self):
         check_band(self.band, check_time(self.sample_time))
-        if self.corner is None:
-            object.__setattr__(self, "corner", 2 * math.sqrt(self.band[0] * self.band[1]))
+        middle = math.sqrt(self.band[0] * self.band[1])
+        for name, value in (("corner", 2 * middle), ("memory", 2 * math.pi / middle)):
+            if getattr(self, name) is None:
+                object.__setattr__(self, name, value)
         for name in ("corner", "memory", "threshold", "accuracy"):
             _check.positive(getattr(self, name), name)
 
     def advance(self, numbers: Numbers, state: Normal, output: Any, input: Any) -> Normal:
-        """Take a sample of y and u. In the place of one that is not finite the one before goes through the filter, so
-        that time goes on, and nothing is learned from it."""
+        """The state after a sample of y and u.
+
+        In the place of a sample that is not finite the one before goes through the filter, so that time goes on, and
+        the normal equations stay.
+
+        Args:
+            numbers: JAX or NumPy.
+            state: before the sample; ``Normal()`` at first.
+            output: y, in any unit.
+            input: u, in any unit.
+        """
         xp, select = numbers.xp, numbers.select
-        heard = xp.isfinite(output) & xp.isfinite(input)
-        # The first sample is where both signals have long been: a start is no step.
+        usable = xp.isfinite(output) & xp.isfinite(input)
         first = state.weight == 0
-        begin = lambda old, value: Filtered(value, tuple(select(first, value, lag) for lag in old.lags))
-        y, u = select(heard, output, state.output.last), select(heard, input, state.input.last)
-        y, u = self._filter(begin(state.output, y), y), self._filter(begin(state.input, u), u)
+
+        def filtered(old: Filtered, sample: Any) -> Filtered:
+            value = select(usable, sample, old.last)
+            # The first sample is where both signals have long been: a start is no step.
+            return self._filter(Filtered(value, tuple(select(first, value, lag) for lag in old.lags)), value)
+
+        y, u = filtered(state.output, output), filtered(state.input, input)
         # Y'' = −a Y' − b Y − g U'', Y and U being the first derivatives behind the filter.
         (value, slope, curve), (_, _, drive) = _derivatives(y.lags), _derivatives(u.lags)
         row = (-slope, -value, -drive)
-        fading, weight = select(heard, math.exp(-self.sample_time / self.memory), 1.0), select(heard, 1.0, 0.0)
+        fading = select(usable, math.exp(-self.sample_time / float(self.memory or 0.0)), 1.0)
+        weight = select(usable, 1.0, 0.0)
         add = lambda old, new: fading * old + weight * new
         return Normal(
             y,
@@ -126,22 +148,22 @@ class FilteredLeastSquares:
         )
 
     def fit(self, numbers: Numbers, state: Normal) -> Fit:
-        """The three unknowns of the normal equations, by cofactors: plain arithmetic, also under ``vmap``."""
+        """The mode that solves the normal equations, by cofactors: plain arithmetic, also under ``vmap``."""
         xp = numbers.xp
         m00, m01, m02, m11, m12, m22 = state.matrix
-        # A ridge far below any signal that is listened to keeps a silent sensor from dividing by zero.
+        # A ridge far below any signal above the threshold keeps a silent sensor from dividing by zero.
         ridge = 1e-13 * (m00 + m11 + m22) + 1e-30
         m00, m11, m22 = m00 + ridge, m11 + ridge, m22 + ridge
         c00, c01, c02 = m11 * m22 - m12 * m12, m02 * m12 - m01 * m22, m01 * m12 - m02 * m11
         c11, c12, c22 = m00 * m22 - m02 * m02, m01 * m02 - m00 * m12, m00 * m11 - m01 * m01
-        size = m00 * c00 + m01 * c01 + m02 * c02
+        determinant = m00 * c00 + m01 * c01 + m02 * c02
         r0, r1, r2 = state.right
-        drag = (c00 * r0 + c01 * r1 + c02 * r2) / size
-        stiffness = (c01 * r0 + c11 * r1 + c12 * r2) / size
-        gain = (c02 * r0 + c12 * r1 + c22 * r2) / size
-        left = xp.maximum(state.power - drag * r0 - stiffness * r1 - gain * r2, 0.0)
-        variance = left / xp.maximum(state.weight - 3.0, 1.0)
-        std = lambda cofactor: xp.sqrt(xp.maximum(variance * cofactor / size, 0.0))
+        drag = (c00 * r0 + c01 * r1 + c02 * r2) / determinant
+        stiffness = (c01 * r0 + c11 * r1 + c12 * r2) / determinant
+        gain = (c02 * r0 + c12 * r1 + c22 * r2) / determinant
+        misfit = xp.maximum(state.power - drag * r0 - stiffness * r1 - gain * r2, 0.0)
+        variance = misfit / xp.maximum(state.weight - 3.0, 1.0)
+        std = lambda cofactor: xp.sqrt(xp.maximum(variance * cofactor / determinant, 0.0))
         root = xp.sqrt(xp.maximum(stiffness, 1e-12))
         omega, omega_std = self.corner * root, self.corner * std(c11) / (2 * root)
         zeta, zeta_std, gain_std = drag / (2 * root), std(c00) / (2 * root), std(c22)
@@ -149,28 +171,25 @@ class FilteredLeastSquares:
         low, high = self.band
         valid = (amplitude > self.threshold) & (omega > low) & (omega < high) & (abs(zeta) < 0.5)
         valid = valid & (omega_std < self.accuracy * omega)
-        known = valid & (gain_std < self.accuracy * abs(gain))
-        return Fit(omega, xp.clip(zeta, 0.0, 0.5), gain, omega_std, zeta_std, gain_std, valid, known)
+        gain_valid = valid & (gain_std < self.accuracy * abs(gain))
+        return Fit(omega, xp.clip(zeta, 0.0, 0.5), gain, omega_std, zeta_std, gain_std, valid, gain_valid)
 
     def phasor(self, numbers: Numbers, state: Normal, omega: Any, zeta: Any) -> Any:
-        """The complex C with y = Re(C exp(p τ)), τ from the last sample on, while the mode swings freely; p its
-        pole."""
+        """The complex C with y = Re(C exp(p τ)), τ from the last sample on, p the pole of a freely swinging mode."""
         xp = numbers.xp
         x = self._step()
         decay = math.exp(-x)
         pole = omega * (-zeta + 1j * xp.sqrt(1 - zeta * zeta))
         z = xp.exp(pole * self.sample_time)
-        # What the lags make of the vibration z^n: the recursion of ``_filter``, solved.
+        # The response of the lags to the vibration z^n: the recursion of ``_filter``, solved.
         one = alone = (1 - decay) / (z - decay)
         fed = decay * x / (z - decay)
         two = alone + fed * (one - 1)
         three = alone + fed * ((two - 1) + x / 2 * (one - 1))
         four = alone + fed * ((three - 1) + x / 2 * ((two - 1) + x / 3 * (one - 1)))
         # They are a sample ahead of the sensor.
-        (a, b, _), (value, slope, _) = (
-            _derivatives((one * z, two * z, three * z, four * z)),
-            _derivatives(state.output.lags),
-        )
+        a, b, _ = _derivatives((one * z, two * z, three * z, four * z))
+        value, slope, _ = _derivatives(state.output.lags)
         size = b.real * a.imag - a.real * b.imag
         return ((slope * a.imag - value * b.imag) + 1j * (slope * a.real - value * b.real)) / size
 

@@ -15,29 +15,10 @@ import numpy as np
 from jaxtyping import Array, Complex, Float
 
 from jshape import _check
-from jshape.adaptive.identifiers.estimate import (
-    FOUND,
-    OUTSIDE,
-    STARTING,
-    WEAK,
-    AbstractIdentifier,
-    Estimate,
-    check_band,
-    check_level,
-    check_time,
-    first_reason,
-    ignorance,
-    plain,
-    settle,
-)
-from jshape.adaptive.identifiers.sensor import (
-    LIMIT,
-    SENSOR_AT_START,
-    Sensor,
-    half_period,
-    look,
-)
-from jshape.adaptive.numbers import JAX, NUMPY, Numbers
+from jshape.adaptive.formulas import JAX, NUMPY, Numbers, plain
+from jshape.adaptive.identifiers import reasons
+from jshape.adaptive.identifiers.estimate import AbstractIdentifier, Estimate, settle, uninformed
+from jshape.adaptive.identifiers.sensor import LIMIT, Sensor, checked
 
 WINDOWS = ("rectangular", "hann")
 INTERPOLATIONS = ("jacobsen", "parabolic", "none")
@@ -83,76 +64,73 @@ class SpectrumState(NamedTuple):
 
 
 class SlidingDFT(AbstractIdentifier):
-    """The strongest frequency inside a band, by a DFT over the last ``points`` samples.
+    """The strongest frequency inside a band, by a discrete Fourier transform over the last samples.
 
-    ``sample_time``: s. ``band``: allowed frequencies, rad/s. ``threshold``: least magnitude of the peak that counts.
     A magnitude is that of the DFT's sum, |Σ x_n e^(−jωn)|, in the unit of the samples and in either window: a steady
-    vibration of amplitude A has A·points/2. ``bins``: frequencies of one's own (rad/s, increasing, some beyond the
-    band's ends); those of the DFT inside the band and one beyond either end, if not given. ``window``:
-    ``"rectangular"``, or ``"hann"``, which combines neighbouring bins. ``interpolation`` between bins:
-    ``"jacobsen"``, exact for one long vibration in either window, for the DFT's own bins; ``"parabolic"``, through the
-    peak and its neighbours, for bins that lie closer; ``"none"``. ``limit``: greatest believable |sample|.
+    vibration of amplitude A has A·points/2. A peak whose neighbour beyond the band is higher is the leakage of
+    something outside, and no estimate. The standard deviation is that of Jacobsen's ratio with everything in the window
+    but the tone counted as white noise, and the width of a bin where nothing is interpolated. What is not in it: a
+    frequency that changes within the window is smeared, and a vibration struck anew, out of phase with itself, may
+    split the peak and shift it by a bin and more. Damping is not observed.
 
-    A peak whose neighbour beyond the band is higher is a skirt of something outside, and no estimate. The standard
-    deviation is that of Jacobsen's ratio with everything in the window but the tone counted as white noise, and the
-    width of a bin where nothing is interpolated. What is not in it: a frequency that changes within the window is
-    smeared, and a vibration struck anew, out of phase with itself, may split the peak and shift it by a bin and more.
-    Damping is not seen.
+    Args:
+        sample_time: s.
+        points: samples in the window.
+        band: lowest and highest allowed frequency, rad/s.
+        threshold: least magnitude of a peak.
+        bins: frequencies of one's own, rad/s, increasing, some beyond the band's ends; those of the DFT inside the band
+            and one beyond either end, if not given.
+        window: ``"rectangular"``, or ``"hann"``, which combines neighbouring bins.
+        interpolation: between bins: ``"jacobsen"``, exact for one long vibration in either window, for the DFT's own
+            bins; ``"parabolic"``, through the peak and its neighbours, for bins that lie closer; ``"none"``.
+        limit: greatest plausible |sample|.
 
-    *Raises* ``ValueError`` for a band that is no band or holds no bin, bins that do not increase, unknown words, or
-    ``"jacobsen"`` at bins of one's own.
+    Raises:
+        ValueError: for a band that is no band or holds no bin, bins that do not increase, unknown words, or
+            ``"jacobsen"`` at bins of one's own.
 
-    *Source*: Chatlatanagulchai, Chotana and Prutthapong, Eqs. 1–2 and the rule for an update; Duda, *Accurate,
-    guaranteed stable, sliding discrete Fourier transform*, 2010, for sums that are turned, not their poles; Jacobsen
-    and Kootsookos, *Fast, accurate frequency estimators*, 2007, Eq. 3.
+    Source: Chatlatanagulchai, Chotana and Prutthapong, Eqs. 1–2 and the rule for an update; Duda (2010), Accurate,
+        guaranteed stable, sliding discrete Fourier transform, for sums that are turned, not their poles; Jacobsen and
+        Kootsookos (2007), Fast, accurate frequency estimators, Eq. 3.
     """
 
     rotation: Complex[Array, "offsets bins"]
-    """What the phase turns by with every sample."""
-    frequencies: Float[Array, "offsets bins"]
+    """By which the phase turns with every sample."""
+    omegas: Float[Array, "offsets bins"]
     """Row 0: of the spectrum, rad/s; for the Hann window then their neighbours, one period less and more."""
-    threshold: Float[Array, ""]
-    limit: Float[Array, ""]
-    sample_time: float = eqx.field(static=True)
     points: int = eqx.field(static=True)
-    band: tuple[float, float] = eqx.field(static=True)
     allowed: tuple[int, int] = eqx.field(static=True)
     """The bins in the band: from the first to before the second."""
     window: str = eqx.field(static=True)
     interpolation: str = eqx.field(static=True)
-    apart: float = eqx.field(static=True)
+    spacing: float = eqx.field(static=True)
     """Between two bins of the DFT, rad/s."""
-    patience: int = eqx.field(static=True)
-    """How many samples the sensor may stand still."""
     own_bins: bool = eqx.field(static=True)
     """Whether the bins are the DFT's, a whole number of periods in the window each."""
 
     def __init__(
         self,
         sample_time: float,
-        points: int = 3000,
-        band: Any = (4.0, 14.0),
-        threshold: Any = 7.0,
+        points: int,
+        band: Any,
+        threshold: Any,
+        *,
         bins: Any = None,
         window: str = "rectangular",
         interpolation: str = "jacobsen",
         limit: Any = LIMIT,
     ):
-        self.sample_time = check_time(sample_time)
+        super().__init__(sample_time, band, threshold, limit)
         self.points = _check.count(points, "points", least=4)
-        self.band = check_band(band, self.sample_time)
-        self.apart = 2 * np.pi / (self.points * self.sample_time)
-        self.patience = half_period(self.band, self.sample_time)
-        self.threshold = check_level(threshold, "threshold")
-        self.limit = check_level(limit, "limit")
+        self.spacing = 2 * np.pi / (self.points * self.sample_time)
         _check.one_of(window, "window", WINDOWS)
         _check.one_of(interpolation, "interpolation", INTERPOLATIONS)
         self.window, self.interpolation, self.own_bins = window, interpolation, bins is None
         if not self.own_bins and interpolation == "jacobsen":
             raise ValueError("interpolation 'jacobsen' needs the DFT's own bins: leave bins out, or use 'parabolic'")
         if bins is None:
-            first, last = np.asarray(self.band) / self.apart
-            bins = np.arange(np.ceil(first - 1e-9) - 1, np.floor(last + 1e-9) + 2) * self.apart
+            first, last = np.asarray(self.band) / self.spacing
+            bins = np.arange(np.ceil(first - 1e-9) - 1, np.floor(last + 1e-9) + 2) * self.spacing
         bins = np.asarray(_check.as_array(bins, "bins"), float)
         _check.finite(bins, "bins")
         low, high = self.band
@@ -162,24 +140,24 @@ class SlidingDFT(AbstractIdentifier):
         if bins.ndim != 1 or len(bins) < 3 or np.any(np.diff(bins) <= 0):
             raise ValueError(f"bins must be at least three increasing frequencies, not {_check.show(bins)}")
         self.allowed = int(inside[0]), int(inside[-1]) + 1
-        offsets = np.array([0.0, -1.0, 1.0] if window == "hann" else [0.0]) * self.apart
-        frequencies = bins + offsets[:, None]
-        self.frequencies = jnp.asarray(frequencies)
-        self.rotation = jnp.asarray(np.exp(-1j * self.sample_time * frequencies))
+        offsets = np.array([0.0, -1.0, 1.0] if window == "hann" else [0.0]) * self.spacing
+        omegas = bins + offsets[:, None]
+        self.omegas = jnp.asarray(omegas)
+        self.rotation = jnp.asarray(np.exp(-1j * self.sample_time * omegas))
 
     def initial(self) -> SpectrumState:
-        nothing = Sums(np.zeros(self.frequencies.shape, complex), 0.0, 0.0)
+        nothing = Sums(np.zeros(self.omegas.shape, complex), 0.0, 0.0)
         return SpectrumState(
             ring=np.zeros(self.points),
             place=0,
             oldest=0.0,
             filled=0,
-            phase=np.ones(self.frequencies.shape, complex),
+            phase=np.ones(self.omegas.shape, complex),
             whole=nothing,
             round=nothing,
-            sensor=SENSOR_AT_START,
-            estimate=ignorance(self.band),
-            reason=STARTING,
+            sensor=Sensor(),
+            estimate=uninformed(self.band),
+            reason=reasons.STARTING,
         )
 
     def forget(self, state: SpectrumState) -> SpectrumState:
@@ -189,14 +167,14 @@ class SlidingDFT(AbstractIdentifier):
         return state._replace(**start, whole=nothing, round=nothing)
 
     def spectrum(self, state: SpectrumState) -> tuple[Any, Any]:
-        """Frequencies (rad/s) and magnitudes of the window, both of shape (bins,)."""
+        """Frequencies (rad/s) and magnitudes of the window in that state, both of shape (bins,)."""
         numbers, own = (NUMPY, plain(self)) if isinstance(state.ring, np.ndarray) else (JAX, self)
-        return own.frequencies[0], abs(_windowed(own, numbers, state.place, state.whole, state.round))
+        return own.omegas[0], abs(_windowed(own, numbers, state.place, state.whole, state.round))
 
     @staticmethod
     def advance(own: Any, numbers: Numbers, state: SpectrumState, sample: Any, active: Any) -> SpectrumState:
         select, points = numbers.select, own.points
-        sensor, value, trouble = look(numbers, state.sensor, sample, active, own.limit, own.patience)
+        sensor, value, trouble = checked(numbers, state.sensor, sample, active, own.limit, own.patience)
 
         place, there, full = state.place, state.oldest, state.filled == points
         comes, goes, one = select(active, (value, select(full, there, 0.0), 1), (0.0, 0.0, 0))
@@ -212,12 +190,12 @@ class SlidingDFT(AbstractIdentifier):
         oldest = numbers.get(ring, place)
 
         found, outside = _peak(own, numbers, place, whole, round)
-        reason = first_reason(
+        reason = reasons.first(
             numbers,
-            (trouble != FOUND, trouble),
-            (filled < points, STARTING),
-            (found.magnitude <= own.threshold, WEAK),
-            (outside, OUTSIDE),
+            (trouble != reasons.FOUND, trouble),
+            (filled < points, reasons.STARTING),
+            (found.magnitude <= own.threshold, reasons.WEAK),
+            (outside, reasons.OUTSIDE),
         )
         estimate = settle(numbers, state.estimate, found, reason)
         return SpectrumState(ring, place, oldest, filled, phase, whole, round, sensor, estimate, reason)
@@ -225,7 +203,7 @@ class SlidingDFT(AbstractIdentifier):
 
 def _peak(own: Any, numbers: Numbers, place: Any, whole: Sums, round: Sums) -> tuple[Estimate, Any]:
     """The highest bin of the band, interpolated, and whether a neighbour is higher."""
-    math, select, (first, last), bins = numbers.math, numbers.select, own.allowed, own.frequencies[0]
+    math, select, (first, last), bins = numbers.math, numbers.select, own.allowed, own.omegas[0]
     values = _windowed(own, numbers, place, whole, round)
     magnitudes = abs(values)
     highest = first + magnitudes[first:last].argmax()
@@ -244,7 +222,7 @@ def _peak(own: Any, numbers: Numbers, place: Any, whole: Sums, round: Sums) -> t
         bin_below, _, bin_above = numbers.three(bins, middle)
         down, up = bin_peak - bin_below, bin_above - bin_peak
         fall, rise = up * (peak - left), down * (peak - right)
-        off = (up * fall - down * rise) / (2 * own.apart * select(fall + rise == 0, 1.0, fall + rise))
+        off = (up * fall - down * rise) / (2 * own.spacing * select(fall + rise == 0, 1.0, fall + rise))
     else:
         off = 0.0 * peak
     off = select(abs(off) > 0.9, 0.0 * off, off)
@@ -264,11 +242,11 @@ def _peak(own: Any, numbers: Numbers, place: Any, whole: Sums, round: Sums) -> t
     tone = select(tone > 0, tone, 1.0)
     energy = whole.squares - whole.total * whole.total / own.points
     noise = select(energy - tone > FLOOR * energy, energy - tone, FLOOR * abs(energy))
-    variance = own.apart**2 * spread * noise / (2 * sinc**2 * tone * own.points)
+    variance = own.spacing**2 * spread * noise / (2 * sinc**2 * tone * own.points)
     if own.interpolation == "none":
         bin_below, _, bin_above = numbers.three(bins, middle)
         variance = variance + ((bin_above - bin_below) / 2) ** 2 / 12
-    omega = bin_peak + own.apart * off
+    omega = bin_peak + own.spacing * off
     return Estimate(omega, 0.0, math.sqrt(variance), np.inf, peak, True), (left > peak) | (right > peak)
 
 
@@ -277,7 +255,7 @@ def _windowed(own: Any, numbers: Numbers, place: Any, whole: Sums, round: Sums) 
     sums = whole.spectrum
     if not own.own_bins:
         # Samples of the round before lie N places back: whole periods of the DFT's own bins.
-        turn = numbers.xp.exp(1j * (own.points * own.sample_time) * own.frequencies[0])
+        turn = numbers.xp.exp(1j * (own.points * own.sample_time) * own.omegas[0])
         sums = round.spectrum + (sums - round.spectrum) * turn
     if own.window == "rectangular":
         return sums[0]

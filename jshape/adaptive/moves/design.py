@@ -1,19 +1,19 @@
-"""The shaper for the plant as it is now, a few exact steps from one that is near: any plant, any beginning."""
+"""The shaper for the plant as it is now, a few exact steps from one that is near: any plant, any initial state."""
 
 import jax.numpy as jnp
 from jaxtyping import Array
 
 from jshape._types import State
-from jshape.adaptive.least_squares_fit import least_squares
 from jshape.adaptive.moves.machine import AbstractMoves
 from jshape.command import AbstractCommand
+from jshape.levenberg_marquardt import levenberg_marquardt
 from jshape.plants import AbstractPlant
 from jshape.shaper import Shaper
 from jshape.simulation.schedule import schedule
 from jshape.simulation.simulate import final_state
 
 ITERATIONS = 30
-"""Of Levenberg–Marquardt; from rest three are enough, a swing half as large as the move may take all of them."""
+"""Of Levenberg–Marquardt; from rest three are enough, an initial swing half as large as the move may take all."""
 REACH = 0.7
 """How far the logarithm of a gap may go, to half or twice the length, and how far an amplitude."""
 
@@ -21,12 +21,20 @@ REACH = 0.7
 def retuned(
     task: AbstractMoves, plant: AbstractPlant, command: AbstractCommand, near: Shaper, state: State, steps: int
 ) -> Shaper:
-    """The shaper with as many impulses as ``near`` after which the plant, which begins with ``state``, is at rest.
+    """The shaper near a given one after which the plant is at rest.
 
-    Amplitudes and gaps are changed by Levenberg–Marquardt on what is left of the swing, with exact derivatives through
-    the model: where there are more of them than conditions, by little. Gaps stay within half and twice their length and
+    Amplitudes and gaps are changed by Levenberg–Marquardt on the residual swing, with exact derivatives through the
+    model: where there are more of them than conditions, by little. Gaps stay within half and twice their length and
     amplitudes within 0.7 of what they were (the first: of all others together); what cannot be cancelled within that is
-    made small. ``steps``: fixed ones a segment.
+    made small.
+
+    Args:
+        task: says what a swing is.
+        plant: as it is now.
+        command: to be shaped.
+        near: the shaper to begin with, of as many impulses.
+        state: the plant's initial state.
+        steps: fixed ones a segment.
     """
     count, gaps = len(near.amplitudes) - 1, jnp.diff(near.times)
     unit = jnp.stack([jnp.ones(()), plant.natural_frequency()])
@@ -37,9 +45,9 @@ def retuned(
         times = jnp.cumsum(gaps * jnp.exp(change[count:]))
         return Shaper(jnp.concatenate([1 - jnp.sum(later)[None], later]), jnp.concatenate([jnp.zeros(1), times]))
 
-    def left(change: Array) -> tuple[Array, None]:
+    def residual_swing(change: Array) -> tuple[Array, None]:
         plan = schedule(plant, command, built(change))
         end, _ = final_state(plant, plan, state, steps)
         return task.swing(end, plan.coefficients[-1, 0]) / unit, None
 
-    return built(least_squares(left, jnp.zeros(2 * count), ITERATIONS)[0])
+    return built(levenberg_marquardt(residual_swing, jnp.zeros(2 * count), ITERATIONS).unknowns)

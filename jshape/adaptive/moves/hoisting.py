@@ -1,6 +1,6 @@
 """Moves of a crane that hoists on the way: the frequency sweeps during the move, and nobody knows where it begins.
 
-The hoist's encoder tells how much cable is out, but not how far below the hook the load's middle hangs: the pendulum
+The hoist's encoder measures how much cable is out, but not how far below the hook the load's middle hangs: the pendulum
 is longer than the cable by an unknown rest, which is another one with every load. It is learned from the swing angle
 measured during the moves, and the shaper of the next one is tuned through the model: no formula knows a frequency that
 changes on the way.
@@ -8,16 +8,16 @@ changes on the way.
 
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from jshape import _check
-from jshape._types import Scalar, State, Times
+from jshape._types import Scalar, State
+from jshape.adaptive.arguments import check_level
 from jshape.adaptive.moves.design import retuned
-from jshape.adaptive.moves.machine import AbstractMoves, Moves, Swing, steps_between
+from jshape.adaptive.moves.machine import AbstractMoves, Moves, Swing
 from jshape.command import PiecewisePolynomial, Trapezoid
 from jshape.design.linear import zvd
 from jshape.plants import HoistingCrane
@@ -30,7 +30,7 @@ TRIED = 9
 
 
 class Hoisting(NamedTuple):
-    """What the controller knows of a move."""
+    """A move as the controller knows it."""
 
     distance: Scalar
     """Of the trolley, m."""
@@ -43,21 +43,23 @@ class Hoisting(NamedTuple):
 class HoistingMoves(AbstractMoves):
     """Moves of a crane with its hoist running, the swing's angle measured (rad).
 
-    The one parameter is the distance from the cable's end to the load's middle, m, between the two of ``below``; at
-    first it is taken to be half way between them. ``limits``: speed (m/s) and acceleration (m/s²) of the trolley and of
-    the hoist. ``horizon``: s from one move to the next. ``samples``: as many in that time, evenly, the first and the
-    last at its ends. ``damping``: N s/m for a load of 1 kg. ``known``: a ``Hoisting``.
+    The one parameter is the distance from the cable's end to the load's middle, m. ``known``: a ``Hoisting``.
 
-    *Raises* ``ValueError`` for numbers that are not positive, ``below`` the wrong way round, or too few samples.
+    Args:
+        horizon: s from one move to the next.
+        samples: as many in that time, evenly, the first and the last at its ends.
+        below: least and greatest distance from the cable's end to the load's middle, m; the prior mean is half way.
+        trolley: its speed (m/s) and acceleration (m/s²).
+        hoist: its speed (m/s) and acceleration (m/s²).
+        damping: N s/m for a load of 1 kg.
+
+    Raises:
+        ValueError: for numbers that are not positive, ``below`` the wrong way round, or too few samples.
     """
 
-    times: Times
-    lower: Float[Array, " parameters"]
-    upper: Float[Array, " parameters"]
     trolley: Float[Array, " 2"]
     hoist: Float[Array, " 2"]
     damping: Scalar
-    between: int = eqx.field(static=True)
 
     def __init__(
         self,
@@ -68,28 +70,24 @@ class HoistingMoves(AbstractMoves):
         hoist: Any = (0.6, 0.5),
         damping: Any = 0.02,
     ):
-        for value, name in ((horizon, "horizon"), (trolley, "trolley"), (hoist, "hoist")):
-            _check.positive(value, name)
         _check.not_negative(below, "below")
         if not below[0] < below[1]:
             raise ValueError(f"below must be two lengths in ascending order, not {below}")
-        samples = _check.count(samples, "samples", least=8)
-        self.times = _check.scalar(horizon, "horizon") * jnp.linspace(0.0, 1.0, samples)
+        lower, upper = (_check.scalar(value, "below")[None] for value in below)
         # A pendulum of one metre; a shorter one is faster by the root of its length.
-        self.between = steps_between(np.sqrt(9.81), horizon, samples)
-        self.lower, self.upper = (_check.scalar(value, "below")[None] for value in below)
+        super().__init__(np.sqrt(9.81), horizon, samples, 8, lower, upper)
         self.trolley, self.hoist = _check.as_array(trolley, "trolley"), _check.as_array(hoist, "hoist")
         for value, name in ((self.trolley, "trolley"), (self.hoist, "hoist")):
+            _check.positive(value, name)
             if value.shape != (2,):
                 raise ValueError(f"{name} must be a speed and an acceleration, not of shape {value.shape}")
-        _check.not_negative(damping, "damping")
-        self.damping = _check.scalar(damping, "damping")
+        self.damping = check_level(damping, "damping")
 
     def nominal(self) -> Float[Array, " parameters"]:
         return (self.lower + self.upper) / 2
 
     def plant(self, parameters: Float[Array, " parameters"], known: Hoisting) -> HoistingCrane:
-        # Its pieces once, and not once for every stage of the integration.
+        # Its polynomials once, and not once for every stage of the integration.
         hoist = PiecewisePolynomial(*Trapezoid(known.hoist, self.hoist[0], self.hoist[1]).pieces(), smoothness=2)
         return HoistingCrane(known.cable + parameters[0], hoist, damping=self.damping)
 
@@ -113,15 +111,15 @@ class HoistingMoves(AbstractMoves):
         share = energy / (2 * plant.payload_mass * plant.gravity * state[2])
         return 2 * jnp.arcsin(jnp.sqrt(jnp.clip(share, 0.0, 1.0)))
 
-    def frequency(self, parameters: Float[Array, " parameters"], known: Hoisting, share: float) -> Scalar:
-        """What linear methods have: the pendulum's frequency (rad/s) when that ``share`` of the hoist's way is done."""
+    def omega(self, parameters: Float[Array, " parameters"], known: Hoisting, share: float) -> Scalar:
+        """The pendulum's frequency, rad/s, when a ``share`` of the hoist's way is done."""
         plant = self.plant(parameters, known)
         return jnp.sqrt(plant.gravity / (plant.cable_length + share * known.hoist))
 
     def design(self, parameters: Float[Array, " parameters"], known: Hoisting, swing: Swing) -> Shaper:
         """Three impulses, tuned through the model from the ZVD shaper of the mean length."""
         plant = self.plant(parameters, known)
-        near = zvd(self.frequency(parameters, known, 0.5))
+        near = zvd(self.omega(parameters, known, 0.5))
         return retuned(self, plant, self.command(known), near, self.begin(plant, swing), STEPS)
 
     def starts(self, parameters: Float[Array, " parameters"]) -> Float[Array, "starts parameters"]:
@@ -139,8 +137,16 @@ def random_loads(
     cable: tuple[float, float] = (3.0, 6.0),
     below: tuple[float, float] = (0.2, 1.8),
 ) -> Moves:
-    """Moves there and back of random distances (m), up from the longer of ``cable`` (m) to the shorter and down again
-    in turn, and another load with move ``change``, which is not announced and hangs otherwise ``below`` the cable (m).
+    """Moves there and back, the cable shortened and let out again in turn, and one unannounced change of load.
+
+    Args:
+        key: of everything random.
+        task: the true one.
+        moves: how many.
+        change: number of the first move with the other load.
+        distance: least and greatest distance of a move, m.
+        cable: shorter and longer cable, m.
+        below: least and greatest distance from the cable's end to a load's middle, m.
     """
     keys = jax.random.split(key, 3)
     loads = jax.random.uniform(keys[0], (2, 1), minval=below[0], maxval=below[1])

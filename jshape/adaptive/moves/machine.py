@@ -1,4 +1,4 @@
-"""A machine that makes one move after another while it changes unannounced, and what a strategy must do about it.
+"""A machine that makes one move after another while it changes unannounced, and the interface of a strategy for it.
 
     task = js.adaptive.TwoMassMoves(plant, ("spring.k1", "spring.k3", "damper.c"), horizon=6.0)
     drawn = js.adaptive.random_payloads(jax.random.key(0), task)
@@ -23,8 +23,10 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from jshape import _check
 from jshape._types import Scalar, State, Times
+from jshape.adaptive.arguments import check_level, check_positive
 from jshape.command import AbstractCommand, polynomial
 from jshape.plants import AbstractPlant
+from jshape.quantisation import quantised
 from jshape.shaper import Shaper
 from jshape.simulation.schedule import Schedule, schedule
 from jshape.simulation.simulate import all_states
@@ -36,19 +38,40 @@ Swing = Float[Array, " 2"]
 class AbstractMoves(eqx.Module):
     """A plant with unknown parameters and the moves it makes, in coordinates that begin anew with every move.
 
-    ``known`` in every method is what the controller knows of a move: a pytree of arrays. ``times``: of the sensor's
-    samples, s since the move began, the first is 0; with the last the next move begins. ``lower``, ``upper``: where
-    parameters may be. ``between``: fixed steps of the simulation from one sample to the next (``steps_between``).
+    ``known`` in every method is what the controller knows of a move: a pytree of arrays.
+
+    Attributes:
+        times: of the sensor's samples, s since the move began, the first is 0; with the last the next move begins.
+        lower: least parameters, shape (parameters,).
+        upper: greatest parameters, shape (parameters,).
+        between: fixed steps of the simulation from one sample to the next.
     """
 
-    times: eqx.AbstractVar[Times]
-    lower: eqx.AbstractVar[Float[Array, " parameters"]]
-    upper: eqx.AbstractVar[Float[Array, " parameters"]]
-    between: eqx.AbstractVar[int]
+    times: Times
+    lower: Float[Array, " parameters"]
+    upper: Float[Array, " parameters"]
+    between: int = eqx.field(static=True)
+
+    def __init__(self, omega: Any, horizon: Any, samples: int, least: int, lower: Array, upper: Array):
+        """Set all fields.
+
+        Args:
+            omega: natural frequency of the plant, rad/s.
+            horizon: s from one move to the next.
+            samples: as many in that time, evenly.
+            least: fewest samples allowed.
+            lower: least parameters, shape (parameters,).
+            upper: greatest parameters, shape (parameters,).
+        """
+        samples = _check.count(samples, "samples", least=least)
+        self.times = check_positive(horizon, "horizon") * jnp.linspace(0.0, 1.0, samples)
+        # No step covers more than 0.3 rad, half of what keeps eleven digits: the plant may become twice as fast.
+        self.between = max(1, int(np.ceil(float(omega) * float(horizon) / (samples - 1) / 0.3)))
+        self.lower, self.upper = lower, upper
 
     @abc.abstractmethod
     def nominal(self) -> Float[Array, " parameters"]:
-        """What is believed before anything is measured."""
+        """The prior mean of the parameters."""
 
     @abc.abstractmethod
     def plant(self, parameters: Float[Array, " parameters"], known: Any) -> AbstractPlant:
@@ -56,11 +79,11 @@ class AbstractMoves(eqx.Module):
 
     @abc.abstractmethod
     def command(self, known: Any) -> AbstractCommand:
-        """What is to be moved."""
+        """The command of the move."""
 
     @abc.abstractmethod
     def begin(self, plant: AbstractPlant, swing: Swing) -> State:
-        """The state at a move's beginning, with so much swing left of the last one."""
+        """The state at a move's beginning, with that residual swing of the last one."""
 
     @abc.abstractmethod
     def swing(self, state: State, position: Scalar) -> Swing:
@@ -72,25 +95,19 @@ class AbstractMoves(eqx.Module):
 
     @abc.abstractmethod
     def vibration(self, plant: AbstractPlant, state: State, position: Scalar) -> Scalar:
-        """How far it will swing, with the command at rest at ``position``, in the signal's unit."""
+        """The amplitude of the residual vibration, with the command at rest at ``position``, in the signal's unit."""
 
     @abc.abstractmethod
     def design(self, parameters: Float[Array, " parameters"], known: Any, swing: Swing) -> Shaper:
-        """The shaper after which a plant with these parameters, which began with that swing, is at rest."""
+        """The shaper after which a plant with these parameters, begun with that swing, is at rest."""
 
     @abc.abstractmethod
     def starts(self, parameters: Float[Array, " parameters"]) -> Float[Array, "starts parameters"]:
-        """Other parameters to try before a fit: what the plant may have become since."""
-
-
-def steps_between(omega: Any, horizon: Any, samples: int) -> int:
-    """Steps from one of so many samples to the next, for a plant of natural frequency ``omega`` (rad/s): none covers
-    more than 0.3 rad, half of what keeps eleven digits, so that the plant may become twice as fast."""
-    return max(1, int(np.ceil(float(omega) * float(horizon) / (samples - 1) / 0.3)))
+        """Other parameters to try before a fit: those that the plant may have by now."""
 
 
 class Along(NamedTuple):
-    """What a plant did in a move."""
+    """A plant's trajectory through a move."""
 
     signal: Times
     """At the task's ``times``."""
@@ -104,8 +121,15 @@ class Along(NamedTuple):
 def along(
     task: AbstractMoves, plant: AbstractPlant, plan: Schedule, state: State, part: tuple[Any, Any] = (0, -1)
 ) -> Along:
-    """The plant through a move; ``part``: the indices into ``task.times`` at which it begins and ends. Before and after
-    that the state stands still."""
+    """The plant's trajectory through a move.
+
+    Args:
+        task: the machine and its moves.
+        plant: as it is.
+        plan: of the shaped command.
+        state: the initial state.
+        part: indices into ``task.times`` at which the trajectory begins and ends; outside the state stands still.
+    """
     first, last = part
     segments, at = plan.sampled(task.times)
     there = (segments.begin >= task.times[first]) & (segments.begin < task.times[last])
@@ -118,18 +142,21 @@ def along(
 
 
 class NoisySensor(eqx.Module):
-    """A sensor's ``noise`` (standard deviation) and ``resolution`` (0: none), in the signal's unit.
+    """A sensor with white noise and rounding.
 
-    *Raises* ``ValueError`` for a noise that is not positive or a negative resolution.
+    Args:
+        noise: standard deviation, in the signal's unit.
+        resolution: step of the converter in the same unit, 0 for none.
+
+    Raises:
+        ValueError: for a noise that is not positive or a negative resolution.
     """
 
     noise: Scalar
     resolution: Scalar
 
     def __init__(self, noise: Any, resolution: Any = 0.0):
-        self.noise, self.resolution = _check.scalar(noise, "noise"), _check.scalar(resolution, "resolution")
-        _check.positive(self.noise, "noise")
-        _check.not_negative(self.resolution, "resolution")
+        self.noise, self.resolution = check_positive(noise, "noise"), check_level(resolution, "resolution")
 
     @property
     def std(self) -> Scalar:
@@ -137,16 +164,21 @@ class NoisySensor(eqx.Module):
         return jnp.sqrt(self.noise**2 + self.resolution**2 / 12)
 
     def read(self, signal: Times, draw: Times, missing: Bool[Array, " times"], frozen: Bool[Array, " times"]) -> Times:
-        """What it reads; ``draw``: standard normal numbers."""
-        exact = signal + self.noise * draw
-        step = jnp.where(self.resolution > 0, self.resolution, 1.0)
-        value = jnp.where(self.resolution > 0, step * jnp.round(exact / step), exact)
+        """The readings of a signal.
+
+        Args:
+            signal: shape (times,).
+            draw: standard normal numbers, shape (times,).
+            missing: readings that do not come: NaN.
+            frozen: readings that stay what they were.
+        """
+        value = quantised(signal + self.noise * draw, self.resolution)
         last = jax.lax.cummax(jnp.where(frozen, 0, jnp.arange(len(value))))
         return jnp.where(missing, jnp.nan, value[last])
 
 
 class Moves(NamedTuple):
-    """What happens, move by move: each with a leading axis of moves."""
+    """A schedule, each array with a leading axis of moves."""
 
     known: Any
     """What the controller knows of each move."""
@@ -163,18 +195,18 @@ class Moves(NamedTuple):
 
 
 class MoveTrace(NamedTuple):
-    """What came of it, each with a leading axis of moves."""
+    """The outcome of a schedule, each array with a leading axis of moves."""
 
     energy: Float[Array, " moves"]
     """Residual energy of the true plant, J, when the shaped command had come to rest; NaN if that took longer than the
     window."""
     vibration: Float[Array, " moves"]
-    """How far it swings from then on, in the signal's unit."""
+    """The amplitude of the vibration from then on, in the signal's unit."""
     duration: Float[Array, " moves"]
     """Of the shaped command, s."""
     shaper: Shaper
     memory: Any
-    """What the strategy knew after the move."""
+    """Of the strategy after the move."""
 
 
 class AbstractMoveStrategy(eqx.Module):
@@ -182,7 +214,7 @@ class AbstractMoveStrategy(eqx.Module):
 
     @abc.abstractmethod
     def start(self) -> Any:
-        """What it knows at the start: a pytree of JAX arrays of fixed shapes."""
+        """The memory before the first move: a pytree of JAX arrays of fixed shapes."""
 
     @abc.abstractmethod
     def shaper(self, memory: Any, known: Any, parameters: Array, swing: Swing) -> Shaper:
@@ -190,15 +222,23 @@ class AbstractMoveStrategy(eqx.Module):
 
     @abc.abstractmethod
     def learn(self, memory: Any, known: Any, shaper: Shaper, readings: Times) -> Any:
-        """What it knows after a move."""
+        """The memory after a move; ``readings``: of the sensor at ``task.times``."""
 
 
 def run_moves(
     truth: AbstractMoves, strategy: AbstractMoveStrategy, moves: Moves, sensor: NoisySensor, key: PRNGKeyArray
 ) -> MoveTrace:
-    """The true plant through all moves, at rest at first. ``key``: of the sensor's noise.
+    """Run the true plant through all moves, at rest at first.
 
-    *Raises* ``ValueError`` for arrays of ``moves`` whose lengths differ.
+    Args:
+        truth: the true machine.
+        strategy: chooses the shapers.
+        moves: the schedule.
+        sensor: the true one.
+        key: of the sensor's noise.
+
+    Raises:
+        ValueError: for arrays of ``moves`` whose lengths differ.
     """
     count = len(moves.change)
     shapes = {name: jnp.shape(getattr(moves, name)) for name in ("before", "after", "missing", "frozen")}
@@ -226,7 +266,7 @@ def run_moves(
             rest = plant.residual_energy(run.rest, inputs), truth.vibration(plant, run.rest, position)
             return run.states[-1], (run.signal, *rest)
 
-        # What the change itself does to the state: a cable's length is one of its entries.
+        # The change itself moves the state: a cable's length is one of its entries.
         jumps = jnp.stack([jnp.zeros_like(begin), truth.begin(new, swing) - begin])
         ends = jnp.stack([0 * move.change, move.change]), jnp.stack([move.change, 0 * move.change + last_sample])
         parts = (jnp.stack([move.before, move.after]), *ends, jumps)

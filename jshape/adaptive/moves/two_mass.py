@@ -1,8 +1,8 @@
 """Moves of a mass on a spring whose payload changes: the energy shaper's own parameters, learned from what it moves.
 
-Without a force sensor the free motion of a displacement-driven pair tells nothing but ratios: k1/m2, k3/m2, c/m2. So
+Without a force sensor the free motion of a displacement-driven pair determines ratios only: k1/m2, k3/m2, c/m2. So
 the model's mass stays as it is, and stiffnesses and damping are those of a plant with that mass that moves alike: the
-energy shaper asks for nothing else. Their logarithms are fitted, so that another payload shifts all of them by the same
+energy shaper depends on nothing else. Their logarithms are fitted, so that another payload shifts all by the same
 amount.
 """
 
@@ -11,18 +11,17 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from jshape import _check
-from jshape._types import Scalar, State, Times
+from jshape._types import Scalar, State
+from jshape.adaptive.arguments import check_factor, check_leaves
 from jshape.adaptive.moves.design import retuned
-from jshape.adaptive.moves.machine import AbstractMoves, Moves, Swing, steps_between
+from jshape.adaptive.moves.machine import AbstractMoves, Moves, Swing
 from jshape.command import AbstractCommand, Step
 from jshape.design.energy import three_impulse
 from jshape.plants import AbstractPlant, TwoMass
 from jshape.shaper import Shaper
-from jshape.sweeps.leaves import leaf, with_leaves
+from jshape.sweeps.leaves import with_leaves
 
 STEPS = 16
 """Fixed steps between two impulses: half a period of the payload."""
@@ -33,43 +32,34 @@ TRIED = 17
 class TwoMassMoves(AbstractMoves):
     """Steps of a displacement-driven pair, its deflection measured (m).
 
-    ``model``: the pair at its nominal parameters. ``leaves``: dotted paths of those that are adapted, all positive;
-    the parameters are the logarithms of their values over the nominal ones. ``horizon``: s from one move to the next.
-    ``samples``: how many are taken in that time, evenly, the first and the last at its ends. ``factor``: no parameter
-    leaves nominal/factor … nominal·factor. ``known``: the size of the step, m.
+    The parameters are the logarithms of the leaves' values over the nominal ones. ``known``: the size of the step, m.
 
-    *Raises* ``ValueError`` for a model that is no ``TwoMass``, unknown leaves or ones that are not positive, the mass
-    beside others, a horizon that is not positive, too few samples, or a factor not above 1.
+    Args:
+        model: the pair at its nominal parameters.
+        leaves: dotted paths of those that are adapted, all positive.
+        horizon: s from one move to the next.
+        samples: as many in that time, evenly, the first and the last at its ends.
+        factor: no leaf leaves nominal/factor … nominal·factor.
+
+    Raises:
+        ValueError: for a model that is no ``TwoMass``, unknown leaves or ones that are not positive, the mass beside
+            others, a horizon that is not positive, too few samples, or a factor not above 1.
     """
 
     model: AbstractPlant
     scale: Float[Array, " parameters"]
-    times: Times
-    lower: Float[Array, " parameters"]
-    upper: Float[Array, " parameters"]
     leaves: tuple[str, ...] = eqx.field(static=True)
-    between: int = eqx.field(static=True)
 
     def __init__(self, model: TwoMass, leaves: tuple[str, ...], horizon: Any, samples: int = 121, factor: Any = 4.0):
         if not isinstance(model, TwoMass):
             raise ValueError(f"model must be a TwoMass, not {model!r}")
-        self.model, self.leaves = model, tuple(leaves)
-        if not self.leaves:
-            raise ValueError("leaves is empty: there is nothing to adapt")
-        self.scale = jnp.stack([leaf(model, name) for name in self.leaves])
-        _check.positive(self.scale, f"leaves {', '.join(self.leaves)}")
+        self.model = model
+        self.leaves, self.scale = check_leaves(model, leaves)
         if "m2" in self.leaves and len(self.leaves) > 1:
             others = ", ".join(name for name in self.leaves if name != "m2")
-            raise ValueError(f"leaves must not name the mass beside {others}: motion tells their ratios only")
-        _check.positive(horizon, "horizon")
-        samples = _check.count(samples, "samples", least=2 * len(self.leaves) + 4)
-        self.times = _check.scalar(horizon, "horizon") * jnp.linspace(0.0, 1.0, samples)
-        self.between = steps_between(model.natural_frequency(), horizon, samples)
-        factor = _check.scalar(factor, "factor")
-        if _check.is_concrete(factor) and not 1 < float(factor) < np.inf:
-            raise ValueError(f"factor must be greater than 1, not {_check.show(factor)}")
-        self.upper = jnp.full(len(self.leaves), jnp.log(factor))
-        self.lower = -self.upper
+            raise ValueError(f"leaves must not name the mass beside {others}: motion determines their ratios only")
+        bound = jnp.full(len(self.leaves), jnp.log(check_factor(factor, "factor")))
+        super().__init__(model.natural_frequency(), horizon, samples, 2 * len(self.leaves) + 4, -bound, bound)
 
     def nominal(self) -> Float[Array, " parameters"]:
         return jnp.zeros_like(self.scale)
@@ -95,19 +85,21 @@ class TwoMassMoves(AbstractMoves):
         return plant.spring.amplitude(plant.residual_energy(state, (position, jnp.zeros_like(position))))
 
     def design(self, parameters: Float[Array, " parameters"], known: Scalar, swing: Swing) -> Shaper:
-        """The three-impulse energy shaper, retuned for what is left of the last move (and for what the damper takes
-        beyond the loss along the undamped orbit, so little that the two are told apart by the fourth digit)."""
+        """The three-impulse energy shaper, retuned for the residual swing of the last move.
+
+        And for what the damper dissipates beyond the loss along the undamped orbit, which changes the fourth digit.
+        """
         plant: Any = self.plant(parameters, known)
         return retuned(self, plant, Step(known), three_impulse(plant, known, damping="orbit"), swing, STEPS)
 
     def starts(self, parameters: Float[Array, " parameters"]) -> Float[Array, "starts parameters"]:
-        """All of them larger or smaller by one factor, which is what another payload does."""
+        """All of them larger or smaller by one factor, as by another payload."""
         shift = jnp.linspace(-1.0, 1.0, TRIED)[:, None] * jnp.log(2.5)
         return jnp.clip(parameters + shift, self.lower, self.upper)
 
 
 class Payloads(NamedTuple):
-    """What is drawn of a machine's payloads."""
+    """Random payloads and the moves made with them."""
 
     moves: Moves
     mass: Float[Array, " moves"]
@@ -125,15 +117,23 @@ def random_payloads(
     damping: tuple[float, float] = (0.5, 2.0),
     within: Any = False,
 ) -> Payloads:
-    """Steps of ``size`` (m), either way, and one change of payload and damper, which nobody announces.
+    """Steps either way, and one unannounced change of payload and damper.
 
-    ``task``: the true one, whose last leaf is the damper's and whose others are stiffnesses. ``mass``, ``damping``:
-    between which factors of the nominal ones they are before and after. The change comes with move ``change``; with
-    ``within``, at a random moment of the move before it.
+    Args:
+        key: of everything random.
+        task: the true one, whose last leaf is the damper's and whose others are stiffnesses.
+        moves: how many.
+        change: number of the first move with the other payload.
+        size: of the steps, m.
+        mass: least and greatest payload before and after, over the nominal one.
+        damping: least and greatest damper constant, over the nominal one.
+        within: whether the change comes at a random moment of the move before.
     """
     keys = jax.random.split(key, 4)
-    uniform = lambda key, ends: jax.random.uniform(key, (2,), minval=ends[0], maxval=ends[1])
-    masses, dampings = uniform(keys[0], mass), uniform(keys[1], damping)
+    masses, dampings = (
+        jax.random.uniform(key, (2,), minval=low, maxval=high)
+        for key, (low, high) in ((keys[0], mass), (keys[1], damping))
+    )
     stiff = jnp.repeat(-jnp.log(masses)[:, None], len(task.leaves) - 1, axis=1)
     both = jnp.concatenate([stiff, jnp.log(dampings / masses)[:, None]], axis=1)
     count = len(task.times)

@@ -1,16 +1,18 @@
 """A shaper that is retuned while it runs: a cascade of digital filters, one a mode, whose output never jumps.
 
-    shaper = js.adaptive.AdaptiveShaper(sample_time=0.005, omega=(9.0, 70.0), zeta=(0.017, 0.019))
+    shaper = js.adaptive.AdaptiveShaper(
+        sample_time=0.005, omega=(9.0, 70.0), zeta=(0.017, 0.019), bands=((4.0, 14.0), (50.0, 105.0))
+    )
     state = shaper.start(reference)
     state, shaped = shaper.step(state, reference, estimate)   # pure: for scan, jit, vmap and grad
     online = shaper.online(reference)
     shaped = online.push(reference, estimate)                 # NumPy, for a control loop
 
-Whatever an identifier says is only noted when it comes. New taps are taken at the one instant at which they cannot be
-felt: when the reference, having stood still for longer than all taps reach, begins to move (``retune="steady"``); or
-the output glides from the old filters' to the new ones' (``"crossfade"``), for references that never stand still.
+An estimate is only noted when it comes. New taps are taken at the one instant at which they cannot be felt: when the
+reference, having stood still for longer than all taps reach, begins to move (``retune="steady"``); or the output glides
+from the old filters' to the new ones' (``"crossfade"``), for references that never stand still.
 
-A wild estimate does no more than ``bound`` tells: frequencies stay in their bands, move by a limited factor a retune,
+A wild estimate does no more than ``bound`` says: frequencies stay in their bands, move by a limited factor a retune,
 and what is not a number is left out and counted.
 """
 
@@ -24,8 +26,9 @@ import numpy as np
 from jaxtyping import Float
 
 from jshape import _check
-from jshape.adaptive.arrays import as_jax, as_lists, like
-from jshape.adaptive.identifiers.estimate import JAX, NUMPY, Estimate, check_band, check_time
+from jshape.adaptive.arguments import check_band, check_order, check_time
+from jshape.adaptive.formulas import JAX, NUMPY, as_jax, as_lists, like
+from jshape.adaptive.identifiers.estimate import Estimate
 from jshape.adaptive.shapers.cascade import Cascade, Shaped, ShaperState
 from jshape.adaptive.shapers.taps import KINDS, ROUNDINGS, Filters
 from jshape.shaper import Shaper
@@ -36,19 +39,26 @@ RETUNES = ("steady", "crossfade")
 class AdaptiveShaper(eqx.Module):
     """A cascade of shapers, one a mode, retuned to estimates of the modes.
 
-    ``sample_time``: s. ``omega``, ``zeta``: what it starts with, one a mode, rad/s and –. ``bands``: a pair (low, high)
-    of frequencies a mode, in which its filter stays. ``kind``: of ``js.design.linear``, those with positive amplitudes
-    (``"zvd"``, ``"zv"``, ``"ei"``, …). ``retune``: ``"steady"`` or ``"crossfade"``, which takes ``fade`` (s).
-    ``blank``: s after the reference last moved in which ``Shaped.steady`` stays false. ``change``: a frequency is
-    multiplied or divided by at most 1 + ``change`` a retune. ``zeta_bounds``: in which damping ratios stay.
-    ``rounding`` of the impulses to samples: ``"nearest"``, the interval between them, so that the third comes at twice
-    the second's time; ``"split"``, each shared between two samples, through which derivatives pass.
+    Args:
+        sample_time: s.
+        omega: frequencies to start with, rad/s, shape (modes,).
+        zeta: damping ratios to start with, shape (modes,).
+        bands: lowest and highest frequency of each filter, rad/s, shape (modes, 2).
+        kind: of ``js.design.linear``, those with positive amplitudes (``"zvd"``, ``"zv"``, ``"ei"``, …).
+        retune: ``"steady"`` or ``"crossfade"``.
+        fade: length of a cross-fade, s; that of the longest filter, unless given.
+        blank: s after the reference last moved in which ``Shaped.steady`` stays false.
+        change: a frequency is multiplied or divided by at most 1 + ``change`` a retune.
+        zeta_bounds: between which damping ratios stay.
+        rounding: of the impulses to samples: ``"nearest"``, the interval between them, so that the third comes at twice
+            the second's time; ``"split"``, each shared between two samples, through which derivatives pass.
 
-    *Raises* ``ValueError`` for lists of different lengths, values outside their bands or bounds, bands that are none
-    or too fast for the sample time, bounds too wide for the kind, and unknown words.
+    Raises:
+        ValueError: for lists of different lengths, values outside their bands or bounds, bands that are none or too
+            fast for the sample time, bounds too wide for the kind, and unknown words.
 
-    *Source*: Chatlatanagulchai, Chotana and Prutthapong, Eq. 4 and Fig. 3; retuning at the edges, cross-fade and
-    bounds are this module's.
+    Source: Chatlatanagulchai, Chotana and Prutthapong, Eq. 4 and Fig. 3; retuning at the edges, cross-fade and bounds
+        are this module's.
     """
 
     omega: Float[jax.Array, " modes"]
@@ -59,20 +69,20 @@ class AdaptiveShaper(eqx.Module):
     def __init__(
         self,
         sample_time: float,
-        omega: Any = (9.0, 70.0),
-        zeta: Any = (0.017, 0.019),
-        bands: Any = ((4.0, 14.0), (50.0, 105.0)),
+        omega: Any,
+        zeta: Any,
+        bands: Any,
+        *,
         kind: str = "zvd",
         retune: str = "steady",
-        fade: float = 1.0,
-        blank: float = 1.6,
+        fade: float | None = None,
+        blank: float = 0.0,
         change: float = 0.5,
         zeta_bounds: tuple[float, float] = (0.0, 0.1),
         rounding: str = "nearest",
     ):
-        self.omega, self.zeta = (
-            jnp.atleast_1d(_check.as_array(value, name)) for value, name in ((omega, "omega"), (zeta, "zeta"))
-        )
+        self.omega = jnp.atleast_1d(_check.as_array(omega, "omega"))
+        self.zeta = jnp.atleast_1d(_check.as_array(zeta, "zeta"))
         # Concrete also where the modes are being traced.
         with jax.ensure_compile_time_eval():
             sample_time = check_time(sample_time)
@@ -83,19 +93,13 @@ class AdaptiveShaper(eqx.Module):
                 "omega, zeta and bands must have one entry a mode each, not "
                 f"{self.omega.shape}, {self.zeta.shape} and {len(edges)}"
             )
-        for word, name, words in (
-            (kind, "kind", KINDS),
-            (retune, "retune", RETUNES),
-            (rounding, "rounding", ROUNDINGS),
-        ):
-            _check.one_of(word, name, words)
+        _check.one_of(kind, "kind", KINDS)
+        _check.one_of(retune, "retune", RETUNES)
+        _check.one_of(rounding, "rounding", ROUNDINGS)
         _check.damping_ratio(zeta_bounds, "zeta_bounds")
-        low, high = (float(bound) for bound in zeta_bounds)
-        if low >= high:
-            raise ValueError(f"zeta_bounds must be (low, high) with low below high, not ({low:g}, {high:g})")
+        low, high = check_order(zeta_bounds, "zeta_bounds")
         _inside(self.omega, np.array(edges), "omega", "its bands")
         _inside(self.zeta, np.array([[low, high]]), "zeta", "zeta_bounds")
-        _check.positive(fade, "fade")
         _check.not_negative(blank, "blank")
         _check.positive(change, "change")
         filters = Filters(kind, (low, high), rounding, sample_time)
@@ -104,6 +108,9 @@ class AdaptiveShaper(eqx.Module):
             raise ValueError(
                 f"bands must end below {fastest:g} rad/s, where impulses fall on one sample of {sample_time:g} s"
             )
+        reach = int(filters.delays(slowest).max())
+        fade = reach * sample_time if fade is None else fade
+        _check.positive(fade, "fade")
         self.cascade = Cascade(
             filters=filters,
             bands=edges,
@@ -112,7 +119,7 @@ class AdaptiveShaper(eqx.Module):
             blank=round(blank / sample_time),
             change=float(change),
             # Some more, for what single precision may round up.
-            length=int(filters.delays(slowest).max()) + 3,
+            length=reach + 3,
         )
 
     @property
@@ -127,10 +134,16 @@ class AdaptiveShaper(eqx.Module):
         return as_jax(self.cascade.initial(jnp, self.omega, self.zeta, reference))
 
     def step(self, state: ShaperState, reference: Any, estimate: Estimate | None = None) -> tuple[ShaperState, Shaped]:
-        """The state and what is given after a sample of the reference.
+        """The state and the shaped reference after a sample.
 
-        ``estimate``: of all modes, (modes,), if there is one; only modes that are ``valid`` count, and damping ratios
-        only where ``zeta_std`` is finite. *Raises* ``ValueError`` for estimates of another number of modes.
+        Args:
+            state: from ``start`` or the last step.
+            reference: in any unit, a scalar.
+            estimate: of all modes, shape (modes,), if there is one; only modes that are ``valid`` count, and damping
+                ratios only where ``zeta_std`` is finite.
+
+        Raises:
+            ValueError: for estimates of another number of modes.
         """
         new, shaped = self.cascade.advance(JAX, state, reference, estimate)
         return like(state, new), shaped
@@ -142,27 +155,32 @@ class AdaptiveShaper(eqx.Module):
     def shaper(self, omega: Any = None, zeta: Any = None) -> Shaper:
         """All filters together as they run, tuned to those modes: with times on samples. For concrete values only.
 
-        ``omega``: rad/s, ``zeta``: –, (modes,); what it starts with, unless given.
+        Args:
+            omega: rad/s, shape (modes,); what the shaper starts with, unless given.
+            zeta: damping ratios, shape (modes,); likewise.
         """
         omega, zeta = self.omega if omega is None else omega, self.zeta if zeta is None else zeta
         return functools.reduce(Shaper.convolve, self.cascade.filters.shapers(omega, zeta))
 
     def bound(self, omega: Any = None, zeta: Any = None) -> Float[np.ndarray, " modes"]:
-        """The most that is left of each mode after a step, over what a bare step leaves, whatever estimates come.
+        """An upper bound of each mode's residual vibration after a step, over a bare step's, whatever estimates come.
 
-        ``omega``, ``zeta``: the modes as they truly are, (modes,), rad/s and –; the worst frequencies in the bands and
-        the damping ratios of the start, unless given. ``retune="steady"``: the largest V over all that the mode's own
-        filter can be tuned to, since a step passes taps of one tuning only; other modes' filters reduce it further.
-        Never more than 1. ``"crossfade"``: a fade while the step passes can sway the output back and forth, by
-        1 + 2 (longest delay)/``fade`` a filter at most, and that is what can be told. For concrete values only.
+        ``retune="steady"``: the largest V over all that the mode's own filter can be tuned to, since a step passes taps
+        of one tuning only; other modes' filters reduce it further. Never more than 1. ``"crossfade"``: a fade while the
+        step passes can sway the output back and forth, by 1 + 2 (longest delay)/``fade`` a filter at most, and that is
+        the bound. For concrete values only.
+
+        Args:
+            omega: true frequencies, rad/s, shape (modes,); the worst in the bands, unless given.
+            zeta: true damping ratios, shape (modes,); those of the start, unless given.
         """
         cascade, shape = self.cascade, self.zeta.shape
         if cascade.retune == "crossfade":
             sway = [1 + 2 * cascade.filters.delays(low).max() / cascade.fade for low, _ in cascade.bands]
             return np.full(shape, np.prod(sway))
-        damping = np.broadcast_to(np.asarray(self.zeta if zeta is None else zeta, float), shape).tolist()
-        true = [None] * len(damping) if omega is None else np.broadcast_to(np.asarray(omega, float), shape).tolist()
-        return np.array([cascade.filters.worst(*mode) for mode in zip(cascade.bands, true, damping, strict=True)])
+        zetas = np.broadcast_to(np.asarray(self.zeta if zeta is None else zeta, float), shape).tolist()
+        omegas = [None] * len(zetas) if omega is None else np.broadcast_to(np.asarray(omega, float), shape).tolist()
+        return np.array([cascade.filters.worst(*mode) for mode in zip(cascade.bands, omegas, zetas, strict=True)])
 
 
 def _inside(values: Any, edges: np.ndarray, name: str, where: str) -> None:
@@ -176,7 +194,8 @@ def _inside(values: Any, edges: np.ndarray, name: str, where: str) -> None:
 class OnlineShaper:
     """An adaptive shaper as a plain object: Python numbers in nested lists, some microseconds a sample.
 
-    ``push(reference, estimate)`` takes a sample and gives what ``step`` gives; ``state`` is the whole state.
+    Attributes:
+        state: the whole state.
     """
 
     def __init__(self, shaper: AdaptiveShaper, reference: float = 0.0):
@@ -188,6 +207,6 @@ class OnlineShaper:
         )
 
     def push(self, reference: float, estimate: Estimate | None = None) -> Shaped:
-        """What is given after a sample of the reference."""
+        """The shaped reference after a sample, as ``AdaptiveShaper.step`` gives it."""
         self.state, shaped = self._cascade.advance(NUMPY, self.state, float(reference), estimate)
         return shaped

@@ -5,14 +5,16 @@ arrays and Python numbers (``Numbers``); the latter in nested lists, which for s
 """
 
 import dataclasses
+from functools import partial, reduce
+from operator import and_, ge, ne, or_
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jshape.adaptive.arrays import as_lists
-from jshape.adaptive.identifiers.estimate import JAX, Estimate, Numbers
+from jshape.adaptive.formulas import JAX, Numbers, as_lists
+from jshape.adaptive.identifiers.estimate import Estimate
 from jshape.adaptive.shapers.taps import Filters
 
 MOST = np.iinfo(np.int32).max
@@ -25,13 +27,13 @@ class Shaped(NamedTuple):
     command: Any
     """The shaped reference, in its unit."""
     steady: Any
-    """Whether the reference has stood still for as long as the taps reach, and for ``blank``: time to listen."""
+    """Whether the reference has stood still for as long as the taps reach, and for ``blank``: time to measure."""
     omega: Any
     """Frequencies that the filters are tuned to, rad/s, (modes,)."""
     zeta: Any
     """Their damping ratios, (modes,)."""
     rejected: Any
-    """How many estimates said to be valid were no frequency, (modes,)."""
+    """How many estimates marked as valid were no frequency, (modes,)."""
     limited: Any
     """How many lay outside their band or the damping's bounds, and were taken as the nearest inside, (modes,)."""
     missing: Any
@@ -61,7 +63,7 @@ class Wanted(NamedTuple):
     """As last estimated, rad/s."""
     zeta: Any
     rejected: Any
-    """How many estimates said to be valid were no frequency."""
+    """How many estimates marked as valid were no frequency."""
     limited: Any
     """How many lay outside what is allowed."""
 
@@ -86,8 +88,14 @@ class ShaperState(NamedTuple):
 class Cascade:
     """What does not change while an adaptive shaper runs.
 
-    ``filters``: of what kind; ``bands``: (low, high) a mode, rad/s; ``fade``, ``blank``: samples; ``change``: by 1 + so
-    much a frequency is multiplied or divided at most in a retune.
+    Attributes:
+        filters: one kind for all modes.
+        bands: lowest and highest frequency of each mode, rad/s.
+        retune: ``"steady"`` or ``"crossfade"``.
+        fade: samples.
+        blank: samples.
+        change: a frequency is multiplied or divided by at most 1 + ``change`` in a retune.
+        length: samples that are remembered of each filter's input: as many as the slowest frequencies allowed ask for.
     """
 
     filters: Filters
@@ -97,7 +105,6 @@ class Cascade:
     blank: int
     change: float
     length: int
-    """Samples that are remembered of each filter's input: as many as the slowest frequencies allowed ask for."""
 
     def initial(self, xp: Any, omega: Any, zeta: Any, reference: Any) -> ShaperState:
         """The state at rest at ``reference``, tuned to those modes; ``xp``: NumPy or ``jax.numpy``."""
@@ -117,31 +124,30 @@ class Cascade:
 
     @property
     def _long(self) -> int:
-        """Samples beyond which nobody asks for how long the reference has stood still."""
+        """Samples beyond which it does not matter how long the reference has stood still."""
         return max(self.length, self.blank)
 
     def advance(
         self, numbers: Numbers, state: ShaperState, reference: Any, estimate: Estimate | None
     ) -> tuple[ShaperState, Shaped]:
-        """The state and what is given after a sample of the reference."""
+        """The state and the shaped reference after a sample."""
         select, modes = numbers.select, range(len(self.bands))
-        pack = numbers.xp.stack if numbers is JAX else list
         last, tuning = state.last, state.tuning
         # Written before anything is read, so that a scan does it in place.
         lines = numbers.put(state.lines, state.place, last)
         place = select(state.place + 1 == self.length, 0, state.place + 1)
-        known = abs(reference) < np.inf  # false for a NaN
-        value = select(known, reference, last[0])
-        missing = _count(select, state.missing, known == 0)
-        wanted = state.wanted if estimate is None else self._noted(numbers, pack, state.wanted, estimate)
+        usable = abs(reference) < np.inf  # false for a NaN
+        value = select(usable, reference, last[0])
+        missing = _count(select, state.missing, usable == 0)
+        wanted = state.wanted if estimate is None else self._noted(numbers, state.wanted, estimate)
 
         fading = self.retune == "crossfade"
-        news = _differ(wanted.omega, tuning.omega) | _differ(wanted.zeta, tuning.zeta)
+        news = _any_differ(wanted.omega, tuning.omega) | _any_differ(wanted.zeta, tuning.zeta)
         if fading:
             due = news & (tuning.faded == self.fade)
         else:
-            due = news & (value != last[0]) & _standing(state.still, tuning.reach)
-        retuned = lambda tuning, *new: self._retuned(numbers, tuning, *new)
+            due = news & (value != last[0]) & _all_reach(state.still, tuning.reach)
+        retuned = partial(self._retuned, numbers)
         tuning = numbers.when(due, retuned, lambda t, *_: t, tuning, wanted.omega, wanted.zeta, state.still)
         shares: tuple = (1.0,)
         if fading:
@@ -154,16 +160,16 @@ class Cascade:
             inputs.append(command)
             for bank, share in enumerate(shares):
                 gains, delays = tuning.gains[bank][mode], tuning.delays[bank][mode]
-                command = command + share * _away(numbers, gains, lines, place, delays, mode, inputs[mode])
+                command = command + share * _departure(numbers, gains, lines, place, delays, mode, inputs[mode])
         long = self._long
         still = [
             select(inputs[k] == last[k], select(state.still[k] < long, state.still[k] + 1, long), 0) for k in modes
         ]
-        steady = (still[0] >= self.blank) & _standing(still, tuning.reach)
-        state = ShaperState(lines, place, pack(inputs), pack(still), wanted, tuning, missing)
+        steady = (still[0] >= self.blank) & _all_reach(still, tuning.reach)
+        state = ShaperState(lines, place, packed(numbers, inputs), packed(numbers, still), wanted, tuning, missing)
         return state, Shaped(command, steady, tuning.omega, tuning.zeta, wanted.rejected, wanted.limited, missing)
 
-    def _noted(self, numbers: Numbers, pack: Any, wanted: Wanted, estimate: Estimate) -> Wanted:
+    def _noted(self, numbers: Numbers, wanted: Wanted, estimate: Estimate) -> Wanted:
         """What is wanted with this estimate, too; nothing of it is in use yet."""
         select, modes = numbers.select, len(self.bands)
         names = ("omega", "zeta", "zeta_std", "valid")
@@ -171,16 +177,16 @@ class Cascade:
         noted = []
         for k in range(modes):
             taken = valid[k] & (omega[k] > 0) & (omega[k] < np.inf)  # false for a NaN
-            damping = taken & (abs(zeta[k]) < np.inf) & (deviation[k] < np.inf)
+            damped = taken & (abs(zeta[k]) < np.inf) & (deviation[k] < np.inf)
             near, out = _nearest(select, omega[k], self.bands[k])
-            near_damping, out_damping = _nearest(select, zeta[k], self.filters.zeta_bounds)
+            near_zeta, zeta_out = _nearest(select, zeta[k], self.filters.zeta_bounds)
             noted.append((
                 select(taken, near, wanted.omega[k]),
-                select(damping, near_damping, wanted.zeta[k]),
+                select(damped, near_zeta, wanted.zeta[k]),
                 _count(select, wanted.rejected[k], valid[k] & (taken == 0)),
-                _count(select, wanted.limited[k], (taken & out) | (damping & out_damping)),
+                _count(select, wanted.limited[k], (taken & out) | (damped & zeta_out)),
             ))  # fmt: skip
-        return Wanted(*map(pack, zip(*noted, strict=True)))
+        return Wanted(*(packed(numbers, column) for column in zip(*noted, strict=True)))
 
     def _retuned(self, numbers: Numbers, tuning: Tuning, omega: Any, zeta: Any, still: Any) -> Tuning:
         """The tuning with new taps, as near to what is wanted as one retune may go, if there is no harm in it."""
@@ -214,24 +220,23 @@ def _nearest(select: Any, value: Any, bounds: tuple[float, float]) -> tuple[Any,
     return select(below, low, select(above, high, value)), below | above
 
 
-def _differ(one: Any, other: Any) -> Any:
+def _any_differ(one: Any, other: Any) -> Any:
     """Whether any entries differ."""
-    differ = one[0] != other[0]
-    for k in range(1, len(one)):
-        differ = differ | (one[k] != other[k])
-    return differ
+    return reduce(or_, map(ne, one, other))
 
 
-def _standing(still: Any, reach: Any) -> Any:
-    """Whether every filter sees nothing but one value."""
-    standing = still[0] >= reach[0]
-    for k in range(1, len(still)):
-        standing = standing & (still[k] >= reach[k])
-    return standing
+def _all_reach(counts: Any, reach: Any) -> Any:
+    """Whether every filter's input has stood still for as long as its taps reach."""
+    return reduce(and_, map(ge, counts, reach))
 
 
-def _away(numbers: Numbers, gains: Any, lines: Any, place: Any, delays: Any, mode: int, value: Any) -> Any:
-    """How far a filter's output is from its input.
+def packed(numbers: Numbers, values: Any) -> Any:
+    """One value a mode as the state keeps them."""
+    return numbers.xp.stack(values) if numbers is JAX else list(values)
+
+
+def _departure(numbers: Numbers, gains: Any, lines: Any, place: Any, delays: Any, mode: int, value: Any) -> Any:
+    """A filter's output less its input.
 
     Written with differences, which vanish exactly where the input has stood still: taps that are rounded sum to 1.
     """

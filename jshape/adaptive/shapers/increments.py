@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jshape import _check
-from jshape.adaptive.identifiers.estimate import check_time
-from jshape.adaptive.numbers import Numbers
+from jshape.adaptive.arguments import check_time
+from jshape.adaptive.formulas import Numbers
 
 
 class Queue(NamedTuple):
@@ -27,12 +27,17 @@ class Queue(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class IncrementShaper:
-    """A shaper for references sampled every ``sample_time`` (s) whose impulses lie within ``longest`` (s).
+    """Shaping of a sampled reference by increments, each with a shaper of its own.
 
     An impulse between two samples is shared between them so that its mean time stays. Once nothing is coming, the
-    command is the reference to the last bit: rounding does not gather.
+    command is the reference to the last bit: rounding errors do not accumulate.
 
-    *Raises* ``ValueError`` for numbers that are not positive.
+    Attributes:
+        sample_time: s.
+        longest: all impulses lie within so many seconds.
+
+    Raises:
+        ValueError: for numbers that are not positive.
     """
 
     sample_time: float
@@ -48,15 +53,21 @@ class IncrementShaper:
         return int(self.longest / self.sample_time) + 3
 
     def initial(self, reference: Any) -> Queue:
-        """At rest at that reference."""
+        """The queue of a machine at rest at that reference."""
         return Queue(np.zeros(self.size), 0, reference, reference)
 
     def advance(
         self, numbers: Numbers, queue: Queue, reference: Any, shaper: Callable[[Any], tuple[Any, Any]]
     ) -> Queue:
-        """The queue a sample later, with the next sample of the command. ``shaper``: gives, for a change of the
-        reference, the amplitudes (their sum is 1) and times (s) to shape it by; asked where there is a change alone.
-        Times beyond ``longest`` count as ``longest``. A reference that is not finite counts as the one before."""
+        """The queue a sample later, with the next sample of the command.
+
+        Args:
+            numbers: JAX or NumPy.
+            queue: before the sample.
+            reference: its next sample; one that is not finite counts as the one before.
+            shaper: gives, for a change of the reference, the amplitudes (their sum is 1) and times (s) to shape it by;
+                called where there is a change alone. Times beyond ``longest`` count as ``longest``.
+        """
         xp = numbers.xp
         reference = numbers.select(xp.isfinite(reference), reference, queue.reference)
         change = reference - queue.reference

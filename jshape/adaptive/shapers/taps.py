@@ -27,16 +27,19 @@ NODES = 17
 """Of a polynomial over the damping ratios."""
 
 TUNED, TRUE = 1024, 257
-"""Points over a band that the filter is tuned to, and at which the mode may truly be, when the worst is sought."""
+"""Points over a band at which the filter is tuned, and at which the true mode lies, when the worst case is sought."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Filters:
     """Filters of one kind for any modes.
 
-    ``zeta_bounds``: damping ratios that may be asked for; ``rounding`` of the times to samples of ``sample_time`` (s):
-    ``"nearest"``, the interval between impulses, the delays being its multiples; ``"split"``, each impulse shared
-    between the samples before and after it.
+    Attributes:
+        kind: one of ``KINDS``.
+        zeta_bounds: between which damping ratios lie.
+        rounding: of the times to samples: ``"nearest"``, the interval between impulses, the delays being its multiples;
+            ``"split"``, each impulse shared between the samples before and after it.
+        sample_time: s.
     """
 
     kind: str
@@ -80,18 +83,22 @@ class Filters:
         return [Shaper(*pair) for pair in zip(*on_samples, strict=True)]
 
     def worst(self, band: tuple[float, float], omega: float | None, zeta: float) -> float:
-        """The largest V of a mode whose filter is tuned to anything in its band: an upper bound, never more than 1.
+        """An upper bound, never more than 1, of a mode's V whose filter is tuned to anything in its band.
 
-        ``omega``: the mode's true frequency (rad/s), anywhere in the band if ``None``; ``zeta``: its true damping.
         Between the points of the grids V cannot rise faster than its derivatives allow, which is added.
+
+        Args:
+            band: lowest and highest frequency, rad/s.
+            omega: the mode's true frequency, rad/s, anywhere in the band if ``None``.
+            zeta: its true damping ratio.
         """
         true = np.linspace(*band, TRUE) if omega is None else np.array([omega])
         tuned = 1 / np.linspace(1 / band[1], 1 / band[0], TUNED)
         highest, amplitudes = 0.0, []
-        for damping in np.linspace(*self.zeta_bounds, NODES):
-            gains, times = self._impulses_on_samples(tuned, np.full(TUNED, damping))
+        for tuned_zeta in np.linspace(*self.zeta_bounds, NODES):
+            gains, times = self._impulses_on_samples(tuned, np.full(TUNED, tuned_zeta))
             highest = max(highest, float(jnp.max(_vibrations(gains, times, true, zeta))))
-            amplitudes.append(self.impulses(tuned[:1], np.array([damping]))[0][0])
+            amplitudes.append(self.impulses(tuned[:1], np.array([tuned_zeta]))[0][0])
         # V is convex in the amplitudes, so that between two damping ratios only their curvature counts.
         slack = float(np.max(np.sum(np.abs(np.diff(amplitudes, 2, axis=0)), axis=1))) / 8
         amplitude, times = self.impulses(tuned, np.full(TUNED, self.zeta_bounds[0]))
@@ -121,10 +128,15 @@ def _vibrations(amplitudes: Array, times: Array, omega: Array, zeta: Array) -> F
 
 @functools.cache
 def table(kind: str, low: float, high: float) -> Float[np.ndarray, "powers 2 impulses"]:
-    """Amplitudes and times (s, for 1 rad/s) as polynomials, highest power first, in the damping scaled to −1 … 1.
+    """Amplitudes and times (s, for 1 rad/s) as polynomials in the damping ratio, scaled to −1 … 1, highest power first.
 
-    ``low``, ``high``: the damping ratios between which they hold. *Raises* ``ValueError`` where the kind has no shaper,
-    and for a range so wide that the polynomials miss by more than 1e-9.
+    Args:
+        kind: one of ``KINDS``.
+        low: smallest damping ratio for which they hold.
+        high: largest.
+
+    Raises:
+        ValueError: where the kind has no shaper, and for a range so wide that the polynomials miss by more than 1e-9.
     """
 
     def exact(scaled: np.ndarray) -> np.ndarray:
@@ -134,9 +146,9 @@ def table(kind: str, low: float, high: float) -> Float[np.ndarray, "powers 2 imp
     nodes, between = np.polynomial.chebyshev.chebpts1(NODES), np.cos(np.pi * np.arange(1, NODES) / NODES)
     # In 64 bits whatever the caller computes in, and also where the first use is inside a program that is being traced.
     with jax.enable_x64(True), jax.ensure_compile_time_eval():
-        values, judges = exact(nodes), exact(between)
+        values, reference = exact(nodes), exact(between)
     powers = np.linalg.solve(np.vander(nodes), values.reshape(NODES, -1)).reshape(values.shape)
-    miss = float(np.max(np.abs(np.polyval(powers, between[:, None, None]) - judges)))
+    miss = float(np.max(np.abs(np.polyval(powers, between[:, None, None]) - reference)))
     if miss > 1e-9:
         raise ValueError(
             f"zeta_bounds must be closer than ({low:g}, {high:g}) for {kind!r}, whose taps miss by {miss:.1g}"

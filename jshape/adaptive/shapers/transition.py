@@ -1,7 +1,7 @@
-"""A robust shaper that also takes away the vibration that is there when the move begins.
+"""A robust shaper that also cancels the vibration that is there when the move begins.
 
 Five impulses, a quarter of the damped period apart, are as many as the conditions: they sum to 1, they leave the mode
-the phasor ρ that cancels what it swings already, and what they leave does not change with the frequency to first order.
+the phasor ρ that cancels its initial vibration, and what they leave does not change with the frequency to first order.
 With ρ = 0 the second and fourth vanish, and it is the ZVD shaper.
 """
 
@@ -9,17 +9,24 @@ from typing import Any
 
 import numpy as np
 
-from jshape.adaptive.numbers import Numbers
+from jshape.adaptive.formulas import Numbers
 
 
 def transition_zvd(numbers: Numbers, omega: Any, zeta: Any, rest: Any) -> tuple[Any, Any]:
-    """Amplitudes and times (s), (5,), with Σ A = 1, Σ A exp(−p t) = ρ and Σ A t exp(−p t) = 0; p the mode's pole.
+    """Amplitudes and times of five impulses with Σ A = 1, Σ A exp(−p t) = ρ and Σ A t exp(−p t) = 0; p the mode's pole.
 
-    ``rest``: ρ, what is to be left by the impulses alone: minus the phasor that the mode has at the time of the first
-    impulse, over the one that a full step would give it. Amplitudes are positive for small ρ.
+    Args:
+        numbers: JAX or NumPy.
+        omega: undamped natural frequency, rad/s.
+        zeta: damping ratio.
+        rest: ρ, complex, what the impulses alone are to leave: minus the phasor that the mode has at the time of the
+            first impulse, over the one that a full step would give it.
 
-    *Source*: Singer and Seering's (1990) ZVD with the initial state of Dhanda, Vaughan and Singhose; the five equations
-    are solved by hand.
+    Returns:
+        Amplitudes and times (s), both of shape (5,). Amplitudes are positive for small ρ.
+
+    Source: Singer and Seering's (1990) ZVD with the initial state of Dhanda, Vaughan and Singhose; the five equations
+        are solved by hand.
     """
     xp = numbers.xp
     root = xp.sqrt(1 - zeta * zeta)

@@ -1,17 +1,20 @@
-"""Extremum seeking: parameters that find the least cost by themselves, without any model, from small perturbations.
+"""Extremum seeking: parameters that converge to the least cost, without any model, from small perturbations.
 
-    seeking = js.adaptive.ExtremumSeeking(step_time=0.005, start=(0.017, 0.019))
+    seeking = js.adaptive.ExtremumSeeking(
+        step_time=0.005, start=(0.017, 0.019), omega=(2.0, 2.6), amplitude=1e-4, gain=-0.007
+    )
     state = seeking.start()
     state, parameters = seeking.step(state, cost)      # pure: for scan, jit, vmap and grad
     online = seeking.online()
     parameters = online.push(cost)                     # NumPy, for a control loop
 
-Each parameter swings a little, with a frequency of its own; where the cost swings with it, the parameter moves the way
-that lowers it. A *continuous* scheme takes a step every sample. A *per-move* one counts its time in moves
+Each parameter is perturbed by a small sine of its own frequency; where the cost varies with it, the parameter moves in
+the direction that lowers it. A *continuous* scheme takes a step every sample. A *per-move* one counts its time in moves
 (``step_time=1``): one perturbation a move, frequencies in rad a move, the cost that of the whole move.
 """
 
-import math
+from collections.abc import Callable
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -20,19 +23,19 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jshape import _check
-from jshape.adaptive.arrays import as_jax, as_lists, like
-from jshape.adaptive.identifiers.estimate import NUMPY
+from jshape.adaptive.arguments import check_each, check_positive
+from jshape.adaptive.formulas import JAX, NUMPY, Numbers, as_jax, as_lists, like, plain
 
 
 class SeekingState(NamedTuple):
     """Extremum seeking after some steps; arrays of shape (parameters,)."""
 
     centre: Any
-    """The parameters without their perturbation: what has been found."""
+    """The parameters without their perturbation: the estimate of the minimum."""
     low: Any
     """Output of the low-pass filter: the cost's mean slope, times half the amplitude."""
     mean: Any
-    """What the high-pass filter takes off the cost: its slow part."""
+    """The slow part of the cost, which the high-pass filter removes."""
     phase: Any
     """Of the perturbations, rad."""
     begun: Any
@@ -41,53 +44,41 @@ class SeekingState(NamedTuple):
     """How many costs were not numbers."""
 
 
-class Constants(NamedTuple):
-    """What the formulas need of a step."""
-
-    turn: Any
-    """Of the perturbation, rad."""
-    amplitude: Any
-    gain: Any
-    time: Any
-    """s."""
-    low_pass: Any
-    """rad/s."""
-    ahead: Any
-    """What the slow part of the cost takes of a new one in a step."""
-    settled: Any
-    """The same for the low-pass filter."""
-    low: Any
-    """Bounds of the parameters without their perturbation."""
-    high: Any
-
-
 class ExtremumSeeking(eqx.Module):
     """Perturbation-based extremum seeking for any number of parameters.
 
-    ``step_time``: of one step, s (or moves). ``start``: the parameters to begin with, (parameters,). ``frequency`` of
-    the perturbations (rad/s) and their ``amplitude``; ``gain`` γ: **less than 0 finds a minimum**, greater a maximum;
-    ``high_pass``, ``low_pass``: the filters' corners h and l, rad/s. One number serves all parameters; those that share
-    a cost need a frequency each, or nothing tells whose swing is seen. ``bounds``: a pair (low, high) for all, or one a
-    parameter, (parameters, 2), that no parameter leaves, perturbed or not.
-
-    Near the minimum x* of a cost f, x − x* decays at the rate a|γ|f''/2 · ω²/(ω² + h²), as long as that is slow against
+    Near the minimum x* of a cost f, x − x* decays as exp(−t a|γ|f''/2 · ω²/(ω² + h²)), as long as that is slow against
     h, l and ω. A cost that is not a number leaves everything but the phases as it is and is counted (``missing``).
 
-    *Raises* ``ValueError`` for numbers that are not positive or do not fit in number, a gain of 0, frequencies that
-    reach half the sampling rate, and bounds that leave no room for the start and its perturbation.
+    Args:
+        step_time: of one step, s (or moves).
+        start: parameters to begin with, shape (parameters,).
+        omega: of the perturbations, rad/s. One number serves all parameters, here as below; those that share a cost
+            need a frequency each, or their effects cannot be told apart.
+        amplitude: a of the perturbations, in the unit of the parameters.
+        gain: γ: **less than 0 finds a minimum**, greater a maximum.
+        high_pass: the filter's corner h, rad/s; half the lowest frequency, unless given.
+        low_pass: the filter's corner l, rad/s; the lowest frequency, unless given.
+        bounds: lowest and highest value, shape (2,) or (parameters, 2), that no parameter leaves, perturbed or not.
 
-    *Source*: Chatlatanagulchai, Chotana and Prutthapong, Fig. 2 and Eq. 5, after Ariyur and Krstić (2003). The text's
-    γ > 0 leads away from the minimum; the experiment's gains, −0.007 and −0.01, are right. All three linear parts are
-    discretised exactly for a cost that is held over the step.
+    Raises:
+        ValueError: for numbers that are not positive or do not fit in number, a gain of 0, frequencies that reach half
+            the sampling rate, and bounds that leave no room for the start and its perturbation.
+
+    Source: Chatlatanagulchai, Chotana and Prutthapong, Fig. 2 and Eq. 5, after Ariyur and Krstić (2003). The text's
+        γ > 0 leads away from the minimum; the experiment's gains, −0.007 and −0.01, are right. All three linear parts
+        are discretised exactly for a cost that is held over the step.
     """
 
     centre: Float[Array, " parameters"]
-    frequency: Float[Array, " parameters"]
+    omega: Float[Array, " parameters"]
     amplitude: Float[Array, " parameters"]
     gain: Float[Array, " parameters"]
-    high_pass: Float[Array, ""]
-    low_pass: Float[Array, ""]
-    bounds: Float[Array, "parameters 2"]
+    high_pass: Float[Array, " parameters"]
+    low_pass: Float[Array, " parameters"]
+    lower: Float[Array, " parameters"]
+    """Bounds of the parameters without their perturbation."""
+    upper: Float[Array, " parameters"]
     step_time: float = eqx.field(static=True)
     apart: bool = eqx.field(static=True, default=True)
     """Whether the parameters have frequencies of their own, so that they may share a cost."""
@@ -96,66 +87,46 @@ class ExtremumSeeking(eqx.Module):
         self,
         step_time: float,
         start: Any,
-        frequency: Any = 2.0,
-        amplitude: Any = 1e-4,
-        gain: Any = -0.007,
-        high_pass: Any = 1.0,
-        low_pass: Any = 2.0,
+        omega: Any,
+        amplitude: Any,
+        gain: Any,
+        *,
+        high_pass: Any = None,
+        low_pass: Any = None,
         bounds: Any = (-np.inf, np.inf),
     ):
-        _check.positive(step_time, "step_time")
-        self.step_time = float(_check.scalar(step_time, "step_time"))
+        self.step_time = float(check_positive(step_time, "step_time"))
         self.centre = jnp.atleast_1d(_check.as_array(start, "start"))
         _check.finite(self.centre, "start")
         if self.centre.ndim != 1:
             raise ValueError(f"start must be a list of numbers, not of shape {self.centre.shape}")
-        for name, value in (("frequency", frequency), ("amplitude", amplitude)):
+        lowest, count = jnp.min(_check.as_array(omega, "omega")), len(self.centre)
+        high_pass, low_pass = lowest / 2 if high_pass is None else high_pass, lowest if low_pass is None else low_pass
+        given = dict(omega=omega, amplitude=amplitude, high_pass=high_pass, low_pass=low_pass)
+        for name, value in given.items():
             _check.positive(value, name)
         _check.not_zero(gain, "gain")
-        self.frequency, self.amplitude, self.gain = (
-            _spread(value, name, self.centre)
-            for name, value in (("frequency", frequency), ("amplitude", amplitude), ("gain", gain))
+        self.omega, self.amplitude, self.high_pass, self.low_pass, self.gain = (
+            check_each(value, name, count) for name, value in (given | dict(gain=gain)).items()
         )
-        for name, value in (("high_pass", high_pass), ("low_pass", low_pass)):
-            _check.positive(value, name)
-        self.high_pass, self.low_pass = _check.scalar(high_pass, "high_pass"), _check.scalar(low_pass, "low_pass")
-        self.bounds = _spread(bounds, "bounds", self.centre, 2)
-        if _check.is_concrete(self.frequency):
-            turns = np.asarray(self.frequency) * self.step_time
+        low, high = check_each(bounds, "bounds", count, 2).T
+        self.lower, self.upper = low + self.amplitude, high - self.amplitude
+        if _check.is_concrete(self.omega):
+            turns = np.asarray(self.omega) * self.step_time
             if np.any(turns >= np.pi):
                 raise ValueError(
-                    f"frequency must stay below half the sampling rate, {np.pi / self.step_time:g} rad/s at a step "
-                    f"time of {self.step_time:g}, not be {_check.show(self.frequency)}"
+                    f"omega must stay below half the sampling rate, {np.pi / self.step_time:g} rad/s at a step "
+                    f"time of {self.step_time:g}, not be {_check.show(self.omega)}"
                 )
             self.apart = len(np.unique(turns)) == len(turns)
-        self._check_bounds()
-
-    def _check_bounds(self) -> None:
-        if not _check.is_concrete(self.bounds, self.centre, self.amplitude):
-            return
-        low, high = np.asarray(self.bounds).T
-        if not np.all(low < high):
-            raise ValueError(f"bounds must be (low, high) with low below high, not {_check.show(self.bounds)}")
-        if not np.all((low + self.amplitude <= self.centre) & (self.centre <= high - self.amplitude)):
-            raise ValueError(
-                f"start must lie within bounds {_check.show(self.bounds)} with its amplitude, not be "
-                f"{_check.show(self.centre)}"
-            )
-
-    def _constants(self) -> Constants:
-        """The formulas' constants, each of shape (parameters,)."""
-        time, none = self.step_time, jnp.zeros_like(self.centre)
-        return Constants(
-            turn=self.frequency * time,
-            amplitude=self.amplitude,
-            gain=self.gain,
-            time=none + time,
-            low_pass=none + self.low_pass,
-            ahead=none - jnp.expm1(-self.high_pass * time),
-            settled=none - jnp.expm1(-self.low_pass * time),
-            low=self.bounds[:, 0] + self.amplitude,
-            high=self.bounds[:, 1] - self.amplitude,
-        )
+        if _check.is_concrete(low, high, self.centre, self.amplitude):
+            if not np.all(np.asarray(low < high)):
+                raise ValueError(f"bounds must be (low, high) with low below high, not {_check.show(bounds)}")
+            if not np.all(np.asarray((self.lower <= self.centre) & (self.centre <= self.upper))):
+                raise ValueError(
+                    f"start must lie within bounds {_check.show(bounds)} with its amplitude, not be "
+                    f"{_check.show(self.centre)}"
+                )
 
     def start(self) -> SeekingState:
         """The state before the first cost: a pytree of JAX arrays of fixed shapes."""
@@ -163,92 +134,125 @@ class ExtremumSeeking(eqx.Module):
         return as_jax(SeekingState(self.centre, none, none, none, none > 0, none.astype(jnp.int32)))
 
     def skip(self, state: SeekingState) -> SeekingState:
-        """The state after a step whose cost is something else's doing: on to the next perturbation.
+        """The state after a step whose cost has another cause: on to the next perturbation.
 
-        What the cost was before is no measure of what it will be, so that the next one is like the first.
+        The costs before are no measure of those to come, so that the next one counts as the first.
         """
-        return like(state, _skip(self._constants(), state))
+        return like(state, skipped(JAX, self, state))
 
     def parameters(self, state: SeekingState) -> Array:
-        """What to use now, perturbation and all, (parameters,)."""
-        return state.centre + self.amplitude * jnp.sin(state.phase)
+        """The parameters to use now, perturbed, shape (parameters,)."""
+        return perturbed(JAX, self, state)
 
     def step(self, state: SeekingState, cost: Any) -> tuple[SeekingState, Array]:
-        """The state and the parameters to use next, given the ``cost`` of those that were used last.
+        """The state and the parameters to use next.
 
-        One cost for all, a scalar, or one a parameter, (parameters,). *Raises* ``ValueError`` for a single one where
-        frequencies coincide, and for any other number of them.
+        Args:
+            state: from ``start`` or the last step.
+            cost: of the parameters that were used last: one for all, a scalar, or one a parameter, shape (parameters,).
+
+        Raises:
+            ValueError: for a single cost where frequencies coincide, and for any other number of them.
         """
         self.check_costs(cost)
-        new = like(state, _advance(jnp.where, jnp.sin, self._constants(), state, jnp.asarray(cost)))
+        new = like(state, advanced(JAX, self, state, jnp.asarray(cost)))
         return new, self.parameters(new)
 
     def check_costs(self, cost: Any) -> None:
-        """*Raises* ``ValueError`` unless there is one cost for each parameter that none can be told from."""
+        """*Raises* ``ValueError`` unless there is one cost a parameter, or one in all and different frequencies."""
         shape = np.shape(cost)
         if shape not in ((), self.centre.shape):
             raise ValueError(f"cost must be one number or {len(self.centre)}, not of shape {shape}")
         if not shape and not self.apart:
-            raise ValueError("frequency must be another for every parameter, or the cost be one a parameter")
+            raise ValueError("omega must be another for every parameter, or the cost be one a parameter")
 
     def online(self) -> "OnlineSeeking":
         """The same as a plain object for a control loop."""
         return OnlineSeeking(self)
 
 
-def _advance(select: Any, sin: Any, constants: Constants, state: SeekingState, cost: Any) -> SeekingState:
-    """The state after a step: of all parameters as arrays, or of one as Python numbers."""
-    known = abs(cost) < np.inf  # false for a NaN
-    value = select(known, cost, 0.0)
-    # The first cost is where the slow part begins: what it is worth is no slope.
+# Formulas for all parameters: ``own`` is an ``ExtremumSeeking`` in JAX, and a list of what has its fields, one a
+# parameter, in plain numbers; so is the state.
+
+
+def advanced(numbers: Numbers, own: Any, state: Any, cost: Any) -> Any:
+    """The state after a step with that cost, one for all or one a parameter."""
+    return _each(_advance, numbers, own, state, cost)
+
+
+def skipped(numbers: Numbers, own: Any, state: Any) -> Any:
+    """The state after a step without a cost."""
+    return _each(_skip, numbers, own, state)
+
+
+def perturbed(numbers: Numbers, own: Any, state: Any) -> Any:
+    """The parameters to use now."""
+    return _each(_perturbed, numbers, own, state)
+
+
+def _each(formula: Callable[..., Any], numbers: Numbers, own: Any, state: Any, *cost: Any) -> Any:
+    if numbers is JAX:
+        return formula(numbers, own, state, *cost)
+    costs = (np.broadcast_to(np.asarray(value, float), len(state)).tolist() for value in cost)
+    return [formula(numbers, *each) for each in zip(own, state, *costs, strict=True)]
+
+
+def _perturbed(numbers: Numbers, own: Any, state: SeekingState) -> Any:
+    return state.centre + own.amplitude * numbers.math.sin(state.phase)
+
+
+def _advance(numbers: Numbers, own: Any, state: SeekingState, cost: Any) -> SeekingState:
+    select, math, time = numbers.select, numbers.math, own.step_time
+    usable = abs(cost) < np.inf  # false for a NaN
+    value = select(usable, cost, 0.0)
+    # The slow part begins with the first cost, which is no slope.
     mean = select(state.begun, state.mean, value)
-    slope = (value - mean) * sin(state.phase)
+    slope = (value - mean) * math.sin(state.phase)
+    # How much of the way to a new value the two filters go in a step.
+    high_share, low_share = -math.expm1(-own.high_pass * time), -math.expm1(-own.low_pass * time)
     # x̂' = γ v and v' = l (ξ − v) with ξ held over the step.
-    way = slope * constants.time + (state.low - slope) * constants.settled / constants.low_pass
-    centre = state.centre + constants.gain * way
-    centre = select(centre < constants.low, constants.low, select(centre > constants.high, constants.high, centre))
+    advance = slope * time + (state.low - slope) * low_share / own.low_pass
+    centre = state.centre + own.gain * advance
+    centre = select(centre < own.lower, own.lower, select(centre > own.upper, own.upper, centre))
     return SeekingState(
-        centre=select(known, centre, state.centre),
-        low=select(known, state.low + (slope - state.low) * constants.settled, state.low),
-        mean=select(known, mean + (value - mean) * constants.ahead, state.mean),
-        phase=_turned(constants, state),
-        begun=state.begun | known,
-        missing=select(known | (state.missing == np.iinfo(np.int32).max), state.missing, state.missing + 1),
+        centre=select(usable, centre, state.centre),
+        low=select(usable, state.low + (slope - state.low) * low_share, state.low),
+        mean=select(usable, mean + (value - mean) * high_share, state.mean),
+        phase=_turned(own, state),
+        begun=state.begun | usable,
+        missing=select(usable | (state.missing == np.iinfo(np.int32).max), state.missing, state.missing + 1),
     )
 
 
-def _skip(constants: Constants, state: SeekingState) -> SeekingState:
-    """The state after a step without a cost, as ``_advance``."""
-    return state._replace(low=0.0 * state.low, phase=_turned(constants, state), begun=state.begun & False)
+def _skip(numbers: Numbers, own: Any, state: SeekingState) -> SeekingState:
+    del numbers
+    return state._replace(low=0.0 * state.low, phase=_turned(own, state), begun=state.begun & False)
 
 
-def _turned(constants: Constants, state: SeekingState) -> Any:
-    return (state.phase + constants.turn) % (2 * np.pi)
-
-
-def _spread(value: Any, name: str, like: Array, *rest: int) -> Array:
-    """A value a parameter. *Raises* ``ValueError`` if there are others."""
-    array = _check.as_array(value, name)
-    try:
-        return jnp.broadcast_to(array, like.shape + rest)
-    except ValueError:
-        raise ValueError(f"{name} must fit {len(like)} parameters, not be of shape {array.shape}") from None
+def _turned(own: Any, state: SeekingState) -> Any:
+    return (state.phase + own.omega * own.step_time) % (2 * np.pi)
 
 
 class OnlineSeeking:
-    """Extremum seeking as a plain object: ``push(cost)`` gives the ``parameters`` to use next.
+    """Extremum seeking as a plain object, in Python numbers.
 
-    ``state`` is the whole state, Python numbers of one parameter after another.
+    Attributes:
+        state: the whole state, one parameter after another.
     """
 
     def __init__(self, seeking: ExtremumSeeking):
         self._check = seeking.check_costs
-        split = lambda tree: [type(tree)(*values) for values in zip(*as_lists(tree), strict=True)]
-        self._constants, self.state = split(seeking._constants()), split(seeking.start())
+        start = zip(*as_lists(seeking.start()), strict=True)
+        self.state = [SeekingState(*one) for one in start]
+        count, fields = len(self.state), vars(plain(seeking)).items()
+        self.own = [
+            SimpleNamespace(**{name: value[i].item() if np.ndim(value) else value for name, value in fields})
+            for i in range(count)
+        ]
 
     @property
     def centre(self) -> np.ndarray:
-        """What has been found, without the perturbation, (parameters,)."""
+        """The parameters without their perturbation, shape (parameters,)."""
         return np.array([one.centre for one in self.state])
 
     @property
@@ -258,18 +262,15 @@ class OnlineSeeking:
 
     @property
     def parameters(self) -> np.ndarray:
-        """What to use now, perturbation and all, (parameters,)."""
-        both = zip(self._constants, self.state, strict=True)
-        return np.array([one.centre + constants.amplitude * math.sin(one.phase) for constants, one in both])
+        """The parameters to use now, perturbed, shape (parameters,)."""
+        return np.array(perturbed(NUMPY, self.own, self.state))
 
     def skip(self) -> None:
-        """Go on to the next perturbation; the cost that comes then is like the first."""
-        self.state = [_skip(*one) for one in zip(self._constants, self.state, strict=True)]
+        """Go on to the next perturbation; the cost that comes then counts as the first."""
+        self.state = skipped(NUMPY, self.own, self.state)
 
     def push(self, cost: Any) -> np.ndarray:
         """The parameters to use next, given the cost of those that were used last: one for all, or one a parameter."""
         self._check(cost)
-        costs = np.broadcast_to(np.asarray(cost, float), len(self.state)).tolist()
-        each = zip(self._constants, self.state, costs, strict=True)
-        self.state = [_advance(NUMPY.select, math.sin, *one) for one in each]
+        self.state = advanced(NUMPY, self.own, self.state, cost)
         return self.parameters

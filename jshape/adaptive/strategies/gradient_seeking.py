@@ -6,10 +6,10 @@
     ...                                                  # the move, its deflection measured at seeking.times
     state, fit = seeking.step(state, shaper, 1.0, measured)
 
-Extremum seeking has to swing a parameter to learn where a cost falls; here the simulation is differentiable, so that
-one move tells the direction of all parameters at once, for any plant and any shaper. It is the vibration that is
-fitted and not its energy: at the energy's minimum the gradient vanishes, and a perfect shaper would teach nothing. The
-record begins with the move, which swings the payload even where nothing is left of it afterwards.
+Extremum seeking has to perturb a parameter to estimate a slope; here the simulation is differentiable, so that one move
+shows the slopes of all parameters at once, for any plant and any shaper. It is the vibration that is fitted and not its
+energy: at the energy's minimum the gradient vanishes, and a perfect shaper would teach nothing. The record begins with
+the move, which swings the payload even where the residual vibration is zero.
 """
 
 from typing import Any, NamedTuple
@@ -21,28 +21,29 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jshape import _check
 from jshape._types import Scalar, Times
-from jshape.adaptive.least_squares_fit import least_squares
+from jshape.adaptive.arguments import check_each, check_factor, check_leaves, check_positive
 from jshape.command import AbstractCommand, as_command
 from jshape.compilation_cache import kept
+from jshape.levenberg_marquardt import levenberg_marquardt
 from jshape.plants import AbstractPlant
 from jshape.shaper import Shaper
 from jshape.simulation.simulate import simulate, with_arrays
-from jshape.sweeps.leaves import leaf, with_leaves
+from jshape.sweeps.leaves import with_leaves
 
 
 class GradientState(NamedTuple):
-    """What is believed of the parameters."""
+    """Posterior of the parameters."""
 
     logs: Float[Array, " parameters"]
     """Natural logarithms of the parameters over those of the start."""
     covariance: Float[Array, "parameters parameters"]
     """Of the same."""
     rejected: Int[Array, ""]
-    """How many moves taught nothing, because what was measured was no vibration of this plant."""
+    """How many moves were rejected, because what was measured was no vibration of this plant."""
 
 
 class Fit(NamedTuple):
-    """What a move told."""
+    """The fit to a move."""
 
     parameters: Float[Array, " parameters"]
     """In the order of ``leaves``, in their units."""
@@ -51,26 +52,31 @@ class Fit(NamedTuple):
     misfit: Scalar
     """Root mean square of measured less fitted, over the noise: near 1 if the model is right."""
     accepted: Bool[Array, ""]
-    """Whether the move was believed; otherwise the parameters are the last ones."""
+    """Whether the move counts; otherwise the parameters are the last ones."""
 
 
 class GradientSeeking(eqx.Module):
-    """Recursive Gauss–Newton (Levenberg–Marquardt) on the vibration of one move after another.
+    """Recursive Bayesian estimation of a plant's parameters by Levenberg–Marquardt fits to one move after another.
 
-    ``plant``: the model at its start. ``leaves``: dotted paths of its parameters to adapt; positive ones, since their
-    logarithms are fitted. ``horizon``: s from the beginning of a move to the last of ``samples`` that are measured,
-    evenly, the first at 0. ``noise``: standard deviation of a sample, in its unit. ``signal``: what is measured, the
-    ``"deflection"`` of the plant or its ``"payload"``, m. ``spread``, ``drift``: standard deviations (as fractions) of
-    what is known at the start, and of how much a parameter changes from one move to the next; one for all or one a
-    parameter. ``factor``: no parameter leaves start/factor … start·factor. ``explained``: the least share of the
-    measured signal's energy that the fitted model must explain for a move to be believed.
-
-    What the signal does not tell (m2 and all stiffnesses together change nothing in a displacement-driven pair) stays
-    as it was, with its variance. Before each fit parameters far away are tried, one at a time, since over several
+    What the signal does not determine (m2 and all stiffnesses together change nothing in a displacement-driven pair)
+    stays as it was, with its variance. Before each fit parameters far away are tried, one at a time, since over several
     periods the misfit has local minima.
 
-    *Raises* ``ValueError`` for a plant that is none, unknown leaves or ones that are not positive, and numbers that
-    are not positive or out of range.
+    Args:
+        plant: the model at its start.
+        leaves: dotted paths of its parameters to adapt; positive ones, since their logarithms are fitted.
+        horizon: s from the beginning of a move to the last sample.
+        noise: standard deviation of a sample, in its unit.
+        samples: how many are measured, evenly, the first at 0.
+        signal: what is measured, the ``"deflection"`` of the plant or its ``"payload"``, m.
+        spread: prior standard deviation of the parameters, as a fraction; one for all or one a parameter.
+        drift: standard deviation of their change from one move to the next, likewise.
+        factor: no parameter leaves start/factor … start·factor.
+        explained: least share of the measured signal's energy that a fit must explain to be accepted.
+
+    Raises:
+        ValueError: for a plant that is none, unknown leaves or ones that are not positive, and numbers that are not
+            positive or out of range.
     """
 
     plant: AbstractPlant
@@ -91,6 +97,7 @@ class GradientSeeking(eqx.Module):
         leaves: tuple[str, ...],
         horizon: Any,
         noise: Any,
+        *,
         samples: int = 200,
         signal: str = "deflection",
         spread: Any = 0.3,
@@ -100,31 +107,19 @@ class GradientSeeking(eqx.Module):
     ):
         if not isinstance(plant, AbstractPlant):
             raise ValueError(f"plant must be a jshape plant, not {plant!r}")
-        self.plant, self.leaves = with_arrays(plant), (leaves,) if isinstance(leaves, str) else tuple(leaves)
-        if not self.leaves:
-            raise ValueError("leaves is empty: there is nothing to adapt")
-        self.nominal = jnp.stack([leaf(self.plant, name) for name in self.leaves])
-        _check.positive(self.nominal, f"leaves {', '.join(self.leaves)}")
+        self.plant = with_arrays(plant)
+        self.leaves, self.nominal = check_leaves(self.plant, leaves)
         self.samples = _check.count(samples, "samples", least=len(self.leaves) + 2)
         _check.one_of(signal, "signal", ("deflection", "payload"))
         self.signal = signal
-        for name, value in dict(horizon=horizon, noise=noise, spread=spread, drift=drift).items():
-            _check.positive(value, name)
-        self.horizon, self.noise = _check.scalar(horizon, "horizon"), _check.scalar(noise, "noise")
-        self.spread, self.drift = self._each(spread, "spread"), self._each(drift, "drift")
-        self.factor, self.explained = _check.scalar(factor, "factor"), _check.scalar(explained, "explained")
-        _check.finite(self.factor, "factor")
-        if _check.is_concrete(self.factor, self.explained):
-            if not self.factor > 1:
-                raise ValueError(f"factor must be greater than 1, not {_check.show(factor)}")
-            if not 0 <= self.explained < 1:
-                raise ValueError(f"explained must be at least 0 and below 1, not {_check.show(explained)}")
-
-    def _each(self, value: Any, name: str) -> Array:
-        array = _check.as_array(value, name)
-        if array.shape not in ((), self.nominal.shape):
-            raise ValueError(f"{name} must be one number or one of each of {self.leaves}, not of shape {array.shape}")
-        return jnp.broadcast_to(array, self.nominal.shape)
+        _check.positive(spread, "spread")
+        _check.positive(drift, "drift")
+        self.horizon, self.noise = check_positive(horizon, "horizon"), check_positive(noise, "noise")
+        self.spread = check_each(spread, "spread", len(self.leaves))
+        self.drift = check_each(drift, "drift", len(self.leaves))
+        self.factor, self.explained = check_factor(factor, "factor"), _check.scalar(explained, "explained")
+        if _check.is_concrete(self.explained) and not 0 <= self.explained < 1:
+            raise ValueError(f"explained must be at least 0 and below 1, not {_check.show(explained)}")
 
     @property
     def times(self) -> Times:
@@ -132,19 +127,26 @@ class GradientSeeking(eqx.Module):
         return self.horizon * jnp.linspace(0.0, 1.0, self.samples)
 
     def start(self) -> GradientState:
-        """What is believed before the first move."""
+        """The prior of the first move."""
         zero = jnp.zeros_like(self.nominal)
         return GradientState(zero, jnp.diag(self.spread**2), jnp.zeros((), jnp.int32))
 
     def model(self, state: GradientState) -> AbstractPlant:
-        """The plant as it is believed to be: design the next shaper for it."""
+        """The plant with the posterior parameters: design the next shaper for it."""
         return self._model(state.logs)
 
     def _model(self, logs: Array) -> AbstractPlant:
         return with_leaves(self.plant, dict(zip(self.leaves, self.nominal * jnp.exp(logs), strict=True)))
 
     def predict(self, logs: Array, shaper: Shaper, distance: Any, initial_state: Any = None) -> Times:
-        """The signal at ``times`` if the parameters' logarithms over the start's are ``logs``."""
+        """The signal at ``times``.
+
+        Args:
+            logs: logarithms of the parameters over the start's, shape (parameters,).
+            shaper: of the move.
+            distance: of the move, m, or a command.
+            initial_state: of the plant; at rest at 0, unless given.
+        """
         response = simulate(
             self._model(logs), distance, shaper, initial_state, self.horizon, self.samples, method="fixed"
         )
@@ -153,11 +155,17 @@ class GradientSeeking(eqx.Module):
     def step(
         self, state: GradientState, shaper: Shaper, distance: Any, measured: Any, initial_state: Any = None
     ) -> tuple[GradientState, Fit]:
-        """What is believed after a move of ``distance`` (a number or a command) through ``shaper``.
+        """The posterior after a move.
 
-        ``measured``: the signal at ``times``, (samples,); samples that are not numbers are left out. The plant is at
-        rest at 0 when the move begins unless ``initial_state`` is given. *Raises* ``ValueError`` for another number of
-        samples.
+        Args:
+            state: from ``start`` or the last step.
+            shaper: of the move.
+            distance: of the move, m, or a command.
+            measured: the signal at ``times``, shape (samples,); samples that are not numbers are left out.
+            initial_state: of the plant when the move begins; at rest at 0, unless given.
+
+        Raises:
+            ValueError: for another number of samples.
         """
         measured = jnp.asarray(_check.as_array(measured, "measured"), self.nominal.dtype)
         if measured.shape != (self.samples,):
@@ -174,15 +182,15 @@ def _fitted(
     measured: Array,
     begin: Any,
 ) -> tuple[GradientState, Fit]:
-    known = jnp.isfinite(measured)
-    measured = jnp.where(known, measured, 0.0) / seeking.noise
+    usable = jnp.isfinite(measured)
+    measured = jnp.where(usable, measured, 0.0) / seeking.noise
     before = state.covariance + jnp.diag(seeking.drift**2)
     root, limit = jnp.linalg.cholesky(before), jnp.log(seeking.factor)
 
     def residuals(logs: Array) -> tuple[Array, None]:
         signal = seeking.predict(jnp.clip(logs, -limit, limit), shaper, command, begin) / seeking.noise
-        surprise = jax.scipy.linalg.solve_triangular(root, logs - state.logs, lower=True)
-        return jnp.concatenate([jnp.where(known, measured - signal, 0.0), surprise]), None
+        departure = jax.scipy.linalg.solve_triangular(root, logs - state.logs, lower=True)
+        return jnp.concatenate([jnp.where(usable, measured - signal, 0.0), departure]), None
 
     # One parameter at a time, from one end of its range to the other, the others as they were.
     which, count = jnp.eye(len(state.logs))[:, None], len(state.logs)
@@ -190,24 +198,24 @@ def _fitted(
     tried = jnp.concatenate([state.logs[None], tried.reshape(-1, count)])
     costs = jax.vmap(lambda logs: jnp.sum(residuals(logs)[0] ** 2))(tried)
     nearest = tried[jnp.argmin(jnp.where(jnp.isfinite(costs), costs, jnp.inf))]
-    logs, jacobian, end, _ = least_squares(residuals, nearest, _STEPS)
+    logs, jacobian, misfits, _ = levenberg_marquardt(residuals, nearest, _ITERATIONS)
     logs = jnp.clip(logs, -limit, limit)
-    left, seen = jnp.sum(end[: len(measured)] ** 2), jnp.sum(known)
-    believable = (left <= _NOISE * seen) | (left <= (1 - seeking.explained) * jnp.sum(measured**2))
-    accepted = (seen > count) & jnp.isfinite(left) & believable
+    unexplained, observed = jnp.sum(misfits[: len(measured)] ** 2), jnp.sum(usable)
+    plausible = (unexplained <= _NOISE * observed) | (unexplained <= (1 - seeking.explained) * jnp.sum(measured**2))
+    accepted = (observed > count) & jnp.isfinite(unexplained) & plausible
     new = GradientState(
         jnp.where(accepted, logs, state.logs),
         jnp.where(accepted, jnp.linalg.inv(jacobian.T @ jacobian), before),
         state.rejected + ~accepted,
     )
-    std, misfit = jnp.sqrt(jnp.diag(new.covariance)), jnp.sqrt(left / jnp.maximum(seen, 1))
+    std, misfit = jnp.sqrt(jnp.diag(new.covariance)), jnp.sqrt(unexplained / jnp.maximum(observed, 1))
     return new, Fit(seeking.nominal * jnp.exp(new.logs), std, misfit, accepted)
 
 
 _TRIED = 17
 """Values of each parameter that are tried before a fit, from one end of its range to the other."""
 
-_STEPS = 24
+_ITERATIONS = 24
 """Of Levenberg–Marquardt."""
 
 _NOISE = 9.0

@@ -1,33 +1,34 @@
-"""What drives the loop: a strategy takes the reference and the sensors' readings and gives the command, every sample.
+"""The interface of a strategy: it takes the reference and the sensors' readings and gives the command, every sample.
 
 ``start`` and ``step`` are pure JAX, for a scan of hours or for a thousand machines side by side; ``online`` is the same
 as a plain object for a control loop.
 """
 
 import abc
-import dataclasses
-from types import SimpleNamespace
-from typing import Any, NamedTuple, Protocol
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import equinox as eqx
 
 from jshape._types import Scalar
-from jshape.adaptive.arrays import as_jax, as_numpy, like
-from jshape.adaptive.numbers import JAX, NUMPY, Numbers
+from jshape.adaptive.formulas import JAX, NUMPY, Numbers, as_jax, as_numpy, like, plain
 
 
 class Readings(NamedTuple):
-    """What the sensors tell: the motor's angle (rad), the strain gauge's (the payload's angle against the motor's,
-    rad), and the accelerometers' at the tip and in the middle (m/s²)."""
+    """What the sensors measure."""
 
     motor: Scalar
+    """The motor's angle, rad."""
     strain: Scalar
+    """The payload's angle against the motor's, by a strain gauge, rad."""
     tip: Scalar
+    """Acceleration at the tip, m/s²."""
     middle: Scalar
+    """Acceleration in the middle, m/s²."""
 
 
 class Decision(NamedTuple):
-    """What a strategy gives after every sample."""
+    """A strategy's command after a sample, and what its shaper is tuned to."""
 
     command: Any
     """In the unit of the reference."""
@@ -35,38 +36,17 @@ class Decision(NamedTuple):
     """Frequencies that its shaper is tuned to, rad/s, (modes,)."""
     zeta: Any
     """Their damping ratios, (modes,)."""
-    doubted: Any
-    """How many samples and estimates it did not believe so far."""
-
-
-class OnlineStrategy(Protocol):
-    """A strategy as a plain object for a control loop."""
-
-    def push(self, reference: float, readings: Readings) -> Decision:
-        """The decision after a sample of the reference and of the sensors."""
-        ...
+    rejected: Any
+    """How many samples and estimates it has rejected so far."""
 
 
 class AbstractStrategy(eqx.Module):
-    """How a reference becomes a command, with or without learning from the sensors."""
+    """How a reference becomes a command, with or without learning from the sensors.
+
+    A strategy writes its formulas once, over the ``Numbers`` it is given: ``initial`` and ``advance``.
+    """
 
     sample_time: eqx.AbstractVar[float]
-
-    @abc.abstractmethod
-    def start(self, reference: Any) -> Any:
-        """The state of a machine at rest at ``reference``: a pytree of JAX arrays of fixed shapes."""
-
-    @abc.abstractmethod
-    def step(self, state: Any, reference: Any, readings: Readings) -> tuple[Any, Decision]:
-        """The state and the decision after a sample of the reference and of the sensors."""
-
-    @abc.abstractmethod
-    def online(self, reference: float = 0.0) -> OnlineStrategy:
-        """The same strategy as a plain object, at rest at ``reference``."""
-
-
-class FormulaStrategy(AbstractStrategy):
-    """A strategy that writes its formulas once, over the ``Numbers`` it is handed."""
 
     @abc.abstractmethod
     def initial(self, reference: Any) -> Any:
@@ -74,35 +54,50 @@ class FormulaStrategy(AbstractStrategy):
 
     @abc.abstractmethod
     def advance(self: Any, numbers: Numbers, state: Any, reference: Any, readings: Readings) -> tuple[Any, Decision]:
-        """The state and the decision after a sample. ``self``: whatever has the strategy's fields."""
+        """The state and the decision after a sample. ``self``: the strategy, or whatever has its fields (``plain``)."""
 
     def start(self, reference: Any) -> Any:
+        """The state of a machine at rest at ``reference``: a pytree of JAX arrays of fixed shapes."""
         return as_jax(self.initial(reference))
 
     def step(self, state: Any, reference: Any, readings: Readings) -> tuple[Any, Decision]:
+        """The state and the decision after a sample.
+
+        Args:
+            state: from ``start`` or the last step.
+            reference: of the motor's angle, rad.
+            readings: of the sensors.
+        """
         new, decision = self.advance(JAX, state, reference, readings)
         return like(state, new), decision
 
-    def online(self, reference: float = 0.0) -> OnlineStrategy:
-        return _OnlineFormula(self, reference)
+    def online(self, reference: float = 0.0) -> "OnlineStrategy":
+        """The same strategy as a plain object for a control loop, at rest at ``reference``."""
+        return OnlineStrategy(plain(self), type(self).advance, as_numpy(self.initial(float(reference))))
 
 
-class _OnlineFormula:
-    """A ``FormulaStrategy`` in plain numbers; ``state`` is the whole state."""
+class OnlineStrategy:
+    """A strategy as a plain object, in NumPy arrays and Python numbers.
 
-    def __init__(self, strategy: FormulaStrategy, reference: float):
-        # Equinox wraps whatever is looked up at one of its modules, which is slow.
-        fields = {field.name: as_numpy(getattr(strategy, field.name)) for field in dataclasses.fields(strategy)}
-        self._own, self._advance = SimpleNamespace(**fields), type(strategy).advance
-        self.state = as_numpy(strategy.initial(float(reference)))
+    Attributes:
+        state: the whole state.
+    """
+
+    def __init__(self, own: Any, advance: Callable[..., tuple[Any, Decision]], state: Any):
+        self._own, self._advance, self.state = own, advance, state
 
     def push(self, reference: float, readings: Readings) -> Decision:
+        """The decision after a sample of the reference (rad) and of the sensors."""
         self.state, decision = self._advance(self._own, NUMPY, self.state, float(reference), readings)
         return decision
 
 
-class Unshaped(FormulaStrategy):
-    """The reference itself: what happens if nothing is done."""
+class Unshaped(AbstractStrategy):
+    """The reference itself as the command.
+
+    Args:
+        sample_time: s.
+    """
 
     sample_time: float = eqx.field(static=True)
 

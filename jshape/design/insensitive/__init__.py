@@ -4,13 +4,14 @@ The band is whatever the modes may turn out to be, and the actuator says which a
 
     band = (2 * np.pi * 0.45, 2 * np.pi * 0.70)
     s = js.design.insensitive.specified(band, 0.08, amplitudes="unity")        # on and off only
-    d = js.design.insensitive.solve(band, 0.08, amplitudes="unity", samples=5)  # all that is known about it
-    d.duration, d.bound, d.vibration, d.result
+    d = js.design.insensitive.solve(band, 0.08, amplitudes="unity", samples=5)  # with status and bounds
+    d.duration, d.bound, d.vibration, d.status, d.message
 
-No guess is needed and no local optimum is taken on trust. With the duration fixed, impulses at every instant make the
-problem a linear program (``_relax``): it says how many impulses are needed and about where, Newton's method does the
-rest (``_polish``), and the program's dual proves that nothing shorter exists, on or off any grid. Limits between
-samples of the frequency are certified by a bound on the second derivative (``_band``). For concrete numbers only.
+No initial guess is needed and no local optimum is taken on trust. With the duration fixed, impulses at every instant
+make the problem a linear program (``_linear_program``): it gives the number of impulses and roughly their times,
+Newton's method on the conditions of optimality does the rest (``_optimality``), and the program's dual (``_dual``)
+proves that nothing shorter exists, on or off any grid. Between samples of the frequency V is bounded by its second
+derivative (``_band``). For concrete numbers only.
 """
 
 import dataclasses
@@ -19,28 +20,33 @@ from typing import Any
 import numpy as np
 
 from jshape import _check
-from jshape.design.insensitive._band import Region, certified, region
-from jshape.design.insensitive._relax import Kind
+from jshape.design.insensitive._band import certified, region, sampled_vibration
+from jshape.design.insensitive._dual import Kind
 from jshape.design.insensitive._rounding import Rounded as Rounded
 from jshape.design.insensitive._rounding import rounded as rounded
-from jshape.design.insensitive._search import calmest, shortest
+from jshape.design.insensitive._search import least_vibration, shortest
 from jshape.design.insensitive._simultaneous import cancel as cancel
+from jshape.design.insensitive._specification import Specification
 from jshape.shaper import Shaper
-from jshape.vibration import transform
+from jshape.status import Result, Status
 
 AMPLITUDES = ("positive", "unity", "bounded")
 
 
 @dataclasses.dataclass(frozen=True)
-class Specified:
-    """A design and what is known about it.
+class Specified(Result):
+    """A design and what is proven about it.
 
-    ``duration``: s. ``vibration``: the largest V over the whole band, certified (no more than 1e-12 too high), a
-    fraction. ``sampled``: the largest V at the samples, if it was limited there alone, else ``None``.
-    ``bound``: a proven lower bound on what was minimised, over any number of impulses: the duration (s), or V where
-    the duration was given. ``optimal``: whether the design comes within 1e-6 (relative) of it.
-    ``feasible``: whether it keeps the limit; if not, it is the design that came nearest. ``result`` says all that in
-    words.
+    Attributes:
+        shaper: the shaper.
+        duration: s.
+        vibration: the largest V over the whole band, a fraction; an upper bound, tight to 1e-12.
+        sampled: the largest V at the samples, if it was limited there alone, else None.
+        bound: a proven lower bound on what was minimised, over any number of impulses: the duration (s), or V where the
+            duration was given.
+        optimal: whether the design comes within 1e-6 (relative) of the bound.
+        feasible: whether it keeps the limit; if not, it is the design of least V that was found.
+        message: how it ended, in a sentence.
     """
 
     shaper: Shaper
@@ -50,7 +56,14 @@ class Specified:
     bound: float
     optimal: bool
     feasible: bool
-    result: str
+    message: str
+
+    @property
+    def status(self) -> Status:
+        """CONVERGED if proven optimal, STOPPED if feasible alone, else INFEASIBLE."""
+        if not self.feasible:
+            return Status.INFEASIBLE
+        return Status.CONVERGED if self.optimal else Status.STOPPED
 
 
 def specified(
@@ -66,36 +79,33 @@ def specified(
     starts: int = 32,
     seed: int = 0,
 ) -> Shaper:
-    """The shortest shaper whose V stays at or under ``vibration`` over the band; or the one of least V.
+    """The shortest shaper whose V stays at or under a limit over a band of frequencies; or the one of least V.
 
-    ``band``: (low, high) in rad/s, or several of them; low = high is a mode known exactly. ``zeta``: a damping ratio or
-    (low, high). ``amplitudes``: ``"positive"``, ``"unity"`` (1, −1, …, 1) or ``"bounded"`` (|A| ≤ ``limit``, 1 if it is
-    not given; ``impulses`` must be). ``impulses``: at most so many; as many as the best design needs, if not given.
-    ``duration``: of the shaper, s, instead of the vibration: V is made as small as that allows.
-    ``samples``: V is limited only at so many equally spaced frequencies of each band (at each end of a damping range)
-    as in the paper; without, over the whole band. ``starts``, ``seed``: of the random starts that are used where the
-    linear program does not tell the design, that is where fewer impulses are allowed than it takes, or bounded ones.
+    Args:
+        band: (low, high) in rad/s, or several of them; low = high is a mode known exactly.
+        vibration: the limit on V, a fraction.
+        zeta: a damping ratio or (low, high).
+        amplitudes: ``"positive"``, ``"unity"`` (1, −1, …, 1) or ``"bounded"`` (magnitudes up to ``limit``; needs
+            ``impulses``).
+        impulses: the most impulses; as many as the best design needs, if not given.
+        duration: of the shaper, s, in the place of ``vibration``: V is minimised.
+        samples: V is limited only at so many equally spaced frequencies of each band (at each end of a range of damping
+            ratios), as in the paper; without, over the whole band.
+        limit: the greatest magnitude of bounded amplitudes; 1 if not given.
+        starts: random starts, used where the linear program does not determine the design: where fewer impulses are
+            allowed than it takes, or bounded ones.
+        seed: of the random starts.
 
-    *Raises* ``ValueError`` for arguments that make no sense and for a request that is infeasible; it then says how near
-    it came.
+    Raises:
+        ValueError: for arguments that make no sense and for a request that is infeasible, with the least V found.
 
-    *Source*: Singer and Seering (1992), frequency sampling; Peláez, Doval-Gandoy, Caparrini and García-Prada (2006),
+    Source: Singer and Seering (1992), frequency sampling; Peláez, Doval-Gandoy, Caparrini and García-Prada (2006),
     Eqs. 10 and 19.
     """
-    design = solve(
-        band,
-        vibration,
-        zeta,
-        amplitudes,
-        impulses,
-        duration=duration,
-        samples=samples,
-        limit=limit,
-        starts=starts,
-        seed=seed,
-    )
+    options = dict(duration=duration, samples=samples, limit=limit, starts=starts, seed=seed)
+    design = solve(band, vibration, zeta, amplitudes, impulses, **options)  # pyright: ignore[reportArgumentType]
     if not design.feasible:
-        raise ValueError(f"vibration: {vibration} is {design.result}")
+        raise ValueError(f"vibration: {vibration} is {design.message}")
     return design.shaper
 
 
@@ -112,40 +122,58 @@ def solve(
     starts: int = 32,
     seed: int = 0,
 ) -> Specified:
-    """As ``specified``, with all that is known about the design; one that keeps no limit is told in its ``result``.
+    """The design of ``specified`` with its status and proven bounds; an infeasible request is no error.
 
-    *Raises* ``ValueError`` for arguments that make no sense, and for a vibration that hundreds of periods cannot reach.
+    Arguments as ``specified``.
+
+    Raises:
+        ValueError: for arguments that make no sense, and for a vibration that hundreds of periods cannot reach.
     """
     where = region(band, zeta, samples)
     kind = _kind(amplitudes, impulses, limit)
     starts, seed = _check.count(starts, "starts"), _check.count(seed, "seed", least=0)
     if (vibration is None) == (duration is None):
         raise ValueError(f"vibration or duration must be given, one of both, not {vibration!r} and {duration!r}")
-    # A time of 1 is what the band's middle takes for a radian: every number below is of the order of 1.
+    # Frequencies over their geometric mean: every number below is of the order of 1.
     middle = float(np.sqrt(where.low * where.high))
-    near = where.scaled(1 / middle)
+    scaled = region(np.asarray(band, float) / middle, zeta, samples)
     if duration is None:
-        if not 0 < float(_check.scalar(vibration, "vibration")) < 1:
+        vibration = float(_check.scalar(vibration, "vibration"))
+        if not 0 < vibration < 1:
             raise ValueError(f"vibration must lie between 0 and 1 (5 % is 0.05), not {vibration!r}")
-        found = shortest(near, kind, float(_check.scalar(vibration, "vibration")), impulses, starts, seed)
-        bound = found.bound / middle
+        found = shortest(Specification(scaled, kind, vibration=vibration), impulses, starts, seed)
+        bound, reached = found.bound / middle, found.design.duration / middle
     else:
         _check.positive(duration, "duration")
-        found = calmest(near, kind, float(duration) * middle, impulses, starts, seed)
-        bound = found.bound
+        longest = float(duration) * middle
+        found = least_vibration(Specification(scaled, kind, duration=longest), impulses, starts, seed)
+        bound, reached = found.bound, found.design.vibration
     shaper = Shaper(found.design.amplitudes, found.design.times / middle)
-    peak = certified(shaper.amplitudes, shaper.times, where.lines)
-    sampled = _at_samples(shaper, where)
-    length = float(shaper.duration)
-    reached = found.design.vibration if duration is not None else length
     optimal = bool(found.feasible and reached - bound <= 1e-6 * reached)
-    result = _words(
-        found.feasible, optimal, duration is not None, len(shaper.times), found.design.vibration, bound, kind
+    if found.feasible:
+        limited = f"shorter than {bound:.9g} s" if duration is None else f"vibration below {bound:.9g}"
+        message = _message(optimal, len(shaper.times), limited, kind)
+    else:
+        least = found.design.vibration
+        message = (
+            f"infeasible with so few impulses: the least vibration found with {len(shaper.times)} is "
+            f"{100 * least:.6g} % ({least:.9g})"
+        )
+    arrays = np.asarray(shaper.amplitudes, float), np.asarray(shaper.times, float)
+    return Specified(
+        shaper,
+        duration=float(shaper.duration),
+        vibration=certified(*arrays, where.lines),
+        sampled=sampled_vibration(*arrays, where),
+        bound=bound,
+        optimal=optimal,
+        feasible=found.feasible,
+        message=message,
     )
-    return Specified(shaper, length, peak, sampled, bound, optimal, found.feasible, result)
 
 
 def _kind(amplitudes: str, impulses: int | None, limit: float | None) -> Kind:
+    """The amplitudes allowed, checked."""
     _check.one_of(amplitudes, "amplitudes", AMPLITUDES)
     if impulses is not None:
         _check.count(impulses, "impulses", least=2)
@@ -164,22 +192,11 @@ def _kind(amplitudes: str, impulses: int | None, limit: float | None) -> Kind:
     return Kind("bounded", limit, impulses)
 
 
-def _at_samples(shaper: Shaper, where: Region) -> float | None:
-    if where.samples is None:
-        return None
-    return float(np.abs(transform(shaper.amplitudes, shaper.times, where.samples)).max())
-
-
-def _words(feasible: bool, optimal: bool, calm: bool, impulses: int, reached: float, bound: float, kind: Kind) -> str:
-    if not feasible:
-        return (
-            f"infeasible with so few impulses: the nearest that {impulses} came is {100 * reached:.6g} % "
-            f"({reached:.9g}), the least of those found from all starts"
-        )
-    what = f"vibration below {bound:.9g}" if calm else f"shorter than {bound:.9g} s"
-    rivals = (
-        "any number of impulses" if kind.name != "bounded" else f"negative amplitudes up to {kind.negative:.6g} in all"
-    )
+def _message(optimal: bool, impulses: int, limited: str, kind: Kind) -> str:
+    """What is proven about a feasible design."""
+    rivals = "any number of impulses"
+    if kind.name == "bounded":
+        rivals = f"negative amplitudes up to {kind.negative:.6g} in all"
     if optimal:
-        return f"optimal: a linear program's dual proves that nothing, with {rivals}, is {what}"
-    return f"the best found with {impulses} impulses; proven is only that nothing, with {rivals}, is {what}"
+        return f"optimal: a linear program's dual proves that nothing, with {rivals}, is {limited}"
+    return f"the best found with {impulses} impulses; proven is only that nothing, with {rivals}, is {limited}"

@@ -1,23 +1,27 @@
-"""Switching instants on the clock of a controller, and what that costs."""
+"""Impulse times rounded to the samples of a controller, and what that costs."""
 
 import dataclasses
 import itertools
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from jshape import _check
-from jshape.design.insensitive._band import Region, certified, region
+from jshape.design.insensitive._band import Vector, certified, region, sampled_vibration
 from jshape.shaper import Shaper
 from jshape.vibration import transform
 
 
 @dataclasses.dataclass(frozen=True)
 class Rounded:
-    """A shaper on whole samples, and the largest V over the band ``before`` and ``after``.
+    """A shaper on whole samples, and what rounding costs.
 
-    ``nearest``: what remains if every time is rounded by itself. ``cost``: ``after`` − ``before``. All are certified
-    over the band, or looked up at its samples.
+    Attributes:
+        shaper: the rounded one.
+        before: the largest V over the band without rounding, a fraction; proven, or over the samples of the band.
+        after: the same of the rounded shaper.
+        nearest: the same where every time is rounded by itself.
     """
 
     shaper: Shaper
@@ -27,63 +31,71 @@ class Rounded:
 
     @property
     def cost(self) -> float:
+        """The increase of V by rounding, a fraction."""
         return self.after - self.before
 
 
 def rounded(shaper: Shaper, sample_time: float, band: Any, zeta: Any = 0.0, *, samples: int | None = None) -> Rounded:
-    """The shaper with its times on whole multiples of ``sample_time`` (s), so that V over the band is least.
+    """The shaper with its times on whole multiples of a sample time, chosen so that V over the band is least.
 
-    ``band``, ``zeta``, ``samples``: as in ``specified``. Amplitudes stay as they are, so an on-off shaper stays one. Up
-    to seven impulses, every choice among the two samples on either side of each time is compared; with more, one time
-    is changed after the other as long as that helps. The last impulse is rounded up at most to the next sample.
+    Amplitudes stay as they are, so an on-off shaper stays one. Up to seven impulses, every choice among the two samples
+    on either side of each time is compared; with more, one time is changed after the other as long as V falls. The last
+    impulse is rounded up at most to the next sample.
 
-    *Raises* ``ValueError`` for arguments that make no sense, and a shaper whose gaps are all lost to the rounding.
+    Args:
+        shaper: the shaper.
+        sample_time: s.
+        band: as in ``specified``, rad/s.
+        zeta: as in ``specified``.
+        samples: as in ``specified``.
 
-    *Source*: Peláez, Doval-Gandoy, Caparrini and García-Prada (2006), section 5: an interrupt of 5 ms.
+    Raises:
+        ValueError: for arguments that make no sense, and a shaper that is shorter than the sample time.
+
+    Source: Peláez, Doval-Gandoy, Caparrini and García-Prada (2006), section 5: an interrupt of 5 ms.
     """
     _check.positive(sample_time, "sample_time")
     where = region(band, zeta, samples)
     amplitudes, times = np.asarray(shaper.amplitudes, float), np.asarray(shaper.times, float)
-    position = times / sample_time
-    below = np.floor(position + 1e-9).astype(int)
-    exact = np.abs(position - np.rint(position)) < 1e-9
-    choices = [
-        [b] if i == 0 else [c for c in ((b - 1, b, b + 1) if e else (b - 1, b, b + 1, b + 2)) if c >= 0]
-        for i, (b, e) in enumerate(zip(below, exact, strict=True))
-    ]
-    last = int(below[-1]) + (not exact[-1])
-    choices[-1] = [c for c in choices[-1] if c <= last]
-    poles = where.grid(float(times[-1]), 12.0)
-    level = lambda ticks: float(np.abs(transform(amplitudes, np.asarray(ticks) * sample_time, poles)).max())
-    nearest = np.rint(position).astype(int)
+    nearest = np.rint(times / sample_time).astype(int)
     if not nearest[-1]:
         raise ValueError(f"sample_time must be shorter than the shaper ({times[-1]:.6g} s), not {sample_time}")
+    poles = where.grid(float(times[-1]), 12.0)
+
+    def vibration(ticks: Any) -> float:
+        return float(np.abs(transform(amplitudes, np.asarray(ticks) * sample_time, poles)).max())
+
+    def proven(at: Vector) -> float:
+        sampled = sampled_vibration(amplitudes, at, where)
+        return certified(amplitudes, at, where.lines) if sampled is None else sampled
+
+    choices = _choices(times / sample_time)
     if len(times) <= 7:
         ordered = (ticks for ticks in itertools.product(*choices) if np.all(np.diff(ticks) >= 0))
-        best = np.array(min(ordered, key=level))
+        best = np.array(min(ordered, key=vibration))
     else:
-        best = _one_by_one(nearest, choices, level)
-    if level(nearest) <= level(best):
+        best = _coordinate_descent(nearest, choices, vibration)
+    if vibration(nearest) <= vibration(best):
         best = nearest
-    judge = lambda at: _worst(amplitudes, at, where)
-    return Rounded(
-        Shaper(amplitudes, best * sample_time), judge(times), judge(best * sample_time), judge(nearest * sample_time)
-    )
+    on_clock = best * sample_time
+    return Rounded(Shaper(amplitudes, on_clock), proven(times), proven(on_clock), proven(nearest * sample_time))
 
 
-def _one_by_one(ticks, choices, level):
-    ticks = ticks.copy()
+def _choices(position: Vector) -> list[list[int]]:
+    """The samples on either side of each position: two each, or three about one that is on a sample already."""
+    below = np.floor(position + 1e-9).astype(int)
+    exact = np.abs(position - np.rint(position)) < 1e-9
+    choices = [list(range(max(b - 1, 0), b + 3 - e)) for b, e in zip(below.tolist(), exact.tolist(), strict=True)]
+    last = below[-1] + (not exact[-1])
+    return [[int(below[0])], *choices[1:-1], [tick for tick in choices[-1] if tick <= last]]
+
+
+def _coordinate_descent(ticks: Vector, choices: list[list[int]], vibration: Callable[[Any], float]) -> Vector:
+    """One time changed after the other, the best change first, as long as the vibration falls."""
+    index = np.arange(len(ticks))
     while True:
-        known = level(ticks)
-        index = np.arange(len(ticks))
-        tried = [np.where(index == i, tick, ticks) for i in index[1:] for tick in choices[i]]
-        best = min((moved for moved in tried if np.all(np.diff(moved) >= 0)), key=level)
-        if level(best) >= known:
+        moves = [np.where(index == i, tick, ticks) for i in index[1:] for tick in choices[i]]
+        best = min((move for move in moves if np.all(np.diff(move) >= 0)), key=vibration)
+        if vibration(best) >= vibration(ticks):
             return ticks
         ticks = best
-
-
-def _worst(amplitudes, times, where: Region) -> float:
-    if where.samples is not None:
-        return float(np.abs(transform(amplitudes, times, where.samples)).max())
-    return certified(amplitudes, times, where.lines)

@@ -1,41 +1,54 @@
 """Zero vibration of several modes at once, in the least time.
 
-A linear program over a grid of instants says for which durations positive impulses can cancel every mode together, and
-which of them are at work just before; Newton's method on the conditions of optimality puts them in place.
+A linear program over a grid of instants decides for which durations positive impulses can cancel every mode together,
+and which of them are in use just below the shortest; Newton's method on the conditions of optimality refines them.
 """
 
 import numpy as np
 from jaxtyping import Complex
 from scipy.optimize import linprog
 
-from jshape.design.insensitive._polish import newton, slopes
+from jshape.design.insensitive._band import Vector
+from jshape.design.insensitive._optimality import newton, slopes
 from jshape.design.insensitive._search import merged
 
+Poles = Complex[np.ndarray, " modes"]
 
-def cancel(poles: Complex[np.ndarray, " modes"], order: int, longest: float) -> tuple[np.ndarray, np.ndarray] | None:
-    """Amplitudes and times, for poles of the order of 1 rad/s; ``None`` if none are found.
 
-    ``order``: how many derivatives of F are 0 at each pole, too. ``longest``: a duration known to be enough.
+def cancel(poles: Poles, order: int, longest: float) -> tuple[Vector, Vector] | None:
+    """The shortest positive impulses that cancel the modes, or None where they are not proven to be.
+
+    Args:
+        poles: of the modes, of the order of 1 rad/s, shape (modes,).
+        order: how many derivatives of the transform vanish at each pole beside itself.
+        longest: a duration that is known to be enough, s.
+
+    Returns:
+        Amplitudes and times (s), each of shape (impulses,).
     """
     for points in (600, 2400):
         short, long = 0.0, longest * (1 + 1e-9)
         while long - short > 2e-3 * long:
             middle = (short + long) / 2
-            _, _, left = _program(poles, order, middle, points)
-            short, long = (short, middle) if left < 1e-7 else (middle, long)
-        amplitudes, times, _ = _program(poles, order, short, points)
-        found = _place(poles, order, *merged(amplitudes, times, 0.08))
+            _, _, residual = _least_residual(poles, order, middle, points)
+            short, long = (short, middle) if residual < 1e-7 else (middle, long)
+        amplitudes, times, _ = _least_residual(poles, order, short, points)
+        found = _refined(poles, order, *merged(amplitudes, times, 0.08))
         if found is not None:
             return found
     return None
 
 
-def _program(poles, order: int, duration: float, points: int):
-    """The positive amplitudes that leave least at the poles, and how much that is."""
+def _terms(poles: Poles, order: int, reach: Vector) -> Vector:
+    """What a unit impulse adds to each condition, by the time from it to the last: real rows, then imaginary ones."""
+    terms = np.concatenate([reach**k * np.exp(np.multiply.outer(poles, reach)) for k in range(order + 1)])
+    return np.concatenate([np.real(terms), np.imag(terms)])
+
+
+def _least_residual(poles: Poles, order: int, duration: float, points: int) -> tuple[Vector, Vector, float]:
+    """The positive amplitudes on a grid that violate the conditions least, their times, and by how much."""
     times = np.linspace(0, duration, points + 1)
-    reach = duration - times
-    rows = np.concatenate([reach**k * np.exp(np.multiply.outer(poles, reach)) for k in range(order + 1)])
-    rows = np.concatenate([np.real(rows), np.imag(rows)])
+    rows = _terms(poles, order, duration - times)
     rows = np.concatenate([rows, -rows])
     solved = linprog(
         np.append(np.zeros(points + 1), 1.0),
@@ -49,39 +62,39 @@ def _program(poles, order: int, duration: float, points: int):
     return solved.x[used], times[used], float(solved.x[-1])
 
 
-def _place(poles, order: int, amplitudes, times) -> tuple[np.ndarray, np.ndarray] | None:
+def _refined(poles: Poles, order: int, amplitudes: Vector, times: Vector) -> tuple[Vector, Vector] | None:
     """The shortest positive impulses next to those given that cancel the modes exactly, if proven to be so."""
-    n, rows = len(times), 2 * (order + 1) * len(poles) + 1
+    n = len(times)
+    duration_gradient = np.eye(2 * n - 1)[-1]
 
-    def constraints(a, t):
-        found = [slopes(a, t, pole, k) for k in range(order + 1) for pole in poles]
-        values = np.array([f for f, _, _ in found])
-        by_a, by_t = np.array([x for _, x, _ in found]), np.array([x for _, _, x in found])[:, 1:]
-        full = np.hstack([by_a, by_t])
+    def constraints(a: Vector, t: Vector) -> tuple[Vector, Vector]:
+        """The conditions and the sum less 1, and their Jacobian with respect to amplitudes and times but the first."""
+        values, by_amplitudes, by_times = zip(
+            *(slopes(a, t, pole, k) for k in range(order + 1) for pole in poles), strict=True
+        )
+        jacobian = np.hstack([by_amplitudes, np.array(by_times)[:, 1:]])
         one = np.concatenate([np.ones(n), np.zeros(n - 1)])
         value = np.concatenate([np.real(values), np.imag(values), [a.sum() - 1]])
-        return value, np.vstack([np.real(full), np.imag(full), one])
+        return value, np.vstack([np.real(jacobian), np.imag(jacobian), one])
 
-    aim = np.eye(2 * n - 1)[-1]
+    def unpack(unknowns: Vector) -> tuple[Vector, Vector, Vector]:
+        return unknowns[:n], np.concatenate([[0.0], unknowns[n : 2 * n - 1]]), unknowns[2 * n - 1 :]
 
-    def residual(y):
-        value, slope = constraints(y[:n], np.concatenate([[0.0], y[n : 2 * n - 1]]))
-        return np.concatenate([aim + y[2 * n - 1 :] @ slope, value])
+    def residual(unknowns: Vector) -> Vector:
+        a, t, multipliers = unpack(unknowns)
+        value, jacobian = constraints(a, t)
+        return np.concatenate([duration_gradient + multipliers @ jacobian, value])
 
-    slope = constraints(amplitudes, times)[1]
-    prices, *_ = np.linalg.lstsq(slope.T, -aim, rcond=None)
-    y, left = newton(residual, np.concatenate([amplitudes, times[1:], prices]), steps=40)
-    a, t, prices = y[:n], np.concatenate([[0.0], y[n : 2 * n - 1]]), y[2 * n - 1 :]
-    if left > 1e-10 or np.any(a < -1e-12) or np.any(np.diff(t) < -1e-12):
+    jacobian = constraints(amplitudes, times)[1]
+    multipliers, *_ = np.linalg.lstsq(jacobian.T, -duration_gradient, rcond=None)
+    unknowns, error = newton(residual, np.concatenate([amplitudes, times[1:], multipliers]), steps=40)
+    a, t, multipliers = unpack(unknowns)
+    if error > 1e-10 or np.any(a < -1e-12) or np.any(np.diff(t) < -1e-12):
         return None
     if np.any(a < 1e-9) or np.any(np.diff(t) < 1e-6):
-        # The program's grid had split one impulse in two, or shown one that is not there.
+        # The program's grid had split one impulse in two, or added one that is not needed.
         kept = a > 1e-9
-        return _place(poles, order, *merged(a[kept], t[kept], 1e-4)) if kept[0] and kept[-1] else None
-    # What another impulse would cost: nowhere less than nothing, or the duration is not the least.
-    at = np.linspace(0, t[-1], 4001)
-    reach = t[-1] - at
-    terms = np.concatenate([reach**k * np.exp(np.multiply.outer(poles, reach)) for k in range(order + 1)])
-    half = (rows - 1) // 2
-    cost = prices[:half] @ np.real(terms) + prices[half : 2 * half] @ np.imag(terms) + prices[-1]
-    return (a, t) if cost.min() > -1e-6 * np.abs(cost).max() else None
+        return _refined(poles, order, *merged(a[kept], t[kept], 1e-4)) if kept[0] and kept[-1] else None
+    # The reduced cost of another impulse: negative nowhere, or the duration is not the least.
+    reduced_cost = multipliers[:-1] @ _terms(poles, order, t[-1] - np.linspace(0, t[-1], 4001)) + multipliers[-1]
+    return (a, t) if reduced_cost.min() > -1e-6 * np.abs(reduced_cost).max() else None

@@ -1,4 +1,4 @@
-"""One linear mode: its checks, its decay, and equations that are followed as damping grows.
+"""One linear mode: its checks, its decay, and equations that are continued as damping grows.
 
 Times of the solved shapers are phases τ = ω_d t, frequencies are over the design frequency, so that the unknowns depend
 on the damping (and the vibration) alone.
@@ -17,13 +17,13 @@ from jshape._types import Scalar
 
 def mode(omega: Any, zeta: Any) -> tuple[Scalar, Scalar]:
     """The mode's frequency (rad/s) and damping ratio as arrays of one type, checked."""
-    frequency, damping = _check.scalar(omega, "omega"), _check.scalar(zeta, "zeta")
-    _check.positive(frequency, "omega")
-    _check.damping_ratio(damping)
+    arrays = _check.scalar(omega, "omega"), _check.scalar(zeta, "zeta")
+    _check.positive(arrays[0], "omega")
+    _check.damping_ratio(arrays[1])
     # A plain number beside an array does not make double precision of a single one.
-    dtypes = [array.dtype for given, array in ((omega, frequency), (zeta, damping)) if hasattr(given, "dtype")]
-    dtype = jnp.result_type(*(dtypes or [frequency.dtype]))
-    return frequency.astype(dtype), damping.astype(dtype)
+    dtypes = [array.dtype for given, array in zip((omega, zeta), arrays, strict=True) if hasattr(given, "dtype")]
+    dtype = jnp.result_type(*(dtypes or [arrays[0].dtype]))
+    return arrays[0].astype(dtype), arrays[1].astype(dtype)
 
 
 def damped(omega: Scalar, zeta: Scalar) -> Scalar:
@@ -32,7 +32,7 @@ def damped(omega: Scalar, zeta: Scalar) -> Scalar:
 
 
 def decay(zeta: Scalar) -> Scalar:
-    """Nepers lost per radian of damped phase."""
+    """Decay per radian of damped phase, nepers."""
     return zeta / jnp.sqrt(1 - zeta**2)
 
 
@@ -46,9 +46,9 @@ _STEPS = 128
 
 
 def follow(residual, start: Float[Array, " unknowns"], begin: tuple, args: tuple) -> tuple[Array, Bool[Array, ""]]:
-    """The root of ``residual(unknowns, args)`` that grows out of ``start``, the one for ``begin``; was it found?
+    """The root of ``residual(unknowns, args)`` that continues ``start``, the one for ``begin``; whether it was found
 
-    Derivatives come from the implicit function theorem at the end; the way there has none.
+    A homotopy with a linear predictor. Derivatives come from the implicit function theorem at the end alone.
     """
     import optimistix as optx
 
@@ -71,7 +71,7 @@ def follow(residual, start: Float[Array, " unknowns"], begin: tuple, args: tuple
 
 
 def when_solved(times: Array, solved: Bool[Array, ""], hint: str, **given: Scalar) -> Array:
-    """The times, if they solve the equations. *Raises* otherwise: at once where known, at run time where traced."""
+    """The times, if they solve the equations. *Raises* otherwise: at once where concrete, at run time where traced."""
     if not _check.is_concrete(solved, times):
         return eqx.error_if(times, ~solved, f"zeta must be lower: {hint}")
     if not bool(solved):

@@ -1,21 +1,20 @@
-"""On-off inputs, from any initial state, as fast as can be: bang-bang filters, transitions and moves.
+"""Minimum-time on-off inputs from any initial state: bang-bang filters, transitions and moves.
 
-A machine that can only be pushed one way or the other is fastest if it always is::
+The minimum-time input of a machine with a limited force is at the limit throughout::
 
     f = js.design.switching.time_optimal_filter(9.0, 0.017, [0.001, 0.0])     # from a state that is not rest
-    f.switches, f.shaper, f.optimal, f.result
+    f.switches, f.shaper, f.status, f.message
     js.design.switching.time_optimal_filter(9.0, 0.017, None, robust=True)             # a ZVD
     js.design.switching.time_optimal_filter(9.0, 0.017, None, (8.0, 10.0, 0.05))       # 5 % over a band
     js.design.switching.digital_filter(9.0, 0.017, None, sample_time=0.005)            # fewest samples
     m = js.design.switching.rest_to_rest(3.13, 0.0, 1.0, limit=0.5)                    # with a rigid body
     js.simulate(crane, m.motion)
 
-Each takes one mode or several, x'' + 2ζω x' + ω² x = u. A linear program finds how many switches there are and where,
-Newton's method makes their times exact, and the switching function of the minimum principle proves that nothing is
-faster. ``tuned`` moves the switches of such a design until they suit a nonlinear plant.
+Each takes one mode or several, x'' + 2ζω x' + ω² x = u. A linear program finds the switches, Newton's method makes
+their times exact, and the switching function of the minimum principle proves that nothing is faster. ``tuned`` moves
+the switches of such a design for a nonlinear plant.
 
-A move that begins before the last has settled, or after something went wrong, is designed from the state that is
-predicted for its beginning::
+A move that begins before the last has settled is designed from the state predicted for its beginning::
 
     late = js.design.switching.rest_to_rest(3.13, 0.0, 2.0, m.state_at(0.8), limit=0.5)
     both = m.followed_by(late, 0.8)

@@ -1,4 +1,4 @@
-"""A switched input as a user gets it: jumps, times, what it leaves, and as a command, a motion or a shaper."""
+"""A switched input as a result: jumps, times, residual, and as a command, a motion or a shaper."""
 
 import dataclasses
 from collections.abc import Callable
@@ -8,21 +8,32 @@ import numpy as np
 
 from jshape import _check
 from jshape.command import PiecewisePolynomial
-from jshape.design.switching._task import Band, Real, advance
+from jshape.design.switching._problem import Band, BangBangProblem, Real, advance
 from jshape.shaper import Shaper
+from jshape.status import Result, Status
 
 
 @dataclasses.dataclass(frozen=True)
-class Switched:
-    """An input u that jumps by ``amplitudes`` at ``times`` (s, the first is 0, the last the end), and how it was found.
+class Switched(Result):
+    """A piecewise constant input u for modes x'' + 2ζω x' + ω² x = u, and how it was found.
 
-    ``start``: the level before it, from which the first amplitude counts. ``omega`` (rad/s), ``zeta``: the modes
-    x'' + 2ζω x' + ω² x = u that it was designed for; ``initial_state``: their x and x' at time 0, (modes, 2).
-    ``rigid``: position (m) and speed (m/s) of y'' = u at time 0, or None. ``residual``: the worst vibration left in a
-    mode that was to have none, as a fraction of what one jump from 0 to the limit leaves of it from rest. ``optimal``:
-    whether no input is faster (with a ``sample_time``: takes fewer samples); None where that was not looked into.
-    ``result`` says in words how it ended. ``switching_function``: of times (s), positive where the minimum principle
-    wants u = limit, negative where −limit.
+    Attributes:
+        amplitudes: jumps of u; the first counts from the level ``start``.
+        times: of the jumps, s; the first is 0, the last the end.
+        start: the level before.
+        limit: the greatest |u|.
+        omega: the modes' undamped natural frequencies, rad/s, shape (modes,).
+        zeta: their damping ratios, shape (modes,).
+        initial_state: their x and x' at time 0, shape (modes, 2).
+        rigid: position (m) and speed (m/s) of y'' = u at time 0, or None.
+        residual: the worst vibration left in a mode that is to have none, as a fraction of what one jump from 0 to the
+            limit leaves of it from rest.
+        optimal: whether no input is faster (with a ``sample_time``: takes fewer samples); None where that was not
+            examined.
+        status: CONVERGED if optimal (or in closed form), STOPPED if not proved so, INFEASIBLE.
+        message: how it ended, in a sentence.
+        sample_time: of a digital input, s.
+        switching_function: of times (s), positive where u = limit by the minimum principle, negative where −limit.
     """
 
     amplitudes: Real
@@ -35,9 +46,30 @@ class Switched:
     rigid: Real | None
     residual: float
     optimal: bool | None
-    result: str
+    status: Status
+    message: str
     sample_time: float | None = None
     switching_function: Callable[[Any], Real] | None = None
+
+    @classmethod
+    def of(
+        cls, problem: BangBangProblem, amplitudes: Real, times: Real, status: Status, message: str, **more: Any
+    ) -> "Switched":
+        """The result of a problem, from jumps from 0 in units of the limit."""
+        return cls(
+            **{"optimal": status is Status.CONVERGED, **more},
+            amplitudes=(amplitudes - np.append(problem.start, np.zeros(len(times) - 1))) * problem.limit,
+            times=times,
+            start=problem.start * problem.limit,
+            limit=problem.limit,
+            omega=problem.omega,
+            zeta=problem.zeta,
+            initial_state=problem.state * problem.limit,
+            rigid=problem.body,
+            residual=problem.residual_vibration(amplitudes, times),
+            status=status,
+            message=message,
+        )
 
     @property
     def duration(self) -> float:
@@ -51,7 +83,7 @@ class Switched:
 
     @property
     def steps(self) -> int:
-        """How many samples a digital one takes. *Raises* ``ValueError`` for one that is not."""
+        """The number of samples of a digital input. *Raises* ``ValueError`` for one that is not."""
         if self.sample_time is None:
             raise ValueError("sample_time is None: this input switches at any time and has no steps")
         return len(self.times) - 1
@@ -95,47 +127,56 @@ class Switched:
         return Shaper(self.amplitudes / total, self.times)
 
     def state_at(self, time: float) -> Real:
-        """States at that time (s), exactly: the rigid body's position and speed first, if any, then each mode's."""
+        """The states at a time (s), exactly: the rigid body's position and speed first, if any, then each mode's."""
         modes = advance(self.omega, self.zeta, self.initial_state, self.levels, self.times, float(time))
         return modes if self.rigid is None else np.vstack([self._rigid_at(float(time)), modes])
 
     def sensitivity(self, omega: Any, zeta: float | None = None, mode: int = 0) -> Real:
-        """What is left of the vibration if that mode's frequency is ``omega`` instead (rad/s, one or more).
+        """The residual vibration if a mode's frequency differs from the design's.
 
-        As a fraction of what the jump to the final level alone would leave (to the limit, where the final level is 0),
-        from the same initial state. *Source*: 004, Eq. 13, with the decay until the end that it leaves out.
+        Args:
+            omega: its frequency, rad/s, of any shape.
+            zeta: its damping ratio; the design's unless given.
+            mode: its index.
+
+        Returns:
+            As a fraction of what the jump to the final level alone would leave (to the limit, where the final level is
+            0), from the same initial state; of the shape of omega.
+
+        Source: 004, Eq. 13, with the decay until the end that it leaves out.
         """
-        at = np.atleast_1d(np.asarray(omega, float))
+        at = np.asarray(omega, float)
         _check.positive(at, "omega")
-        damping = float(self.zeta[mode]) if zeta is None else float(zeta)
-        band = Band(float(at.min()), float(at.max()), 1.0, damping, self.initial_state[mode])
-        final = float(self.levels[-1])
-        values = np.abs(band.left(at, np.diff(self.levels, prepend=0.0), self.times))
-        return (values / band.allowed(at, final if final else self.limit)).reshape(np.shape(omega))
+        ratio = float(self.zeta[mode]) if zeta is None else float(zeta)
+        band = Band(float(at.min()), float(at.max()), 1.0, ratio, self.initial_state[mode])
+        levels = self.levels
+        return band.ratio(at, float(levels[-1]) or self.limit, np.diff(levels, prepend=0.0), self.times)
 
     def followed_by(self, other: "Switched", at: float) -> "Switched":
-        """This input until ``at`` (s), and from there on the other: a move that begins before this one has settled.
+        """This input until a time, and from there on the other: a move that begins before this one has settled.
 
-        The other is best designed with ``initial_state=self.state_at(at)``. *Raises* ``ValueError`` for a negative
-        time.
+        Args:
+            other: best designed with ``initial_state=self.state_at(at)``.
+            at: s. *Raises* ``ValueError`` if it is negative.
         """
         _check.not_negative(at, "at")
         kept = self.times < at
-        times = np.concatenate([self.times[kept], at + other.times])
         levels = np.concatenate([self.levels[kept], other.levels])
         return dataclasses.replace(
             self,
             amplitudes=np.diff(levels, prepend=self.start),
-            times=times,
+            times=np.concatenate([self.times[kept], at + other.times]),
             limit=max(self.limit, other.limit),
             residual=other.residual,
             optimal=None,
-            result=f"until {at:.6g} s: {self.result}; then: {other.result}",
+            status=other.status,
+            message=f"until {at:.6g} s: {self.message}; then: {other.message}",
             sample_time=None,
             switching_function=None,
         )
 
     def _rigid_at(self, time: float) -> Real:
+        """Position and speed of the rigid body."""
         assert self.rigid is not None
         ages = np.maximum(time - self.times, 0.0)
         jumps = np.diff(self.levels, prepend=0.0)

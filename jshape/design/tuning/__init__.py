@@ -1,9 +1,10 @@
 """Tuning by gradient: shapers for any plant, any command and any objective.
 
 - ``tune``: the function; ``pareto``: worst residual against duration.
-- ``task``, ``prepare``: the problem as arrays; ``bounds``: amplitudes and times from free variables;
-  ``constraints``: limits on speed, overshoot and deflection; ``objective``: nominal, mean, worst case, CVaR.
-- ``starts``, ``search``: from which points the search begins, and the search.
-- ``levenberg_marquardt``, ``adam``, ``slsqp``: the optimisers; ``digital``: impulses on a controller's ticks.
-- ``solution``: what comes back.
+- ``scenarios``: the moves that a design is judged by, and a design; ``bounds``: which designs are considered;
+  ``objective``: nominal, mean, worst case, CVaR; ``constraints``: limits on speed, overshoot and deflection;
+  ``design_problem``: all of that from the arguments.
+- ``starts`` → ``search`` → ``solution``: from which points the search begins, the search, the result.
+- ``levenberg_marquardt``, ``adam``, ``slsqp``: the optimisers; ``digital``: impulses at multiples of a sample time.
+- ``evaluate``: energies, slacks and their Jacobians, compiled.
 """

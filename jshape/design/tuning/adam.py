@@ -1,7 +1,7 @@
-"""First-order descent of the smoothed objective, all starts side by side: optax's Adam, projected onto the rules.
+"""First-order descent of the smoothed objective, all starts side by side: optax's Adam, projected onto the bounds.
 
-With many starts it goes first, and the best that survive are polished. It is also a judge: it shares neither the
-epigraph nor a linear solve with the polishing, and needs one derivative only.
+With many starts it goes first, and the best of its ends are refined. It is also a judge: it shares neither the epigraph
+nor a linear solve with SLSQP, and needs one derivative only.
 """
 
 from typing import Any
@@ -11,75 +11,56 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from jshape._types import Scalar
 from jshape.compilation_cache import kept
-from jshape.design.tuning.bounds import Rules
-from jshape.design.tuning.evaluate import energies, limits_kept
+from jshape.design.tuning.bounds import Bounds
+from jshape.design.tuning.design_problem import DesignProblem
+from jshape.design.tuning.evaluate import energies, slacks
 from jshape.design.tuning.objective import TAIL, Objective
-from jshape.design.tuning.task import Point, Task
+from jshape.design.tuning.scenarios import Point, Scenarios, stack, unstack
 
-RATE = 0.02
-"""Adam's step at the beginning, for amplitudes and for gaps as shares of the duration; it falls to a hundredth."""
+LEARNING_RATE = 0.02
+"""Adam's at the beginning, for amplitudes and for gaps as shares of the duration; it falls to a hundredth."""
 
 PENALTY = 100.0
 """How much a limit that is missed by all of itself counts, in starting objectives."""
 
 
-def descend(
-    task: Task, rules: Rules, objective: Objective, starts: Point, iterations: int, time_cost: float = 0.0
-) -> tuple[Point, np.ndarray]:
-    """From each start (a leading axis): the design at the end, and the smoothed objective (J) at every step.
+def descend(problem: DesignProblem, starts: list[Point], iterations: int) -> tuple[list[Point], np.ndarray]:
+    """Minimise the smoothed objective from each start.
 
     The worst case is smoothed as log-sum-exp over all plants, ever sharper as the descent goes on. Limits are kept
     by a penalty, so that they may be missed a little.
+
+    Returns:
+        The designs at the end, and the smoothed objective at every step, J, shape (starts, iterations).
     """
-    named = "mean" if objective == "nominal" else objective
-    bounds = jax.tree.map(jnp.asarray, (rules.lower, rules.upper, rules.least, rules.most))
-    durations = jnp.asarray([rules.shortest, rules.longest])
-    found, values = _run(task, bounds, durations, named, starts, iterations, jnp.asarray(time_cost))
-    return Point(*(np.asarray(part) for part in found)), np.asarray(values)
+    bounds, time_cost = jax.tree.map(jnp.asarray, (problem.bounds, problem.time_cost))
+    ends, values = _run(problem.scenarios, bounds, problem.objective, stack(starts), iterations, time_cost)
+    return unstack(ends), np.asarray(values)
 
 
 @kept
-def _run(task: Task, bounds, durations: Array, objective: Objective, starts: Point, iterations: int, time_cost):
+def _run(scenarios: Scenarios, bounds: Bounds, objective: Objective, starts: Point, iterations: int, time_cost: Scalar):
     import optax  # Loaded here: half a second that most designs do not need.
 
-    schedule = optax.cosine_decay_schedule(RATE, iterations, alpha=0.01)
-    optimiser = optax.adam(schedule)
-    lower, upper, least, most = bounds
-    shortest, longest = durations
-    span = jnp.where(most > least, most - least, 1.0)
+    optimiser = optax.adam(optax.cosine_decay_schedule(LEARNING_RATE, iterations, alpha=0.01))
+    span = jnp.where(bounds.most > bounds.least, bounds.most - bounds.least, 1.0)
 
-    def project(x: Point) -> Point:
-        whole = lambda total: _onto_sum(x.gaps, jnp.zeros_like(x.gaps), jnp.ones_like(x.gaps), total)
-        clipped = jnp.clip(x.gaps, 0.0, 1.0)
-        total = jnp.sum(clipped)
-        gaps = jnp.where(
-            total > 1, whole(1.0), jnp.where(total < shortest / longest, whole(shortest / longest), clipped)
-        )
-        return Point(_onto_sum(x.amplitudes, lower, upper, 1.0), gaps, jnp.clip(x.leaves, 0.0, 1.0))
+    def in_units(x: Point) -> Point:
+        return Point(x.amplitudes, x.gaps * bounds.longest, bounds.least + x.leaves * span)
 
-    def build(x: Point) -> Point:
-        return Point(x.amplitudes, x.gaps * longest, least + x.leaves * span)
+    def one(start: Point) -> tuple[Point, Array]:
+        begin = Point(start.amplitudes, start.gaps / bounds.longest, (start.leaves - bounds.least) / span)
+        scale = jnp.max(energies(scenarios, in_units(begin)))
 
-    def one(start: Point):
-        begin = Point(start.amplitudes, start.gaps / longest, (start.leaves - least) / span)
-        scale = jnp.max(energies(task, build(begin)))
-
-        def loss(x: Point, sharpness: Array) -> Array:
-            point = build(x)
-            values = energies(task, point)
-            paid = time_cost * jnp.sum(point.gaps) / scale
-            if task.limits.any:
-                paid += PENALTY * jnp.sum(jnp.minimum(limits_kept(task, point), 0.0) ** 2)
-            if callable(objective):
-                return jnp.asarray(objective(values)) / scale + paid
-            values = values / scale
-            if objective == "worst":
-                return jax.nn.logsumexp(sharpness * values) / sharpness + paid
-            if objective == "cvar":
-                worst = jax.lax.top_k(values, max(1, round(TAIL * len(values))))[0]
-                return jnp.mean(worst) + paid
-            return jnp.mean(values) + paid
+        def loss(x: Point, sharpness: Array) -> Scalar:
+            point = in_units(x)
+            smoothed = _smoothed(objective, energies(scenarios, point), scale, sharpness)
+            penalty = time_cost * jnp.sum(point.gaps) / scale
+            if scenarios.limits.any:
+                penalty += PENALTY * jnp.sum(jnp.minimum(slacks(scenarios, point), 0.0) ** 2)
+            return smoothed + penalty
 
         def advance(carry, step):
             x, state = carry
@@ -87,16 +68,38 @@ def _run(task: Task, bounds, durations: Array, objective: Objective, starts: Poi
             value, slope = jax.value_and_grad(loss)(x, sharpness)
             slope = jax.tree.map(jnp.nan_to_num, slope)
             # Along the sums that stay as they are: what points across them would only drown the rest in Adam's scale.
-            level = jnp.where(shortest == longest, jnp.mean(slope.gaps), 0.0)
+            level = jnp.where(bounds.fixed_duration, jnp.mean(slope.gaps), 0.0)
             slope = Point(slope.amplitudes - jnp.mean(slope.amplitudes), slope.gaps - level, slope.leaves)
             change, state = optimiser.update(slope, state, x)
             moved: Any = optax.apply_updates(x, change)
-            return (project(moved), state), value * scale
+            return (_project(moved, bounds), state), value * scale
 
         (x, _), values = jax.lax.scan(advance, (begin, optimiser.init(begin)), jnp.arange(iterations))
-        return build(x), values
+        return in_units(x), values
 
     return jax.vmap(one)(jax.tree.map(jnp.asarray, starts))
+
+
+def _smoothed(objective: Objective, energies: Array, scale: Array, sharpness: Array) -> Scalar:
+    """A smooth approximation of the objective, over ``scale``."""
+    if callable(objective):
+        return jnp.asarray(objective(energies)) / scale
+    energies = energies / scale
+    if objective == "worst":
+        return jax.nn.logsumexp(sharpness * energies) / sharpness
+    if objective == "cvar":
+        return jnp.mean(jax.lax.top_k(energies, max(1, round(TAIL * len(energies))))[0])
+    return jnp.mean(energies)
+
+
+def _project(x: Point, bounds: Bounds) -> Point:
+    """The nearest design within the bounds; gaps are over the longest duration, leaves over their span."""
+    clipped = jnp.clip(x.gaps, 0.0, 1.0)
+    total, shortest = jnp.sum(clipped), bounds.shortest / bounds.longest
+    zero, one = jnp.zeros_like(x.gaps), jnp.ones_like(x.gaps)
+    long, short = _onto_sum(x.gaps, zero, one, 1.0), _onto_sum(x.gaps, zero, one, shortest)
+    gaps = jnp.where(total > 1, long, jnp.where(total < shortest, short, clipped))
+    return Point(_onto_sum(x.amplitudes, bounds.lower, bounds.upper, 1.0), gaps, jnp.clip(x.leaves, 0.0, 1.0))
 
 
 def _onto_sum(x: Array, lower: Array, upper: Array, total: Any) -> Array:

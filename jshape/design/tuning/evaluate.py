@@ -1,7 +1,7 @@
-"""What one design leaves on many plants, with its derivatives, as compiled programs."""
+"""Residual energies and limits of one design on many plants, with their derivatives, as compiled programs."""
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -9,107 +9,115 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
 from jshape.compilation_cache import kept
-from jshape.design.tuning.constraints import of_command, of_plant
-from jshape.design.tuning.task import Point, Task, join
+from jshape.design.tuning.constraints import command_slack, deflection_slack
+from jshape.design.tuning.scenarios import Point, Scenarios
 from jshape.plants import AbstractPlant
 from jshape.simulation.schedule import schedule
 from jshape.simulation.simulate import final_state, initial
 from jshape.sweeps.leaves import map_plants
 
-LOST = 1e30
+DIVERGED_ENERGY = 1e30
 """Stands for the energy of a plant that diverged, J: finite, so that an optimiser turns round instead of stopping."""
 
 FORWARD = 16
 """Up to so many variables derivatives come by forward mode, which compiles in half the time of reverse mode."""
 
 
-def energy(task: Task, plant: AbstractPlant, point: Point) -> Array:
-    """Residual energy (or the task's metric) of one plant, J; ``LOST`` where it diverges."""
-    plant = task.changed(plant, point)
-    shaper = join(point.amplitudes, point.gaps)
-    if task.metric is not None:
-        value = jnp.asarray(task.metric(plant, shaper, task.command))
-        return jnp.where(jnp.isfinite(value), value, LOST)
-    plan = schedule(plant, task.command, shaper)
-    end, _ = final_state(plant, plan, initial(plant, task.state), task.steps)
+def energy(scenarios: Scenarios, plant: AbstractPlant, point: Point) -> Array:
+    """Residual energy (or the metric) of one plant, J; ``DIVERGED_ENERGY`` where it diverges."""
+    plant = scenarios.with_design(plant, point)
+    if scenarios.metric is not None:
+        value = jnp.asarray(scenarios.metric(plant, point.shaper, scenarios.command))
+        return jnp.where(jnp.isfinite(value), value, DIVERGED_ENERGY)
+    plan = schedule(plant, scenarios.command, point.shaper)
+    end, _ = final_state(plant, plan, initial(plant, scenarios.state), scenarios.steps)
     value = plant.residual_energy(end, plan.final_inputs(plant))
-    lost = plant.diverged(end, plan.final_inputs(plant)) | ~jnp.isfinite(value)
-    return jnp.where(lost, LOST, value)
+    diverged = plant.diverged(end, plan.final_inputs(plant)) | ~jnp.isfinite(value)
+    return jnp.where(diverged, DIVERGED_ENERGY, value)
 
 
 @kept
-def energies(task: Task, point: Point) -> Float[Array, " plants"]:
-    """The residual energies of all plants, J; of the nominal one alone where there are no samples."""
-    return _each(task, lambda plant: energy(task, plant, point))
+def energies(scenarios: Scenarios, point: Point) -> Float[Array, " plants"]:
+    """Residual energies of all plants, J; of the nominal one alone where there are no samples."""
+    return _every_plant(scenarios, lambda plant: energy(scenarios, plant, point))
 
 
-@kept
-def energies_of_many(task: Task, points: Point) -> Float[Array, "designs plants"]:
-    """The residual energies for each of many designs (a leading axis) on all plants, J."""
-    return jax.lax.map(lambda point: energies(task, Point(*point)), tuple(points))
+class Linearisation(NamedTuple):
+    """Energies and slacks at a design, each with its Jacobian in the amplitudes, then the gaps, then the leaves.
 
-
-@kept
-def look(
-    task: Task, point: Point
-) -> tuple[
-    Float[Array, " plants"], Float[Array, "plants variables"], Float[Array, " limits"], Float[Array, "limits variables"]
-]:
-    """The residual energies, and how far inside its limits the move stays, each with its derivatives.
-
-    Derivatives are with respect to the amplitudes, then the gaps, then the leaves. Limits are kept where their value
-    is not negative; 1 is the whole limit unused.
+    Attributes:
+        energies: residual energies, J, shape (plants,).
+        jacobian: theirs, shape (plants, variables).
+        slacks: negative where a limit is missed, 1 where none of it is used, shape (limits,).
+        slack_jacobian: theirs, shape (limits, variables).
     """
+
+    energies: Any
+    jacobian: Any
+    slacks: Any
+    slack_jacobian: Any
+
+
+@kept
+def linearise(scenarios: Scenarios, point: Point) -> Linearisation:
+    """Residual energies and slacks of the limits, each with its Jacobian."""
     flat, unravel = ravel_pytree(point)
 
     if len(flat) <= FORWARD:
         # Derivatives outside, plants inside: the long axis comes last, where arithmetic runs along it.
-        values, slopes = _with_slopes(lambda x: _each(task, lambda plant: energy(task, plant, unravel(x))), flat)
+        values, jacobian = _with_jacobian(
+            lambda x: _every_plant(scenarios, lambda plant: energy(scenarios, plant, unravel(x))), flat
+        )
     else:
         # One pass back for each plant.
-        values, slopes = _each(task, lambda plant: _with_slopes(lambda x: energy(task, plant, unravel(x)), flat))
+        values, jacobian = _every_plant(
+            scenarios, lambda plant: _with_jacobian(lambda x: energy(scenarios, plant, unravel(x)), flat)
+        )
 
-    if not task.limits.any:
-        return values, slopes, jnp.zeros(0), jnp.zeros((0, len(flat)))
-    kept, kept_slopes = _with_slopes(lambda x: limits_kept(task, unravel(x)), flat)
-    return values, slopes, jnp.nan_to_num(kept, nan=-1.0), kept_slopes
-
-
-def limits_kept(task: Task, point: Point) -> Float[Array, " limits"]:
-    """How far inside its limits the move stays, of all plants: negative where one is missed."""
-    kept = [of_command(task, point)]
-    if task.limits.peak_deflection is not None:
-        kept.append(_each(task, lambda plant: of_plant(task, plant, point)).reshape(-1))
-    return jnp.concatenate(kept)
+    if not scenarios.limits.any:
+        return Linearisation(values, jacobian, jnp.zeros(0), jnp.zeros((0, len(flat))))
+    slack, slack_jacobian = _with_jacobian(lambda x: slacks(scenarios, unravel(x)), flat)
+    return Linearisation(values, jacobian, jnp.nan_to_num(slack, nan=-1.0), slack_jacobian)
 
 
-def _each(task: Task, function: Callable[[AbstractPlant], Any]) -> Any:
+def slacks(scenarios: Scenarios, point: Point) -> Float[Array, " limits"]:
+    """Slacks of the limits of all moves: negative where one is missed."""
+    found = [command_slack(scenarios, point)]
+    if scenarios.limits.peak_deflection is not None:
+        found.append(_every_plant(scenarios, lambda plant: deflection_slack(scenarios, plant, point)).reshape(-1))
+    return jnp.concatenate(found)
+
+
+def _every_plant(scenarios: Scenarios, function: Callable[[AbstractPlant], Any]) -> Any:
     """A function of every plant, stacked: of the nominal one alone where there are no samples."""
-    if not task.samples:
-        return jax.tree.map(lambda x: x[None], function(task.plant))
-    return map_plants(function, task.plant, task.samples)
+    if not scenarios.samples:
+        return jax.tree.map(lambda x: x[None], function(scenarios.plant))
+    return map_plants(function, scenarios.plant, scenarios.samples)
 
 
-def _with_slopes(function: Callable[[Array], Array], x: Array) -> tuple[Array, Array]:
+def _with_jacobian(function: Callable[[Array], Array], x: Array) -> tuple[Array, Array]:
     """A function's value and Jacobian; derivatives that are not finite count as 0."""
-    twice = lambda x: (lambda value: (value, value))(function(x))
-    jacobian = jax.jacfwd if len(x) <= FORWARD else jax.jacrev
-    slopes, value = jacobian(twice, has_aux=True)(x)
-    return value, jnp.nan_to_num(slopes)
+
+    def twice(x: Array) -> tuple[Array, Array]:
+        value = function(x)
+        return value, value
+
+    mode = jax.jacfwd if len(x) <= FORWARD else jax.jacrev
+    jacobian, value = mode(twice, has_aux=True)(x)
+    return value, jnp.nan_to_num(jacobian)
 
 
-def residual(task: Task, point: Point) -> Array:
-    """The nominal plant's departure from rest, scaled so that close to rest its square is the residual energy over the
-    energy that the bare command leaves.
+def scaled_departure(scenarios: Scenarios, point: Point) -> Array:
+    """The nominal plant's departure from rest at the end of the move, scaled by a root of the energy's curvature.
 
-    The scale is a root of the energy's curvature at rest. Unlike the energy itself, this has a simple zero
-    at a perfect shaper, which is what lets Levenberg–Marquardt reach rounding.
+    Close to rest its square is the residual energy over the energy that the bare command leaves. Unlike the energy, it
+    has a simple zero at a perfect shaper, which lets Levenberg–Marquardt converge to rounding.
     """
-    plant = task.changed(task.plant, point)
-    plan = schedule(plant, task.command, join(point.amplitudes, point.gaps))
-    inputs, begin = plan.final_inputs(plant), initial(plant, task.state)
+    plant = scenarios.with_design(scenarios.plant, point)
+    plan = schedule(plant, scenarios.command, point.shaper)
+    inputs, begin = plan.final_inputs(plant), initial(plant, scenarios.state)
     rest = plant.rest_state(inputs)
-    end, _ = final_state(plant, plan, begin, task.steps)
+    end, _ = final_state(plant, plan, begin, scenarios.steps)
     curvature = jax.hessian(lambda y: plant.residual_energy(y, inputs))(rest) / 2
     values, vectors = jnp.linalg.eigh(curvature)
     trace, eps = jnp.trace(curvature), jnp.finfo(rest.dtype).eps

@@ -1,42 +1,41 @@
-"""What many plants' residual energies come to: one number, and the weights with which each of them counts in it."""
+"""Objectives: one number from the residual energies of many plants, and its derivative."""
 
 from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, Float
 
 from jshape import _check
 
-NAMES = ("nominal", "worst", "mean", "cvar")
-
-TAIL = 0.1
-"""The share of the worst plants whose mean is the conditional value at risk."""
-
-Objective = str | Callable[[Array], Array]
-"""One of ``NAMES``, or a function (in JAX) of the energies of all plants, J."""
-
-WORDS = {
+OBJECTIVES = {
     "nominal": "nominal energy",
     "worst": "worst case",
     "mean": "mean",
     "cvar": "mean of the worst tenth",
 }
+"""Objectives by name, and what messages call them."""
+
+TAIL = 0.1
+"""The share of the worst plants whose mean is the conditional value at risk."""
+
+Objective = str | Callable[[Array], Array]
+"""A key of ``OBJECTIVES``, or a function (in JAX) of the energies of all plants, J."""
 
 
-def check(objective: Objective) -> None:
+def check_objective(objective: Objective) -> None:
     """*Raises* ``ValueError`` for what is neither a name nor a function."""
     if not callable(objective):
-        _check.one_of(objective, "objective", NAMES)
+        _check.one_of(objective, "objective", tuple(OBJECTIVES))
 
 
-def words(objective: Objective) -> str:
-    """The objective's name as a result says it."""
-    return getattr(objective, "__name__", "objective") if callable(objective) else WORDS[objective]
+def objective_name(objective: Objective) -> str:
+    """The objective as messages call it."""
+    return getattr(objective, "__name__", "objective") if callable(objective) else OBJECTIVES[objective]
 
 
-def value_of(objective: Objective, energies: np.ndarray) -> float:
+def value_of(objective: Objective, energies: Float[np.ndarray, " plants"]) -> float:
     """The objective's value for the energies of all plants, J."""
     if callable(objective):
         return float(objective(jnp.asarray(energies)))
@@ -51,7 +50,7 @@ def value_of(objective: Objective, energies: np.ndarray) -> float:
     return float(np.mean(energies))
 
 
-def weights_of(objective: Objective, energies: np.ndarray) -> np.ndarray:
+def weights_of(objective: Objective, energies: Float[np.ndarray, " plants"]) -> Float[np.ndarray, " plants"]:
     """The derivative of a smooth objective (the mean, or a function) with respect to each energy."""
     if callable(objective):
         return np.asarray(jax.grad(lambda e: jnp.asarray(objective(e)).reshape(()))(jnp.asarray(energies)))

@@ -5,7 +5,9 @@ of impulses, rule of amplitudes and duration, each from its neighbours on the fr
 them as points.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+import dataclasses
+import functools
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -16,23 +18,25 @@ import numpy as np
 import xarray as xr
 
 from jshape import _check
+from jshape._types import Progress
 from jshape.design.closed_forms import closed_forms
-from jshape.design.tuning import starts as _starts
-from jshape.design.tuning.bounds import Rules
+from jshape.design.tuning.design_problem import DesignProblem, design_problem, slowest_period
 from jshape.design.tuning.evaluate import energies
-from jshape.design.tuning.objective import Objective, value_of, words
-from jshape.design.tuning.prepare import finer_set, prepare
-from jshape.design.tuning.slsqp import Polish
-from jshape.design.tuning.task import Point, Task
+from jshape.design.tuning.objective import Objective, objective_name, value_of
+from jshape.design.tuning.scenarios import Limits, Point
+from jshape.design.tuning.search import Candidate, on_finer_set, status_of
+from jshape.design.tuning.slsqp import EpigraphSLSQP
+from jshape.design.tuning.starts import starts as starting_points
 from jshape.plants import AbstractPlant
 from jshape.simulation.simulate import with_arrays
-from jshape.sweeps.checkpoint import in_pieces
+from jshape.status import Status
+from jshape.sweeps.checkpoint import in_chunks
 
 FRESH = 2
-"""Of the starts that are no neighbours, so many of the best are polished at each duration."""
+"""Of the starts that are no neighbours, so many of the best are refined at each duration."""
 
-Progress = Callable[[str, int, int, float], None]
-"""Called with the design's name, how many durations are done, of how many, and the least objective so far (J)."""
+STATUSES = tuple(Status)
+"""Rows of numbers hold a status by its index."""
 
 
 def pareto(
@@ -53,21 +57,35 @@ def pareto(
     store: str | Path | None = None,
     progress: Progress | None = None,
 ) -> xr.Dataset:
-    """The least objective for every duration, for each number of impulses and rule of amplitudes.
+    """Compute the Pareto front of the objective against the duration, for each number of impulses and rule.
 
-    ``impulses``: the numbers to try. ``amplitudes``: the rules to try, as in ``tune``, with ``limit`` for those that
-    take one; unity amplitudes need odd numbers of impulses and are left out for even ones. ``durations``: the longest
-    that a shaper may take, s, ascending; or how many of them, evenly from a tenth of the slowest mode's period to one
-    and a half. ``over``, ``objective``, ``relative``, ``initial_state``: as in ``tune``. ``starts``, ``seed``: of the
-    starts at each duration; the neighbours on the front, shorter and longer, come on top. ``store``: a folder that
-    keeps each finished front, so that an interrupted call goes on where it stopped.
+    Args:
+        plant: the nominal plant.
+        distance: of the move, m or rad, or any command.
+        impulses: numbers of impulses to try.
+        durations: the longest that a shaper may take, s, ascending; or how many of them, evenly from a tenth of the
+            slowest mode's period to one and a half.
+        amplitudes: rules to try, as in ``tune``; unity amplitudes need odd numbers of impulses and are left out for
+            even ones.
+        limit: greatest magnitude of an amplitude, for the rules that take one.
+        over: an uncertain set, as in ``tune``.
+        objective: as in ``tune``.
+        starts: starting points at each duration; the neighbours on the front, shorter and longer, come on top.
+        seed: of the random starting points.
+        relative: as in ``tune``.
+        initial_state: as in ``tune``.
+        iterations: of SLSQP from each point, at most.
+        store: a folder that keeps each finished front, so that an interrupted call goes on where it stopped.
+        progress: called with the design's name, durations done, of how many, and the least objective so far (J).
 
-    Returns a dataset over ``design`` (``"3 positive"``, …) and ``duration``: ``objective`` (J), ``certified`` (the same
-    on a set ten times finer, J), ``optimality`` (see ``Solution``), ``shaper_duration`` (s), and ``amplitude`` and
-    ``time`` (s) over ``impulse``, filled up with NaN; and over ``closed_form``: ``closed_objective`` (J) and
-    ``closed_duration`` (s). More time never costs: a front does not rise.
+    Returns:
+        Over ``design`` (``"3 positive"``, …) and ``duration``: ``objective`` and ``objective_on_finer_set`` (J),
+        ``optimality`` (see ``Solution``), ``status`` (values of ``Status``), ``converged``, ``shaper_duration`` (s),
+        and ``amplitude`` and ``time`` (s) over ``impulse``, filled up with NaN. Over ``closed_form``:
+        ``closed_objective`` (J) and ``closed_duration`` (s). The objective does not rise with the duration.
 
-    *Raises* ``ValueError`` for arguments that make no sense, as ``tune`` does.
+    Raises:
+        ValueError: for arguments that make no sense, as ``tune`` does.
     """
     counts = [_check.count(n, "impulses", least=2) for n in impulses]
     if not counts or isinstance(amplitudes, str) or not amplitudes:
@@ -75,119 +93,113 @@ def pareto(
     starts, iterations = _check.count(starts, "starts"), _check.count(iterations, "iterations")
     plant = with_arrays(plant)
     times = _times(plant, durations)
-    whole = (0.0, float(times[-1]))
-    designs = [(n, rule) for rule in amplitudes for n in counts if rule != "unity" or n % 2]
+    designs = {f"{n} {rule}": (n, rule) for rule in amplitudes for n in counts if rule != "unity" or n % 2}
     if not designs:
         raise ValueError(f"impulses must hold an odd number for unity amplitudes, not only {tuple(counts)}")
-    given: Any = dict(relative=relative, initial_state=initial_state)
-    tasks = [
-        prepare(plant, distance, n, whole, rule, None if rule == "unity" else limit, over, objective, **given)
-        for n, rule in designs
-    ]
-    names = [f"{n} {rule}" for n, rule in designs]
-    most = max(counts)
-
-    def compute(missing: list[int]):
-        for index in missing:
-            task, rules, absolute = tasks[index]
-            note = lambda done, best, index=index: progress and progress(names[index], done, len(times), best)
-            front = _front(task, rules, objective, times, starts, seed, iterations, note)
-            yield index, _judged(task, rules, objective, absolute, front, most)
-
-    leaves = jax.tree.leaves((tasks[0][0].plant, tasks[0][0].command, tasks[0][0].samples, tasks[0][0].state))
-    facts = f"{names} {words(objective)} {limit} {starts} {seed} {iterations} {version('jshape')} {version('jax')}"
-    fingerprint = lambda: b"|".join([facts.encode(), times.tobytes(), *(np.asarray(x).tobytes() for x in leaves)])
     if callable(objective) and store is not None:
-        raise ValueError("store needs an objective by name: whether a function is still the same cannot be told")
-    table = np.full((len(designs), len(times), 4 + 2 * most), np.nan)
-    for index, rows in in_pieces(compute, len(designs), None if store is None else Path(store), fingerprint, None):
+        raise ValueError("store needs an objective by name: whether a function is still the same is not known")
+    problems = [
+        design_problem(
+            plant, distance, n, (0.0, float(times[-1])), rule, None if rule == "unity" else limit, over, objective,
+            relative=relative, initial_state=initial_state, limits=Limits(),
+        )
+        for n, rule in designs.values()
+    ]  # fmt: skip
+    names, most = list(designs), max(counts)
+
+    def compute(missing: list[int]) -> Iterator[tuple[int, np.ndarray]]:
+        for index in missing:
+            report = functools.partial(progress, names[index]) if progress is not None else lambda *_: None
+            front = _front(problems[index], times, starts, seed, iterations, report)
+            yield index, np.array([_row(problems[index], candidate, most) for candidate in front])
+
+    def fingerprint() -> bytes:
+        facts = [names, objective_name(objective), limit, starts, seed, iterations, version("jshape"), version("jax")]
+        scenarios = problems[0].scenarios
+        leaves = jax.tree.leaves((scenarios.plant, scenarios.command, scenarios.samples, scenarios.state))
+        return b"|".join([repr(facts).encode(), times.tobytes(), *(np.asarray(x).tobytes() for x in leaves)])
+
+    table = np.full((len(designs), len(times), 5 + 2 * most), np.nan)
+    for index, rows in in_chunks(compute, len(designs), None if store is None else Path(store), fingerprint, None):
         table[index] = rows
-    return _dataset(
-        table, designs, names, times, most, words(objective), _closed(tasks[0][0], plant, distance, objective)
-    )
+    return _dataset(table, designs, times, objective, _closed(problems[0], distance))
 
 
 def _front(
-    task: Task,
-    rules: Rules,
-    objective: Objective,
+    problem: DesignProblem,
     times: np.ndarray,
     starts: int,
     seed: int,
     iterations: int,
-    note: Callable[[int, float], Any],
-) -> list[tuple[float, Point]]:
+    report: Callable[[int, int, float], Any],
+) -> list[Candidate]:
     """Up through the durations, each from the one before and from the best of fresh starts; then down again."""
-    front: list[tuple[float, Point]] = []
-    searches = [Polish(task, _within(rules, float(t)), objective) for t in times]
+    front: list[Candidate] = []
+    searches = [EpigraphSLSQP(_within(problem, float(time))) for time in times]
 
-    def better(search: Polish, points: list[Point], best: tuple[float, Point] | None) -> tuple[float, Point]:
+    def best_of(search: EpigraphSLSQP, points: list[Point], known: list[Candidate]) -> Candidate:
+        """The best of the known candidates and those that the search finds from the points."""
+        candidates = list(known)
         for point in points:
-            found, _ = search(search.rules.clean(point), iterations)
-            value = value_of(objective, search.look(search.vector(found))[0])
-            if best is None or value < best[0]:
-                best = value, found
-        assert best is not None
-        return best
+            found, optimal = search(search.problem.bounds.clip(point), iterations)
+            candidates.append(Candidate(search.merit(found), found, optimal))
+        return min(candidates, key=lambda candidate: candidate.merit)
 
     for done, search in enumerate(searches):
-        note(done, front[-1][0] if front else np.inf)
-        fresh = _starts.starts(task.plant, float(task.command.final), search.rules, starts, seed)
-        points = [Point(*row) for row in zip(*fresh, strict=True)]
-        points.sort(key=lambda point: value_of(objective, search.look(search.vector(point))[0]))
-        points = points[:FRESH]
+        report(done, len(times), front[-1].merit if front else np.inf)
+        points = sorted(starting_points(search.problem, starts, seed), key=search.merit)[:FRESH]
         if front:
-            before = front[-1][1]
+            before = front[-1].point
             points = [before, before._replace(gaps=before.gaps * times[done] / times[done - 1]), *points]
         # What does not take longer is allowed here, too.
-        front.append(better(search, points, front[-1] if front else None))
+        front.append(best_of(search, points, front[-1:]))
     for index in range(len(times) - 2, -1, -1):
-        after = front[index + 1][1]
+        after = front[index + 1].point
         if after.gaps.sum() > times[index]:
-            front[index] = better(searches[index], [after], front[index])
+            front[index] = best_of(searches[index], [after], [front[index]])
     for index in range(1, len(times)):
-        front[index] = min(front[index], front[index - 1], key=lambda pair: pair[0])
-    note(len(times), front[-1][0])
+        front[index] = min(front[index], front[index - 1], key=lambda candidate: candidate.merit)
+    report(len(times), len(times), front[-1].merit)
     return front
 
 
-def _within(rules: Rules, longest: float) -> Rules:
-    return Rules(rules.lower, rules.upper, 0.0, longest, rules.leaves, rules.least, rules.most)
+def _within(problem: DesignProblem, longest: float) -> DesignProblem:
+    """The same problem for shapers that take no longer."""
+    return dataclasses.replace(problem, bounds=dataclasses.replace(problem.bounds, shortest=0.0, longest=longest))
 
 
-def _judged(task: Task, rules: Rules, objective: Objective, absolute, front, most: int) -> np.ndarray:
-    """A front as rows of numbers: objective, certified, optimality, duration, amplitudes, times."""
-    rows = np.full((len(front), 4 + 2 * most), np.nan)
-    for row, (value, point) in zip(rows, front, strict=True):
-        at = Point(*(jnp.asarray(part) for part in point))
-        dense = np.asarray(energies(finer_set(task, absolute), at))
-        taken = float(np.sum(point.gaps))
-        balance = Polish(task, _within(rules, max(taken, 1e-12)), objective).optimality(point)
-        n = len(point.amplitudes)
-        row[:4] = value, value_of(objective, dense), balance.residual, taken
-        row[4 : 4 + n], row[4 + most : 4 + most + n] = point.amplitudes, np.append(0.0, np.cumsum(point.gaps))
-    return rows
+def _row(problem: DesignProblem, candidate: Candidate, most: int) -> np.ndarray:
+    """A candidate as numbers: both objectives, optimality, status, duration, amplitudes, times."""
+    value, point, optimal = candidate
+    duration, n = float(np.sum(point.gaps)), len(point.amplitudes)
+    judge = EpigraphSLSQP(_within(problem, max(duration, 1e-12)))
+    found = judge.evaluate(judge.vector(point))
+    finer, _ = on_finer_set(problem, Point(*map(_check.on_device, point)), found.energies)
+    status = STATUSES.index(status_of(found.energies, found.slacks, optimal))
+    row = np.full(5 + 2 * most, np.nan)
+    row[:5] = value, finer, judge.optimality(point).residual, status, duration
+    row[5 : 5 + n], row[5 + most : 5 + most + n] = point.amplitudes, np.append(0.0, np.cumsum(point.gaps))
+    return row
 
 
-def _closed(task: Task, plant: AbstractPlant, distance: Any, objective: Objective) -> list[tuple[str, float, float]]:
+def _closed(problem: DesignProblem, distance: Any) -> list[tuple[str, float, float]]:
     """Name, duration (s) and objective (J) of every closed form that applies."""
-    shapers, _ = closed_forms(plant, distance)
-    longest = max(len(s.times) for s in shapers.values())
+    scenarios = problem.scenarios
+    shapers, _ = closed_forms(scenarios.plant, distance)
+    longest = max(len(shaper.times) for shaper in shapers.values())
     found = []
     for name, shaper in shapers.items():
         padded = shaper.pad(longest)
-        point = Point(padded.amplitudes, jnp.diff(padded.times), jnp.zeros(0))
-        found.append((name, float(shaper.duration), value_of(objective, np.asarray(energies(task, point)))))
+        values = energies(scenarios, Point(padded.amplitudes, jnp.diff(padded.times), jnp.zeros(0)))
+        found.append((name, float(shaper.duration), value_of(problem.objective, np.asarray(values))))
     return found
 
 
 def _times(plant: AbstractPlant, durations: Any) -> np.ndarray:
+    """The longest durations to try, s, ascending."""
     if isinstance(durations, int) and not isinstance(durations, bool):
         count = _check.count(durations, "durations")
-        frequency = float(jnp.min(plant.natural_frequency()))
-        if not np.isfinite(frequency) or frequency <= 0:
-            raise ValueError(f"durations must be given: {type(plant).__name__} has no natural frequency at rest")
-        return 2 * np.pi / frequency * np.linspace(0.1, 1.5, count)
+        return slowest_period(plant, "durations") * np.linspace(0.1, 1.5, count)
     times = np.asarray(_check.as_array(durations, "durations"), float)
     _check.positive(times, "durations")
     if times.ndim != 1 or not len(times) or np.any(np.diff(times) <= 0):
@@ -195,23 +207,33 @@ def _times(plant: AbstractPlant, durations: Any) -> np.ndarray:
     return times
 
 
-def _dataset(table, designs, names, times, most: int, objective: str, closed) -> xr.Dataset:
-    along = ("design", "duration")
-    value = dict(units="J", long_name=f"residual energy, {objective}")
+def _dataset(
+    table: np.ndarray,
+    designs: Mapping[str, tuple[int, str]],
+    times: np.ndarray,
+    objective: Objective,
+    closed: list[tuple[str, float, float]],
+) -> xr.Dataset:
+    """Rows of numbers (see ``_row``) as a dataset with names and units."""
+    along, most = ("design", "duration"), (table.shape[2] - 5) // 2
+    energy = dict(units="J", long_name=f"residual energy, {objective_name(objective)}")
+    status = np.array([member.value for member in STATUSES])[table[..., 3].astype(int)]
     variables = {
-        "objective": (along, table[..., 0], value),
-        "certified": (along, table[..., 1], dict(units="J", long_name="the same on a set ten times finer")),
+        "objective": (along, table[..., 0], energy),
+        "objective_on_finer_set": (along, table[..., 1], dict(units="J", long_name="the same on a finer set")),
         "optimality": (along, table[..., 2], dict(units="1", long_name="first-order optimality residual")),
-        "shaper_duration": (along, table[..., 3], dict(units="s", long_name="duration that the shaper takes")),
-        "amplitude": ((*along, "impulse"), table[..., 4 : 4 + most], dict(units="1", long_name="amplitude")),
-        "time": ((*along, "impulse"), table[..., 4 + most :], dict(units="s", long_name="time of the impulse")),
-        "closed_objective": ("closed_form", [value for *_, value in closed], value),
-        "closed_duration": ("closed_form", [t for _, t, _ in closed], dict(units="s", long_name="duration")),
+        "status": (along, status, dict(long_name="how the search ended")),
+        "converged": (along, status == Status.CONVERGED.value, dict(long_name="whether it ended at an optimum")),
+        "shaper_duration": (along, table[..., 4], dict(units="s", long_name="duration that the shaper takes")),
+        "amplitude": ((*along, "impulse"), table[..., 5 : 5 + most], dict(units="1", long_name="amplitude")),
+        "time": ((*along, "impulse"), table[..., 5 + most :], dict(units="s", long_name="time of the impulse")),
+        "closed_objective": ("closed_form", [value for *_, value in closed], energy),
+        "closed_duration": ("closed_form", [time for _, time, _ in closed], dict(units="s", long_name="duration")),
     }
     coordinates = {
-        "design": names,
-        "impulses": ("design", [n for n, _ in designs]),
-        "amplitudes": ("design", [rule for _, rule in designs]),
+        "design": list(designs),
+        "impulses": ("design", [n for n, _ in designs.values()]),
+        "amplitudes": ("design", [rule for _, rule in designs.values()]),
         "duration": ("duration", times, dict(units="s", long_name="longest duration allowed")),
         "closed_form": [name for name, *_ in closed],
     }

@@ -1,46 +1,79 @@
-"""What a search hands back: the shaper, how good it is, how sure that is, and why it is the best."""
+"""The result of a search: the shaper, its objective and how accurate that is, and why it is an optimum."""
 
 import dataclasses
+import html
 
 import numpy as np
+from jaxtyping import Float
 
 from jshape.plants import AbstractPlant
 from jshape.shaper import Shaper
+from jshape.status import Result, Status
 
 
-@dataclasses.dataclass(frozen=True)
-class Solution:
+@dataclasses.dataclass(frozen=True, repr=False)
+class Solution(Result):
     """A tuned shaper and how it was found.
 
-    ``objective``: residual energy (J; or the metric asked for): the nominal plant's, or the worst, mean or tail mean
-    over the uncertain set, or what the objective's function makes of them. ``result`` says in words how it ended.
-
-    ``history``: the objective, with the price of time if it has one, after each iteration (nominal: of the start that
-    won) or at each point looked at (others), the best so far. ``energies``: of every plant of the set at the end, J;
-    ``samples``: those plants' leaves, absolute.
-
-    ``certified``: the objective on a set ten times finer along each leaf (as far as that stays under 20,000 plants), J.
-    ``error``: how much the objective changes with four times as many integration steps, J.
-
-    ``active``: the leaves of the plants that hold the optimum in place, and under ``"weight"`` with which weight, the
-    heaviest first; empty without an uncertain set. ``optimality``: what the active plants, limits and bounds leave of
-    the steepest slope when they are balanced (Karush, Kuhn and Tucker): 0 at an optimum.
-
-    ``plant``: the nominal plant with the designed leaves in place; ``leaves``: their values (``also``).
-    ``limits``: how much of each limit on the move is left, at the place where it is least: 1 all of it, 0 none, below
-    0 missed.
+    Attributes:
+        shaper: the shaper.
+        objective: residual energy (J; or the metric asked for): the nominal plant's, or the worst, mean or tail mean
+            over the uncertain set, or what the objective's function makes of them.
+        status: ``CONVERGED`` at an optimum, ``STOPPED`` where the iterations ran out before, ``INFEASIBLE`` where a
+            limit is missed, ``DIVERGED`` where a plant diverged, ``INTERRUPTED`` by the user.
+        message: how the search ended, a sentence.
+        history: the objective, with the cost of time if it has one, after each iteration (nominal: of the best start)
+            or at each design evaluated (others), the least so far.
+        energies: of every plant of the set, J.
+        samples: the leaves of those plants, absolute, one entry a plant.
+        objective_on_finer_set: the objective on a set ten times finer along each leaf (as far as that stays under
+            20,000 plants), with four times as many integration steps, J.
+        error: how much the objective changes with four times as many integration steps, J.
+        active: leaves of the active plants, whose energies define the optimum, and under ``"multiplier"`` their
+            multipliers, the greatest first; empty without an uncertain set.
+        optimality: residual of the Karush–Kuhn–Tucker conditions, relative to the steepest slope; 0 at an optimum.
+        plant: the nominal plant with the designed leaves in place.
+        leaves: values of the designed leaves.
+        slack: of the limit on the move that is closest: 1 where none of it is used, negative where it is missed.
     """
 
     shaper: Shaper
     objective: float
-    history: np.ndarray
-    result: str
-    energies: np.ndarray
-    samples: dict[str, np.ndarray]
-    certified: float
+    status: Status
+    message: str
+    history: Float[np.ndarray, " evaluations"]
+    energies: Float[np.ndarray, " plants"]
+    samples: dict[str, Float[np.ndarray, " plants"]]
+    objective_on_finer_set: float
     error: float
-    active: dict[str, np.ndarray]
+    active: dict[str, Float[np.ndarray, " active"]]
     optimality: float
     plant: AbstractPlant
     leaves: dict[str, float]
-    limits: float
+    slack: float
+
+    def __repr__(self) -> str:
+        return "\n  ".join([f"Solution({self.message})", *(f"{name}: {text}" for name, text in self._rows())])
+
+    def _repr_html_(self) -> str:
+        rows = [("status", self.message), *self._rows()]
+        table = "".join(f"<tr><th>{name}</th><td>{html.escape(text)}</td></tr>" for name, text in rows)
+        # The shaper draws itself, where it can.
+        picture = getattr(self.shaper, "_repr_html_", str)()
+        return f"<table>{table}</table>{picture}"
+
+    def _rows(self) -> list[tuple[str, str]]:
+        """What a person reads first: names and texts."""
+        plants = [
+            ", ".join(f"{name} = {value:.6g}" for name, value in zip(self.active, row, strict=True))
+            for row in zip(*self.active.values(), strict=True)
+        ]
+        return [
+            ("shaper", repr(self.shaper)),
+            (
+                "objective",
+                f"{self.objective:.6g}, {self.objective_on_finer_set:.6g} on the finer set, error {self.error:.1e}",
+            ),
+            ("active plants", "; ".join(plants) or "the nominal plant"),
+            ("optimality", f"{self.optimality:.1e}, least slack of the limits {self.slack:.3g}"),
+        ]

@@ -4,21 +4,21 @@
 for the shaper that is best in the worst case, on average or in the tail::
 
     sol = js.tune(plant, 1.0, impulses=3, duration=1.643, objective="worst", over={"m2": jnp.linspace(0.8, 1.2, 41)})
-    sol.shaper, sol.objective, sol.result
+    sol.shaper, sol.objective, sol.status
 """
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from jshape import _check
-from jshape.design.tuning import digital as _digital
-from jshape.design.tuning import starts as _starts
+from jshape._types import Progress
+from jshape.design.tuning import digital
+from jshape.design.tuning.design_problem import design_problem
 from jshape.design.tuning.objective import Objective
-from jshape.design.tuning.prepare import number, prepare
-from jshape.design.tuning.search import Progress, Search
-from jshape.design.tuning.slsqp import ROUND
+from jshape.design.tuning.scenarios import Limits, Metric
+from jshape.design.tuning.search import Search
 from jshape.design.tuning.solution import Solution
-from jshape.design.tuning.task import Metric
+from jshape.design.tuning.starts import starts as starting_points
 from jshape.plants import AbstractPlant
 from jshape.shaper import Shaper
 
@@ -41,7 +41,7 @@ def tune(
     sample_time: float | None = None,
     also: Sequence[str] | Mapping[str, Any] = (),
     peak_deflection: float | None = None,
-    rate: float | None = None,
+    speed_limit: float | None = None,
     command_overshoot: float | None = None,
     initial_state: Any = None,
     start: Shaper | None = None,
@@ -49,61 +49,69 @@ def tune(
     method: str = "second-order",
     progress: Progress | None = None,
 ) -> Solution:
-    """Tune the amplitudes and times of a shaper.
+    """Minimise the residual energy of one or many plants over the amplitudes and times of a shaper.
 
-    ``impulses``: at least 2. ``duration``: of the shaper, s, or (shortest, longest); if not given it is free, up to
-    three quarters of the slowest mode's period an interval. ``time_cost``: what a second of it costs, J/s, added to
-    the objective. ``amplitudes``: ``"positive"``, ``"bounded"`` (|A| ≤ ``limit``), ``"unity"`` (1, −1, …, 1: only
-    times are tuned) or ``"free"``. ``sample_time``: s; all impulses at multiples of it.
+    ``"second-order"`` is, for the nominal plant alone, Levenberg–Marquardt (optimistix) on the residual state, all
+    starts side by side; of those that reach zero the first counts, and the closed forms come first. Otherwise the best
+    starts (of more than 64, after a first-order descent side by side) are refined by SLSQP (SciPy) on the objective's
+    epigraph. ``"first-order"`` is Adam (optax) on the smoothed objective, projected onto the bounds, alone; it is
+    slower to the last digits.
 
-    ``over``: an uncertain set, multiples of nominal unless ``relative=False``; several leaves make a grid.
-    ``objective``: ``"nominal"``, ``"worst"``, ``"mean"``, ``"cvar"`` (the mean of the worst tenth), or a function in
-    JAX of all plants' energies. ``metric``: what takes the residual energy's place, a function in JAX (plant, shaper,
-    command) → scalar. ``also``: leaves of the plant that are designed with the shaper, a list (within a tenth and ten
-    times nominal) or leaf → (least, greatest).
+    An interrupt (Ctrl-C) after the first candidate returns the best design so far.
 
-    Limits: ``peak_deflection``: m, of every plant, until a period after the move. ``rate``: of the shaped command,
-    per s. ``command_overshoot``: of the shaped command past its ends, over the distance; 0 for none.
+    Args:
+        plant: the nominal plant.
+        distance: of the move, m or rad, or any command.
+        impulses: of the shaper, at least 2.
+        duration: of the shaper, s, or (shortest, longest); if not given it is free, up to three quarters of the
+            slowest mode's period an interval.
+        amplitudes: ``"positive"``, ``"bounded"`` (|A| ≤ ``limit``), ``"unity"`` (1, −1, …, 1: only times are tuned) or
+            ``"free"``.
+        limit: greatest magnitude of an amplitude.
+        over: an uncertain set: leaves and their values, multiples of nominal; several leaves make a grid.
+        objective: ``"nominal"``, ``"worst"``, ``"mean"``, ``"cvar"`` (the mean of the worst tenth), or a function in
+            JAX of all plants' energies.
+        starts: number of starting points.
+        seed: of the random starting points.
+        relative: whether ``over`` holds multiples of nominal values, not absolute ones.
+        metric: what takes the residual energy's place, a function in JAX (plant, shaper, command) → scalar.
+        time_cost: added to the objective for each second of the shaper, J/s.
+        sample_time: s; all impulses at multiples of it.
+        also: leaves of the plant that are designed with the shaper, a list (within a tenth and ten times nominal) or
+            leaf → (least, greatest).
+        peak_deflection: greatest deflection of every plant until a period after the move, m.
+        speed_limit: greatest speed of the shaped command, its unit per s.
+        command_overshoot: of the shaped command past its ends, a fraction of the distance; 0 for none.
+        initial_state: of every plant; at rest if not given.
+        start: begin at this shaper and nowhere else.
+        iterations: at most so many (40 for Levenberg–Marquardt, 360 for SLSQP, 1000 for Adam).
+        method: ``"second-order"`` or ``"first-order"``.
+        progress: called along the way (see ``jshape._types.Progress``).
 
-    ``starts``: how many starting points are tried, ``seed``: of the random ones. ``start``: begin there and nowhere
-    else. ``iterations``: at most so many (40 for Levenberg–Marquardt, 360 for SLSQP, 1000 for Adam). ``progress``: see
-    ``Progress``.
+    Returns:
+        The design. One that does not reach an optimum, misses a limit or diverges is no error: its ``status`` and
+        ``message`` say so.
 
-    ``method``: ``"second-order"`` is, for nominal, Levenberg–Marquardt (optimistix) on the residual state, all starts
-    side by side; of those that reach zero the first counts, and the textbook shapers come first. For the others, and
-    wherever there are limits, the best starts (of more than 64, after a first-order descent side by side) are polished
-    by SLSQP (SciPy) on the objective's epigraph. ``"first-order"`` is Adam (optax) on the smoothed objective,
-    projected onto the rules, alone; it is slower to the last digits.
-
-    *Raises* ``ValueError`` for arguments that make no sense. A design that does not reach zero, misses a limit, or does
-    not converge, is no error: ``result`` says so.
+    Raises:
+        ValueError: for arguments that make no sense.
     """
     starts = _check.count(starts, "starts")
     _check.one_of(method, "method", ("second-order", "first-order"))
     if iterations is not None:
         iterations = _check.count(iterations, "iterations")
-    task, allowed, absolute = prepare(
+    problem = design_problem(
         plant, distance, impulses, duration, amplitudes, limit, over, objective,
-        relative=relative, metric=metric, also=also, initial_state=initial_state,
-        peak_deflection=peak_deflection, rate=rate, command_overshoot=command_overshoot,
+        relative=relative, metric=metric, also=also, initial_state=initial_state, time_cost=time_cost,
+        limits=Limits(peak_deflection, speed_limit, command_overshoot),
     )  # fmt: skip
-    time_cost = number(time_cost, "time_cost") or 0.0
     if sample_time is not None:
         _check.positive(sample_time, "sample_time")
-        _digital.check(sample_time, allowed.shortest, allowed.longest)
+        digital.check(sample_time, problem.bounds)
     if start is None:
-        begin = _starts.starts(task.plant, float(task.command.final), allowed, starts, seed)
+        points = starting_points(problem, starts, seed)
+    elif len(start.times) != problem.bounds.impulses:
+        raise ValueError(f"start must have {problem.bounds.impulses} impulses, not {len(start.times)}")
     else:
-        if len(start.times) != allowed.impulses:
-            raise ValueError(f"start must have {allowed.impulses} impulses, not {len(start.times)}")
-        begin = _starts.stack([allowed.fit(start)])
-    search = Search(task, allowed, objective, time_cost, progress or (lambda stage, done, total, best: None))
-    if method == "first-order":
-        found = search.first_order(begin, iterations or 1000)
-    elif objective == "nominal" and search.simple:
-        found = search.nominal(begin, iterations or 40)
-    else:
-        found = search.robust(begin, iterations or 360)
-    if sample_time is not None:
-        found = search.digital(found, sample_time, min(iterations or ROUND, ROUND))
-    return search.solution(found, absolute)
+        points = [problem.bounds.nearest(start)]
+    search = Search(problem, progress or (lambda stage, done, total, best: None))
+    return search.run(points, method, iterations, sample_time)

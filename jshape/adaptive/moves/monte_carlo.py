@@ -1,4 +1,4 @@
-"""Hundreds of machines side by side: how much does each strategy leave of the moves around a change?"""
+"""Hundreds of machines side by side: the residuals of each strategy in the moves around a change."""
 
 from collections.abc import Mapping
 
@@ -18,9 +18,14 @@ def run_many(
     sensor: NoisySensor,
     key: PRNGKeyArray,
 ) -> dict[str, MoveTrace]:
-    """All strategies through all schedules, each a machine of its own; all see the same noise.
+    """Run all strategies through all schedules, each a machine of its own, with the same noise.
 
-    ``moves``: every array with a leading axis of schedules ahead of that of moves, and so in the traces.
+    Args:
+        truth: the true machine.
+        strategies: by name.
+        moves: every array with a leading axis of schedules ahead of that of moves, and so in the traces.
+        sensor: the true one.
+        key: of the noise.
     """
     keys = jax.random.split(key, len(moves.change))
     return {name: _many(truth, strategy, moves, sensor, keys) for name, strategy in strategies.items()}
@@ -34,9 +39,11 @@ def _many(
 
 
 def residuals(traces: Mapping[str, MoveTrace], change: int) -> xr.Dataset:
-    """What each move left: ``energy`` (J for a mass as the model's) and ``vibration`` (in the signal's unit).
+    """Residual ``energy`` (J for a mass as the model's) and ``vibration`` (in the signal's unit) of each move.
 
-    ``change``: the number of the first move that the changed plant makes as a whole; it is move 1 of the coordinate.
+    Args:
+        traces: from ``run_many``.
+        change: number of the first move that the changed plant makes as a whole; it is move 1 of the coordinate.
     """
     dims = ("strategy", "schedule", "move")
     stacked = {name: np.stack([getattr(t, name) for t in traces.values()]) for name in ("energy", "vibration")}

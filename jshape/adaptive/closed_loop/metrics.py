@@ -1,4 +1,4 @@
-"""What a run was worth: residual vibration, settling time and accumulated vibration, move by move."""
+"""Metrics of a run: residual vibration, settling time and accumulated vibration, move by move."""
 
 import jax
 import jax.numpy as jnp
@@ -11,9 +11,13 @@ from jshape.adaptive.closed_loop.schedules import Schedule
 
 
 def residual(trace: Trace, schedule: Schedule, settle: Scalar | float = 1.9) -> Float[Array, " moves"]:
-    """The largest deflection of the payload from ``settle`` seconds after each edge to the next, over the move's size.
+    """The largest deflection of the payload after each move, over the move's size.
 
-    ``settle`` is to cover the longest shaper and the servo. A move that ends before that counts as 0.
+    Args:
+        trace: of one strategy.
+        schedule: of the moves.
+        settle: s after an edge from which deflections count, until the next edge; to cover the longest shaper and the
+            servo. A move that ends before that counts as 0.
     """
     _check.not_negative(settle, "settle")
     late = (schedule.since >= settle) & (schedule.move >= 0)
@@ -21,9 +25,12 @@ def residual(trace: Trace, schedule: Schedule, settle: Scalar | float = 1.9) -> 
 
 
 def settling_time(trace: Trace, schedule: Schedule, band: Scalar | float = 0.02) -> Float[Array, " moves"]:
-    """How long after each edge the payload is last off its reference by more than ``band`` times the move's size, s.
+    """Settling time of the payload after each edge, s; about the time between edges where it has not settled then.
 
-    The time between edges, about, where it is not settled when the next comes.
+    Args:
+        trace: of one strategy.
+        schedule: of the moves.
+        band: greatest error of a settled payload, over the move's size.
     """
     _check.positive(band, "band")
     away = jnp.abs(trace.payload - schedule.reference) > band * schedule.sizes[schedule.move]
@@ -31,9 +38,9 @@ def settling_time(trace: Trace, schedule: Schedule, band: Scalar | float = 0.02)
 
 
 def accumulated_vibration(trace: Trace, schedule: Schedule, sample_time: Scalar | float) -> Float[Array, " moves"]:
-    """∫ |a| dt over each move, a the acceleration at the tip, m/s.
+    """The vibration accumulated over each move: ∫ |a| dt, a the acceleration at the tip, m/s.
 
-    *Source*: Chatlatanagulchai, Chotana and Prutthapong, Eq. 6 and Fig. 10.
+    Source: Chatlatanagulchai, Chotana and Prutthapong, Eq. 6 and Fig. 10.
     """
     there = jnp.where(schedule.move >= 0, jnp.abs(trace.tip), 0.0) * sample_time
     return jax.ops.segment_sum(there, jnp.maximum(schedule.move, 0), len(schedule.sizes))

@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 import jshape as js
-from jshape.sweeps import chunks as _pieces
+from jshape.sweeps import chunks
 from jshape.sweeps.leaves import with_leaves
 from jshape.sweeps.sampling import draw
 from jshape.sweeps.sweep import summary
@@ -121,28 +121,28 @@ def test_derivatives_are_those_of_the_metric():
 
 
 def test_an_interrupted_sweep_goes_on_and_ends_with_the_same_bits(tmp_path, monkeypatch):
-    monkeypatch.setattr(_pieces, "PIECE", 50)
+    monkeypatch.setattr(chunks, "CHUNK", 50)
     over = {"m2": jnp.linspace(0.6, 1.4, 230)}
     call = lambda **given: js.sweep(PLANT, THREE, 1.0, over, "residual_energy", estimate_error=False, **given)
     whole = call()
     seen = []
 
-    def stop(done, pieces):
-        seen.append((done, pieces))
+    def stop(stage, done, total, best):
+        seen.append((done, total))
         if done == 2:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        call(store=tmp_path / "pieces", progress=stop)
+        call(store=tmp_path / "store", progress=stop)
     assert seen == [(0, 5), (1, 5), (2, 5)]
-    kept = sorted(p.name for p in (tmp_path / "pieces").glob("piece_*.npy"))
-    assert kept == ["piece_000000.npy", "piece_000001.npy"]
-    before = (tmp_path / "pieces" / kept[0]).stat().st_mtime_ns
-    again = call(store=tmp_path / "pieces")
-    assert (tmp_path / "pieces" / kept[0]).stat().st_mtime_ns == before
+    kept = sorted(p.name for p in (tmp_path / "store").glob("chunk_*.npy"))
+    assert kept == ["chunk_000000.npy", "chunk_000001.npy"]
+    before = (tmp_path / "store" / kept[0]).stat().st_mtime_ns
+    again = call(store=tmp_path / "store")
+    assert (tmp_path / "store" / kept[0]).stat().st_mtime_ns == before
     np.testing.assert_array_equal(again.residual_energy, whole.residual_energy)
-    with pytest.raises(ValueError, match="holds the pieces of another computation"):
-        js.sweep(PLANT, TWO, 1.0, over, "residual_energy", store=tmp_path / "pieces")
+    with pytest.raises(ValueError, match="holds the chunks of another computation"):
+        js.sweep(PLANT, TWO, 1.0, over, "residual_energy", store=tmp_path / "store")
     (tmp_path / "else").mkdir()
     (tmp_path / "else" / "mine.txt").write_text("mine", encoding="utf-8")
     with pytest.raises(ValueError, match="holds files that are not jshape's"):
@@ -191,9 +191,9 @@ def test_wrong_metrics():
 
 @pytest.mark.slow
 def test_plants_of_like_frequency_run_together(monkeypatch, tmp_path):
-    """Frequencies from 1 to 12 of the slowest: each plant gets its own need, in its own place, piece by piece."""
-    monkeypatch.setattr(_pieces, "FEW", 100)
-    monkeypatch.setattr(_pieces, "PIECE", 64)
+    """Frequencies from 1 to 12 of the slowest: each plant gets its own need, in its own place, chunk by chunk."""
+    monkeypatch.setattr(chunks, "FEW", 100)
+    monkeypatch.setattr(chunks, "CHUNK", 64)
     plant = js.plants.ModalPlant(omega=[4.0], zeta=[0.01])
     omega = np.random.default_rng(0).permutation(np.geomspace(4.0, 48.0, 300))
     call = lambda **given: js.sweep(plant, THREE, 1.0, {"omega.0": omega}, "residual_energy", relative=False, **given)
@@ -208,17 +208,17 @@ def test_plants_of_like_frequency_run_together(monkeypatch, tmp_path):
     # Cut into buckets, a sweep can still be stopped and gone on with.
     stops = iter([False, False, False, True])
 
-    def stop(done, pieces):
+    def stop(stage, done, total, best):
         if next(stops):
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        call(store=tmp_path / "pieces", progress=stop)
+        call(store=tmp_path / "store", progress=stop)
     seen = []
-    again = call(store=tmp_path / "pieces", progress=lambda *at: seen.append(at))
+    again = call(store=tmp_path / "store", progress=lambda stage, *at: seen.append(at))
     np.testing.assert_array_equal(again.residual_energy, ds.residual_energy)
     assert seen[0][0] == 3
-    assert seen[-1][0] == seen[-1][1] == len(list((tmp_path / "pieces").glob("*.npy")))
+    assert seen[-1][0] == seen[-1][1] == len(list((tmp_path / "store").glob("*.npy")))
 
 
 def test_a_store_knows_a_function_by_what_it_computes(tmp_path):
@@ -228,10 +228,10 @@ def test_a_store_knows_a_function_by_what_it_computes(tmp_path):
 
         return mine
 
-    call = lambda factor: js.sweep(PLANT, TWO, 1.0, {"m2": [0.5, 2.0]}, times(factor), store=tmp_path / "pieces")
+    call = lambda factor: js.sweep(PLANT, TWO, 1.0, {"m2": [0.5, 2.0]}, times(factor), store=tmp_path / "store")
     np.testing.assert_array_equal(call(2.0).mine[0], [1.0, 4.0])
     np.testing.assert_array_equal(call(2.0).mine[0], [1.0, 4.0])
-    with pytest.raises(ValueError, match="holds the pieces of another computation"):
+    with pytest.raises(ValueError, match="holds the chunks of another computation"):
         call(3.0)
 
 

@@ -1,8 +1,9 @@
 """Programs kept from one process to the next: the same numbers, found again, and only where they may be."""
 
+import hashlib
+import json
 import os
 import time
-from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -17,25 +18,21 @@ from jshape.compilation_cache import kept
 from jshape.plants import TwoMass
 from jshape.simulation.schedule import schedule
 from jshape.simulation.simulate import final_state, initial
+from jshape.sweeps.chunks import Chunk
 
 runs: list[str] = []
 """What has been traced, in this process."""
 
 
-class Pair(NamedTuple):
-    total: jax.Array
-    scaled: jax.Array
-
-
 class Lamp(eqx.Module):
-    """A piece of somebody else's code."""
+    """Somebody else's code."""
 
     power: jax.Array
 
 
 def both(x, factor: float, names: tuple[str, ...] = ()):
     runs.append("both")
-    return {"pair": Pair(jnp.sum(x), factor * x), "count": jnp.asarray(len(names))}
+    return {"pair": Chunk(jnp.sum(x), factor * x, x), "count": jnp.asarray(len(names))}
 
 
 def lit(lamp: Lamp, x):
@@ -48,17 +45,17 @@ def energy(plant: TwoMass, times):
     runs.append("energy")
     plan = schedule(plant, 1.0, js.Shaper(jnp.full(3, 1 / 3), times))
     end, error = final_state(plant, plan, initial(plant), 32)
-    return plant.residual_energy(end, plan.final_inputs(plant)), error, jnp.linalg.eigh(jnp.outer(end, end))
+    return plant.residual_energy(end, plan.final_inputs(plant)), error, *jnp.linalg.eigh(jnp.outer(end, end))
 
 
 @pytest.fixture
-def shelf(tmp_path, monkeypatch):
+def folder(tmp_path, monkeypatch):
     """A folder of its own, and nothing traced so far."""
     runs.clear()
-    monkeypatch.setattr(programs, "_shelf", None)
+    monkeypatch.setattr(programs, "_folder", None)
     programs._open(tmp_path)
-    (folder,) = tmp_path.iterdir()
-    return folder
+    (made,) = tmp_path.iterdir()
+    return made
 
 
 def same(found, expected) -> bool:
@@ -66,18 +63,18 @@ def same(found, expected) -> bool:
     return jax.tree.structure(found) == jax.tree.structure(expected) and all(jax.tree.leaves(equal))
 
 
-def test_another_process_finds_the_program_and_the_same_numbers(shelf):
+def test_another_process_finds_the_program_and_the_same_numbers(folder):
     x = jnp.arange(3.0)
     first = kept(both)(x, 2.0)
     assert same(first, eqx.filter_jit(both)(x, 2.0))
-    assert len(list(shelf.iterdir())) == 1
+    assert len(list(folder.iterdir())) == 1
     runs.clear()
     # A new wrapper knows as little as a new process.
     assert same(kept(both)(x, 2.0), first)
     assert runs == []
 
 
-def test_the_kernel_and_lapack_go_through(shelf):
+def test_the_kernel_and_lapack_go_through(folder):
     plant, times = two_mass(), jnp.array([0.0, 0.5, 1.1])
     kept(energy)(plant, times)
     runs.clear()
@@ -87,45 +84,47 @@ def test_the_kernel_and_lapack_go_through(shelf):
     # What is traced is not part of the program: another plant runs through the same one.
     other = kept(energy)(eqx.tree_at(lambda p: p.m2, plant, jnp.array(1.3, plant.m2.dtype)), times)
     assert float(other[0]) != float(found[0])
-    assert len(list(shelf.iterdir())) == 1
+    assert len(list(folder.iterdir())) == 1
 
 
-def test_a_program_is_one_of_its_arguments(shelf):
+def test_a_program_is_one_of_its_arguments(folder):
     function, x = kept(both), jnp.arange(3.0)
     function(x, 2.0)
     for args in [(jnp.arange(4.0), 2.0), (x.astype(jnp.float32), 2.0), (x, 3.0), (x, 2), (x, 2.0, ("a",))]:
-        before = len(list(shelf.iterdir()))
+        before = len(list(folder.iterdir()))
         assert same(function(*args), eqx.filter_jit(both)(*args))
-        assert len(list(shelf.iterdir())) == before + 1
+        assert len(list(folder.iterdir())) == before + 1
     # So is a setting, for as long as it holds.
     for setting in (jax.enable_x64(False), jax.default_matmul_precision("float32")):
         with setting:
-            before = len(list(shelf.iterdir()))
-            found = function(np.arange(3.0), 2.0)["pair"].scaled
+            before = len(list(folder.iterdir()))
+            found = function(np.arange(3.0), 2.0)["pair"].size
             assert found.dtype == (jnp.float64 if jax.config.jax_enable_x64 else jnp.float32)
-            assert len(list(shelf.iterdir())) == before + 1
+            assert len(list(folder.iterdir())) == before + 1
 
 
-def test_code_that_is_not_ours_is_not_kept(shelf):
+def test_code_that_is_not_ours_is_not_kept(folder):
     x = jnp.arange(3.0)
     assert np.array_equal(kept(lit)(Lamp(jnp.asarray(2.0)), x), 2 * x)
-    assert np.array_equal(kept(both)(x, 2.0, (lambda: 0,))["pair"].scaled, 2 * x)
-    assert list(shelf.iterdir()) == []
+    assert np.array_equal(kept(both)(x, 2.0, (lambda: 0,))["pair"].size, 2 * x)
+    assert list(folder.iterdir()) == []
 
 
-def test_traced_arguments_are_traced_on(shelf):
-    total = lambda x: kept(both)(x, 3.0)["pair"].scaled.sum()
+def test_traced_arguments_are_traced_on(folder):
+    total = lambda x: kept(both)(x, 3.0)["pair"].size.sum()
     assert np.array_equal(jax.grad(total)(jnp.arange(3.0)), np.full(3, 3.0))
     assert np.array_equal(jax.vmap(total)(jnp.ones((2, 3))), np.full(2, 9.0))
-    assert list(shelf.iterdir()) == []
+    assert list(folder.iterdir()) == []
 
 
-def test_a_damaged_file_is_written_anew(shelf):
+def test_a_damaged_file_is_written_anew(folder):
     x = jnp.arange(3.0)
     first = kept(both)(x, 2.0)
-    (path,) = shelf.iterdir()
+    (path,) = folder.iterdir()
     whole = path.read_bytes()
-    for damaged in (b"", whole[: len(whole) // 2], b"something else"):
+    version = whole.replace(b"jshape-program 1", b"jshape-program 0")
+    other = hashlib.sha256(version[32:]).digest() + version[32:]
+    for damaged in (b"", whole[: len(whole) // 2], b"something else", other):
         path.write_bytes(damaged)
         assert same(kept(both)(x, 2.0), first)
         runs.clear()
@@ -133,16 +132,63 @@ def test_a_damaged_file_is_written_anew(shelf):
         assert runs == []
 
 
-def test_errors_come_through(shelf):
+def test_a_flipped_bit_changes_no_number(folder):
+    x = jnp.arange(3.0)
+    expected = kept(both)(x, 2.0)
+    (path,) = folder.iterdir()
+    whole = path.read_bytes()
+    for at in np.random.default_rng(0).choice(8 * len(whole), 200, replace=False).tolist():
+        damaged = bytearray(whole)
+        damaged[at // 8] ^= 1 << at % 8
+        path.write_bytes(damaged)
+        with pytest.raises(ValueError, match="damaged"):
+            programs._read(path)
+        if at % 20 == 0:
+            assert same(kept(both)(x, 2.0), expected)
+            # What was written anew is whole, and found by the next.
+            runs.clear()
+            assert same(kept(both)(x, 2.0), expected)
+            assert runs == []
+    path.write_bytes(whole)
+
+
+def test_results_are_rebuilt_from_data():
+    shaper = eqx.tree_at(lambda s: (s.amplitudes, s.times), js.Shaper([1.0], [0.0]), (4, 5))
+    tree = {"parts": (1, [2, None], {"a": 3}), "shaper": shaper, "chunk": Chunk(6, 7, 8)}
+    rebuilt = programs._rebuild(json.loads(json.dumps(programs._describe(tree))))
+    assert rebuilt == tree
+    assert jax.tree.structure(rebuilt) == jax.tree.structure(tree)
+    # No class of anybody else is looked up, and none that is no container.
+    for name in (f"{__name__}:Lamp", "os:stat_result", "jshape.status:Status", "jshape.simulation.simulate:simulate"):
+        with pytest.raises(programs._NotOursError):
+            programs._rebuild([name, {}])
+
+
+@pytest.mark.skipif(not hasattr(os, "getuid"), reason="no permissions to look at")
+def test_a_folder_that_others_may_write_to_keeps_nothing(tmp_path, monkeypatch):
+    monkeypatch.setattr(programs, "_folder", None)
+    programs._open(tmp_path / "programs")
+    assert programs._folder is not None
+    for part in (programs._folder, tmp_path / "programs"):
+        assert part.stat().st_mode & 0o777 == 0o700
+        part.chmod(0o777)
+        with pytest.warns(UserWarning, match="others may write to it"):
+            programs._open(tmp_path / "programs")
+        assert programs._folder is None
+        part.chmod(0o700)
+        programs._open(tmp_path / "programs")
+
+
+def test_errors_come_through(folder):
     with pytest.raises(TypeError, match="unsupported"):
         kept(both)(jnp.arange(3.0), None)
     with pytest.raises(ValueError, match="same length"):
         kept(energy)(two_mass(), jnp.ones((2, 2)))
-    assert list(shelf.iterdir()) == []
+    assert list(folder.iterdir()) == []
 
 
 def test_other_code_or_settings_have_a_folder_of_their_own(tmp_path, monkeypatch):
-    monkeypatch.setattr(programs, "_shelf", None)
+    monkeypatch.setattr(programs, "_folder", None)
     programs._open(tmp_path)
     monkeypatch.setenv("XLA_FLAGS", "--xla_cpu_enable_fast_math=true")
     programs._open(tmp_path)
@@ -154,7 +200,7 @@ def test_other_code_or_settings_have_a_folder_of_their_own(tmp_path, monkeypatch
 
 
 def test_what_nobody_uses_any_more_is_deleted(tmp_path, monkeypatch):
-    monkeypatch.setattr(programs, "_shelf", None)
+    monkeypatch.setattr(programs, "_folder", None)
     for name, days in (("old", 31), ("recent", 29)):
         (tmp_path / name).mkdir()
         os.utime(tmp_path / name, (time.time() - days * 86400,) * 2)
@@ -164,7 +210,7 @@ def test_what_nobody_uses_any_more_is_deleted(tmp_path, monkeypatch):
 
 
 def test_a_folder_that_cannot_be_written_to_keeps_nothing(tmp_path, monkeypatch):
-    monkeypatch.setattr(programs, "_shelf", None)
+    monkeypatch.setattr(programs, "_folder", None)
     (tmp_path / "file").write_text("")
     programs._open(tmp_path / "file" / "programs")
     assert same(kept(both)(jnp.arange(3.0), 2.0), eqx.filter_jit(both)(jnp.arange(3.0), 2.0))
@@ -172,24 +218,24 @@ def test_a_folder_that_cannot_be_written_to_keeps_nothing(tmp_path, monkeypatch)
 
 def test_where_programs_are_kept(tmp_path, monkeypatch):
     settled = jax.config.jax_compilation_cache_dir
-    monkeypatch.setattr(programs, "_shelf", None)
+    monkeypatch.setattr(programs, "_folder", None)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "user"))
     monkeypatch.setenv("LOCALAPPDATA", str(tmp_path / "user"))
     try:
         jax.config.update("jax_compilation_cache_dir", None)
         js.keep_programs()
-        assert programs._shelf.parent == tmp_path / "user" / "jshape" / "programs"
+        assert programs._folder.parent == tmp_path / "user" / "jshape" / "programs"
         # What JAX was told, by a variable or in the script, holds.
         jax.config.update("jax_compilation_cache_dir", str(tmp_path / "jax"))
         js.keep_programs()
-        assert programs._shelf.parent == tmp_path / "jax" / "programs"
+        assert programs._folder.parent == tmp_path / "jax" / "programs"
         js.keep_programs(tmp_path / "mine")
-        assert programs._shelf.parent == tmp_path / "mine" / "programs"
+        assert programs._folder.parent == tmp_path / "mine" / "programs"
         assert jax.config.jax_compilation_cache_dir == str(tmp_path / "mine")
         for nowhere in ("", "gs://bucket"):
-            programs._shelf = None
+            programs._folder = None
             jax.config.update("jax_compilation_cache_dir", nowhere)
             js.keep_programs()
-            assert programs._shelf is None
+            assert programs._folder is None
     finally:
         jax.config.update("jax_compilation_cache_dir", settled)

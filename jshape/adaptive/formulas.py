@@ -1,9 +1,15 @@
-"""Formulas that are written once and computed in JAX or in NumPy: what the two do differently."""
+"""Recursions that are written once and computed in JAX or in NumPy: what the two do differently, and their states.
 
+A formula takes ``Numbers``, either ``JAX`` (for ``scan``, ``jit``, ``vmap`` and ``grad``) or ``NUMPY`` (Python's own
+numbers and NumPy arrays, for a control loop). ``as_jax``, ``as_numpy`` and ``as_lists`` bring a state from one world
+into the other, ``plain`` an object with its fields.
+"""
+
+import dataclasses
 import math
 from collections.abc import Callable
 from functools import partial
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 from typing import Any, NamedTuple
 
 import jax
@@ -67,3 +73,36 @@ NUMPY = Numbers(
     repeat=_repeat,
     constant=lambda value: value,
 )
+
+_TYPES: dict[str, Any] = {"b": bool, "i": jnp.int32, "f": float, "c": complex}
+"""Explicit types, which a scan's carry keeps."""
+
+
+def as_jax(tree: Any) -> Any:
+    """The same with JAX arrays of explicit types; traced leaves pass."""
+    return jax.tree.map(lambda leaf: jnp.asarray(leaf, _TYPES[jnp.result_type(leaf).kind]), tree)
+
+
+def as_lists(tree: Any) -> Any:
+    """The same with nested lists of Python numbers: for a few numbers far faster than arrays."""
+    return jax.tree.map(lambda leaf: np.asarray(leaf).tolist(), tree)
+
+
+def as_numpy(tree: Any) -> Any:
+    """The same with NumPy arrays, and Python numbers for single ones: a control loop is faster on them."""
+    return jax.tree.map(lambda leaf: np.asarray(leaf) if np.ndim(leaf) else np.asarray(leaf).item(), tree)
+
+
+def like(tree: Any, new: Any) -> Any:
+    """``new`` in the types of ``tree``, as a scan wants it."""
+    return jax.tree.map(lambda was, now: jnp.asarray(now, was.dtype), tree, new)
+
+
+def plain(module: Any) -> SimpleNamespace:
+    """An equinox module's fields in NumPy arrays and Python numbers.
+
+    This stands for speed alone: equinox's look-up of a field takes longer than most formulas of a control loop.
+    """
+    return SimpleNamespace(
+        **{field.name: as_numpy(getattr(module, field.name)) for field in dataclasses.fields(module)}
+    )

@@ -1,0 +1,79 @@
+"""Checks of arguments that several adaptive classes share."""
+
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from jshape import _check
+from jshape.sweeps.leaves import leaf
+
+
+def check_time(value: Any) -> float:
+    """The sample time as a float, s. *Raises* ``ValueError`` unless it is a concrete positive number."""
+    _check.positive(value, "sample_time")
+    return float(_check.scalar(value, "sample_time"))
+
+
+def check_band(value: Any, sample_time: float, name: str = "band") -> tuple[float, float]:
+    """*Raises* ``ValueError`` unless ``value`` is (low, high) with 0 < low < high < the Nyquist frequency, rad/s."""
+    band = np.asarray(_check.as_array(value, name), float)
+    if band.shape != (2,):
+        raise ValueError(f"{name} must be (low, high) in rad/s, not of shape {band.shape}")
+    _check.positive(band, name)
+    low, high = check_order(band, name)
+    if high * sample_time >= np.pi:
+        raise ValueError(
+            f"{name} must end below the Nyquist frequency, {np.pi / sample_time:g} rad/s at a sample time of "
+            f"{sample_time:g} s, not at {high:g}"
+        )
+    return low, high
+
+
+def check_order(value: Any, name: str) -> tuple[float, float]:
+    """*Raises* ``ValueError`` unless ``value`` is (low, high) with low below high."""
+    low, high = (float(bound) for bound in value)
+    if low >= high:
+        raise ValueError(f"{name} must be (low, high) with low below high, not ({low:g}, {high:g})")
+    return low, high
+
+
+def check_level(value: Any, name: str) -> Array:
+    """``value`` as a scalar leaf. *Raises* ``ValueError`` unless it is finite and at least 0."""
+    _check.not_negative(value, name)
+    return _check.scalar(value, name)
+
+
+def check_positive(value: Any, name: str) -> Array:
+    """``value`` as a scalar leaf. *Raises* ``ValueError`` unless it is finite and greater than 0."""
+    _check.positive(value, name)
+    return _check.scalar(value, name)
+
+
+def check_each(value: Any, name: str, *shape: int) -> Array:
+    """``value`` broadcast to a shape: one number for all, or one each. *Raises* ``ValueError`` if it does not fit."""
+    array = _check.as_array(value, name)
+    try:
+        return jnp.broadcast_to(array, shape)
+    except ValueError:
+        raise ValueError(f"{name} must be one number or fit the shape {shape}, not be of shape {array.shape}") from None
+
+
+def check_leaves(plant: Any, leaves: str | tuple[str, ...]) -> tuple[tuple[str, ...], Array]:
+    """Dotted paths of a plant's parameters and their values. *Raises* ``ValueError`` unless there are positive ones."""
+    leaves = (leaves,) if isinstance(leaves, str) else tuple(leaves)
+    if not leaves:
+        raise ValueError("leaves is empty: there is nothing to adapt")
+    values = jnp.stack([leaf(plant, name) for name in leaves])
+    _check.positive(values, f"leaves {', '.join(leaves)}")
+    return leaves, values
+
+
+def check_factor(value: Any, name: str) -> Array:
+    """``value`` as a scalar leaf. *Raises* ``ValueError`` unless it is finite and greater than 1."""
+    _check.finite(value, name)
+    factor = _check.scalar(value, name)
+    if _check.is_concrete(factor) and not factor > 1:
+        raise ValueError(f"{name} must be greater than 1, not {_check.show(value)}")
+    return factor

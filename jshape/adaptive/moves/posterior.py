@@ -1,0 +1,114 @@
+"""The posterior of a plant's parameters after one move: a fit through the model to the samples of the whole move.
+
+The window begins with the move, which swings the payload even where the residual vibration is zero: a perfect shaper
+leaves nothing to learn from, the move itself does not. The residual swing of the last move is fitted along with the
+parameters, as two unknowns more. A fit that does not explain the window, or that leaves the bounds, is rejected.
+"""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from jshape._types import Scalar, State, Times
+from jshape.adaptive.moves.machine import AbstractMoves, Swing, along
+from jshape.levenberg_marquardt import LeastSquares, levenberg_marquardt
+from jshape.shaper import Shaper
+from jshape.simulation.schedule import schedule
+
+ITERATIONS = 8
+"""Of Levenberg–Marquardt, in each of the growing windows."""
+
+SHARES = (0.25, 0.5, 1.0)
+"""Of the samples, in the growing windows."""
+
+
+class Posterior(NamedTuple):
+    """The parameters' distribution after a move, and the state it ended in."""
+
+    parameters: Float[Array, " parameters"]
+    covariance: Float[Array, "parameters parameters"]
+    swing: Swing
+    """What is left at the end of the window; 0 if the window was rejected."""
+    misfit: Scalar
+    """Root mean square of measured less fitted, over the noise: near 1 if the model is right."""
+    accepted: Bool[Array, ""]
+    """Whether the last window was used."""
+    rejected: Int[Array, ""]
+    """How many were not."""
+
+
+def prior(parameters: Array, spread: Array) -> Posterior:
+    """The distribution before the first move.
+
+    Args:
+        parameters: mean, shape (parameters,).
+        spread: standard deviation, shape (parameters,).
+    """
+    one, zero = jnp.ones((), parameters.dtype), jnp.zeros(2, parameters.dtype)
+    return Posterior(parameters, jnp.diag(spread**2), zero, one, jnp.asarray(True), jnp.zeros((), jnp.int32))
+
+
+def update(
+    task: AbstractMoves,
+    last: Posterior,
+    known: Any,
+    shaper: Shaper,
+    readings: Times,
+    noise: Scalar,
+    drift: Array,
+    limit: Scalar,
+) -> Posterior:
+    """The posterior after a move.
+
+    Args:
+        task: the machine and its moves.
+        last: before the move.
+        known: what the controller knows of the move.
+        shaper: of the move.
+        readings: of the sensor at ``task.times``; those that are not numbers are left out.
+        noise: standard deviation of a reading, in its unit.
+        drift: standard deviation of the parameters' change from one move to the next, shape (parameters,).
+        limit: greatest misfit of an accepted window.
+    """
+    usable = jnp.isfinite(readings)
+    readings = jnp.where(usable, readings, 0.0)
+    plan = schedule(task.plant(last.parameters, known), task.command(known), shaper)
+    root = jnp.linalg.cholesky(last.covariance + jnp.diag(drift**2))
+
+    def residuals(unknowns: Array, weights: Times) -> tuple[Array, State]:
+        plant = task.plant(unknowns[2:], known)
+        run = along(task, plant, plan, task.begin(plant, unknowns[:2]))
+        misfit = jnp.where(weights > 0, readings - run.signal, 0.0) / noise
+        departure = jax.scipy.linalg.solve_triangular(root, unknowns[2:] - last.parameters, lower=True)
+        return jnp.concatenate([misfit, departure]), run.states[-1]
+
+    # Over many periods the misfit has local minima, over the first half of one it has not: the window grows.
+    share = jnp.asarray(SHARES)[:, None]
+    windows = jnp.where(usable & (jnp.arange(len(readings)) < share * len(readings)), 1.0, 0.0)
+    tried = jnp.concatenate([last.parameters[None], task.starts(last.parameters)])
+    tried = jnp.concatenate([jnp.broadcast_to(last.swing, (len(tried), 2)), tried], axis=1)
+    costs = jax.vmap(lambda unknowns: jnp.sum(residuals(unknowns, windows[0])[0] ** 2))(tried)
+    nearest = tried[jnp.argmin(jnp.where(jnp.isfinite(costs), costs, jnp.inf))]
+
+    def fit(start: Array, weights: Times) -> tuple[Array, LeastSquares]:
+        found = levenberg_marquardt(lambda unknowns: residuals(unknowns, weights), start, ITERATIONS)
+        return found.unknowns, found
+
+    found = jax.tree.map(lambda leaf: leaf[-1], jax.lax.scan(fit, nearest, windows)[1])
+    parameters, count = found.unknowns[2:], jnp.sum(usable)
+    misfit = jnp.sqrt(jnp.sum(found.residuals[: len(readings)] ** 2) / jnp.maximum(count, 1))
+    inside = jnp.all((parameters >= task.lower) & (parameters <= task.upper))
+    accepted = inside & (misfit <= limit) & (count > len(readings) // 2)
+    covariance = jnp.linalg.inv(found.jacobian.T @ found.jacobian)[2:, 2:]
+    accepted &= jnp.all(jnp.isfinite(covariance)) & jnp.all(jnp.diag(covariance) > 0)
+    swing = task.swing(found.aux, plan.coefficients[-1, 0])
+    return Posterior(
+        jnp.where(accepted, parameters, last.parameters),
+        jnp.where(accepted, covariance, last.covariance),
+        jnp.where(accepted, swing, 0.0),
+        misfit,
+        accepted,
+        last.rejected + ~accepted,
+    )

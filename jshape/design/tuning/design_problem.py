@@ -1,0 +1,146 @@
+"""The design problem that ``tune`` and ``pareto`` solve, made from their arguments.
+
+``design_problem(...)`` checks the arguments; the result says what is minimised (``objective``, ``time_cost``), over
+which designs (``bounds``), and for which moves (``scenarios``).
+"""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jshape import _check
+from jshape.command import as_command
+from jshape.design.tuning import constraints
+from jshape.design.tuning.bounds import Bounds, design_bounds, designed_leaves
+from jshape.design.tuning.objective import Objective, check_objective, objective_name, value_of
+from jshape.design.tuning.scenarios import Limits, Metric, Point, Scenarios
+from jshape.plants import AbstractPlant
+from jshape.simulation.schedule import schedule
+from jshape.simulation.simulate import initial, steps_for, with_arrays
+from jshape.sweeps.leaves import check_over, grid
+
+FINEST = 20_000
+"""Plants that the finer set has at most."""
+
+
+@dataclasses.dataclass(frozen=True)
+class DesignProblem:
+    """What is minimised, over which designs, for which moves.
+
+    Attributes:
+        scenarios: the moves that a design is judged by.
+        bounds: the designs that are considered.
+        objective: what the energies of all plants come to.
+        time_cost: added to the objective for each second of the shaper, J/s.
+        uncertain: absolute values of each uncertain leaf.
+    """
+
+    scenarios: Scenarios
+    bounds: Bounds
+    objective: Objective
+    time_cost: float
+    uncertain: dict[str, Array]
+
+    @property
+    def zero_is_optimal(self) -> bool:
+        """Whether only the nominal plant's residual energy counts, which cannot fall below zero."""
+        open_ended = self.bounds.fixed_duration or self.bounds.shortest == 0
+        plain = self.scenarios.metric is None and not self.scenarios.limits.any and self.time_cost == 0
+        return self.objective == "nominal" and plain and open_ended
+
+    def total(self, energies: Float[np.ndarray, " plants"], point: Point) -> float:
+        """The objective with the cost of the shaper's duration, J."""
+        return value_of(self.objective, energies) + self.time_cost * float(np.sum(point.gaps))
+
+    def refined(self) -> Scenarios:
+        """The same moves with four times as many integration steps, and after the given plants those of a finer set.
+
+        There, the uncertain leaves' values are ten times as dense, or as dense as ``FINEST`` plants allow.
+        """
+        lengths = np.array([len(values) for values in self.uncertain.values()])
+        times = next((n for n in range(10, 1, -1) if np.prod((lengths - 1) * n + 1) <= FINEST), 1)
+        finer = {}
+        for name, values in self.uncertain.items():
+            at = np.arange((len(values) - 1) * times + 1) / times
+            finer[name] = np.interp(at, np.arange(len(values)), np.sort(np.asarray(values)))
+        dense, given = grid(finer) if finer else {}, self.scenarios.samples
+        samples = {name: _check.on_device(np.concatenate([given[name], dense[name]])) for name in given}
+        return dataclasses.replace(self.scenarios, steps=4 * self.scenarios.steps, samples=samples)
+
+
+def design_problem(
+    plant: AbstractPlant,
+    command: Any,
+    impulses: int,
+    duration: Any,
+    amplitudes: str,
+    limit: float | None,
+    over: Mapping[str, Any] | None,
+    objective: Objective,
+    *,
+    relative: bool,
+    initial_state: Any,
+    limits: Limits,
+    metric: Metric | None = None,
+    also: Sequence[str] | Mapping[str, Any] = (),
+    time_cost: float = 0.0,
+) -> DesignProblem:
+    """``tune``'s arguments, checked, as a design problem; *Raises* ``ValueError`` where they make no sense."""
+    impulses = _check.count(impulses, "impulses", least=2)
+    check_objective(objective)
+    if objective != "nominal" and over is None:
+        name = repr(objective) if isinstance(objective, str) else objective_name(objective)
+        raise ValueError(f"over must name the uncertain leaves for objective={name}")
+    if metric is not None and not callable(metric):
+        raise ValueError(f"metric must be a function (plant, shaper, command) → scalar, not {metric!r}")
+    _check.not_negative(time_cost := float(_check.scalar(time_cost, "time_cost")), "time_cost")
+    schedule(plant, command)
+    plant, command = with_arrays(plant), as_command(command)
+    uncertain = {} if over is None else check_over(plant, over, relative)
+    leaves = designed_leaves(plant, also, uncertain)
+    bounds = design_bounds(impulses, amplitudes, limit, _durations(plant, impulses, duration), leaves)
+    constraints.check(limits, command)
+    # Steps for the whole duration shared evenly and half as much again.
+    gaps = np.full(impulses - 1, 1.5 * bounds.longest / (impulses - 1))
+    longest = Point(np.full(impulses, 1 / impulses), gaps, np.zeros(0)).shaper
+    fine_steps = 1
+    if limits.peak_deflection is not None:
+        fine_steps = constraints.fine_steps(plant, command, bounds.longest, impulses)
+    scenarios = Scenarios(
+        plant=plant,
+        command=command,
+        samples=grid(uncertain) if uncertain and objective != "nominal" else {},
+        state=None if initial_state is None else initial(plant, initial_state),
+        limits=limits,
+        steps=steps_for(plant, schedule(plant, command, longest)),
+        fine_steps=fine_steps,
+        designed=tuple(leaves),
+        metric=metric,
+    )
+    return DesignProblem(scenarios, bounds, objective, time_cost, uncertain)
+
+
+def slowest_period(plant: AbstractPlant, argument: str) -> float:
+    """Period of the slowest mode at rest, s. *Raises* ``ValueError`` that asks for the argument where there is none."""
+    omega = float(jnp.min(plant.natural_frequency()))
+    if not np.isfinite(omega) or omega <= 0:
+        raise ValueError(f"{argument} must be given: {type(plant).__name__} has no natural frequency at rest")
+    return 2 * np.pi / omega
+
+
+def _durations(plant: AbstractPlant, impulses: int, duration: Any) -> tuple[float, float]:
+    """The shortest and the longest duration that a search considers, s."""
+    if duration is None:
+        return 0.0, (impulses - 1) * 0.75 * slowest_period(plant, "duration")
+    given = np.asarray(_check.as_array(duration, "duration"), float)
+    if given.ndim == 0:
+        _check.positive(given, "duration")
+        return float(given), float(given)
+    _check.not_negative(given, "duration")
+    if given.shape != (2,) or not given[0] < given[1]:
+        raise ValueError(f"duration must be one number or (shortest, longest), not {duration!r}")
+    return float(given[0]), float(given[1])

@@ -1,0 +1,306 @@
+"""How many steps each segment of a move needs, and whether they were enough.
+
+A pilot runs the move without derivatives, with a number of steps for each segment, and estimates its own error: the
+embedded error estimates of all steps, scaled by what two runs with different numbers of steps differ by. The numbers
+grow where the error is until the tolerance is met; where it never is, the answer is flagged. Derivatives come from one
+more run with the numbers that the pilot found, in a loop that can be differentiated in both modes.
+
+Under ``vmap`` the numbers are one set for the whole batch, so that every branch and loop stays a real one.
+"""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from jshape._types import Scalar, State
+from jshape.plants import AbstractPlant
+from jshape.simulation.components import parts_of
+from jshape.simulation.integrate import runge_kutta_step, tableau_of
+from jshape.simulation.schedule import Schedule, Segments, inputs_at
+
+TOLERANCE = 1e-11
+"""Error of the energy, relative to the greatest energy of the move, unless another one is asked for."""
+
+MOST_STEPS = 65536
+"""In a segment; a move that needs more is flagged."""
+
+_BLOCK, _BLOCKS, _CHUNKS = 8, 16, 32
+"""A differentiable segment has up to ``_CHUNKS`` chunks of ``_BLOCKS`` blocks of ``_BLOCK`` steps, 4096 in all."""
+
+_ORDER = 8
+
+_PROBE = 1e-3
+"""The relative error estimate at which a run is fine enough to predict the next, and to measure amplification by."""
+
+_FIRST = 3
+"""Steps in each segment of the first run."""
+
+_RUNS = 40
+"""Runs of the pilot at most."""
+
+
+class Checked(NamedTuple):
+    """The state after the last break, and what is known about it.
+
+    Attributes:
+        state: NaN where the tolerance was not met.
+        error: estimate of the error of the energy, relative to ``scale``.
+        scale: the greatest energy at the beginning or end of any segment, J.
+        diverged: whether the plant has left the region from which it returns to rest.
+        met: whether the tolerance was met.
+        steps: of each segment.
+    """
+
+    state: State
+    error: Scalar
+    scale: Scalar
+    diverged: Bool[Array, ""]
+    met: Bool[Array, ""]
+    steps: Int[Array, " segments"]
+
+
+def least_tolerance(dtype: Any) -> float:
+    """The least relative tolerance that the arithmetic can meet."""
+    return 400 * float(jnp.finfo(dtype).eps)
+
+
+def checked_state(plant: AbstractPlant, plan: Schedule, initial_state: State, tolerance: Any = None) -> Checked:
+    """The state right after the last break, to a tolerance that is met or flagged; differentiable to any order.
+
+    Args:
+        plant: the plant.
+        plan: its schedule.
+        initial_state: shape (state,).
+        tolerance: relative error of the energy; 1e-11, or what the precision allows, unless given.
+    """
+    if len(plan.breaks) == 1:
+        zero = jnp.zeros((), initial_state.dtype)
+        diverged = plant.diverged(initial_state, plan.final_inputs(plant))
+        return Checked(initial_state, zero, zero, diverged, jnp.asarray(True), jnp.zeros(0, jnp.int32))
+    asked = TOLERANCE if tolerance is None else tolerance
+    asked = jnp.maximum(jnp.asarray(asked, initial_state.dtype), least_tolerance(initial_state.dtype))
+    dynamic, static = eqx.partition((plant, plan.segments(), plan, initial_state), eqx.is_array)
+
+    @jax.custom_jvp
+    def run(dynamic: Any, tolerance: Any) -> Any:
+        plant, segments, plan, state = eqx.combine(dynamic, static)
+        return _pilot(plant, segments, plan, state, tolerance)
+
+    @run.defjvp
+    def _(primals: Any, tangents: Any):
+        dynamic, tolerance = primals
+        found = run(dynamic, tolerance)
+
+        def again(dynamic: Any) -> State:
+            plant, segments, _, state = eqx.combine(dynamic, static)
+            return replay(plant, segments, state, found.steps)
+
+        _, tangent = jax.jvp(again, primals[:1], tangents[:1])
+        known = found.met & jnp.all(found.steps <= _BLOCK * _BLOCKS * _CHUNKS)
+        zero = jax.tree.map(_no_tangent, found)
+        return found, zero._replace(state=jnp.where(known, tangent, jnp.nan))
+
+    return run(dynamic, asked)
+
+
+def _no_tangent(value: Array) -> Any:
+    if jnp.issubdtype(value.dtype, jnp.floating):
+        return jnp.zeros_like(value)
+    return jnp.zeros(value.shape, jax.dtypes.float0)
+
+
+def replay(plant: AbstractPlant, segments: Segments, state: State, steps: Int[Array, " segments"]) -> State:
+    """The state after the last segment with that many steps in each, at most 4096; differentiable in both modes.
+
+    One body is compiled whatever the numbers. Reverse mode keeps a state for each chunk, and then for each step of one
+    chunk at a time.
+    """
+    tableau, field = tableau_of("dopri8"), field_of(plant)
+
+    def advance_segment(state, item):
+        segment, count = item
+        step = segment.duration / count.astype(segment.duration.dtype)
+
+        @jax.checkpoint
+        def advance(state, index):
+            slope = lambda fraction, y: field((index.astype(step.dtype) + fraction) * step, y, segment)
+            return tuple(runge_kutta_step(tableau, slope, jnp.stack(state), step)[0])
+
+        def advance_step(state, index):
+            after = advance(state, index)
+            return tuple(jnp.where(index < count, a, b) for a, b in zip(after, state, strict=True)), None
+
+        def block(state, first):
+            run = lambda state: jax.lax.scan(advance_step, state, first + jnp.arange(_BLOCK))[0]
+            return jax.lax.cond(first < count, run, lambda state: state, state), None
+
+        @jax.checkpoint
+        def blocks(state, first):
+            return jax.lax.scan(block, state, first + _BLOCK * jnp.arange(_BLOCKS))[0]
+
+        def chunk(state, first):
+            run = lambda state: blocks(state, first)
+            return jax.lax.cond(first < count, run, lambda state: state, state), None
+
+        state, _ = jax.lax.scan(chunk, state, _BLOCK * _BLOCKS * jnp.arange(_CHUNKS))
+        return state, None
+
+    end, _ = jax.lax.scan(advance_segment, tuple(state), (segments, steps))
+    return jnp.stack(end)
+
+
+def field_of(plant: AbstractPlant) -> Any:
+    """The plant's equation on a segment: ``field(time since the segment began, state, segment)``."""
+
+    def field(local: Scalar, state: State, segment: Segments) -> State:
+        inputs = inputs_at(plant, segment.coefficients, segment.age + local)
+        return plant.vector_field(segment.begin + local, state, inputs)
+
+    return field
+
+
+def _square(values: Any) -> Any:
+    return sum(value * value for value in values)
+
+
+class _Run(NamedTuple):
+    """One run of the pilot: states at the segments' ends, sums of their steps' absolute error estimates, the energies
+    at their beginnings and ends, whether all steps were resolved, and if not, whether the plant had diverged there."""
+
+    ends: Float[Array, "segments state"]
+    errors: Float[Array, "segments state"]
+    energies: Float[Array, "segments two"]
+    resolved: Bool[Array, ""]
+    diverged: Bool[Array, ""]
+
+
+def _run(plant: AbstractPlant, segments: Segments, state: State, steps: Int[Array, " segments"]) -> _Run:
+    tableau, field = tableau_of("dopri8"), field_of(plant)
+    rounding = (1e3 * float(jnp.finfo(state.dtype).eps)) ** 2
+
+    def advance_segment(carry, item):
+        state, resolved, diverged = carry
+        segment, count = item
+        step = segment.duration / count.astype(segment.duration.dtype)
+
+        def advance(inside):
+            index, state, error, resolved = inside
+            slope = lambda fraction, y: field((index.astype(step.dtype) + fraction) * step, y, segment)
+            after, local = map(parts_of, runge_kutta_step(tableau, slope, jnp.stack(state), step))
+            # A step whose error is a good part of its change, or not finite, is not resolved; the state stays.
+            # By components: on stacked states a step takes twice as long.
+            changes = [a - b for a, b in zip(after, state, strict=True)]
+            good = resolved & (_square(local) <= 0.01 * _square(changes) + rounding * _square(state))
+            state = tuple(jnp.where(good, a, b) for a, b in zip(after, state, strict=True))
+            error = tuple(e + jnp.where(good, jnp.abs(x), 0.0) for e, x in zip(error, local, strict=True))
+            return index + 1, state, error, good
+
+        begin = plant.residual_energy(jnp.stack(state), inputs_at(plant, segment.coefficients, segment.age))
+        zero = tuple(map(jnp.zeros_like, state))
+        inside = (jnp.zeros((), jnp.int32), state, zero, resolved)
+        _, state, error, still = jax.lax.while_loop(lambda inside: inside[0] < count, advance, inside)
+        inputs = inputs_at(plant, segment.coefficients, segment.age + segment.duration)
+        end = jnp.stack(state)
+        diverged = diverged | (resolved & ~still & plant.diverged(end, inputs))
+        energies = jnp.stack([begin, plant.residual_energy(end, inputs)])
+        return (state, still, diverged), (end, jnp.stack(error), energies)
+
+    begin = (tuple(state), jnp.asarray(True), jnp.asarray(False))
+    (_, resolved, diverged), found = jax.lax.scan(advance_segment, begin, (segments, steps))
+    return _Run(*found, resolved, diverged)
+
+
+def _in_energy(plant, segments: Segments, states, changes, scale) -> Float[Array, " segments"]:
+    """What a change of the state at each segment's end can change the energy by, relative to ``scale``.
+
+    At the state's own slope of the energy, or where that is small, at the phase at which it is greatest.
+    """
+
+    def one(segment: Segments, state: State, change: State):
+        inputs = inputs_at(plant, segment.coefficients, segment.age + segment.duration)
+        slope, curved = jax.jvp(jax.grad(lambda y: plant.residual_energy(y, inputs)), (state,), (change,))
+        square = jnp.sum(jnp.abs(change * curved))
+        return jnp.maximum(jnp.sum(jnp.abs(slope * change)), jnp.sqrt(2 * scale * square)) + square / 2
+
+    change = jax.vmap(one)(segments, states, changes)
+    return jnp.where(scale > 0, change / jnp.where(scale > 0, scale, 1.0), change)
+
+
+class _Pilot(NamedTuple):
+    steps: Int[Array, " segments"]
+    before: Int[Array, " segments"]
+    ends: Float[Array, "segments state"]
+    estimate: Scalar
+    compared: Bool[Array, ""]
+    """Whether the last run can serve as the coarser one of a comparison."""
+    diverged: Bool[Array, ""]
+    error: Scalar
+    scale: Scalar
+    met: Bool[Array, ""]
+    runs: Int[Array, ""]
+    go_on: Bool[Array, ""]
+
+
+def _pilot(plant, segments: Segments, plan: Schedule, state: State, tolerance: Scalar) -> Checked:
+    count, dtype = len(segments.begin), state.dtype
+    end_inputs = plan.final_inputs(plant)
+    tiny = float(jnp.finfo(dtype).tiny)
+
+    def attempt(last: _Pilot) -> _Pilot:
+        run = _run(plant, segments, state, last.steps)
+        energies = jnp.where(jnp.isfinite(run.energies), jnp.abs(run.energies), 0.0)
+        scale = jnp.max(energies)
+        measure = lambda changes: _in_energy(plant, segments, run.ends, changes, scale)
+        estimates = measure(run.errors)
+        estimate = jnp.sum(estimates)
+        ratio = last.before.astype(dtype) / last.steps.astype(dtype)
+        difference = jnp.max(measure(run.ends - last.ends))
+        # What the sum of local errors grew to in the coarser run, and will have grown to in this one.
+        amplification = jnp.maximum(difference / (last.estimate + tiny), 0.1)
+        error = amplification * jnp.sum(estimates * ratio)
+        sound = run.resolved & jnp.isfinite(estimate)
+        compared = last.compared & sound & (difference <= 1e-2)
+        diverged = jnp.where(run.resolved, plant.diverged(run.ends[-1], end_inputs), run.diverged)
+        met = (compared & (error <= tolerance)) | (~run.resolved & diverged & last.diverged)
+        # The next numbers: from a run that is fine enough everywhere to the tolerance, from another one to such a run.
+        fine = sound & (estimate <= 10 * _PROBE)
+        ready = _batch_maximum((~(fine | met)).astype(dtype)) == 0
+        target = jnp.where(ready, tolerance, _PROBE)
+        predicted = (0.75 * count * estimates / target) ** (1 / _ORDER)
+        refined = 1.1 * jnp.maximum(error / tolerance, 1.0) ** (1 / _ORDER)
+        idle = estimates <= 1e-3 * target / count
+        least = jnp.where(ready & ~idle, 1.5, 1.0)
+        growth = jnp.where(ready & compared & ~idle, refined, jnp.clip(predicted, least, 64.0))
+        growth = jnp.where(sound, jnp.nan_to_num(growth, nan=4.0), 4.0)
+        growth = _batch_maximum(jnp.where(met, 0.0, growth))
+        go_on = _batch_maximum((~met).astype(dtype)) > 0
+        steps = jnp.ceil(last.steps * growth - 1e-6).astype(jnp.int32)
+        go_on = go_on & (last.runs + 1 < _RUNS) & (jnp.max(steps) <= MOST_STEPS)
+        return _Pilot(
+            jnp.where(go_on, steps, last.steps), last.steps, run.ends, estimate, fine, diverged, error, scale, met,
+            last.runs + 1, go_on,
+        )  # fmt: skip
+
+    first = jnp.full(count, _FIRST, jnp.int32)
+    nothing = jnp.zeros((), dtype)
+    no = jnp.asarray(False)
+    start = _Pilot(
+        first, first, jnp.zeros((count, len(state)), dtype), nothing, no, no, nothing, nothing, no,
+        jnp.zeros((), jnp.int32), jnp.asarray(True),
+    )  # fmt: skip
+    last = jax.lax.while_loop(lambda last: last.go_on, attempt, start)
+    end = jnp.where(last.met, last.ends[-1], jnp.nan)
+    return Checked(end, last.error, last.scale, last.diverged, last.met, last.steps)
+
+
+def _of_batch(axis_size: int, in_batched: list[bool], value: Array):
+    del axis_size, in_batched
+    return _batch_maximum(jnp.max(value, axis=0)), False
+
+
+_batch_maximum: Any = jax.custom_batching.custom_vmap(lambda value: value)
+"""The value itself; under ``vmap`` the greatest of the batch, one for all."""
+_batch_maximum.def_vmap(_of_batch)
