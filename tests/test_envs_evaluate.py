@@ -40,20 +40,20 @@ def test_recovery_times_by_hand():
     residual = np.array([[0.5, 0.01, 0.3, 0.2, 0.01, 0.3, 0.3, 0.01], [0.01, 0.02, 0.9, 0.9, 0.9, 0.9, 0.9, 0.9]])
     changed = np.array([[0, 0, 1, 0, 0, 1, 1, 0], [0, 0, 1, 0, 0, 0, 0, 0]], bool)
     age = np.array([[0, 1, 0, 1, 2, 0, 0, 1], [0, 1, 0, 1, 2, 3, 4, 5]])
-    times, seen = recovery_times(residual, age, changed)
+    times, observed = recovery_times(residual, age, changed)
     # The third move on; cut short by the next change; the second move; cut short by the end.
     assert times.tolist() == [3, 1, 2, 6]
-    assert seen.tolist() == [True, False, True, False]
+    assert observed.tolist() == [True, False, True, False]
 
 
 def test_survival_is_kaplan_and_meiers():
-    times, seen = np.array([3, 1, 2, 6, 1]), np.array([True, False, True, False, True])
-    curve = survival(times, seen)
+    times, observed = np.array([3, 1, 2, 6, 1]), np.array([True, False, True, False, True])
+    curve = survival(times, observed)
     # At 1: 5 at risk, 1 recovers; at 2: 3 at risk, 1 recovers; at 3: 2 at risk, 1 recovers; then none.
     by_hand = np.array([4 / 5, 4 / 5 * 2 / 3, 4 / 5 * 2 / 3 / 2])
     np.testing.assert_allclose(curve[:3], by_hand)
     np.testing.assert_allclose(curve[3:], by_hand[2])
-    np.testing.assert_allclose(mean_recovery(times, seen), 1 + by_hand[:2].sum() + (LONGEST - 2) * by_hand[2])
+    np.testing.assert_allclose(mean_recovery(times, observed), 1 + by_hand[:2].sum() + (LONGEST - 2) * by_hand[2])
     assert np.all(survival(np.array([4, 4]), np.array([False, False])) == 1)
     assert np.all(np.isnan(survival(np.zeros(0, int), np.zeros(0, bool))))
     assert mean_recovery(np.array([1, 1]), np.array([True, True])) == 1.0
@@ -105,11 +105,11 @@ def test_a_policy_abroad_acts_as_at_home(duffing, tmp_path):
     found = named_policy(str(tmp_path / "p.npz"), away)
     assert isinstance(found, Transferred)
     state, observation = reset(jax.random.key(3), away)
-    choose = eqx.filter_jit(lambda policy, told, params: policy.choose(policy.start(params), told, params, state)[:2])
+    choose = eqx.filter_jit(lambda policy, given, params: policy.choose(policy.start(params), given, params, state)[:2])
     shaper, action = choose(found, observation, away)
-    # At home the same move would be told as a greater share of the longest one, 1 m; here that is 1.2 m.
-    told = observation.at[16 + away.action.size].multiply(1.2)
-    exact, same = choose(policy, told, duffing)
+    # At home the same move is a greater share of the longest one, 1 m; here that is 1.2 m.
+    at_home = observation.at[16 + away.action.size].multiply(1.2)
+    exact, same = choose(policy, at_home, duffing)
     np.testing.assert_allclose(action, same, atol=1e-6)
     np.testing.assert_allclose(shaper.times, exact.times, rtol=1e-5)
     assert float(jnp.abs(away.action.shaper(action).times[-1] - exact.times[-1])) > 1e-3
@@ -152,7 +152,7 @@ def test_command_writes_what_evaluate_finds(tmp_path):
         (("DuffingPayload", "--seeds", "0"), "--seeds"),
     ],
 )
-def test_command_tells_what_is_wrong_in_a_line(arguments, words, tmp_path):
+def test_command_reports_what_is_wrong_in_a_line(arguments, words, tmp_path):
     done = invoke(*arguments, "--out", str(tmp_path / "out"))
     assert done.exit_code == 2
     assert words in done.output

@@ -1,4 +1,4 @@
-"""Learning: gradients beside differences, training that learns and resumes bit for bit, policies kept and told in C."""
+"""Learning: gradients beside differences, training that learns and resumes bit for bit, policies in files and in C."""
 
 import shutil
 import subprocess
@@ -16,6 +16,8 @@ from jshape_envs.core import reset, step
 from jshape_envs.evaluate import evaluate
 from jshape_envs.export_c import policy_to_c
 from jshape_envs.policy import POLICIES, GRUPolicy, Sizes, load_policy, rollout, save_policy, sizes_of
+
+from jshape.status import Status
 
 RECIPE = Recipe(moves=64 * (EVERY + 12), environments=16, window=4, hidden=16)
 
@@ -45,26 +47,26 @@ def by_hand(policy, observations):
     cell, (layer, last) = policy.cell, policy.head.layers
     memory, actions = np.zeros(cell.hidden_size), []
     for observation in wide(observations):
-        seen = observation.copy()
-        seen[: policy.sizes.sensed] = np.arcsinh(policy.gain * seen[: policy.sizes.sensed])
-        r, z, n = np.split(wide(cell.weight_ih) @ seen + wide(cell.bias), 3)
+        features = observation.copy()
+        features[: policy.sizes.sensed] = np.arcsinh(policy.gain * features[: policy.sizes.sensed])
+        r, z, n = np.split(wide(cell.weight_ih) @ features + wide(cell.bias), 3)
         r_own, z_own, n_own = np.split(wide(cell.weight_hh) @ memory, 3)
         r, z = sigmoid(r + r_own), sigmoid(z + z_own)
         n = np.tanh(n + r * (n_own + wide(cell.bias_n)))
         memory = (1 - z) * n + z * memory
-        both = np.concatenate([memory, seen])
+        both = np.concatenate([memory, features])
         middle = np.tanh(wide(layer.weight) @ both + wide(layer.bias))
         actions.append(np.tanh(wide(last.weight) @ middle + wide(last.bias)))
     return np.array(actions)
 
 
-def seen_by(policy, count=12, seed=0):
+def observations_of(policy, count=12, seed=0):
     return np.random.default_rng(seed).uniform(-1, 1, (count, policy.sizes.observation)).astype(np.float32)
 
 
 def test_a_policy_is_the_network_that_its_weights_say(trained):
     policy = trained.policy
-    observations = seen_by(policy)
+    observations = observations_of(policy)
     step = lambda memory, observation: policy.act(memory, observation)[::-1]
     memory = jnp.zeros(policy.cell.hidden_size, jnp.float32)
     actions = jax.jit(lambda x: jax.lax.scan(step, memory, x)[1])(observations)
@@ -109,7 +111,7 @@ def test_a_policy_is_kept_and_read_back_whole(trained, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["mine.npz"]
 
 
-def test_what_is_no_policy_is_told(trained, tmp_path):
+def test_what_is_no_policy_is_refused(trained, tmp_path):
     np.savez(tmp_path / "other.npz", numbers=np.zeros(3))
     (tmp_path / "broken.npz").write_bytes(b"PK")
     save_policy(trained.policy, tmp_path / "mine.npz", {})
@@ -119,13 +121,13 @@ def test_what_is_no_policy_is_told(trained, tmp_path):
     for name, words in (("other", "holds no policy"), ("broken", "holds no policy"), ("cut", "has shape")):
         with pytest.raises(ValueError, match=words):
             load_policy(tmp_path / f"{name}.npz")
-    with pytest.raises(ValueError, match="there is no policy 'DuffingPayload paper noisy'"):
+    with pytest.raises(ValueError, match="there is no policy 'DuffingPayload_paper_noisy'"):
         load_policy("DuffingPayload", context="noisy")
 
 
 @pytest.mark.parametrize("path", sorted(POLICIES.glob("*.npz")), ids=lambda path: path.stem)
 def test_policies_that_come_with_the_package_are_small_and_fit_their_environments(path):
-    name, preset, context = path.stem.split(" ")
+    name, preset, context = path.stem.split("_")
     policy = load_policy(name, preset, context)
     assert sizes_of(parameters(name, preset, context=context)) == policy.sizes
     assert path.stat().st_size < 300e3
@@ -174,12 +176,12 @@ def test_training_learns(trained):
 
 
 def test_an_interrupted_training_ends_with_the_same_bits(params, trained, tmp_path):
-    path, seen = tmp_path / "new" / "checkpoint.npz", []
+    path, calls = tmp_path / "new" / "checkpoint.npz", []
 
     def stop_at(last):
-        def progress(update, updates, reward):
-            seen.append((update, updates, reward))
-            if update == last:
+        def progress(stage, done, total, best):
+            calls.append((done, total, best))
+            if done == last:
                 raise KeyboardInterrupt
 
         return progress
@@ -188,12 +190,28 @@ def test_an_interrupted_training_ends_with_the_same_bits(params, trained, tmp_pa
         with pytest.raises(KeyboardInterrupt):
             train(params, RECIPE, checkpoint=path, progress=stop_at(last))
     again = train(params, RECIPE, checkpoint=path)
-    assert same(again, trained)
+    assert same(again.policy, trained.policy)
     assert same(again.history, trained.history)
-    assert [update for update, _, _ in seen] == list(range(1, EVERY + 7))
-    assert seen[0][2] == trained.history.reward[0]
+    assert [done for done, _, _ in calls] == list(range(1, EVERY + 7))
+    np.testing.assert_array_equal(
+        [best for *_, best in calls], -np.maximum.accumulate(trained.history.reward[: EVERY + 6])
+    )
     ended = train(params, RECIPE, checkpoint=path, progress=stop_at(1))
-    assert same(ended, trained)
+    assert same(ended.policy, trained.policy)
+    assert same(ended.history, trained.history)
+    assert ended.status is Status.STOPPED
+
+
+def test_a_training_that_diverges_ends_with_the_policy_before(params, tmp_path):
+    """Weights that are no numbers from the first update on: nothing is learned from them, and the status says so."""
+    path = tmp_path / "checkpoint.npz"
+    broken = eqx.tree_at(lambda p: p.time_weight, params, jnp.asarray(jnp.nan, jnp.float32))
+    found = train(broken, RECIPE, checkpoint=path)
+    assert found.status is Status.DIVERGED
+    assert not found.converged
+    assert "made 0 of" in found.message
+    assert len(found.history.reward) == 0
+    assert all(np.all(np.isfinite(leaf)) for leaf in jax.tree.leaves(eqx.filter(found.policy, eqx.is_array)))
 
 
 def test_another_trainings_checkpoint_is_refused(params, tmp_path):
@@ -207,7 +225,7 @@ def test_another_trainings_checkpoint_is_refused(params, tmp_path):
     assert path.read_bytes() == b"nothing"
 
 
-@pytest.mark.parametrize("name", ["moves", "environments", "window", "hidden", "rate", "clip", "seed"])
+@pytest.mark.parametrize("name", ["moves", "environments", "window", "hidden", "learning_rate", "clip", "seed"])
 def test_bad_recipes_are_refused(name):
     with pytest.raises(ValueError, match=f"{name} must .* not -1"):
         Recipe(**{name: -1})
@@ -247,7 +265,7 @@ def test_a_policy_in_c_acts_as_the_network_does(params, trained, tmp_path):
     command = ["gcc", *strict, *sanitized, "main.c", "-o", "main", "-lm"]
     built = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
     assert built.returncode == 0, built.stderr
-    observations = seen_by(trained.policy, 200, seed=1)
+    observations = observations_of(trained.policy, 200, seed=1)
     orders = "\n".join(" ".join(f"{x:.9g}" for x in row) for row in observations)
     done = subprocess.run(["./main"], cwd=tmp_path, input=orders, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
@@ -258,7 +276,7 @@ def test_a_policy_in_c_acts_as_the_network_does(params, trained, tmp_path):
 def test_c_wants_names_that_fit(trained):
     with pytest.raises(ValueError, match="name must"):
         policy_to_c(trained.policy, name="2 policies")
-    with pytest.raises(ValueError, match="entries must tell of each of"):
+    with pytest.raises(ValueError, match="entries must be"):
         policy_to_c(trained.policy, ["one"])
 
 
@@ -282,11 +300,11 @@ def test_the_adapter_gives_stable_baselines3_what_the_environments_give(params):
         np.testing.assert_array_equal(reward, paid)
         total += paid
         assert done.all() == (i == 2)
-    for lane, told in enumerate(infos):
-        np.testing.assert_array_equal(told["terminal_observation"], info["final_obs"][lane])
-        assert told["TimeLimit.truncated"]
-        assert told["episode"]["l"] == 3
-        np.testing.assert_allclose(told["episode"]["r"], total[lane] / 3, rtol=1e-6)
+    for lane, own in enumerate(infos):
+        np.testing.assert_array_equal(own["terminal_observation"], info["final_obs"][lane])
+        assert own["TimeLimit.truncated"]
+        assert own["episode"]["l"] == 3
+        np.testing.assert_allclose(own["episode"]["r"], total[lane] / 3, rtol=1e-6)
 
 
 @pytest.mark.slow
@@ -303,5 +321,5 @@ def test_recipes_for_other_trainers_run_and_are_judged(params, name):
     assert np.all(np.isfinite(found["reward"]))
 
 
-def test_sizes_are_told_by_name(params):
+def test_sizes_are_named(params):
     assert sizes_of(params) == Sizes(observation=20, sensed=16, action=3)

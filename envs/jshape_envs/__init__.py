@@ -1,4 +1,4 @@
-"""Gymnasium environments over jshape: sequences of moves with a payload that nobody tells about.
+"""Gymnasium environments over jshape: sequences of point-to-point moves with a hidden payload that changes.
 
 Importing this package registers them::
 
@@ -45,16 +45,11 @@ __all__ = [
     "step",
 ]
 
-for _name in ENVIRONMENTS:
+# "Moves" takes any machine of your own, or params: gym.make("jshape/Moves-v0", environment=...).
+for _name in (*ENVIRONMENTS, "Moves"):
     register(
         f"jshape/{_name}-v0",
         entry_point="jshape_envs.env:MoveEnv",
         vector_entry_point="jshape_envs.vector:MoveVectorEnv",
-        kwargs={"environment": _name},
+        kwargs={"environment": _name} if _name in ENVIRONMENTS else {},
     )
-# Any machine of your own, or params: gym.make("jshape/Moves-v0", environment=...).
-register(
-    "jshape/Moves-v0",
-    entry_point="jshape_envs.env:MoveEnv",
-    vector_entry_point="jshape_envs.vector:MoveVectorEnv",
-)

@@ -6,6 +6,7 @@ action 0 leaves as it is.
 """
 
 import abc
+from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -13,52 +14,55 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jshape import Shaper, _check
+from jshape import Shaper
+from jshape._check import Argument, Checked, as_array, count, damping_ratio, positive
 from jshape._types import Impulses, Scalar
 
 LOGIT = 3.0
 """By how much an amplitude's logarithm moves as an entry of the action goes from 0 to 1."""
 
 
-class AbstractAction(eqx.Module):
+class AbstractAction(Checked):
     """A way to write a shaper as a point of [−1, 1]^size."""
 
     @property
     @abc.abstractmethod
     def size(self) -> int:
-        """How many entries an action has."""
+        """Number of entries of an action."""
 
     @abc.abstractmethod
     def shaper(self, action: Float[Array, " size"]) -> Shaper:
-        """The shaper of an action; entries beyond [−1, 1] count as ±1."""
+        """The shaper that an action stands for; entries beyond [−1, 1] count as ±1."""
+
+
+def _modes(value: Any, name: str) -> Array:
+    """One value a mode."""
+    return jnp.atleast_1d(as_array(value, name))
 
 
 class ModalAction(AbstractAction):
     """(ω̂, ζ̂) of every mode, then the robustness.
 
-    ``slowest``, ``fastest``: what −1 and 1 mean for each mode's frequency (rad/s, on a logarithmic scale); ``damping``:
-    what 1 means for a damping ratio (−1 is 0). The shaper is a ZV for each mode, convolved; the robustness r ∈ [0, 1]
-    convolves it with a second pair of impulses, for the first mode, whose delay is r times that of its ZV. The zero at
-    ω̂ stays; at r = 0 the second pair does nothing, at r = 1 both are a ZVD, and the duration grows evenly between.
+    The shaper is a ZV for each mode, convolved; the robustness r ∈ [0, 1] convolves it with a second pair of impulses,
+    for the first mode, whose delay is r times that of its ZV. The zero at ω̂ stays; at r = 0 the second pair does
+    nothing, at r = 1 both are a ZVD, and the duration grows evenly between.
 
-    *Raises* ``ValueError`` for frequencies that are not positive or do not fit, or a damping outside [0, 1).
+    Attributes:
+        slowest: each mode's frequency at an entry of −1, rad/s; the scale to 1 is logarithmic.
+        fastest: each mode's frequency at an entry of 1, rad/s.
+        damping: the damping ratio at an entry of 1; −1 is undamped.
+
+    Raises:
+        ValueError: for frequencies that are not positive or do not fit, or a damping ratio outside [0, 1).
     """
 
-    slowest: Float[Array, " modes"]
-    fastest: Float[Array, " modes"]
-    damping: Scalar
-
-    def __init__(self, slowest: Any, fastest: Any, damping: Any = 0.1):
-        self.slowest = jnp.atleast_1d(_check.as_array(slowest, "slowest"))
-        self.fastest = jnp.atleast_1d(_check.as_array(fastest, "fastest"))
-        self.damping = _check.scalar(damping, "damping")
+    slowest: Float[Array, " modes"] = eqx.field(converter=Argument(positive, convert=_modes))
+    fastest: Float[Array, " modes"] = eqx.field(converter=Argument(positive, convert=_modes))
+    damping: Scalar = eqx.field(default=0.1, converter=Argument(damping_ratio))
 
     def __check_init__(self):
         if self.slowest.shape != self.fastest.shape:
             raise ValueError(f"fastest must have one entry a mode, {len(self.slowest)}, not {len(self.fastest)}")
-        _check.positive(self.slowest, "slowest")
-        _check.positive(self.fastest, "fastest")
-        _check.damping_ratio(self.damping, "damping")
 
     @property
     def size(self) -> int:
@@ -70,31 +74,29 @@ class ModalAction(AbstractAction):
         zeta = self.damping * share[1:-1:2]
         root = jnp.sqrt(1 - zeta**2)
         delay, ratio = jnp.pi / (omega * root), jnp.exp(-jnp.pi * zeta / root)
-        parts = [_pair(d, k) for d, k in zip(delay, ratio, strict=True)]
-        shaper = _convolve(parts[0], _pair(share[-1] * delay[0], ratio[0] ** share[-1]))
+        parts = [pair(d, k) for d, k in zip(delay, ratio, strict=True)]
+        shaper = _convolve(parts[0], pair(share[-1] * delay[0], ratio[0] ** share[-1]))
         for part in parts[1:]:
             shaper = shaper.convolve(part)
         return shaper
 
 
 class ImpulseAction(AbstractAction):
-    """Amplitudes and gaps of ``impulses`` impulses.
+    """Amplitudes and gaps of the impulses themselves.
 
     The first entries are the logarithms of the amplitudes after the first, relative to it and in units of 3, so that
-    all are positive and sum to 1; the others are the gaps, from 0 to ``longest`` (s) each.
+    all are positive and sum to 1; the others are the gaps.
 
-    *Raises* ``ValueError`` for fewer than two impulses or a gap that is not positive.
+    Attributes:
+        longest: the gap at an entry of 1, s; −1 is none.
+        impulses: number of impulses.
+
+    Raises:
+        ValueError: for fewer than two impulses or a gap that is not positive.
     """
 
-    longest: Scalar
-    impulses: int = eqx.field(static=True)
-
-    def __init__(self, longest: Any, impulses: int = 3):
-        self.longest = _check.scalar(longest, "longest")
-        self.impulses = _check.count(impulses, "impulses", least=2)
-
-    def __check_init__(self):
-        _check.positive(self.longest, "longest")
+    longest: Scalar = eqx.field(converter=Argument(positive))
+    impulses: int = eqx.field(default=3, static=True, converter=Argument(convert=partial(count, least=2)))
 
     @property
     def size(self) -> int:
@@ -103,11 +105,15 @@ class ImpulseAction(AbstractAction):
     def shaper(self, action: Float[Array, " size"]) -> Shaper:
         weights, gaps = jnp.split(jnp.clip(action, -1.0, 1.0), 2)
         logits = jnp.concatenate([jnp.zeros_like(weights[:1]), LOGIT * weights])
-        return Shaper(jax.nn.softmax(logits), _times((gaps + 1) / 2 * self.longest))
+        return from_logits(logits, (gaps + 1) / 2 * self.longest)
 
 
 class ResidualAction(AbstractAction):
-    """A classical shaper, corrected: its amplitudes' logarithms move by up to 3, its gaps by a factor up to e."""
+    """A correction to a classical shaper: its amplitudes' logarithms move by up to 3, its gaps by a factor up to e.
+
+    Attributes:
+        classical: the shaper of an action of zeros.
+    """
 
     classical: Shaper
 
@@ -118,19 +124,20 @@ class ResidualAction(AbstractAction):
     def shaper(self, action: Float[Array, " size"]) -> Shaper:
         weights, gaps = jnp.split(jnp.clip(action, -1.0, 1.0), 2)
         logits = jnp.log(self.classical.amplitudes).at[1:].add(LOGIT * weights)
-        return Shaper(jax.nn.softmax(logits), _times(jnp.diff(self.classical.times) * jnp.exp(gaps)))
+        return from_logits(logits, jnp.diff(self.classical.times) * jnp.exp(gaps))
 
 
-def _times(gaps: Float[Array, " gaps"]) -> Impulses:
-    return jnp.concatenate([jnp.zeros_like(gaps[:1]), jnp.cumsum(gaps)])
+def from_logits(logits: Impulses, gaps: Float[Array, " gaps"]) -> Shaper:
+    """The positive shaper with those logarithms of amplitudes, up to a constant, and gaps between impulses, s."""
+    return Shaper(jax.nn.softmax(logits), jnp.concatenate([jnp.zeros_like(gaps[:1]), jnp.cumsum(gaps)]))
 
 
-def _pair(delay: Scalar, ratio: Scalar) -> Shaper:
+def pair(delay: Scalar, ratio: Scalar) -> Shaper:
+    """Two impulses, the second so many times the first, that delay (s) after it."""
     return Shaper(jnp.stack([jnp.ones_like(ratio), ratio]) / (1 + ratio), jnp.stack([jnp.zeros_like(delay), delay]))
 
 
 def _convolve(first: Shaper, short: Shaper) -> Shaper:
     """Two pairs convolved, the second no longer than the first, so that their order is known without sorting."""
-    (a, b), (c, d) = first.amplitudes, short.amplitudes
-    zero, long, brief = jnp.zeros_like(first.times[1]), first.times[1], short.times[1]
-    return Shaper(jnp.stack([a * c, a * d, b * c, b * d]), jnp.stack([zero, brief, long, long + brief]))
+    amplitudes = jnp.outer(first.amplitudes, short.amplitudes)
+    return Shaper(jnp.ravel(amplitudes), jnp.ravel(first.times[:, None] + short.times))

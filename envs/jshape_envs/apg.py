@@ -8,9 +8,9 @@ it is cut off (truncated back-propagation through time). Memory, vibration and p
     trained = train(params, Recipe(moves=100_000), checkpoint="duffing.ckpt.npz")     # goes on where it was stopped
     trained.policy, trained.history.reward
 
-What one move leaves for the next (the vibration, and what the sensor sees of it) counts as given. Its derivatives are
-exact, too, but they grow from move to move wherever a payload vibrates strongly, and such a window then outweighs all
-others: trained with them, the same policies need more moves and end worse, or diverge.
+What one move leaves for the next (the vibration, and what the sensor measures of it) counts as given. Its derivatives
+are exact, too, but they grow from move to move wherever a payload vibrates strongly, and such a window then outweighs
+all others: trained with them, the same policies need more moves and end worse, or diverge.
 
 Adam on the gradient clipped in norm; the learning rate falls along half a cosine.
 """
@@ -18,7 +18,6 @@ Adam on the gradient clipped in norm; the learning rate falls along half a cosin
 import dataclasses
 import hashlib
 import re
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -31,29 +30,39 @@ from jaxtyping import Array, Float, Int, PRNGKeyArray, UInt32
 
 from jshape import _check
 from jshape._files import whole
+from jshape._types import Progress
+from jshape.status import Result, Status
 from jshape_envs.core import EnvState, Params, reset
-from jshape_envs.policy import GRUPolicy, advance_policy, sizes_of
+from jshape_envs.policy import GRUPolicy, advance_policy, named_arrays, sizes_of, with_arrays
 
 FALL = 0.02
-"""What is left of the learning rate in the end."""
+"""The last learning rate over the first."""
 
 EVERY = 50
-"""Updates between two checkpoints."""
+"""Number of updates between two checkpoints."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Recipe:
-    """How to train. ``moves``: in all environments together, rounded up to whole updates; ``environments``: that move
-    together; ``window``: moves between two updates; ``rate``: the learning rate at first; ``clip``: the greatest norm
-    of a gradient (the costs' own unit); ``hidden``: size of the memory; ``seed``: of weights, payloads and noise.
+    """How to train.
 
-    *Raises* ``ValueError`` for counts below 1 and a rate or clip that is not positive.
+    Attributes:
+        moves: in all environments together, rounded up to whole updates.
+        environments: number of environments that move together.
+        window: moves between two updates.
+        learning_rate: of Adam, at first.
+        clip: greatest norm of a gradient, in the unit of the costs.
+        hidden: size of the policy's memory.
+        seed: of weights, payloads and noise.
+
+    Raises:
+        ValueError: for counts below 1 and a learning rate or clip that is not positive.
     """
 
     moves: int = 100_000
     environments: int = 16
     window: int = 8
-    rate: float = 1e-2
+    learning_rate: float = 1e-2
     clip: float = 0.1
     hidden: int = 48
     seed: int = 0
@@ -62,22 +71,29 @@ class Recipe:
         for name in ("moves", "environments", "window", "hidden"):
             _check.count(getattr(self, name), name)
         _check.count(self.seed, "seed", least=0)
-        _check.positive(self.rate, "rate")
+        _check.positive(self.learning_rate, "learning_rate")
         _check.positive(self.clip, "clip")
 
     @property
     def batch(self) -> int:
-        """Moves an update."""
+        """Number of moves an update."""
         return self.environments * self.window
 
     @property
     def updates(self) -> int:
+        """Number of updates."""
         return -(-self.moves // self.batch)
 
 
 class History(NamedTuple):
-    """What each update saw, before it changed the policy: ``moves`` made until then, mean ``reward`` and ``regret`` of
-    a move, norm of the ``gradient``."""
+    """The course of a training, an entry an update, each measured before the policy changes.
+
+    Attributes:
+        moves: number of moves made until then.
+        reward: mean of a move.
+        regret: mean of a move.
+        gradient: its norm.
+    """
 
     moves: Int[np.ndarray, " updates"]
     reward: Float[np.ndarray, " updates"]
@@ -85,15 +101,36 @@ class History(NamedTuple):
     gradient: Float[np.ndarray, " updates"]
 
 
-class Trained(NamedTuple):
-    """The policy and how it came to be."""
+@dataclasses.dataclass(frozen=True)
+class Trained(Result):
+    """A trained policy.
+
+    Attributes:
+        policy: after the last update.
+        history: of the training.
+        status: ``STOPPED`` when all moves are made, since nothing tests whether more would gain; ``DIVERGED`` where the
+            rewards were no longer finite, with the policy before that.
+        message: the same as a sentence.
+    """
 
     policy: GRUPolicy
     history: History
+    status: Status
+    message: str
 
 
 class Training(eqx.Module):
-    """Everything that the next update depends on; the lanes have a leading axis over environments."""
+    """The state of a training between two updates: everything that the next one depends on.
+
+    Attributes:
+        policy: as it is.
+        optimiser: its state.
+        state: of the environments.
+        observation: on which the policy acts next.
+        memory: of the policy, in each environment.
+        update: number of updates made.
+        stream: the key of the random numbers of all updates.
+    """
 
     policy: GRUPolicy
     optimiser: Any
@@ -102,7 +139,6 @@ class Training(eqx.Module):
     memory: Float[Array, "environments hidden"]
     update: Int[Array, ""]
     stream: UInt32[Array, " words"]
-    """The key that every update's random numbers come from."""
 
 
 def train(
@@ -110,52 +146,62 @@ def train(
     recipe: Recipe | None = None,
     *,
     checkpoint: str | Path | None = None,
-    progress: Callable[[int, int, float], None] | None = None,
+    progress: Progress | None = None,
 ) -> Trained:
-    """A policy for an environment.
+    """A policy trained for an environment by analytic gradients.
 
-    ``checkpoint``: a file (npz) that keeps everything, written every ``EVERY`` updates, at the end, and when the
-    training is interrupted (``KeyboardInterrupt``, which goes on to the caller). If it exists, training goes on from it
-    and ends with the same bits as if it had never stopped. ``progress(update, updates, reward)``: called after each
-    update with the mean reward of its moves.
+    Args:
+        params: the environment.
+        recipe: how to train.
+        checkpoint: a file (npz) that keeps everything, written every ``EVERY`` updates, at the end, and when the
+            training is interrupted (``KeyboardInterrupt``, which goes on to the caller). If it exists, training goes on
+            from it and ends with the same bits as if it had never stopped.
+        progress: called after each update; its ``best`` is the least mean cost of a move so far.
 
-    *Raises* ``ValueError`` if the checkpoint is of another training, and ``FloatingPointError`` if the rewards are no
-    longer numbers.
+    Raises:
+        ValueError: if the checkpoint is of another training.
     """
     recipe = Recipe() if recipe is None else recipe
     path = None if checkpoint is None else Path(checkpoint)
     # The seed is no part of the program: one is compiled for all seeds.
     program = dataclasses.replace(recipe, seed=0)
+    digest = _digest(params, recipe)
     training, records = _begin(jax.random.key(recipe.seed), params, program), []
     if path is not None:
         path.parent.mkdir(parents=True, exist_ok=True)
         if path.exists():
-            training, records = _load(path, training, _digest(params, recipe))
+            training, records = _load(path, training, digest)
+    status = Status.STOPPED
     try:
         while len(records) < recipe.updates:
-            following, figures = _update(training, params, program)
-            figures = np.asarray(figures, float)
-            if not np.isfinite(figures[0]):
-                raise FloatingPointError(f"the mean reward of update {len(records)} is {figures[0]}")
-            training, records = following, [*records, figures]
+            following, record = _update(training, params, program)
+            record = np.asarray(record, float)
+            if not np.isfinite(record[0]):
+                status = Status.DIVERGED
+                break
+            training, records = following, [*records, record]
             if progress is not None:
-                progress(len(records), recipe.updates, float(figures[0]))
+                progress("training, update", len(records), recipe.updates, -float(np.max(records, axis=0)[0]))
             if path is not None and len(records) % EVERY == 0:
-                _save(path, training, records, _digest(params, recipe))
+                _save(path, training, records, digest)
     finally:
         if path is not None:
-            _save(path, training, records, _digest(params, recipe))
+            _save(path, training, records, digest)
     reward, regret, gradient = np.reshape(records, (-1, 3)).T
-    return Trained(training.policy, History(recipe.batch * np.arange(len(records)), reward, regret, gradient))
+    history = History(recipe.batch * np.arange(len(records)), reward, regret, gradient)
+    message = f"made {len(records)} of {recipe.updates} updates"
+    message += "; the mean reward of the next one is not finite" if status is Status.DIVERGED else ""
+    return Trained(training.policy, history, status, message)
 
 
 def _optimiser(recipe: Recipe) -> optax.GradientTransformation:
-    rate = optax.cosine_decay_schedule(recipe.rate, recipe.updates, FALL)
-    return optax.chain(optax.clip_by_global_norm(recipe.clip), optax.adam(rate))
+    learning_rate = optax.cosine_decay_schedule(recipe.learning_rate, recipe.updates, FALL)
+    return optax.chain(optax.clip_by_global_norm(recipe.clip), optax.adam(learning_rate))
 
 
 @eqx.filter_jit
 def _begin(key: PRNGKeyArray, params: Params, recipe: Recipe) -> Training:
+    """A training before its first update."""
     weights, first, stream = jax.random.split(key, 3)
     policy = GRUPolicy(sizes_of(params), weights, hidden=recipe.hidden, dtype=params.period.dtype)
     keys = jax.random.split(first, recipe.environments)
@@ -187,7 +233,7 @@ def _update(training: Training, params: Params, recipe: Recipe) -> tuple[Trainin
 
     (cost, (carry, regret)), gradient = eqx.filter_value_and_grad(loss, has_aux=True)(training.policy)
     norm = jnp.sqrt(sum(jnp.sum(x**2) for x in jax.tree.leaves(gradient)))
-    # A payload on the brink of being lost may have no derivative: that window then teaches nothing.
+    # A move on the brink of divergence may have no derivative: its window then changes nothing.
     gradient = jax.tree.map(lambda x: jnp.where(jnp.isfinite(norm), x, 0.0), gradient)
     change, optimiser = _optimiser(recipe).update(gradient, training.optimiser)
     policy = eqx.apply_updates(training.policy, change)
@@ -196,23 +242,27 @@ def _update(training: Training, params: Params, recipe: Recipe) -> tuple[Trainin
 
 
 def _digest(params: Params, recipe: Recipe) -> str:
-    """Of everything that a training depends on."""
+    """A hash of everything that a training depends on."""
     leaves, structure = jax.tree.flatten(params)
-    # A function of the user's is told by its name: where it lies in memory is another place in every process.
+    # A function of the user's is identified by its name: its address differs from process to process.
     text = re.sub(" at 0x[0-9a-f]+", "", f"{recipe} {structure} ")
     text += " ".join(f"{np.asarray(x).dtype}{np.asarray(x).tolist()}" for x in leaves)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
 def _save(path: Path, training: Training, records: list[np.ndarray], digest: str) -> None:
-    leaves = jax.tree.leaves(eqx.filter(training, eqx.is_array))
-    arrays: dict[str, Any] = {f"leaf_{i:03d}": np.asarray(leaf) for i, leaf in enumerate(leaves)}
+    """Write a checkpoint."""
     with whole(path) as file:
+        arrays: dict[str, Any] = named_arrays(training)
         np.savez(file, allow_pickle=False, digest=digest, records=np.reshape(records, (-1, 3)), **arrays)
 
 
 def _load(path: Path, like: Training, digest: str) -> tuple[Training, list[np.ndarray]]:
-    """*Raises* ``ValueError`` unless the file is a checkpoint of this very training."""
+    """A training and its records from its checkpoint.
+
+    Raises:
+        ValueError: unless the file is a checkpoint of this very training.
+    """
     try:
         with np.load(path) as stored:
             found = {name: stored[name] for name in stored.files}
@@ -222,7 +272,4 @@ def _load(path: Path, like: Training, digest: str) -> tuple[Training, list[np.nd
         raise ValueError(
             f"checkpoint: {path} is of another training (its environment or recipe differ); name another file"
         )
-    dynamic, static = eqx.partition(like, eqx.is_array)
-    structure = jax.tree.structure(dynamic)
-    leaves = [jnp.asarray(found[f"leaf_{i:03d}"]) for i in range(structure.num_leaves)]
-    return eqx.combine(jax.tree.unflatten(structure, leaves), static), list(found["records"])
+    return with_arrays(like, found), list(found["records"])

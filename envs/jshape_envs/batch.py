@@ -26,7 +26,14 @@ BLOCK = 64
 
 
 class Lanes(eqx.Module):
-    """All lanes between two steps; every array has a leading axis over them."""
+    """All lanes between two steps; every array has a leading axis over them.
+
+    Attributes:
+        base: keys of the lanes' random numbers.
+        episode: its number, from 0.
+        state: of the environments.
+        done: whether the episode has ended.
+    """
 
     base: Array
     episode: Int[Array, " lanes"]
@@ -35,8 +42,17 @@ class Lanes(eqx.Module):
 
 
 class Outcome(eqx.Module):
-    """What a step gave, a lane each. ``observation`` is what a policy acts on next; ``final``: the one that the move
-    ended with, which differs where a lane was begun anew in the same step. ``moved``: whether a move was made."""
+    """The outcome of a step, a lane each.
+
+    Attributes:
+        observation: that a policy acts on next.
+        final: with which the move ended; it differs where a lane was begun anew in the same step.
+        reward: of the move; 0 where none was made.
+        terminated: whether the plant diverged.
+        truncated: whether the horizon is reached.
+        moved: whether a move was made.
+        info: of the move.
+    """
 
     observation: Float[Array, "lanes observation"]
     final: Float[Array, "lanes observation"]
@@ -48,7 +64,7 @@ class Outcome(eqx.Module):
 
 
 def base_keys(generators: Sequence[np.random.Generator]) -> Array:
-    """A lane's base key from the next number of its generator; lanes that nobody asked for fill up the last block."""
+    """A base key for each lane, from the next number of its generator; spare lanes fill up the last block."""
     return _keys(filled(np.array([generator.integers(2**32, dtype=np.uint32) for generator in generators])))
 
 
@@ -83,18 +99,26 @@ def begin(
 
 @functools.partial(jax.jit, static_argnames="mode")
 def advance(lanes: Lanes, actions: Array, params: Params, mode: AutoresetMode) -> tuple[Lanes, Outcome]:
-    """One step of every lane. An ended lane begins anew in the next step (whose action is ignored), in the same step,
-    or not at all, as the mode says."""
+    """One step of every lane.
+
+    Args:
+        lanes: before the step.
+        actions: a row for each.
+        params: the environment.
+        mode: whether an ended lane begins anew in the next step (whose action is ignored), in the same step, or not.
+    """
     return _in_blocks(lambda lanes, actions: _advance(lanes, actions, params, mode), lanes, actions)
 
 
 def _in_blocks(function: Callable[..., Any], *arguments: Any) -> Any:
-    split = lambda x: jnp.reshape(x, (-1, BLOCK, *x.shape[1:]))
-    found = jax.lax.map(lambda block: function(*block), jax.tree.map(split, arguments))
+    """The function of all lanes, computed block by block."""
+    blocks = jax.tree.map(lambda x: jnp.reshape(x, (-1, BLOCK, *x.shape[1:])), arguments)
+    found = jax.lax.map(lambda block: function(*block), blocks)
     return jax.tree.map(lambda x: jnp.reshape(x, (-1, *x.shape[2:])), found)
 
 
 def _advance(lanes: Lanes, actions: Array, params: Params, mode: AutoresetMode) -> tuple[Lanes, Outcome]:
+    """One step of one block; see ``advance``."""
     keys = jax.vmap(jax.random.fold_in)(_episode_keys(lanes.base, lanes.episode), lanes.state.moves + 1)
     found = jax.vmap(step, in_axes=(0, 0, 0, None))(keys, lanes.state, actions, params)
     state, observation, reward, terminated, truncated, info = found
@@ -112,8 +136,8 @@ def _advance(lanes: Lanes, actions: Array, params: Params, mode: AutoresetMode) 
             done = done & moved
         else:
             done = jnp.zeros_like(done)
-    single = lambda x: x.astype(jnp.float32)
-    outcome = Outcome(single(observation), single(final), single(reward), terminated, truncated, moved, info)
+    observation, final, reward = (x.astype(jnp.float32) for x in (observation, final, reward))
+    outcome = Outcome(observation, final, reward, terminated, truncated, moved, info)
     return Lanes(lanes.base, episode, state, done), outcome
 
 
@@ -127,4 +151,5 @@ def _reset(base: Array, episode: Array, params: Params) -> tuple[EnvState, Array
 
 
 def _where(mask: Array, new: Any, old: Any) -> Any:
+    """The new lanes where the mask is true, the old ones where it is false."""
     return jax.tree.map(lambda x, y: jnp.where(jnp.reshape(mask, (-1,) + (1,) * (x.ndim - 1)), x, y), new, old)

@@ -1,7 +1,7 @@
 """The environment as pure functions: ``reset`` and ``step``, for ``jit``, ``vmap``, ``scan`` and ``grad``.
 
 One step is one point-to-point move; an episode is a sequence of moves of random size and direction, while the payload
-changes at moments that nobody tells::
+changes at moments that nobody announces::
 
     params = jshape_envs.parameters("DuffingPayload", preset="paper")
     state, observation = reset(key, params)
@@ -33,16 +33,24 @@ CONTEXTS = ("hidden", "observed", "noisy")
 class Params(eqx.Module):
     """Everything about an environment. All arrays are leaves: stack them, and ``vmap`` over different environments.
 
-    ``machine``: what moves. ``payload``: least and greatest (in the unit of the plant's leaf). ``distance``: shortest
-    and longest move, m. ``track``: moves stay within ± this many metres of where the machine began (at least the
-    longest move). ``change_rate``: probability that the payload is another one in the next move. ``horizon``: moves an
-    episode. ``carry``: whether the vibration left from one move is the beginning of the next. ``energy_weight``,
-    ``time_weight``: what a normalised residual energy of 1, and a shaper that lasts one ``period``, cost. ``period``:
-    of the nominal payload's slowest mode at rest, s. ``context_noise``: standard deviation of a noisily observed
-    payload, over half its range. ``sensor``, ``action``, ``oracle``, ``steps``: as they say.
-
-    Static: ``context``, whether the payload of the next move is ``"hidden"``, ``"observed"`` or ``"noisy"``;
-    ``tell_change``, whether the observation tells how many moves ago the payload changed.
+    Attributes:
+        machine: what moves.
+        payload: least and greatest, in the unit of the plant's leaf.
+        distance: shortest and longest move, m.
+        track: greatest distance from where the machine began, m; at least the longest move.
+        change_rate: probability that the payload is another one in the next move.
+        horizon: moves an episode.
+        carry: whether the vibration left from one move is the beginning of the next.
+        energy_weight: cost of a normalised residual energy of 1.
+        time_weight: cost of a shaper that lasts one ``period``.
+        period: of the nominal payload's slowest mode at rest, s.
+        context_noise: standard deviation of a noisily observed payload, over half its range.
+        sensor: what observes the vibration.
+        action: what an action means.
+        oracle: the oracle's shapers and costs.
+        steps: how finely moves are integrated.
+        context: whether the payload of the next move is ``"hidden"``, ``"observed"`` or ``"noisy"``.
+        tell_change: whether an observation holds how many moves ago the payload changed.
     """
 
     machine: AbstractMachine
@@ -65,10 +73,15 @@ class Params(eqx.Module):
 
 
 class EnvState(eqx.Module):
-    """What an environment is in between two moves.
+    """The state of an environment between two moves.
 
-    ``plant``: the plant's state; ``position``: where the machine stands, m; ``distance``: of the next move, m, signed;
-    ``payload``: of the next move; ``moves``: made so far; ``since_change``: moves made with this payload.
+    Attributes:
+        plant: the plant's state.
+        position: where the machine stands, m.
+        distance: of the next move, m, signed.
+        payload: of the next move, hidden unless the context says otherwise.
+        moves: number of moves made.
+        since_change: number of moves made with this payload.
     """
 
     plant: PlantState
@@ -80,11 +93,15 @@ class EnvState(eqx.Module):
 
 
 class Evaluation(NamedTuple):
-    """What a policy must not see; for evaluation only.
+    """What a policy must not observe; for evaluation only.
 
-    ``payload``: that the move was made with; ``changed``: whether it was this one's first; ``since_change``: moves made
-    with it before; ``energy``: left after the last impulse, J; ``oracle_cost``: what the oracle would have paid for
-    this move; ``regret``: what was paid beyond that.
+    Attributes:
+        payload: with which the move was made.
+        changed: whether it was the first move with this payload.
+        since_change: number of moves made with it before.
+        energy: residual energy after the last impulse, J.
+        oracle_cost: the oracle's cost of this move.
+        regret: the move's cost beyond that.
     """
 
     payload: Scalar
@@ -96,11 +113,17 @@ class Evaluation(NamedTuple):
 
 
 class Info(NamedTuple):
-    """What a move cost: reward = −(``energy_cost`` + ``time_cost``).
+    """The cost of a move: reward = −(``energy_cost`` + ``time_cost``).
 
-    ``residual``: energy left after the last impulse, over the greatest that the bare move has on its way (for a step,
-    over what it leaves): 1 is no shaping at all; ``duration``: of the shaper, s; ``move_time``: of the shaped command,
-    s; ``lost``: whether the payload was lost (the episode then ends).
+    Attributes:
+        residual: residual energy after the last impulse, over the greatest that the bare move has on its way (for a
+            step, over what it leaves): 1 is no shaping at all.
+        energy_cost: of the residual.
+        time_cost: of the shaper's duration.
+        duration: of the shaper, s.
+        move_time: of the shaped command, s.
+        lost: whether the plant diverged (the payload turned over the top, say), which ends the episode.
+        evaluation: what a policy must not observe.
     """
 
     residual: Scalar
@@ -112,24 +135,23 @@ class Info(NamedTuple):
     evaluation: Evaluation
 
 
-LOST = 4.0
-"""The normalised residual energy that a lost payload counts as, and the most that any counts as: both vibrations of
-twice the bare move's amplitude."""
+DIVERGED_RESIDUAL = 4.0
+"""The normalised residual energy of a move whose plant diverged, and the most that any move counts: vibrations of twice
+the bare move's amplitude."""
 
 
 def observation_names(params: Params) -> list[str]:
-    """What each entry of an observation is, in order."""
-    modes = params.sensor.kind
-    sensed = [f"{modes}.{i}" for i in range(params.sensor.size)]
-    known = jax.eval_shape(params.machine.known, jnp.zeros((), jnp.int32)).shape[0]
-    names = [*sensed, *(f"last action.{i}" for i in range(params.action.size)), "distance"]
-    names += [f"machine.{i}" for i in range(known)]
+    """The name of each entry of an observation, in order."""
+    sensed = [f"{params.sensor.kind}.{i}" for i in range(params.sensor.size)]
+    actions = [f"last action.{i}" for i in range(params.action.size)]
+    encoders = jax.eval_shape(params.machine.known, jnp.zeros((), jnp.int32)).shape[0]
+    names = [*sensed, *actions, "distance", *(f"machine.{i}" for i in range(encoders))]
     names += [] if params.context == "hidden" else ["payload"]
     return names + (["since change"] if params.tell_change else [])
 
 
 def reset(key: PRNGKeyArray, params: Params) -> tuple[EnvState, Float[Array, " observation"]]:
-    """A machine at rest, with a payload and a first move. The sensor tells of nothing but its noise."""
+    """A machine at rest, with a payload and a first move; the sensor measures its noise alone."""
     share, noise = _draw(key, params)
     zero, none = jnp.zeros_like(params.period), jnp.zeros((), jnp.int32)
     payload = _between(params.payload, share[1])
@@ -149,10 +171,17 @@ def reset(key: PRNGKeyArray, params: Params) -> tuple[EnvState, Float[Array, " o
 def step(
     key: PRNGKeyArray, state: EnvState, action: Float[Array, " action"], params: Params
 ) -> tuple[EnvState, Float[Array, " observation"], Scalar, Bool[Array, ""], Bool[Array, ""], Info]:
-    """One move with the shaper that an action in [−1, 1] stands for.
+    """One move with the shaper that an action in [−1, 1] stands for. Nothing resets by itself.
 
-    Returns state, observation (each entry within [−1, 1]), reward, terminated (the payload is lost), truncated (the
-    horizon is reached) and what it cost. Nothing resets by itself.
+    Args:
+        key: of the move's random numbers.
+        state: before the move.
+        action: within [−1, 1]; see ``params.action``.
+        params: the environment.
+
+    Returns:
+        The state after the move, the observation (each entry within [−1, 1]), the reward, terminated (the plant
+        diverged), truncated (the horizon is reached) and what the move cost.
     """
     action = jnp.clip(action, -1.0, 1.0).astype(params.period.dtype)
     return move(key, state, params.action.shaper(action), params, action)
@@ -161,18 +190,21 @@ def step(
 def move(
     key: PRNGKeyArray, state: EnvState, shaper: Shaper, params: Params, action: Float[Array, " action"] | None = None
 ) -> tuple[EnvState, Float[Array, " observation"], Scalar, Bool[Array, ""], Bool[Array, ""], Info]:
-    """``step`` with any shaper, of any number of impulses; the next observation shows ``action`` (0 unless given)."""
+    """One move with any shaper, of any number of impulses; as ``step``, but for ``action``, which the next observation
+    holds as the last one (zeros unless given)."""
     machine, dtype = params.machine, params.period.dtype
     shaper = jax.tree.map(lambda x: x.astype(dtype), shaper)
     plant = machine.plant(state.payload, state.moves)
     command = machine.command(state.distance)
     plan = plan_move(plant, command, shaper, state.position)
     after, energy = run_move(plant, plan, machine.taken_over(state.plant, plant), params.steps)
-    end, deflection, escaped = run_window(plant, plan, after, params.sensor.window, params.sensor.samples, params.steps)
+    end, deflection, diverged = run_window(
+        plant, plan, after, params.sensor.window, params.sensor.samples, params.steps
+    )
 
     reference, oracle_cost = bare_energy_and_oracle_cost(state, params)
-    lost = escaped | ~jnp.isfinite(energy)
-    residual = jnp.minimum(jnp.where(lost, LOST, energy / reference), LOST)
+    diverged |= ~jnp.isfinite(energy)
+    residual = bounded_residual(energy, reference, diverged)
     duration = shaper.times[-1]
     energy_cost, time_cost = params.energy_weight * residual, params.time_weight * duration / params.period
     cost = energy_cost + time_cost
@@ -182,7 +214,7 @@ def move(
     position = state.position + state.distance
     rest = plant.rest_state(plan.final_inputs(plant))
     following = EnvState(
-        plant=jnp.where(params.carry & ~lost, end, rest),
+        plant=jnp.where(params.carry & ~diverged, end, rest),
         position=position,
         distance=_next_distance(position, share[2], share[3], params),
         payload=jnp.where(changes, _between(params.payload, share[1]), state.payload),
@@ -199,12 +231,17 @@ def move(
         oracle_cost=oracle_cost,
         regret=cost - oracle_cost,
     )
-    info = Info(residual, energy_cost, time_cost, duration, plan.breaks[-1], lost, evaluation)
-    return following, observation, -cost, lost, following.moves >= params.horizon, info
+    info = Info(residual, energy_cost, time_cost, duration, plan.breaks[-1], diverged, evaluation)
+    return following, observation, -cost, diverged, following.moves >= params.horizon, info
+
+
+def bounded_residual(energy: Scalar, reference: Scalar, diverged: Bool[Array, ""]) -> Scalar:
+    """A residual energy over the bare move's (both J), at most ``DIVERGED_RESIDUAL``, which a diverged plant's is."""
+    return jnp.minimum(jnp.where(diverged, DIVERGED_RESIDUAL, energy / reference), DIVERGED_RESIDUAL)
 
 
 def bare_energy_and_oracle_cost(state: EnvState, params: Params) -> tuple[Scalar, Scalar]:
-    """What the next move's residual energy is normalised by, J, and what the oracle pays for that move."""
+    """The energy by which the next move's residual is normalised, J, and the oracle's cost of that move."""
     machine = params.machine
     table = params.oracle.costs(state.payload, jnp.abs(state.distance), machine.case(state.distance, state.moves))
     plant, command = machine.plant(state.payload, state.moves), machine.command(state.distance)
@@ -214,8 +251,8 @@ def bare_energy_and_oracle_cost(state: EnvState, params: Params) -> tuple[Scalar
 
 
 def _draw(key: PRNGKeyArray, params: Params) -> tuple[Float[Array, "4"], Float[Array, " noise"]]:
-    """Four numbers even over [0, 1) and the sensor's normal ones (and one for the context), of one call: a call of the
-    generator is dearer than its numbers."""
+    """Four uniform numbers over [0, 1), and the standard normal ones of the sensor and the context, from a single call:
+    a call of the generator costs more than its numbers."""
     dtype = params.period.dtype
     least = jnp.nextafter(jnp.asarray(-1.0, dtype), jnp.asarray(0.0, dtype))
     even = jax.random.uniform(key, (5 + params.sensor.samples,), dtype, least, 1.0)
@@ -223,6 +260,7 @@ def _draw(key: PRNGKeyArray, params: Params) -> tuple[Float[Array, "4"], Float[A
 
 
 def _between(ends: Float[Array, "2"], share: Scalar) -> Scalar:
+    """The value so far on the way from the one end to the other."""
     return ends[0] + (ends[1] - ends[0]) * share
 
 
@@ -237,6 +275,7 @@ def _next_distance(position: Scalar, share: Scalar, side: Scalar, params: Params
 def _observe(
     noise: Array, deflection: Float[Array, " samples"], action: Array, state: EnvState, params: Params
 ) -> Float[Array, " observation"]:
+    """The observation of the next move's state, in the order of ``observation_names``."""
     parts = [params.sensor.read(deflection, noise[1:]), action, (state.distance / params.distance[1])[None]]
     parts.append(params.machine.known(state.moves))
     if params.context != "hidden":

@@ -13,6 +13,7 @@ from jaxtyping import Array, Float
 from jshape import Shaper, _check
 from jshape._types import Scalar
 from jshape.design.linear import zv
+from jshape_envs.actions import from_logits
 from jshape_envs.machine import CASES, AbstractMachine
 from jshape_envs.oracle import ShaperTable
 from jshape_envs.physics import Steps, greatest_energy, plan_move, run_move
@@ -22,7 +23,7 @@ _SCALES = (0.35, 0.5, 0.7, 0.85, 1.0, 1.15)
 
 
 STRICTNESS = 10.0
-"""How much dearer residual energy counts in the search than in a move's cost. What one move leaves, the next ones keep,
+"""The weight of residual energy in the search, over that in a move's cost. What one move leaves, the next ones keep,
 and a hardening spring makes it grow: the shaper that is cheapest for one move alone is not the cheapest for many."""
 
 _LEAST = 1e-4
@@ -41,90 +42,103 @@ def design_table(
     steps: Steps,
     grid: tuple[int, int],
 ) -> ShaperTable:
-    """The table for a machine, over payloads and sizes of moves (least and greatest of each).
+    """The oracle's table for a machine, over payloads and sizes of moves.
 
-    ``weights``: of the normalised residual energy and of the shaper's duration in periods; ``grid``: how many payloads
-    and sizes. Two impulses for one mode, four for two: BFGS (optimistix) on the cost, begun from linear shapers; the
-    best of several starts counts. Takes some seconds. Shapers should change little from one payload to the next: two
-    modes, whose best shapers follow the ratio of their frequencies, need a finer grid.
+    Two impulses for one mode, four for two: BFGS (optimistix) on the cost, begun from linear shapers; the best of
+    several starts counts. Takes some seconds. Shapers should change little from one payload to the next: two modes,
+    whose best shapers follow the ratio of their frequencies, need a finer grid.
 
-    *Raises* ``ValueError`` where no shaper of finite cost is found.
+    Args:
+        machine: what moves.
+        payload: least and greatest, in the unit of the plant's leaf.
+        distance: shortest and longest move, m.
+        weights: of the normalised residual energy, and of the shaper's duration in periods.
+        period: that the duration is counted in, s.
+        steps: how finely moves are integrated.
+        grid: number of payloads and of sizes.
+
+    Raises:
+        ValueError: where no shaper of finite cost is found.
     """
     payloads, sizes = (jnp.linspace(ends[0], ends[1], n) for ends, n in zip((payload, distance), grid, strict=True))
     signs, moves = (jnp.asarray(part) for part in zip(*map(machine.example, range(CASES)), strict=True))
-    found = _design_all(machine, payloads, sizes, signs.astype(sizes.dtype), moves, weights, period, steps)
-    amplitudes, times, reference, cost = found
+    cases = signs.astype(sizes.dtype), moves
+    amplitudes, times, reference, cost = _design_all(machine, payloads, sizes, cases, weights, period, steps)
     if not bool(jnp.all(jnp.isfinite(cost))):
         raise ValueError(
-            f"distance: no shaper brings the payload to {_check.show(distance)} m: it is lost on the way with some "
-            "payloads; shorten the moves"
+            f"distance: no shaper brings the payload to {_check.show(distance)} m: the plant diverges on the way with "
+            "some payloads; shorten the moves"
         )
     return ShaperTable(payload, distance, amplitudes, times, reference, cost)
 
 
-def _design(
-    machine: AbstractMachine,
-    payload: Scalar,
-    size: Scalar,
-    sign: Scalar,
-    moves: Array,
-    weights: Any,
-    period: Scalar,
+@eqx.filter_jit
+def _design_all(
+    machine: AbstractMachine, payloads: Array, sizes: Array, cases: tuple[Array, Array], weights: Any, period: Scalar,
     steps: Steps,
-) -> tuple[Array, Array, Scalar, Scalar]:
-    plant, command = machine.plant(payload, moves), machine.command(sign * size)
-    state = plant.rest_state(plant.zero_inputs())
-    reference = greatest_energy(plant, command, steps)
+) -> tuple[Array, Array, Array, Array]:  # fmt: skip
+    """Amplitudes and times of the shapers, references and costs of the moves, over payloads × sizes × cases."""
 
-    def cost(trial: Shaper, strictness: float) -> Scalar:
-        _, energy = run_move(plant, plan_move(plant, command, trial, jnp.zeros_like(size)), state, steps)
-        return strictness * weights[0] * energy / reference + weights[1] * trial.duration / period
+    def design(payload: Scalar, size: Scalar, case: tuple[Scalar, Array]) -> tuple[Array, Array, Scalar, Scalar]:
+        sign, moves = case
+        plant, command = machine.plant(payload, moves), machine.command(sign * size)
+        state = plant.rest_state(plant.zero_inputs())
+        reference = greatest_energy(plant, command, steps)
 
-    def search(scale: Scalar) -> tuple[Array, Scalar]:
-        parts = [zv(omega / scale) for omega in jnp.atleast_1d(plant.natural_frequency())]
-        return cheapest(lambda trial: cost(trial, STRICTNESS), functools.reduce(Shaper.convolve, parts), 80)
+        def cost(trial: Shaper, strictness: float) -> Scalar:
+            _, energy = run_move(plant, plan_move(plant, command, trial, jnp.zeros_like(size)), state, steps)
+            return strictness * weights[0] * energy / reference + weights[1] * trial.duration / period
 
-    points, costs = jax.vmap(search)(jnp.asarray(_SCALES, size.dtype))
-    chosen = _tidied(_shaper(points[jnp.nanargmin(costs)]))
-    return chosen.amplitudes, chosen.times, reference / size**2, cost(chosen, 1.0)
+        def search(scale: Scalar) -> tuple[Array, Scalar]:
+            parts = [zv(omega / scale) for omega in jnp.atleast_1d(plant.natural_frequency())]
+            return cheapest(lambda trial: cost(trial, STRICTNESS), functools.reduce(Shaper.convolve, parts), 80)
+
+        points, costs = jax.vmap(search)(jnp.asarray(_SCALES, size.dtype))
+        chosen = _tidied(_shaper(points[jnp.nanargmin(costs)]))
+        return chosen.amplitudes, chosen.times, reference / size**2, cost(chosen, 1.0)
+
+    over_cases = jax.vmap(design, in_axes=(None, None, 0))
+    return jax.vmap(jax.vmap(over_cases, in_axes=(None, 0, None)), in_axes=(0, None, None))(payloads, sizes, cases)
 
 
 def cheapest(cost: Callable[[Shaper], Scalar], begin: Shaper, most: int) -> tuple[Float[Array, " point"], Scalar]:
-    """The positive shaper of least cost near ``begin``, as a point for ``_shaper``, and its cost: BFGS (optimistix), at
-    most so many steps."""
+    """The positive shaper of least cost near ``begin``, as a point for ``_shaper``, and its cost.
+
+    Args:
+        cost: what is minimised, by BFGS (optimistix).
+        begin: where the search starts.
+        most: steps at most.
+    """
     ratios = jnp.maximum(begin.amplitudes, _LEAST) / jnp.maximum(begin.amplitudes[0], _LEAST)
     gaps = jnp.maximum(jnp.diff(begin.times), _LEAST * begin.duration)
     point = jnp.concatenate([jnp.log(ratios[1:]), jnp.log(gaps)])
-    price = lambda point, _: cost(_shaper(point))
-    found = optx.minimise(price, optx.BFGS(rtol=1e-8, atol=1e-8), point, max_steps=most, throw=False)
-    return found.value, price(found.value, None)
+
+    def objective(point: Float[Array, " point"], _: Any = None) -> Scalar:
+        return cost(_shaper(point))
+
+    found = optx.minimise(objective, optx.BFGS(rtol=1e-8, atol=1e-8), point, max_steps=most, throw=False)
+    return found.value, objective(found.value)
 
 
 def retuned(begin: Shaper, cost: Callable[[Shaper], Scalar], most: int) -> Shaper:
-    """The positive shaper of least cost near ``begin``, in at most so many steps of BFGS; ``begin`` if none is
-    cheaper."""
-    point, price = cheapest(cost, begin, most)
-    better = price < cost(begin)
+    """The positive shaper of least cost near ``begin``, in at most so many steps of BFGS, or ``begin`` if better."""
+    point, least = cheapest(cost, begin, most)
+    better = least < cost(begin)
     return jax.tree.map(lambda new, old: jnp.where(better, new, old), _shaper(point), begin)
 
 
 def _shaper(point: Float[Array, " point"]) -> Shaper:
     """Any point is a valid shaper: logarithms of the amplitudes over the first one's, then of the gaps in s."""
     logits, gaps = jnp.split(point, 2)
-    zero = jnp.zeros_like(point[:1])
-    times = jnp.concatenate([zero, jnp.cumsum(jnp.exp(gaps))])
-    return Shaper(jax.nn.softmax(jnp.concatenate([zero, logits])), times)
+    return from_logits(jnp.concatenate([jnp.zeros_like(point[:1]), logits]), jnp.exp(gaps))
 
 
 def _tidied(shaper: Shaper) -> Shaper:
-    """The shaper with idle impulses where the one before them is: they may stand anywhere, but what is interpolated
-    between them and their neighbours in the table, which are not idle, may not. The last one is never idle: it would
-    cost time."""
+    """The shaper with each idle impulse moved to the one before it.
+
+    An idle impulse may stand anywhere, but what is interpolated between it and its neighbours in the table, which are
+    not idle, may not. The last one is never idle: it would cost time.
+    """
     amplitudes, times = shaper.amplitudes, shaper.times
     idle = (amplitudes < IDLE).at[jnp.array([0, -1])].set(False)
     return Shaper(amplitudes, jnp.where(idle, jnp.roll(times, 1), times))
-
-
-_over_cases = jax.vmap(_design, in_axes=(None, None, None, 0, 0, None, None, None))
-_over_sizes = jax.vmap(_over_cases, in_axes=(None, None, 0, None, None, None, None, None))
-_design_all: Any = eqx.filter_jit(jax.vmap(_over_sizes, in_axes=(None, 0, None, None, None, None, None, None)))

@@ -21,18 +21,22 @@ RENDER_MODES = ("rgb_array", "rgb_array_list", "human")
 class MoveEnv(gym.Env):
     """A machine that makes point-to-point moves with a payload that changes.
 
-    ``environment``: a name, a machine, or ``Params``; the keywords are those of ``parameters``.
-
-    **Action**: ``Box(−1, 1, float32)``; what its entries mean is told by ``params.action`` (``actions.py``).
+    **Action**: ``Box(−1, 1, float32)``; ``params.action`` defines its entries (``actions.py``).
     **Observation**: ``Box(−1, 1, float32)``, entries named by ``observation_names(params)``: the sensor's samples or
     features of the vibration after the last move, the last action, the next distance over the longest, what the
-    machine's own encoders tell, the payload if it is observed, how long ago it changed if asked.
+    machine's own encoders measure, the payload if it is observed, how long ago it changed if asked.
     **Reward**: −(energy weight × normalised residual energy + time weight × shaper's duration over the nominal period).
-    **Terminated** when the payload is lost (a rod over the top); **truncated** at the horizon.
-    **Info**: see ``Info``, as floats; what a policy must not see stands under ``"evaluation"``.
+    **Terminated** when the plant diverges (a rod over the top); **truncated** at the horizon.
+    **Info**: see ``Info``, as floats; what a policy must not observe stands under ``"evaluation"``.
 
-    ``render_mode``: ``"rgb_array"`` (the whole last move in one picture), ``"rgb_array_list"`` (its frames) or
-    ``"human"`` (played in a window; without a screen nothing is shown).
+    Args:
+        environment: a name, a machine, or ``Params``.
+        render_mode: ``"rgb_array"`` (the whole last move in one picture), ``"rgb_array_list"`` (its frames) or
+            ``"human"`` (played in a window; without a screen nothing is shown).
+        keywords: those of ``parameters``.
+
+    Raises:
+        ValueError: as ``parameters`` does, and for an unknown render mode.
     """
 
     metadata: ClassVar[dict[str, Any]] = {"render_modes": list(RENDER_MODES), "render_fps": FPS}
@@ -44,7 +48,7 @@ class MoveEnv(gym.Env):
         self.render_mode = render_mode
         self.observation_space, self.action_space = box_spaces(self.params)
         self._lanes: Lanes | None = None
-        self._watched: tuple[Lanes, np.ndarray] | None = None
+        self._last_move: tuple[Lanes, np.ndarray] | None = None
         self._renderer: Renderer | None = None
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None):
@@ -55,7 +59,7 @@ class MoveEnv(gym.Env):
         else:
             base, episode = self._lanes.base, self._lanes.episode + 1
         lanes, observation = begin(base, episode, jnp.ones(len(base), bool), None, self.params)
-        self._lanes, self._watched = lanes, None
+        self._lanes, self._last_move = lanes, None
         if self.render_mode == "human":
             self._draw()
         return np.array(observation)[0], {"evaluation": {"payload": np.asarray(lanes.state.payload)[0].item()}}
@@ -66,13 +70,12 @@ class MoveEnv(gym.Env):
         actions = filled(checked_actions(np.asarray(action)[None], (self.params.action.size,), 1))
         before = self._lanes
         self._lanes, outcome = advance(before, actions, self.params, AutoresetMode.DISABLED)
-        self._watched = (before, actions)
+        self._last_move = (before, actions)
         if self.render_mode == "human":
             self._draw()
-        info = jax.tree.map(lambda x: np.asarray(x)[0].item(), outcome.info)
-        flags = bool(np.asarray(outcome.terminated)[0]), bool(np.asarray(outcome.truncated)[0])
-        info = info._asdict() | {"evaluation": info.evaluation._asdict()}
-        return np.array(outcome.observation)[0], float(np.asarray(outcome.reward)[0]), *flags, info
+        plain = jax.tree.map(lambda x: np.asarray(x)[0].tolist(), outcome)
+        info = plain.info._asdict() | {"evaluation": plain.info.evaluation._asdict()}
+        return np.array(outcome.observation)[0], plain.reward, plain.terminated, plain.truncated, info
 
     def render(self) -> Any:
         if self.render_mode is None:
@@ -85,7 +88,7 @@ class MoveEnv(gym.Env):
             raise gym.error.ResetNeeded("there is nothing to draw yet: call reset first")
         if self._renderer is None:
             self._renderer = Renderer(self.params, window=self.render_mode == "human")
-        lanes, actions = self._watched or (self._lanes, None)
+        lanes, actions = self._last_move or (self._lanes, None)
         state = jax.tree.map(lambda x: x[0], lanes.state)
         self._renderer.take(state, None if actions is None else jnp.asarray(actions[0]))
         if self.render_mode == "human":
@@ -100,7 +103,11 @@ class MoveEnv(gym.Env):
 
 
 def as_params(environment: str | AbstractMachine | Params, keywords: dict[str, Any]) -> Params:
-    """The params that a constructor's arguments ask for."""
+    """The params that a constructor's arguments define.
+
+    Raises:
+        ValueError: for keywords beside ``Params``, and as ``parameters``.
+    """
     if not isinstance(environment, Params):
         return parameters(environment, **keywords)
     if keywords:
@@ -115,7 +122,11 @@ def box_spaces(params: Params) -> tuple[spaces.Box, spaces.Box]:
 
 
 def checked_actions(actions: Any, shape: tuple[int, ...], lanes: int) -> np.ndarray:
-    """*Raises* ``ValueError`` for actions of another shape or that are not finite numbers."""
+    """The actions as single precision, a row for each lane.
+
+    Raises:
+        ValueError: for actions of another shape or that are not finite.
+    """
     actions = np.asarray(actions, np.float32)
     if actions.shape != (lanes, *shape):
         raise ValueError(f"action must have shape {(lanes, *shape)} (one row an environment), not {actions.shape}")

@@ -1,10 +1,10 @@
-"""How good a policy is: what its moves cost, how soon it recovers from a change, what it pays beyond the oracle.
+"""Scores of a policy: the cost of its moves, its recovery from a change of payload, its regret against the oracle.
 
     scores = evaluate(policy, params, episodes=64, seeds=5)
     interval(scores.regret)                # interquartile mean over the seeds, with its 95 % interval
 
 A seed is a set of episodes of its own, the same for every policy: payloads, moves and changes do not depend on what a
-policy does (but where it loses a payload, and the episode with it).
+policy does (but where the plant diverges, which ends the episode).
 """
 
 import json
@@ -18,29 +18,33 @@ import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 from scipy import stats
 
-from jshape import Shaper, _check
+from jshape import _check
 from jshape_envs.baselines import baseline
 from jshape_envs.core import EnvState, Info, Params
 from jshape_envs.parameters import parameters
-from jshape_envs.policy import AbstractPolicy, load_policy, rollout
+from jshape_envs.policy import AbstractPolicy, Choice, Observation, load_policy, rollout
 
 LIMIT = 0.05
 """The normalised residual energy under which a machine has recovered from a change."""
 WITHIN = 2
 """Moves within which it should have."""
 FIRST_SEED = 1_000_000
-"""Far from the seeds that anybody trains with."""
+"""Far from the seeds of trainings."""
 LONGEST = 16
-"""Moves after which nobody waits any longer: a payload that is never recovered counts as so many and one more."""
+"""Number of moves after which an unfinished recovery counts, as so many and one more."""
 
 
 class Scores(NamedTuple):
-    """Of each seed: means over all moves, and over all changes of the payload.
+    """Means over all moves, and over all changes of the payload, an entry a seed. NaN where nothing changed.
 
-    ``reward``; ``residual``: normalised residual energy; ``move_time``: of the shaped command, s; ``regret``: cost
-    beyond the oracle's; ``lost``: fraction of moves that lost the payload. Of changes: ``recovery``: moves until one
-    leaves less than 5 % (1: the first one with the new payload does); ``recovered``: fraction in which one of the first
-    two moves does. NaN where nothing changed.
+    Attributes:
+        reward: of a move.
+        residual: normalised residual energy of a move.
+        move_time: of the shaped command, s.
+        regret: cost of a move beyond the oracle's.
+        lost: fraction of moves in which the plant diverged.
+        recovery: moves after a change until one leaves less than 5 % (1: the first one with the new payload does).
+        recovered: fraction of changes in which one of the first two moves does.
     """
 
     reward: np.ndarray
@@ -53,7 +57,13 @@ class Scores(NamedTuple):
 
 
 class Interval(NamedTuple):
-    """``middle``: interquartile mean; ``low``, ``high``: of its 95 % confidence interval."""
+    """An interquartile mean with its 95 % confidence interval.
+
+    Attributes:
+        middle: the mean.
+        low: the interval's lower end.
+        high: its upper end.
+    """
 
     middle: float
     low: float
@@ -67,12 +77,17 @@ def evaluate(
     seeds: int = 5,
     seed: int = FIRST_SEED,
 ) -> Scores:
-    """The scores of a policy over ``seeds`` sets of so many episodes, each of the params' horizon.
+    """The scores of a policy over several sets of episodes.
 
-    ``policy``: one for all seeds, or one for each (that were trained with different seeds). ``seed``: of the first set,
-    the others follow.
+    Args:
+        policy: one for all seeds, or one for each (that were trained with different seeds).
+        params: the environment; its horizon is the length of an episode.
+        episodes: number of episodes a set.
+        seeds: number of sets.
+        seed: of the first set; the others follow.
 
-    *Raises* ``ValueError`` for counts that are not positive, or policies that are not one for each seed.
+    Raises:
+        ValueError: for counts that are not positive, or policies that are not one for each seed.
     """
     episodes, seeds = _check.count(episodes, "episodes"), _check.count(seeds, "seeds")
     moves = int(params.horizon)
@@ -84,8 +99,13 @@ def evaluate(
             raise ValueError(f"policy must be one, or one for each of {seeds} seeds, not {len(policy)}")
         found = [_rollouts(keys[i], one, params, moves) for i, one in enumerate(policy)]
         rewards, info = jax.tree.map(lambda *x: jnp.concatenate(x), *found)
-    split = lambda x: np.asarray(x, float).reshape(seeds, episodes, moves)
-    mean = lambda x: split(x).mean(axis=(1, 2))
+
+    def split(x: Array) -> np.ndarray:
+        return np.asarray(x, float).reshape(seeds, episodes, moves)
+
+    def mean(x: Array) -> np.ndarray:
+        return split(x).mean(axis=(1, 2))
+
     age = split(info.evaluation.since_change).astype(int)
     changed, residual = split(info.evaluation.changed).astype(bool), split(info.residual)
     waits = [recovery_times(*rows) for rows in zip(residual, age, changed, strict=True)]
@@ -110,50 +130,61 @@ def _rollouts(
 def recovery_times(
     residual: Float[np.ndarray, "episodes moves"], age: np.ndarray, changed: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Of every change: moves until one leaves less than 5 %, and whether that was seen at all.
+    """The moves after every change until one leaves less than 5 %, and whether that was observed.
 
-    ``age``: moves made before with this payload; ``changed``: whether it was the first with a new one. Where the
-    payload changes again, or the episode ends, before the machine has recovered, it is known only that it took longer.
+    Where the payload changes again, or the episode ends, before the machine has recovered, the time is censored.
+
+    Args:
+        residual: normalised residual energies.
+        age: number of moves made before with this payload, episodes × moves.
+        changed: whether it was the first with a new one, episodes × moves.
     """
-    times, seen = [], []
+    times, observed = [], []
     for row, ages, firsts in zip(residual, age, changed, strict=True):
         starts = np.flatnonzero(ages == 0)
         for start, end in zip(starts, [*starts[1:], len(row)], strict=True):
             if firsts[start]:
                 below = np.flatnonzero(row[start:end] < LIMIT)
                 times.append(below[0] + 1 if len(below) else end - start)
-                seen.append(len(below) > 0)
-    return np.array(times, int), np.array(seen, bool)
+                observed.append(len(below) > 0)
+    return np.array(times, int), np.array(observed, bool)
 
 
-def survival(times: np.ndarray, seen: np.ndarray) -> Float[np.ndarray, " moves"]:
-    """The fraction of changes that are not recovered after 1, 2, … moves, from times some of which were cut short.
+def survival(times: np.ndarray, observed: np.ndarray) -> Float[np.ndarray, " moves"]:
+    """The fraction of changes that are not recovered after 1, 2, … moves; NaN where there are no changes.
 
-    *Source*: Kaplan and Meier (1958), as SciPy computes it. NaN where there are no changes.
+    Args:
+        times: of recovery, moves.
+        observed: whether the recovery was observed; else the time is censored.
+
+    Source: Kaplan and Meier (1958), as SciPy computes it.
     """
     moves = np.arange(1, LONGEST + 1)
     if not len(times):
         return np.full(len(moves), np.nan)
-    if not seen.any():
+    if not observed.any():
         return np.ones(len(moves))
-    data = stats.CensoredData(uncensored=times[seen], right=times[~seen])
+    data = stats.CensoredData(uncensored=times[observed], right=times[~observed])
     return np.asarray(stats.ecdf(data).sf.evaluate(moves))
 
 
-def mean_recovery(times: np.ndarray, seen: np.ndarray) -> float:
-    """Mean moves until recovered; 17 for a payload that is not after 16."""
-    return float(1 + survival(times, seen).sum())
+def mean_recovery(times: np.ndarray, observed: np.ndarray) -> float:
+    """The mean number of moves until recovered, 17 for a change that is not after 16; see ``survival``."""
+    return float(1 + survival(times, observed).sum())
 
 
 def interquartile_mean(values: np.ndarray, axis: int = -1) -> np.ndarray:
-    """The mean of the middle half."""
+    """The mean of the middle half of the values."""
     return stats.trim_mean(values, 0.25, axis=axis)
 
 
 def interval(values: np.ndarray) -> Interval:
-    """Interquartile mean over the seeds, with its 95 % interval by the percentile bootstrap.
+    """The interquartile mean over the seeds, with its 95 % interval by the percentile bootstrap.
 
-    *Raises* ``ValueError`` for no values. *Source*: Agarwal, Schwarzer, Castro, Courville and Bellemare (2021).
+    Raises:
+        ValueError: for no values.
+
+    Source: Agarwal, Schwarzer, Castro, Courville and Bellemare (2021).
     """
     values = np.asarray(values, float)
     if values.ndim != 1 or not len(values):
@@ -173,32 +204,33 @@ def summary(scores: Scores) -> dict[str, Interval]:
 
 
 class Transferred(AbstractPolicy):
-    """A policy on an environment with other params than its own (``home``): its actions mean what they meant there, and
-    distances come to it in the unit that it knows.
+    """A policy on an environment with other params than those it was trained with.
 
-    Both environments must have the same sensor and as many entries in an action.
+    Its actions mean what they meant there, and distances come to it in the same unit. Both environments must have the
+    same sensor and as many entries in an action.
+
+    Attributes:
+        policy: the trained one.
+        home: the environment that it was trained on.
     """
 
     policy: AbstractPolicy
     home: Params
 
     def start(self, params: Params) -> Any:
-        del params
         return self.policy.start(self.home)
 
-    def choose(
-        self, memory: Any, observation: Float[Array, " observation"], params: Params, state: EnvState
-    ) -> tuple[Shaper, Float[Array, " size"], Any]:
+    def choose(self, memory: Any, observation: Observation, params: Params, state: EnvState) -> Choice:
         place = params.sensor.size + params.action.size
-        known = observation.at[place].multiply(params.distance[1] / self.home.distance[1])
-        return self.policy.choose(memory, known, self.home, state)
+        scaled = observation.at[place].multiply(params.distance[1] / self.home.distance[1])
+        return self.policy.choose(memory, scaled, self.home, state)
 
 
 def named_policy(name: str, params: Params) -> AbstractPolicy:
-    """A baseline by its name, or a trained policy from its file (a name that ends in ``.npz``), which acts as on the
-    environment that it was trained on.
+    """A baseline by its name, or a trained policy from its file (a name that ends in ``.npz``), ``Transferred``.
 
-    *Raises* ``ValueError`` as ``baselines.baseline`` and ``load_policy``.
+    Raises:
+        ValueError: as ``baselines.baseline`` and ``load_policy``.
     """
     if not name.endswith(".npz"):
         return baseline(name, params)

@@ -1,4 +1,4 @@
-"""A machine: a plant with a payload that may be another one tomorrow, and how it is told to move.
+"""Machines: a plant whose payload changes from move to move, and the command of a move.
 
 Any jshape plant becomes one: name the leaf that is the payload, and say what a move of some distance looks like::
 
@@ -8,7 +8,6 @@ Any jshape plant becomes one: name the leaf that is the payload, and say what a 
 
 import abc
 from collections.abc import Callable
-from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -16,6 +15,7 @@ from jaxtyping import Array, Float, Int
 
 import jshape as js
 from jshape import _check
+from jshape._check import Argument, Checked, not_negative, positive
 from jshape._types import Scalar, State
 from jshape.command import AbstractCommand, PiecewisePolynomial
 from jshape.plants import AbstractPlant, HoistingCrane
@@ -24,7 +24,7 @@ from jshape.simulation.schedule import schedule
 from jshape.sweeps.leaves import leaf, with_leaves
 
 CASES = 2
-"""Kinds of move that differ in more than their size; see ``AbstractMachine.case``."""
+"""Number of kinds of move; see ``AbstractMachine.case``."""
 
 
 class StepProfile(eqx.Module):
@@ -34,16 +34,17 @@ class StepProfile(eqx.Module):
         return js.Step(distance)
 
 
-class RampProfile(eqx.Module):
-    """A move at constant ``speed`` (m/s): the trolley's motor is on or off. *Raises* ``ValueError`` unless positive."""
+class RampProfile(Checked):
+    """A move at constant speed: the trolley's motor is on or off.
 
-    speed: Scalar
+    Attributes:
+        speed: m/s.
 
-    def __init__(self, speed: Any):
-        self.speed = _check.scalar(speed, "speed")
+    Raises:
+        ValueError: for a speed that is not positive.
+    """
 
-    def __check_init__(self):
-        _check.positive(self.speed, "speed")
+    speed: Scalar = eqx.field(converter=Argument(positive))
 
     def __call__(self, distance: Scalar) -> AbstractCommand:
         duration = jnp.abs(distance) / self.speed
@@ -52,29 +53,26 @@ class RampProfile(eqx.Module):
         return PiecewisePolynomial(jnp.stack([zero, duration]), jnp.stack(rows), smoothness=1)
 
 
-class TrapezoidProfile(eqx.Module):
-    """A move with a trapezoid of speed: at most ``speed`` (m/s), with ``acceleration`` (m/s²) at both ends.
+class TrapezoidProfile(Checked):
+    """A move with a trapezoid of speed.
 
-    *Raises* ``ValueError`` unless both are positive.
+    Attributes:
+        speed: greatest, m/s.
+        acceleration: at both ends, m/s².
+
+    Raises:
+        ValueError: for a speed or acceleration that is not positive.
     """
 
-    speed: Scalar
-    acceleration: Scalar
-
-    def __init__(self, speed: Any, acceleration: Any):
-        self.speed = _check.scalar(speed, "speed")
-        self.acceleration = _check.scalar(acceleration, "acceleration")
-
-    def __check_init__(self):
-        _check.positive(self.speed, "speed")
-        _check.positive(self.acceleration, "acceleration")
+    speed: Scalar = eqx.field(converter=Argument(positive))
+    acceleration: Scalar = eqx.field(converter=Argument(positive))
 
     def __call__(self, distance: Scalar) -> AbstractCommand:
         return js.Trapezoid(distance, self.speed, self.acceleration)
 
 
-class AbstractMachine(eqx.Module):
-    """What a move is made with. ``moves``, in every method: how many the machine has made before."""
+class AbstractMachine(Checked):
+    """A machine that makes point-to-point moves. ``moves``, in every method: how many it has made before."""
 
     @abc.abstractmethod
     def plant(self, payload: Scalar, moves: Int[Array, ""]) -> AbstractPlant:
@@ -94,22 +92,24 @@ class AbstractMachine(eqx.Module):
 
     @abc.abstractmethod
     def taken_over(self, state: State, plant: AbstractPlant) -> State:
-        """The state in which ``plant`` begins where the last move's plant had ``state``."""
+        """The state in which ``plant`` begins, from the last state of the plant of the move before."""
 
     def known(self, moves: Int[Array, ""]) -> Float[Array, " known"]:
-        """What the machine's own encoders tell about the next move besides its distance, within [−1, 1]: nothing."""
-        del moves
+        """What the machine's own encoders measure of the next move besides its distance, within [−1, 1]: nothing."""
         return jnp.zeros(0)
 
 
 class Machine(AbstractMachine):
-    """Any plant: ``payload`` names the leaf that changes, ``profile`` makes the command of a distance.
+    """Any plant. Moves to the right and to the left are the two kinds, since a spring need not be symmetric.
 
-    ``profile``: a function in JAX, distance (m, signed) → command; a step unless given. Moves to the right and to the
-    left are the two kinds (a spring need not be symmetric).
+    Attributes:
+        nominal: the plant, with any payload.
+        payload: the dotted path of the leaf that changes.
+        profile: a function in JAX from a distance (m, signed) to a command; a step unless given.
 
-    *Raises* ``ValueError`` for a plant that is none or is driven by a force (a move is one of position), an unknown
-    leaf, or a profile whose command the plant cannot follow.
+    Raises:
+        ValueError: for a plant that is none or is driven by a force (a move is one of position), an unknown leaf, or a
+            profile whose command the plant cannot follow.
     """
 
     nominal: AbstractPlant
@@ -128,56 +128,46 @@ class Machine(AbstractMachine):
         schedule(plant, self.profile(jnp.ones(())))
 
     def plant(self, payload: Scalar, moves: Int[Array, ""]) -> AbstractPlant:
-        del moves
         return with_leaves(self.nominal, {self.payload: payload})
 
     def command(self, distance: Scalar) -> AbstractCommand:
         return self.profile(distance)
 
     def case(self, distance: Scalar, moves: Int[Array, ""]) -> Int[Array, ""]:
-        del moves
         return jnp.where(distance < 0, 1, 0)
 
     def example(self, case: int) -> tuple[float, int]:
         return (1.0, 0) if case == 0 else (-1.0, 0)
 
     def taken_over(self, state: State, plant: AbstractPlant) -> State:
-        del plant
         return state
 
 
 class HoistingMachine(AbstractMachine):
     """A crane that winds its cable up in one move and lets it out in the next, while the trolley drives.
 
-    ``low``, ``high``: the hook's depth under the trolley where it has been let out and wound up, m. The payload is the
-    length of the sling under the hook, m. ``profile``: of the trolley; ``hoist_speed`` (m/s), ``hoist_acceleration``
-    (m/s²): of the hook; ``damping``: N s/m on the payload's sideways speed, of a payload of 1 kg. Moves that hoist and
-    moves that lower are the two kinds.
+    The payload is the length of the sling under the hook, m. Moves that hoist and moves that lower are the two kinds.
 
-    *Raises* ``ValueError`` for values that are not positive, or a low hook that does not hang below the high one.
+    Attributes:
+        low: depth of the hook under the trolley where it has been let out, m.
+        high: the same where it has been wound up, m.
+        profile: of the trolley.
+        hoist_speed: of the hook, m/s.
+        hoist_acceleration: of the hook, m/s².
+        damping: on the sideways speed of a payload of 1 kg, N s/m.
+
+    Raises:
+        ValueError: for values that are not positive, or a low hook that does not hang below the high one.
     """
 
-    low: Scalar
-    high: Scalar
+    low: Scalar = eqx.field(converter=Argument(positive))
+    high: Scalar = eqx.field(converter=Argument(positive))
     profile: TrapezoidProfile
-    hoist_speed: Scalar
-    hoist_acceleration: Scalar
-    damping: Scalar
-
-    def __init__(
-        self, low: Any, high: Any, profile: TrapezoidProfile, hoist_speed: Any, hoist_acceleration: Any, damping: Any
-    ):
-        self.low = _check.scalar(low, "low")
-        self.high = _check.scalar(high, "high")
-        self.profile = profile
-        self.hoist_speed = _check.scalar(hoist_speed, "hoist_speed")
-        self.hoist_acceleration = _check.scalar(hoist_acceleration, "hoist_acceleration")
-        self.damping = _check.scalar(damping, "damping")
+    hoist_speed: Scalar = eqx.field(converter=Argument(positive))
+    hoist_acceleration: Scalar = eqx.field(converter=Argument(positive))
+    damping: Scalar = eqx.field(converter=Argument(not_negative))
 
     def __check_init__(self):
-        for name in ("low", "high", "hoist_speed", "hoist_acceleration"):
-            _check.positive(getattr(self, name), name)
-        _check.not_negative(self.damping, "damping")
         if _check.is_concrete(self.low, self.high) and not float(self.low) > float(self.high):
             raise ValueError(f"low must be deeper than high, {_check.show(self.high)} m, not {_check.show(self.low)} m")
 
@@ -195,7 +185,6 @@ class HoistingMachine(AbstractMachine):
         return self.profile(distance)
 
     def case(self, distance: Scalar, moves: Int[Array, ""]) -> Int[Array, ""]:
-        del distance
         return moves % 2
 
     def example(self, case: int) -> tuple[float, int]:

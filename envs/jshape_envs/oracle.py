@@ -1,8 +1,8 @@
-"""The oracle: a policy that knows the payload, and for each payload and move has a shaper tuned for it.
+"""The oracle's shapers: one tuned for each payload, size and kind of move.
 
-Its shapers stand in a table over payload, size and kind of move, made once and interpolated. Each is designed from
-rest, where the oracle's own last move has left the payload but for a few parts in a hundred thousand; it does not look
-at what is left of a vibration, which a policy may. Regret is what a policy pays beyond what the oracle pays for the
+They stand in a table, made once and interpolated. Each is designed from rest, where the oracle's own last move has left
+the payload but for a few parts in a hundred thousand; unlike a policy's, it does not depend on the vibration that is
+left. Regret is what a policy pays beyond what the oracle pays for the
 same moves with the same payloads.
 """
 
@@ -17,11 +17,16 @@ from jshape._types import Scalar
 
 
 class ShaperTable(eqx.Module):
-    """Shapers on a grid: payload × size of the move (m) × kind of move, straight lines between.
+    """Shapers on an even grid over payload × size of the move × kind of move, interpolated linearly.
 
-    ``payload``, ``distance``: least and greatest, the grid being even; ``amplitudes``, ``times``: of the shapers;
-    ``reference``: the greatest energy of the bare move over the square of its size, J/m², which is straight more nearly
-    than the energy itself; ``cost``: what the shaper costs from rest.
+    Attributes:
+        payload: least and greatest, in the unit of the plant's leaf.
+        distance: shortest and longest move, m.
+        amplitudes: of the shapers, normalised.
+        times: of the shapers, s.
+        reference: greatest energy of the bare move over the square of its size, J/m², which is straight more nearly
+            than the energy itself.
+        cost: of a move with the shaper, from rest.
     """
 
     payload: Float[Array, "2"]
@@ -32,12 +37,12 @@ class ShaperTable(eqx.Module):
     cost: Float[Array, "payloads distances cases"]
 
     def shaper(self, payload: Scalar, distance: Scalar, case: Int[Array, ""]) -> Shaper:
-        """The shaper for that payload, size (m, not negative) and kind of move."""
+        """The shaper for a payload, size of move (m, not negative) and kind of move."""
         at = self._weights(payload, distance)
         return Shaper(_interpolate(self.amplitudes, case, *at), _interpolate(self.times, case, *at))
 
     def costs(self, payload: Scalar, distance: Scalar, case: Int[Array, ""]) -> tuple[Scalar, Scalar]:
-        """The energy by which a residual is normalised, J, and what the oracle pays for the move."""
+        """The energy by which a residual is normalised, J, and the oracle's cost of the move."""
         at = self._weights(payload, distance)
         both = jnp.stack([self.reference, self.cost], axis=-1)
         reference, cost = _interpolate(both, case, *at)
@@ -56,6 +61,7 @@ def _place(value: Scalar, ends: Float[Array, "2"], count: int) -> tuple[Int[Arra
 
 
 def _interpolate(table: Array, case: Int[Array, ""], row: Any, column: Any) -> Array:
+    """The table between its rows and columns, bilinearly."""
     (i, s), (j, r) = row, column
     lower = (1 - r) * table[i, j, case] + r * table[i, j + 1, case]
     upper = (1 - r) * table[i + 1, j, case] + r * table[i + 1, j + 1, case]

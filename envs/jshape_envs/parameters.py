@@ -1,12 +1,13 @@
 """``parameters``: the ``Params`` of an environment that comes with the package, or of a machine of your own."""
 
+import dataclasses
 from pathlib import Path
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from jshape import Shaper, _check
 from jshape._types import Scalar
@@ -32,7 +33,7 @@ _TOLERANCE = 1e-5
 """Relative error of the energy after ten periods that the steps for a machine of one's own are chosen for."""
 
 ENERGY_WEIGHT, TIME_WEIGHT = 1.0, 0.1
-"""What a normalised residual energy of 1 costs, and a shaper of one period, unless other weights are asked for."""
+"""Cost of a normalised residual energy of 1, and of a shaper of one period, unless other weights are given."""
 
 
 def parameters(
@@ -62,18 +63,36 @@ def parameters(
 ) -> Params:
     """Everything about an environment, ready for ``reset`` and ``step``.
 
-    ``environment``: a name of ``presets.ENVIRONMENTS``, with a ``preset``, or a machine, which needs ``payload`` and
-    ``distance`` (least and greatest) and has no presets. ``action``: ``"modal"``, ``"impulses"`` (``impulses`` of them)
-    or ``"residual"``, on a ZVD (two modes: ZV) for the middle payload. ``context``: ``"hidden"``, ``"observed"`` or
-    ``"noisy"``. ``observation``: ``"samples"`` or ``"features"`` of the vibration, ``samples`` of them over ``window``
-    (s). ``noise``, ``resolution``: of the sensor, over its ``reach``. ``tell_change``: whether to tell how many moves
-    ago the payload changed. The others are ``Params``'s own. ``dtype``: of everything; ``float64`` needs JAX's 64 bits.
-
     Oracles of the presets come with the package; other payloads, moves or weights have one designed, which takes some
     ten seconds.
 
-    *Raises* ``ValueError`` for an unknown name or word, ranges that are empty or not positive where they must be, and
-    numbers out of range.
+    Args:
+        environment: a name of ``presets.ENVIRONMENTS``, or a machine, which has no presets.
+        preset: ``"easy"``, ``"paper"``, ``"hard"`` or ``"out-of-distribution"``.
+        action: ``"modal"``, ``"impulses"`` or ``"residual"``, on a ZVD (two modes: ZV) for the middle payload.
+        context: whether the payload of the next move is ``"hidden"``, ``"observed"`` or ``"noisy"``.
+        observation: ``"samples"`` or ``"features"`` of the vibration.
+        tell_change: whether an observation holds how many moves ago the payload changed.
+        payload: least and greatest, in the unit of the plant's leaf; needed for a machine.
+        distance: shortest and longest move, m; needed for a machine.
+        change_rate: probability that the payload is another one in the next move.
+        noise: standard deviation of the sensor's noise, over its reach.
+        resolution: the sensor's quantisation step, over its reach.
+        reach: greatest deflection that the sensor measures, m (rad for an angle).
+        window: how long the sensor measures after a move, s.
+        samples: number of samples in the window.
+        impulses: number of impulses of ``"impulses"`` actions.
+        horizon: moves an episode.
+        carry: whether the vibration left from one move is the beginning of the next.
+        track: greatest distance from where the machine began, m; twice the longest move unless given.
+        energy_weight: cost of a normalised residual energy of 1.
+        time_weight: cost of a shaper of one nominal period.
+        context_noise: standard deviation of a noisily observed payload, over half its range.
+        dtype: of everything; ``float64`` needs JAX's 64 bits.
+
+    Raises:
+        ValueError: for an unknown name or word, ranges that are empty or not positive where they must be, and numbers
+            out of range.
     """
     given: dict[str, Any] = dict(payload=payload, distance=distance, change_rate=change_rate)
     given |= dict(noise=noise, resolution=resolution)
@@ -87,36 +106,36 @@ def parameters(
     if not track >= longest_move:
         raise ValueError(f"track must leave room for the longest move, {longest_move} m, not {track}")
 
-    cast = lambda tree: jax.tree.map(lambda x: _as(x, dtype), tree)
-    machine, payloads, distances = cast((machine, np.asarray(chosen.payload), np.asarray(chosen.distance)))
-    plants = [_at(machine, p) for p in (*payloads, jnp.mean(payloads))]
+    machine, payloads, distances = _cast((machine, np.asarray(chosen.payload), np.asarray(chosen.distance)), dtype)
+    plants = [machine.plant(p, jnp.zeros((), jnp.int32)) for p in (*payloads, jnp.mean(payloads))]
     frequencies = np.array([np.atleast_1d(np.asarray(plant.natural_frequency())) for plant in plants])
-    period = _as(2 * np.pi / frequencies[-1].min(), dtype)
-    longest = float(period) * 0.75 if known is None else known.longest
-    weights = _as(energy_weight, dtype), _as(time_weight, dtype)
-    reach = (longest_move if known is None else known.reach) if reach is None else reach
-    window = (1.25 * float(period) if known is None else known.window) if window is None else window
+    period = _cast(2 * np.pi / frequencies[-1].min(), dtype)
+    if known is None:
+        known = Environment(type(machine), longest_move, 1.25 * float(period), 3, 0.75 * float(period), (9, 9), {})
+    reach = known.reach if reach is None else reach
+    window = known.window if window is None else window
     sensor = Sensor(reach, chosen.noise * reach, chosen.resolution * reach, window, samples, observation)
-    steps = Steps(*chosen.steps) if known else _steps(machine, plants, longest, float(window), samples, distances[1])
-    impulses = (3 if known is None else known.impulses) if impulses is None else impulses
+    steps = chosen.steps or _steps(machine, plants, known.longest, float(window), samples, distances[1])
+    steps, weights = Steps(*steps), (_cast(energy_weight, dtype), _cast(time_weight, dtype))
     table = _shipped(environment, preset, chosen, energy_weight, time_weight)
     if table is None:
-        table = design_table(machine, payloads, distances, weights, period, steps, known.grid if known else (9, 9))
-    table = cast(table)
+        table = design_table(machine, payloads, distances, weights, period, steps, known.grid)
+    table = _cast(table, dtype)
+    impulses = known.impulses if impulses is None else impulses
     return Params(
         machine=machine,
         payload=payloads,
         distance=distances,
-        track=_as(track, dtype),
-        change_rate=_as(chosen.change_rate, dtype),
+        track=_cast(track, dtype),
+        change_rate=_cast(chosen.change_rate, dtype),
         horizon=jnp.asarray(horizon, jnp.int32),
         carry=jnp.asarray(bool(carry)),
         energy_weight=weights[0],
         time_weight=weights[1],
         period=period,
-        context_noise=_as(context_noise, dtype),
-        sensor=cast(sensor),
-        action=cast(_action(action, frequencies, table, longest, impulses)),
+        context_noise=_cast(context_noise, dtype),
+        sensor=_cast(sensor, dtype),
+        action=_cast(_action(action, frequencies, table, known.longest, impulses), dtype),
         oracle=table,
         steps=steps,
         context=context,
@@ -125,6 +144,7 @@ def parameters(
 
 
 def _find(environment: Any, preset: str, given: dict[str, Any]) -> tuple[Environment | None, Preset, AbstractMachine]:
+    """The environment (none for a machine), the preset with what is given in its place, and the machine."""
     if isinstance(environment, AbstractMachine):
         for name in ("payload", "distance"):
             if name not in given:
@@ -136,12 +156,12 @@ def _find(environment: Any, preset: str, given: dict[str, Any]) -> tuple[Environ
     _check.one_of(environment, "environment", tuple(ENVIRONMENTS))
     known = ENVIRONMENTS[environment]
     _check.one_of(preset, "preset", tuple(known.presets))
-    chosen = known.presets[preset]
-    chosen = Preset(**({name: getattr(chosen, name) for name in Preset.__dataclass_fields__} | given))
+    chosen = dataclasses.replace(known.presets[preset], **given)
     return known, chosen, known.machine(**chosen.machine)
 
 
 def _check_numbers(chosen: Preset, energy_weight: float, time_weight: float, context_noise: float) -> None:
+    """Raises ``ValueError`` for ranges and weights that make no sense."""
     for name in ("payload", "distance"):
         ends = getattr(chosen, name)
         _check.finite(np.asarray(ends, float), name)
@@ -155,26 +175,28 @@ def _check_numbers(chosen: Preset, energy_weight: float, time_weight: float, con
     _check.not_negative(context_noise, "context_noise")
 
 
-def _as(value: Any, dtype: Any) -> Array:
-    value = jnp.asarray(value)
-    return value.astype(dtype) if jnp.issubdtype(value.dtype, jnp.floating) else value
-
-
-def _at(machine: AbstractMachine, payload: Scalar) -> AbstractPlant:
-    return machine.plant(payload, jnp.zeros((), jnp.int32))
+def _cast(tree: Any, dtype: Any) -> Any:
+    """The pytree with all its floating-point leaves of that type."""
+    arrays = jax.tree.map(jnp.asarray, tree)
+    return jax.tree.map(lambda x: x.astype(dtype) if jnp.issubdtype(x.dtype, jnp.floating) else x, arrays)
 
 
 def _steps(
     machine: AbstractMachine, plants: list[AbstractPlant], gap: float, window: float, samples: int, distance: Scalar
-) -> Steps:
-    """Enough steps for gaps that long (s), for the longest piece of the longest move, and for the window."""
+) -> list[int]:
+    """Enough steps of a move, for gaps that long (s) and the longest segment of the longest move, and of the window."""
     pair = Shaper(np.array([0.5, 0.5], distance.dtype), np.array([0.0, gap], distance.dtype))
     found = []
     for plant in plants:
         plan = schedule(plant, machine.command(distance), pair)
         still = Schedule(jnp.asarray([0.0, window / samples], distance.dtype), plan.coefficients[-2:])
         found.append([steps_for(plant, part, "tsit5", _TOLERANCE) for part in (plan, still)])
-    return Steps(*np.max(found, axis=0).tolist())
+    return np.max(found, axis=0).tolist()
+
+
+def table_file(environment: str, preset: str) -> Path:
+    """Where the oracle's table of a preset stands."""
+    return TABLES / f"{environment}_{preset}.npz"
 
 
 def _shipped(environment: Any, preset: str, chosen: Preset, energy_weight: float, time_weight: float) -> Any:
@@ -182,7 +204,7 @@ def _shipped(environment: Any, preset: str, chosen: Preset, energy_weight: float
     if not isinstance(environment, str) or (energy_weight, time_weight) != (ENERGY_WEIGHT, TIME_WEIGHT):
         return None
     own = ENVIRONMENTS[environment].presets[preset]
-    path = TABLES / f"{environment} {preset}.npz"
+    path = table_file(environment, preset)
     if (own.payload, own.distance) != (tuple(chosen.payload), tuple(chosen.distance)) or not path.exists():
         return None
     with np.load(path) as stored:
@@ -192,6 +214,7 @@ def _shipped(environment: Any, preset: str, chosen: Preset, energy_weight: float
 def _action(
     kind: str, frequencies: Float[np.ndarray, "3 modes"], table: ShaperTable, longest: float, impulses: int
 ) -> AbstractAction:
+    """The action of that kind, its ranges wide enough for all payloads."""
     if kind == "impulses":
         return ImpulseAction(longest, impulses)
     if kind == "residual":

@@ -20,8 +20,13 @@ from jshape.simulation.simulate import all_states
 
 
 class Steps(eqx.Module):
-    """How finely moves are integrated: ``move`` steps from one break of the shaped command to the next, ``window``
-    steps from one sample of the sensor to the next, both by ``method`` (of ``jshape.simulation.integrate.METHODS``)."""
+    """How finely moves are integrated.
+
+    Attributes:
+        move: steps from one break of the shaped command to the next.
+        window: steps from one sample of the sensor to the next.
+        method: of ``jshape.simulation.integrate.METHODS``.
+    """
 
     move: int = eqx.field(static=True)
     window: int = eqx.field(static=True)
@@ -32,7 +37,7 @@ def plan_move(plant: AbstractPlant, command: AbstractCommand, shaper: Shaper | N
     """The schedule of a (shaped) command that begins at a position (m)."""
     plan = schedule(plant, command)
     if shaper is not None and len(plan.breaks) == 1:
-        # A step becomes a stair. There are no pieces to merge, which would take a sixth of a move's time.
+        # A step becomes a staircase. There are no segments to merge, which would take a sixth of a move's time.
         plan = Schedule(shaper.times, jnp.cumsum(shaper.amplitudes)[:, None] * plan.coefficients)
     elif shaper is not None:
         plan = schedule(plant, command, shaper)
@@ -46,16 +51,28 @@ def run_move(plant: AbstractPlant, plan: Schedule, state: State, steps: Steps) -
         if coast is None:
             state, _ = _integrate(plant, segments, state, steps.move, steps.method)
         else:
-            pieces = (segments.coefficients[:, 0], segments.duration)
-            state, _ = jax.lax.scan(lambda state, piece: (coast(state, *piece), None), state, pieces)
+            levels = (segments.coefficients[:, 0], segments.duration)
+            state, _ = jax.lax.scan(lambda state, level: (coast(state, *level), None), state, levels)
     return state, plant.residual_energy(state, plan.final_inputs(plant))
 
 
 def run_window(
     plant: AbstractPlant, plan: Schedule, state: State, window: Scalar, samples: int, steps: Steps
 ) -> tuple[State, Float[Array, " samples"], Bool[Array, ""]]:
-    """The state at the end of the window (s), the deflections from rest at its samples (m), and whether the plant has
-    escaped."""
+    """The state at the end of the sensor's window, the deflections at its samples, and whether the plant has diverged.
+
+    Args:
+        plant: the plant of this move.
+        plan: of the move that has just ended.
+        state: right after the last break.
+        window: length of the window, s.
+        samples: number of samples, evenly over the window.
+        steps: how finely it is integrated.
+
+    Returns:
+        The last state; deflections from rest, m (rad for an angle); whether the plant left the region from which it
+        returns to rest.
+    """
     inputs, place = plan.final_inputs(plant), plan.coefficients[-1, 0]
     coast = _coast(plant, plan)
     if coast is None:
@@ -72,16 +89,16 @@ def run_window(
 
 
 def greatest_energy(plant: AbstractPlant, command: AbstractCommand, steps: Steps) -> Scalar:
-    """The greatest energy above rest that the bare command gives the plant on its way from rest at 0, or leaves, J.
+    """The greatest energy above rest of the bare command, on its way from rest at 0 or at its end, J.
 
     For a step it is the energy that it leaves; for a smooth command it does not vanish where the command happens to end
     in step with the vibration.
     """
     plan = schedule(plant, command)
     state = plant.rest_state(plant.zero_inputs())
-    _, left = run_move(plant, plan, state, steps)
+    _, residual = run_move(plant, plan, state, steps)
     if len(plan.breaks) == 1:
-        return left
+        return residual
     segments = plan.segments()
     states = all_states(plant, segments, state, steps.move)
     local = segments.duration[:, None] * jnp.linspace(0.0, 1.0, steps.move + 1, dtype=state.dtype)
@@ -90,14 +107,25 @@ def greatest_energy(plant: AbstractPlant, command: AbstractCommand, steps: Steps
         return plant.residual_energy(state, inputs_at(plant, segment.coefficients, segment.age + age))
 
     along = jax.vmap(jax.vmap(energy, in_axes=(None, 0, 0)))(segments, states, local)
-    return jnp.maximum(left, jnp.max(along))
+    return jnp.maximum(residual, jnp.max(along))
 
 
 def watch_move(
     plant: AbstractPlant, plan: Schedule, state: State, horizon: Scalar, samples: int, steps: int
 ) -> tuple[Array, Array, Array, Float[Array, "samples state"]]:
-    """Times (s), the command's and the payload's position (m) and the plant's state, at evenly spaced instants up to
-    the horizon, ``steps`` steps between two: to look at."""
+    """The trajectory of a move, to look at.
+
+    Args:
+        plant: the plant of this move.
+        plan: of the move.
+        state: in which it begins.
+        horizon: its end, s.
+        samples: number of instants, evenly spaced.
+        steps: integration steps between two instants.
+
+    Returns:
+        Times (s), the command's and the payload's position (m), and the plant's states.
+    """
     times = horizon * jnp.linspace(0.0, 1.0, samples, dtype=state.dtype)
     segments, at = plan.sampled(times)
     states = all_states(plant, segments, state, steps)[:, 0][at]
@@ -115,8 +143,9 @@ def _integrate(
 ) -> tuple[State, Float[Array, "state steps"]]:
     """Through the segments, ``steps`` steps in each: the last state, and the state after every step.
 
-    ``jshape.simulation.integrate`` with a loop that carries the state's components apart: in single precision, and with
-    a batch of environments, a quarter of the time. What nobody reads is not computed.
+    Stands for speed alone: ``jshape.simulation.integrate`` with a loop that carries the state's components apart takes,
+    in single precision and with a batch of environments, a quarter of the time. Where that no longer holds, delete this
+    and call ``all_states``. What nobody reads is not computed.
     """
     tableau = tableau_of(method)
 
@@ -133,7 +162,9 @@ def _integrate(
         parts = tuple(after[i] for i in range(len(carry)))
         return parts, parts
 
-    repeat = lambda x: jnp.repeat(x, steps, axis=0)
+    def repeat(x: Array) -> Array:
+        return jnp.repeat(x, steps, axis=0)
+
     index = jnp.tile(jnp.arange(steps, dtype=state.dtype), len(segments.duration))
     items = (repeat(segments.duration / steps), index, jax.tree.map(repeat, segments))
     end, along = jax.lax.scan(advance, tuple(state[i] for i in range(len(state))), items)

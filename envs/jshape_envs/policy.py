@@ -1,4 +1,4 @@
-"""How the shaper of the next move is chosen from what was observed: the face of all policies, and how one is run.
+"""Policies: how the shaper of the next move is chosen from what was observed, and how a policy is run.
 
 A policy has a memory, a pytree of arrays that begins anew with every episode::
 
@@ -27,28 +27,45 @@ POLICIES = Path(__file__).parent / "policies"
 FORMAT = "jshape-policy"
 
 
+Observation = Float[Array, " observation"]
+"""What a policy acts on; ``core.observation_names`` names its entries."""
+
+Choice = tuple[Shaper, Float[Array, " size"], Any]
+"""The shaper, the action that the next observation holds as the last one (zeros where there is none), the memory."""
+
+
 class AbstractPolicy(eqx.Module):
-    """How the shaper of the next move is chosen from what was observed."""
+    """A rule that chooses the shaper of the next move from what was observed."""
 
     def start(self, params: Params) -> Any:
         """The memory at the beginning of an episode, a pytree of arrays; none unless a policy has one."""
-        del params
         return ()
 
     @abc.abstractmethod
-    def choose(
-        self, memory: Any, observation: Float[Array, " observation"], params: Params, state: EnvState
-    ) -> tuple[Shaper, Float[Array, " size"], Any]:
-        """The shaper (of a static number of impulses), the action that the next observation shows (zeros where it is
-        none), the memory. ``state`` is the true one: only an oracle looks at it, and says so."""
+    def choose(self, memory: Any, observation: Observation, params: Params, state: EnvState) -> Choice:
+        """The choice for the next move.
+
+        Args:
+            memory: as ``start`` or the last choice left it.
+            observation: after the last move.
+            params: the environment.
+            state: the true one, which only an oracle may read, and says so.
+
+        Returns:
+            A shaper of a static number of impulses, the action to be observed, the memory.
+        """
 
 
 def rollout(
     key: PRNGKeyArray, policy: AbstractPolicy, params: Params, moves: int
 ) -> tuple[Float[Array, " moves"], Info]:
-    """So many moves from a reset: rewards and infos, a move each.
+    """Rewards and infos of a number of moves from a reset; an episode that ends before is begun anew.
 
-    An episode that ends before is begun anew, with a fresh memory.
+    Args:
+        key: of all random numbers.
+        policy: begun with a fresh memory in every episode.
+        params: the environment.
+        moves: number of moves.
     """
     first, key = jax.random.split(key)
     state, observation = reset(first, params)
@@ -60,14 +77,14 @@ def rollout(
     return kept
 
 
-Running = tuple[EnvState, Float[Array, " observation"], Any]
+Running = tuple[EnvState, Observation, Any]
 """An episode on its way: the environment's state, the observation that is acted on next, the policy's memory."""
 
 
 def advance_policy(
     key: PRNGKeyArray, policy: AbstractPolicy, running: Running, params: Params
 ) -> tuple[Running, tuple[Float[Array, ""], Info]]:
-    """One move by a policy, and a new episode with a fresh memory where it was the last; its reward and info."""
+    """One move by a policy, with its reward and info; where it was the last, a new episode with a fresh memory."""
     state, observation, memory = running
     here, again = jax.random.split(key)
     shaper, action, memory = policy.choose(memory, observation, params, state)
@@ -80,7 +97,13 @@ def advance_policy(
 
 
 class Sizes(NamedTuple):
-    """Numbers of entries: of an ``observation``, of those that the sensor tells (they come first), of an ``action``."""
+    """Numbers of entries that a policy is made for.
+
+    Attributes:
+        observation: of an observation.
+        sensed: of those that come from the sensor; they are the first.
+        action: of an action.
+    """
 
     observation: int
     sensed: int
@@ -88,20 +111,29 @@ class Sizes(NamedTuple):
 
 
 def sizes_of(params: Params) -> Sizes:
-    """What a policy for an environment must be made for."""
+    """The sizes of an environment."""
     return Sizes(len(observation_names(params)), params.sensor.size, params.action.size)
 
 
 class GRUPolicy(AbstractPolicy):
     """A small recurrent network: a gated recurrent unit over the observations, and one layer between it and the action.
 
-    Its memory is the unit's state, ``hidden`` numbers. The sensor's entries are spread by asinh(``gain`` x) first: what
-    tells payloads apart is small beside the sensor's reach. The action passes through tanh.
+    Its memory is the unit's state. The sensor's entries are spread by asinh(``gain`` x) first: what distinguishes
+    payloads is small beside the sensor's reach. The action passes through tanh.
 
-    ``sizes``: of the environment that it is for; ``key``: of its first weights; ``width``: of the layer.
+    Args:
+        sizes: of the environment that it is for.
+        key: of its first weights.
+        hidden: size of the memory.
+        width: of the layer.
+        gain: of the sensor's entries.
+        dtype: of the weights.
 
-    *Raises* ``ValueError`` for sizes below 1 or a gain that is not positive; ``start`` does for an environment whose
-    observations or actions have other sizes.
+    Raises:
+        ValueError: for sizes below 1 or a gain that is not positive, and by ``start`` for an environment whose
+            observations or actions have other sizes.
+
+    Source: Cho et al. (2014).
     """
 
     cell: eqx.nn.GRUCell
@@ -135,44 +167,52 @@ class GRUPolicy(AbstractPolicy):
         return jnp.zeros(self.cell.hidden_size, self.cell.weight_hh.dtype)
 
     def act(
-        self, memory: Float[Array, " hidden"], observation: Float[Array, " observation"]
+        self, memory: Float[Array, " hidden"], observation: Observation
     ) -> tuple[Float[Array, " size"], Float[Array, " hidden"]]:
         """The action, within [−1, 1], and the memory after it."""
         sensed, others = observation[: self.sizes.sensed], observation[self.sizes.sensed :]
-        seen = jnp.concatenate([jnp.arcsinh(self.gain * sensed), others])
-        memory = self.cell(seen, memory)
-        return jnp.tanh(self.head(jnp.concatenate([memory, seen]))), memory
+        features = jnp.concatenate([jnp.arcsinh(self.gain * sensed), others])
+        memory = self.cell(features, memory)
+        return jnp.tanh(self.head(jnp.concatenate([memory, features]))), memory
 
-    def choose(
-        self, memory: Any, observation: Float[Array, " observation"], params: Params, state: EnvState
-    ) -> tuple[Shaper, Float[Array, " size"], Any]:
-        del state
+    def choose(self, memory: Any, observation: Observation, params: Params, state: EnvState) -> Choice:
         action, memory = self.act(memory, observation)
         return params.action.shaper(action), action, memory
 
 
 def save_policy(policy: GRUPolicy, path: str | Path, about: dict[str, Any]) -> None:
-    """The policy's weights as npz, and what it is for (``about``: whatever JSON can tell)."""
+    """Write a policy's weights as npz.
+
+    Args:
+        policy: to be written.
+        path: of the file; its folder is made.
+        about: what the policy is for, as JSON can hold it; ``evaluate.named_policy`` reads ``environment``,
+            ``preset``, ``context`` and ``action``.
+    """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     made = dict(hidden=policy.cell.hidden_size, width=policy.head.width_size, gain=policy.gain)
     header = json.dumps(dict(format=FORMAT, version=1, sizes=policy.sizes._asdict(), made=made, about=about))
-    leaves = jax.tree_util.tree_leaves_with_path(eqx.filter(policy, eqx.is_array))
-    named = {jax.tree_util.keystr(at): np.asarray(x) for at, x in leaves}
     with whole(path) as file:
-        np.savez_compressed(file, allow_pickle=False, header=np.asarray(header), **named)
+        np.savez_compressed(file, allow_pickle=False, header=np.asarray(header), **named_arrays(policy))
 
 
 def load_policy(name: str | Path, preset: str = "paper", context: str = "hidden") -> GRUPolicy:
-    """The policy that comes with the package for an environment, or the one in a file (a name that ends in ``.npz``).
+    """A trained policy from its file.
 
-    *Raises* ``ValueError`` if there is none, or the file holds something else.
+    Args:
+        name: of an environment, for the policy that comes with the package, or of a file (it ends in ``.npz``).
+        preset: that the policy was trained on.
+        context: whether it was trained with a ``"hidden"`` or an ``"observed"`` payload.
+
+    Raises:
+        ValueError: if there is none, or the file holds something else.
     """
-    path = Path(name) if str(name).endswith(".npz") else POLICIES / f"{name} {preset} {context}.npz"
+    path = Path(name) if str(name).endswith(".npz") else policy_file(str(name), preset, context)
     if not path.exists():
         there = ", ".join(sorted(repr(each.stem) for each in POLICIES.glob("*.npz")))
         raise ValueError(
-            f"name: there is no policy {str(path) if path == Path(name) else path.stem!r}; there are {there}"
+            f"name: there is no policy {path if path == Path(name) else repr(path.stem)}; there are {there}"
         )
     try:
         with np.load(path) as stored:
@@ -181,22 +221,42 @@ def load_policy(name: str | Path, preset: str = "paper", context: str = "hidden"
         if header["format"] != FORMAT:
             raise KeyError("format")
         blank = eqx.filter_eval_shape(GRUPolicy, Sizes(**header["sizes"]), jax.random.key(0), **header["made"])
-        return jax.tree_util.tree_map_with_path(lambda at, x: _weight(found, at, x), blank)
+        return with_arrays(blank, found)
     except (OSError, KeyError, TypeError, ValueError) as error:
         raise ValueError(f"name: {path} holds no policy ({error})") from None
 
 
-def shipped_policy(name: str, preset: str = "paper", context: str = "hidden") -> Path | None:
+def policy_file(environment: str, preset: str = "paper", context: str = "hidden") -> Path:
+    """Where a policy that comes with the package stands."""
+    return POLICIES / f"{environment}_{preset}_{context}.npz"
+
+
+def shipped_policy(environment: str, preset: str = "paper", context: str = "hidden") -> Path | None:
     """The file of the policy that comes with the package for an environment, if there is one."""
-    path = POLICIES / f"{name} {preset} {context}.npz"
+    path = policy_file(environment, preset, context)
     return path if path.exists() else None
 
 
-def _weight(found: dict[str, np.ndarray], at: Any, blank: Any) -> Any:
-    """The weight at a place in the policy; what is no array stays as it is."""
-    if not isinstance(blank, jax.ShapeDtypeStruct):
-        return blank
-    weight = found[jax.tree_util.keystr(at)]
-    if weight.shape != blank.shape:
-        raise ValueError(f"{jax.tree_util.keystr(at)} has shape {weight.shape}, not {blank.shape}")
-    return jnp.asarray(weight)
+def named_arrays(tree: Any) -> dict[str, np.ndarray]:
+    """The arrays of a pytree by their paths, for a file."""
+    leaves = jax.tree_util.tree_leaves_with_path(eqx.filter(tree, eqx.is_array))
+    return {jax.tree_util.keystr(path): np.asarray(leaf) for path, leaf in leaves}
+
+
+def with_arrays(blank: Any, named: dict[str, np.ndarray]) -> Any:
+    """The pytree with arrays from a file in the place of its own, or of their shapes; the rest stays.
+
+    Raises:
+        KeyError: where one is missing.
+        ValueError: where one has another shape.
+    """
+
+    def leaf(path: Any, own: Any) -> Any:
+        if not eqx.is_array(own) and not isinstance(own, jax.ShapeDtypeStruct):
+            return own
+        name = jax.tree_util.keystr(path)
+        if named[name].shape != own.shape:
+            raise ValueError(f"{name} has shape {named[name].shape}, not {own.shape}")
+        return jnp.asarray(named[name])
+
+    return jax.tree_util.tree_map_with_path(leaf, blank)

@@ -1,4 +1,4 @@
-"""The environments that come with the package, and ``parameters``, which makes one from a name or from any machine.
+"""The environments that come with the package: their machines, sensors, payloads and moves.
 
 Each environment has the presets ``"easy"``, ``"paper"``, ``"hard"`` and ``"out-of-distribution"``: train on one, judge
 on another. In the last one payloads, moves and nonlinearity lie beyond those of ``"paper"``.
@@ -13,10 +13,18 @@ from jshape_envs.machine import AbstractMachine, HoistingMachine, Machine, RampP
 
 @dataclasses.dataclass(frozen=True)
 class Preset:
-    """What makes one preset: ``machine``: keywords of the environment's machine; ``payload``, ``distance``: least and
-    greatest; ``change_rate``: probability a move; ``noise``, ``resolution``: of the sensor, over its reach; ``steps``:
-    see ``physics.Steps``, enough for 1e-4 of the bare move's energy with the longest gaps and the fastest payload; a
-    plant with a closed form takes none."""
+    """One preset of an environment.
+
+    Attributes:
+        machine: keywords of the environment's machine.
+        payload: least and greatest, in the unit of the plant's leaf.
+        distance: shortest and longest move, m.
+        change_rate: probability of a change of payload, a move.
+        noise: of the sensor, over its reach.
+        resolution: of the sensor, over its reach.
+        steps: of ``physics.Steps``, enough for 1e-4 of the bare move's energy with the longest gaps and the fastest
+            payload; a plant with a closed form takes none.
+    """
 
     machine: Mapping[str, float]
     payload: tuple[float, float]
@@ -31,8 +39,14 @@ class Preset:
 class Environment:
     """An environment: its machine, sensor and actions, and its presets.
 
-    ``reach``, ``window``: of the sensor, m or rad and s; ``impulses``: of free impulses; ``longest``: gap between two
-    of them, s; ``grid``: payloads and sizes of moves in the oracle's table.
+    Attributes:
+        machine: makes the machine from a preset's keywords.
+        reach: of the sensor, m or rad.
+        window: of the sensor, s.
+        impulses: number of impulses of ``"impulses"`` actions.
+        longest: gap between two of them, s.
+        grid: numbers of payloads and of sizes of moves in the oracle's table.
+        presets: by name.
     """
 
     machine: Callable[..., AbstractMachine]
@@ -49,7 +63,7 @@ def duffing(k3: float) -> AbstractMachine:
 
     The damper takes two thirds of what is left of one move before the next one begins.
 
-    *Source*: Moonmangmee and Chatlatanagulchai (2025), Section 5, for the spring.
+    Source: Moonmangmee and Chatlatanagulchai (2025), Section 5, for the spring.
     """
     spring, damper = js.plants.Duffing(10.0, k3), js.plants.LinearDamper(0.4)
     return Machine(js.plants.TwoMass(spring=spring, damper=damper), payload="m2")
@@ -58,7 +72,7 @@ def duffing(k3: float) -> AbstractMachine:
 def crane(speed: float) -> AbstractMachine:
     """A rod of 0.205 kg and 1 m under a trolley whose motor is on (``speed`` m/s) or off; a bob hangs 1.3 m down.
 
-    *Source*: Peláez, Doval-Gandoy, Caparrini and García-Prada (2006), Eqs. 11–15: the physical pendulum and its rod,
+    Source: Peláez, Doval-Gandoy, Caparrini and García-Prada (2006), Eqs. 11–15: the physical pendulum and its rod,
     driven by switching the motor; the bob hangs lower here, where its mass matters more.
     """
     plant = js.plants.BobRodPendulum(0.205, 0.2, 1.0, 1.3, damping=0.08, drive="velocity")
@@ -68,7 +82,7 @@ def crane(speed: float) -> AbstractMachine:
 def flexible_link(servo: float) -> AbstractMachine:
     """The two modes of a link that carries coins at its tip, behind a servo of ``servo`` rad/s; linear.
 
-    *Source*: Chatlatanagulchai, Chotana and Prutthapong, Figs. 5 and 8.
+    Source: Chatlatanagulchai, Chotana and Prutthapong, Figs. 5 and 8.
     """
     return Machine(js.plants.FlexibleLink(servo_omega=servo), payload="load")
 
@@ -76,7 +90,7 @@ def flexible_link(servo: float) -> AbstractMachine:
 def hoisting_crane(hoist: float) -> AbstractMachine:
     """A crane whose hook goes up by ``hoist`` m in one move, from 2 m under the trolley, and down in the next.
 
-    *Source*: Singhose, Porter, Kenison and Kriikku (2000): planar gantry crane with hoisting.
+    Source: Singhose, Porter, Kenison and Kriikku (2000): planar gantry crane with hoisting.
     """
     profile = TrapezoidProfile(3.0, 4.0)
     return HoistingMachine(2.0, 2.0 - hoist, profile, hoist_speed=1.0, hoist_acceleration=2.0, damping=0.2)

@@ -26,7 +26,12 @@ SAMPLES = 121
 
 
 class Renderer:
-    """Draws moves of one environment. ``window``: whether ``play`` is to show them on the screen."""
+    """Draws moves of one environment.
+
+    Args:
+        params: the environment.
+        window: whether ``play`` shows them on the screen.
+    """
 
     def __init__(self, params: Params, window: bool = False):
         self.params = params
@@ -44,17 +49,16 @@ class Renderer:
             (self.payload,) = below.plot([], [], color=COLOURS[0], linewidth=1.6, label="payload")
             self.impulses = below.vlines([], 0, 1, color=COLOURS[1], linewidth=0.8, linestyle=":", label="impulses")
             self.now = below.axvline(0.0, color="0.7", linewidth=0.8)
-            below.set_xlabel("time (s)")
-            below.set_ylabel(self.scene.unit)
+            below.set(xlabel="time (s)", ylabel=self.scene.unit)
             below.legend(loc="upper left", ncols=3)
             self.below = below
-            self.words = self.figure.text(0.09, 0.955, "", fontsize=9)
+            self.title = self.figure.text(0.09, 0.955, "", fontsize=9)
         self._move: tuple[np.ndarray, ...] = ()
 
     def take(self, state: EnvState, action: Array | None) -> None:
         """The move to draw: from this state, with this action (none: the machine stands before its first move)."""
-        stands = jnp.zeros(self.params.action.size) if action is None else action
-        found = tuple(np.asarray(x) for x in _watch(state, stands.astype(self.params.period.dtype), self.params))
+        given = jnp.zeros(self.params.action.size) if action is None else action
+        found = tuple(np.asarray(x) for x in _watch(state, given.astype(self.params.period.dtype), self.params))
         if action is None:
             found = (*(np.repeat(x[:1], 2, axis=0) for x in found[:4]), np.zeros(0), found[5])
         self._move = found
@@ -66,9 +70,9 @@ class Renderer:
         ends = self.below.get_ylim()
         self.impulses.set_segments([np.array([[t, ends[0]], [t, ends[1]]]) for t in impulses])
         number, distance = int(state.moves), float(state.distance)
-        told = "next" if action is None else f"residual energy {100 * float(residual):.2f} %"
-        self.words.set_text(
-            f"move {number + 1}: {distance:+.2f} {self.scene.short}, payload {float(state.payload):.3g}; {told}"
+        outcome = "next" if action is None else f"residual energy {100 * float(residual):.2f} %"
+        self.title.set_text(
+            f"move {number + 1}: {distance:+.2f} {self.scene.short}, payload {float(state.payload):.3g}; {outcome}"
         )
 
     def still(self) -> np.ndarray:
@@ -113,6 +117,7 @@ class Renderer:
 
 @jax.jit
 def _watch(state: EnvState, action: Array, params: Params) -> tuple[Array, ...]:
+    """Times, command, payload and states along the move, times of the impulses, normalised residual energy."""
     machine = params.machine
     plant, shaper = machine.plant(state.payload, state.moves), params.action.shaper(action)
     plan = plan_move(plant, machine.command(state.distance), shaper, state.position)

@@ -24,13 +24,19 @@ from jshape_envs.vector import MoveVectorEnv
 
 
 class MoveVecEnv(VecEnv):
-    """``num_envs`` environments in one compiled program, for trainers of stable-baselines3.
+    """Environments in one compiled program, for trainers of stable-baselines3.
 
-    An ended episode begins anew in the same step; its last observation stands under ``"terminal_observation"`` in its
-    info, and ``"TimeLimit.truncated"`` tells whether only the horizon ended it. With an ended episode the info tells
-    its mean reward a move and its number of moves, too, as ``"episode"``: what trainers log as return and length.
+    An ended episode begins anew in the same step; its info holds its last observation as ``"terminal_observation"``,
+    whether only the horizon ended it as ``"TimeLimit.truncated"``, and, as ``"episode"``, its mean reward a move and
+    its number of moves: what trainers log as return and length.
 
-    *Raises* ``ValueError`` unless ``num_envs`` is a whole number of at least 1.
+    Args:
+        params: the environment.
+        num_envs: number of lanes.
+        seed: of the first reset.
+
+    Raises:
+        ValueError: unless ``num_envs`` is a whole number of at least 1.
     """
 
     def __init__(self, params: Params, num_envs: int, seed: int = 0):

@@ -14,13 +14,13 @@ from jshape_envs.core import Params
 
 
 class Scene(abc.ABC):
-    """A drawing on one pair of axes: ``take`` a move's tracks, ``draw`` it at one of its instants."""
+    """A drawing on one pair of axes: ``take`` a move's trajectory, ``draw`` it at one of its instants."""
 
     unit = "position (m)"
     short = "m"
 
     def __init__(self, axes: Axes, params: Params):
-        self.axes, self.params = axes, params
+        self.axes, self.params, self.travel = axes, params, float(params.track)
         axes.set_axis_off()
         (self.path,) = axes.plot([], [], color=COLOURS[5], linewidth=1.0, alpha=0.8, zorder=1)
         self.prepare()
@@ -44,19 +44,15 @@ class Scene(abc.ABC):
         self.put(self.machine[index], self.load[index])
         self.path.set_data(*self.load[: index + 1].T)
 
-    def reach(self) -> float:
-        """Half the width of the track."""
-        return float(self.params.track)
-
     def add(self, patch: Any) -> Any:
         return self.axes.add_patch(patch)
 
 
 class Blocks(Scene):
-    """A base that follows the command and a payload on a spring, both on a floor; for plants that tell no more."""
+    """A base that follows the command and a payload on a spring, both on a floor; for any plant."""
 
     def prepare(self) -> None:
-        wide = self.reach()
+        wide = self.travel
         self.size = 0.09 * wide
         self.axes.set_xlim(-1.15 * wide, 1.35 * wide)
         self.axes.set_ylim(-0.3 * wide, 0.8 * wide)
@@ -69,7 +65,6 @@ class Blocks(Scene):
         self.gap = 0.35 * wide
 
     def places(self, command, payload, states):
-        del states
         level = np.full_like(command, self.size)
         return np.stack([command, level], 1), np.stack([payload + self.gap, level], 1)
 
@@ -83,7 +78,7 @@ class Blocks(Scene):
     def draw(self, index: int) -> None:
         super().draw(index)
         # On a line the path would be a line: it is shown above the payload, rising with time.
-        rise = np.linspace(0.0, 0.5 * self.reach(), len(self.load))[: index + 1]
+        rise = np.linspace(0.0, 0.5 * self.travel, len(self.load))[: index + 1]
         self.path.set_data(self.load[: index + 1, 0] + self.size, 2.3 * self.size + rise)
 
 
@@ -91,7 +86,7 @@ class CraneScene(Scene):
     """A trolley on its track and what hangs from it."""
 
     def prepare(self) -> None:
-        wide, plant = self.reach(), self.params.machine.plant(self.params.payload[1], jnp.zeros((), jnp.int32))
+        wide, plant = self.travel, self.params.machine.plant(self.params.payload[1], jnp.zeros((), jnp.int32))
         self.rod = float(plant.bob_position) if isinstance(plant, BobRodPendulum) else 0.0
         deep = self.rod or 1.2 * float(self.params.payload[1] + getattr(self.params.machine, "low", 0.0))
         self.size = 0.05 * max(wide, 2 * deep)
@@ -130,7 +125,6 @@ class LinkScene(Scene):
         (self.link,) = self.axes.plot([], [], color="0.2", linewidth=2.5, zorder=2)
 
     def places(self, command, payload, states):
-        del command
         # The motor's angle and the tip's, about straight up.
         return np.stack([states[:, 0], payload], 1), np.stack([-np.sin(payload), np.cos(payload)], 1)
 

@@ -1,6 +1,6 @@
-"""What a sensor on the machine tells of the vibration after a move: samples of the deflection, or features of them."""
+"""The sensor that observes the vibration after a move: samples of the deflection, or features of them."""
 
-from typing import Any
+from functools import partial
 
 import equinox as eqx
 import jax
@@ -8,66 +8,53 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jshape import _check
+from jshape._check import Argument, Checked, count, not_negative, positive
 from jshape._types import Scalar
 from jshape.quantisation import quantised
 
 OBSERVATIONS = ("samples", "features")
 
 
-class Sensor(eqx.Module):
-    """Samples of the deflection from its rest, evenly over a window after the last impulse.
+class Sensor(Checked):
+    """Samples of the deflection from rest, evenly over a window after the last impulse, the last at the window's end.
 
-    ``reach``: the greatest deflection it can tell, m (rad for an angle; beyond, it saturates); ``noise``: standard
-    deviation, white, m; ``resolution``: the quantisation step, m, 0 for none; ``window``: how long it measures, s,
-    while the machine stands still; ``samples``: how many, the last one at the window's end; ``kind``: ``"samples"``,
-    over the reach, or ``"features"``: their root mean square, the cosine of the phase from one to the next (a
-    frequency; 1 where nothing vibrates), the last sample and the mean of the last two changes.
+    Rounding has no slope: in derivatives it counts as the identity.
 
-    Rounding has no slope, so the quantisation step counts as 1 in derivatives.
+    Attributes:
+        reach: greatest deflection, m (rad for an angle), beyond which the sensor saturates.
+        noise: standard deviation of its white noise, m.
+        resolution: the quantisation step, m; 0 for none.
+        window: how long it measures, s, while the machine stands still.
+        samples: number of samples.
+        kind: ``"samples"``, over the reach, or ``"features"``: their root mean square, the cosine of the phase from one
+            to the next (a frequency; 1 where nothing vibrates), the last sample and the mean of the last two changes.
 
-    *Raises* ``ValueError`` for a reach or window that is not positive, negative noise or resolution, fewer than four
-    samples, or an unknown kind.
+    Raises:
+        ValueError: for a reach or window that is not positive, negative noise or resolution, fewer than four samples,
+            or an unknown kind.
     """
 
-    reach: Scalar
-    noise: Scalar
-    resolution: Scalar
-    window: Scalar
-    samples: int = eqx.field(static=True)
-    kind: str = eqx.field(static=True)
-
-    def __init__(
-        self,
-        reach: Any,
-        noise: Any = 0.0,
-        resolution: Any = 0.0,
-        window: Any = 1.0,
-        samples: int = 16,
-        kind: str = "samples",
-    ):
-        self.reach = _check.scalar(reach, "reach")
-        self.noise = _check.scalar(noise, "noise")
-        self.resolution = _check.scalar(resolution, "resolution")
-        self.window = _check.scalar(window, "window")
-        self.samples = _check.count(samples, "samples", least=4)
-        self.kind = kind
+    reach: Scalar = eqx.field(converter=Argument(positive))
+    noise: Scalar = eqx.field(default=0.0, converter=Argument(not_negative))
+    resolution: Scalar = eqx.field(default=0.0, converter=Argument(not_negative))
+    window: Scalar = eqx.field(default=1.0, converter=Argument(positive))
+    samples: int = eqx.field(default=16, static=True, converter=Argument(convert=partial(count, least=4)))
+    kind: str = eqx.field(default="samples", static=True)
 
     def __check_init__(self):
-        _check.positive(self.reach, "reach")
-        _check.not_negative(self.noise, "noise")
-        _check.not_negative(self.resolution, "resolution")
-        _check.positive(self.window, "window")
         _check.one_of(self.kind, "observation", OBSERVATIONS)
 
     @property
     def size(self) -> int:
-        """How many numbers it tells."""
+        """Number of entries of a reading."""
         return self.samples if self.kind == "samples" else 4
 
     def read(self, deflection: Float[Array, " samples"], noise: Float[Array, " samples"]) -> Float[Array, " size"]:
-        """What is told of these deflections (m), within [−1, 1]; 0 where one is not finite.
+        """The reading of these deflections (m), within [−1, 1]; 0 where one is not finite.
 
-        ``noise``: standard normal numbers.
+        Args:
+            deflection: from rest, m.
+            noise: standard normal numbers.
         """
         measured = deflection + self.noise * noise
         measured = measured + jax.lax.stop_gradient(quantised(measured, self.resolution) - measured)
@@ -76,6 +63,7 @@ class Sensor(eqx.Module):
 
 
 def _features(x: Float[Array, " samples"]) -> Float[Array, "4"]:
+    """Root mean square, cosine of the phase between samples, last sample, mean of the last two changes."""
     # For a sine, x[k+1] + x[k−1] = 2 cos(phase) x[k]; the least-squares fit of that cosine.
     middle, square = x[1:-1], jnp.mean(x**2)
     power = jnp.sum(middle**2)

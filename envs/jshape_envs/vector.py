@@ -18,13 +18,20 @@ from jshape_envs.machine import AbstractMachine
 
 
 class MoveVectorEnv(gym.vector.VectorEnv):
-    """``num_envs`` environments as ``MoveEnv`` describes them; a seed s gives lane i the episodes of seed s + i alone.
+    """Environments as ``MoveEnv`` describes them; a seed s gives lane i the episodes of seed s + i alone.
 
-    ``max_episode_steps``: the horizon, in the place of the one among the params. ``autoreset_mode``: ``NEXT_STEP``,
-    ``SAME_STEP`` (the last observation and info then stand under ``"final_obs"`` and ``"final_info"``, as arrays with
-    a row for every lane) or ``DISABLED`` (``reset(options={"reset_mask": …})`` begins lanes anew).
+    Args:
+        num_envs: number of environments.
+        environment: a name, a machine, or ``Params``.
+        max_episode_steps: the horizon, in the place of the one among the params.
+        autoreset_mode: ``NEXT_STEP``, ``SAME_STEP`` (the last observation and info then stand under ``"final_obs"`` and
+            ``"final_info"``, as arrays with a row for every lane) or ``DISABLED`` (``reset(options={"reset_mask": …})``
+            begins lanes anew).
+        render_mode: None.
+        keywords: those of ``parameters``.
 
-    *Raises* ``ValueError`` as ``parameters`` does, and for an unknown mode.
+    Raises:
+        ValueError: as ``parameters`` does, and for an unknown mode.
     """
 
     def __init__(
@@ -49,37 +56,38 @@ class MoveVectorEnv(gym.vector.VectorEnv):
         self.single_observation_space, self.single_action_space = box_spaces(self.params)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
-        self._generators: list[np.random.Generator] | None = None
         self._lanes: Lanes | None = None
 
     def reset(self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None):
-        seeds = self._seeds(seed)
-        mask = np.ones(self.num_envs, bool)
-        if options and "reset_mask" in options:
-            mask = np.asarray(options["reset_mask"], bool)
-            if mask.shape != (self.num_envs,) or not mask.any():
-                raise ValueError(f"reset_mask must tell of each of {self.num_envs} lanes, and ask for one at least")
-            if self._lanes is None and not mask.all():
-                raise gym.error.ResetNeeded("the lanes that reset_mask leaves out have not begun: call reset first")
-        if self._lanes is None or seeds is not None:
-            chosen = seeds if seeds is not None else self._seeds(int(np.random.SeedSequence().generate_state(1)[0]))
-            assert chosen is not None
-            base = base_keys(seeded(chosen))
+        mask = self._mask(options)
+        if self._lanes is not None and seed is None:
+            base, episode = self._lanes.base, self._lanes.episode + filled(mask)
+        else:
+            seed = int(np.random.SeedSequence().generate_state(1)[0]) if seed is None else seed
+            base = base_keys(seeded(self._seeds(seed)))
             episode = jnp.zeros(len(base), jnp.int32)
             if self._lanes is not None:
                 base = jnp.where(filled(mask), base, self._lanes.base)
                 episode = jnp.where(filled(mask), episode, self._lanes.episode)
-        else:
-            base, episode = self._lanes.base, self._lanes.episode + filled(mask)
         partial = None if mask.all() else self._lanes
         lanes, observation = begin(base, episode, jnp.asarray(filled(mask)), partial, self.params)
         self._lanes, payload = lanes, np.array(lanes.state.payload)[: self.num_envs]
         info = {"evaluation": {"payload": payload, "_payload": mask.copy()}, "_evaluation": mask.copy()}
         return np.array(observation)[: self.num_envs], info
 
-    def _seeds(self, seed: int | list[int | None] | None) -> list[int] | None:
-        if seed is None:
-            return None
+    def _mask(self, options: dict[str, Any] | None) -> np.ndarray:
+        """The lanes that a reset begins anew."""
+        mask = np.ones(self.num_envs, bool)
+        if options and "reset_mask" in options:
+            mask = np.asarray(options["reset_mask"], bool)
+            if mask.shape != (self.num_envs,) or not mask.any():
+                raise ValueError(f"reset_mask must have {self.num_envs} entries, one a lane, and one true at least")
+            if self._lanes is None and not mask.all():
+                raise gym.error.ResetNeeded("the lanes that reset_mask leaves out have not begun: call reset first")
+        return mask
+
+    def _seeds(self, seed: int | list[int | None]) -> list[int]:
+        """A seed for each lane."""
         if isinstance(seed, int | np.integer):
             return [int(seed) + i for i in range(self.num_envs)]
         if len(seed) != self.num_envs or any(s is None for s in seed):
@@ -103,7 +111,7 @@ class MoveVectorEnv(gym.vector.VectorEnv):
 
 
 def as_dict(info: Info | Evaluation, mask: np.ndarray) -> dict[str, Any]:
-    """An info as Gymnasium's vector environments give it: arrays, each with the mask of the lanes that it tells of."""
+    """An info as Gymnasium's vector environments give it: arrays, each with the mask of the lanes that it is for."""
     found: dict[str, Any] = {}
     for name, value in info._asdict().items():
         nested = hasattr(value, "_asdict")

@@ -9,7 +9,6 @@ Errors are the worst over 41 of the plants against SciPy's DOP853 at 1e-13.
 """
 
 import argparse
-import time
 import warnings
 from typing import Any
 
@@ -19,7 +18,8 @@ import numpy as np
 from jax.interpreters.partial_eval import dce_jaxpr
 
 from experiments.benchmarks.duffing import AMPLITUDES, TIMES, energies, energy, scipy_energy
-from experiments.benchmarks.record import about, keep
+from experiments.benchmarks.record import about, keep, least
+from experiments.markdown import table
 
 PLANTS = 10_000_000
 STEPS = 16
@@ -44,7 +44,7 @@ def main() -> None:
     known = next((peaks for name, peaks in PEAKS.items() if name in device.device_kind), None)
     peaks = tuple(given.peaks) if given.peaks else known
     rows = [measure(given.plants, double, peaks[not double] if peaks else None) for double in (True, False)]
-    lines = table(rows)
+    lines = report(rows)
     print(f"{device.device_kind}\n" + "\n".join(lines))
     if device.platform != "cpu":
         ran = about(device.device_kind, "jshape", "jax", "jaxlib", "diffrax", "numpy")
@@ -57,12 +57,8 @@ def measure(plants: int, double: bool, peak: float | None) -> dict[str, Any]:
         # Single precision is what is asked for.
         warnings.simplefilter("ignore")
         masses = jax.device_put(np.linspace(0.6, 1.4, plants, dtype=np.float64 if double else np.float32))
-        found = jax.block_until_ready(energies(masses, STEPS))
-        seconds = np.inf
-        for _ in range(ROUNDS):
-            begin = time.perf_counter()
-            jax.block_until_ready(energies(masses, STEPS))
-            seconds = min(seconds, time.perf_counter() - begin)
+        found = energies(masses, STEPS)
+        seconds = least({"card": lambda: energies(masses, STEPS)}, ROUNDS)["card"]
         one = jax.make_jaxpr(lambda m: energy(m, jnp.asarray(AMPLITUDES), jnp.asarray(TIMES), STEPS))(masses[0])
         some = np.linspace(0, plants - 1, 41).astype(int)
         exact = np.array([scipy_energy(float(m), "DOP853", 1e-13) for m in np.asarray(masses)[some]])
@@ -105,18 +101,13 @@ def operations(jaxpr: Any, used: list[bool] | None = None) -> int:
     return total
 
 
-def table(rows: list[dict[str, Any]]) -> list[str]:
-    lines = [
-        "| precision | plants | s | plants a second | teraflops a second | share of the peak | worst error (J) |",
-        "| --- | --- | --- | --- | --- | --- | --- |",
-    ]
-    for r in rows:
-        share = f"{100 * r['share_of_peak']:.1f} %" if r["share_of_peak"] else "–"
-        lines.append(
-            f"| {r['precision']} | {r['plants']:,} | {r['seconds']:.3g} | {r['plants_a_second']:.3g} "
-            f"| {r['teraflops']:.3g} | {share} | {r['error']:.1e} |"
-        )
-    return lines
+def report(rows: list[dict[str, Any]]) -> list[str]:
+    """The table, a row for each precision."""
+    head = ("precision", "plants", "s", "plants a second", "teraflops a second", "share of the peak", "worst error (J)")
+    shares = [f"{100 * r['share_of_peak']:.1f} %" if r["share_of_peak"] else "–" for r in rows]
+    figures = ("seconds", "plants_a_second", "teraflops")
+    cells = [[r["precision"], f"{r['plants']:,}", *(f"{r[name]:.3g}" for name in figures)] for r in rows]
+    return table(head, [[*c, share, f"{r['error']:.1e}"] for c, share, r in zip(cells, shares, rows, strict=True)])
 
 
 if __name__ == "__main__":

@@ -1,7 +1,8 @@
 """The move that the kernel's benchmarks share: the papers' plant (m1 = 1, k1 = 10, k3 = 100), 1 m, three impulses."""
 
+import functools
+
 import jax
-import jax.numpy as jnp
 import numpy as np
 from scipy.integrate import solve_ivp
 
@@ -20,15 +21,10 @@ def energy(mass, amplitudes, times, steps, method="dopri8"):
     return js.residual_energy(plant, js.Shaper(amplitudes, times), 1.0, steps=steps, method=method)
 
 
+@functools.partial(jax.jit, static_argnums=(1, 2))
 def energies(masses, steps: int, method: str = "dopri8"):
     """What a user writes: ``vmap`` of ``js.residual_energy``."""
-    return _energies(jnp.asarray(masses), steps, method)
-
-
-_energies = jax.jit(
-    lambda masses, steps, method: jax.vmap(lambda m: energy(m, AMPLITUDES, TIMES, steps, method))(masses),
-    static_argnums=(1, 2),
-)
+    return jax.vmap(lambda m: energy(m, AMPLITUDES, TIMES, steps, method))(masses)
 
 
 def scipy_energy(mass: float, method: str, tolerance: float) -> float:

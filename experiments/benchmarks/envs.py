@@ -4,8 +4,8 @@
 
 1,024 environments with random actions; every observation and reward is summed up, so that nothing can be left out of
 the computation. A step of the others is one Euler step of two or four equations; a step here is a whole move, so
-integration steps a second are told, too. The errors are the worst over 128 random moves against double precision with
-eight times the steps (or the same closed form), over the energy of the bare move. Times are the least of several
+integration steps a second are reported, too. The errors are the worst over 128 random moves, against double precision
+with eight times the steps (or the same closed form), over the energy of the bare move. Times are the least of several
 rounds. Needs gymnax for its row.
 """
 
@@ -23,6 +23,7 @@ from jshape_envs import ENVIRONMENTS, Params, parameters, reset, step
 from jshape_envs.physics import Steps
 
 from experiments.benchmarks.record import about, keep
+from experiments.markdown import table
 from jshape.simulation.schedule import schedule
 
 ENVS, MOVES, ROUNDS, JUDGED = 1024, 32, 5, 128
@@ -45,9 +46,9 @@ def main() -> None:
 
 def row(what: str, seconds: float, processor: float, steps: int) -> dict[str, Any]:
     """``seconds``, ``processor``: of ``ENVS`` × ``MOVES`` steps, on the wall and on all processors."""
-    rate = ENVS * MOVES / seconds
-    print(f"{what:36s} {rate:12.0f} a second, {1e6 * processor / ENVS / MOVES:.2f} µs of processor time each")
-    return dict(what=what, rate=rate, processor_microseconds=1e6 * processor / ENVS / MOVES, substeps=rate * steps)
+    per_second, microseconds = ENVS * MOVES / seconds, 1e6 * processor / ENVS / MOVES
+    print(f"{what:36s} {per_second:12.0f} a second, {microseconds:.2f} µs of processor time each")
+    return dict(what=what, rate=per_second, processor_microseconds=microseconds, substeps=per_second * steps)
 
 
 def fastest(run: Callable[[], Any]) -> tuple[float, float]:
@@ -60,25 +61,41 @@ def fastest(run: Callable[[], Any]) -> tuple[float, float]:
     return best
 
 
-def core(params: Params) -> tuple[float, float]:
-    size = params.action.size
+def under_scan(reset: Callable[..., Any], step: Callable[..., Any], size: int, bound: float) -> tuple[float, float]:
+    """Times of random actions under one compiled scan.
+
+    Args:
+        reset: keys → states.
+        step: keys, states and actions → states, and what is summed up so that all of it is computed.
+        size: entries of an action.
+        bound: of each entry.
+    """
 
     @jax.jit
     def run(key):
         first, key = jax.random.split(key)
-        states, _ = jax.vmap(reset, in_axes=(0, None))(jax.random.split(first, ENVS), params)
 
         def advance(carry, key):
             states, total = carry
             draw, key = jax.random.split(key)
-            actions = jax.random.uniform(draw, (ENVS, size), minval=-1.0, maxval=1.0)
-            found = jax.vmap(step, in_axes=(0, 0, 0, None))(jax.random.split(key, ENVS), states, actions, params)
-            states, observation, reward, _, _, info = found
-            return (states, total + jnp.sum(observation) + jnp.sum(reward) + jnp.sum(info.residual)), None
+            actions = jax.random.uniform(draw, (ENVS, size), minval=-bound, maxval=bound)
+            states, outcome = jax.vmap(step)(jax.random.split(key, ENVS), states, actions)
+            return (states, total + sum(jnp.sum(x) for x in outcome)), None
 
+        states = jax.vmap(reset)(jax.random.split(first, ENVS))
         return jax.lax.scan(advance, (states, 0.0), jax.random.split(key, MOVES))[0]
 
     return fastest(lambda: jax.block_until_ready(run(jax.random.key(0))))
+
+
+def core(params: Params) -> tuple[float, float]:
+    """Times of the functional core."""
+
+    def advance(key, state, action):
+        state, observation, reward, _, _, info = step(key, state, action, params)
+        return state, (observation, reward, info.residual)
+
+    return under_scan(lambda key: reset(key, params)[0], advance, params.action.size, 1.0)
 
 
 def gymnasium_vector(params: Params) -> tuple[float, float]:
@@ -113,22 +130,12 @@ def gymnax_rows() -> list[dict[str, Any]]:
         return []
     env, params = gymnax.make("Pendulum-v1")
 
-    @jax.jit
-    def run(key):
-        first, key = jax.random.split(key)
-        _, states = jax.vmap(env.reset, in_axes=(0, None))(jax.random.split(first, ENVS), params)
+    def advance(key, state, action):
+        observation, state, reward = env.step(key, state, action, params)[:3]
+        return state, (observation, reward)
 
-        def advance(carry, key):
-            states, total = carry
-            draw, key = jax.random.split(key)
-            actions = jax.random.uniform(draw, (ENVS, 1), minval=-2.0, maxval=2.0)
-            found = jax.vmap(env.step, in_axes=(0, 0, 0, None))(jax.random.split(key, ENVS), states, actions, params)
-            observation, states, reward = found[:3]
-            return (states, total + jnp.sum(observation) + jnp.sum(reward)), None
-
-        return jax.lax.scan(advance, (states, 0.0), jax.random.split(key, MOVES))[0]
-
-    return [row("gymnax Pendulum-v1, under scan", *fastest(lambda: jax.block_until_ready(run(jax.random.key(0)))), 1)]
+    found = under_scan(lambda key: env.reset(key, params)[1], advance, 1, 2.0)
+    return [row("gymnax Pendulum-v1, under scan", *found, 1)]
 
 
 def integration_steps(params: Params) -> int:
@@ -138,8 +145,8 @@ def integration_steps(params: Params) -> int:
     command = params.machine.command(params.distance[1])
     if plant.coast() is not None and schedule(plant, command).coefficients.shape[1] == 1:
         return 0
-    pieces, own = len(command.pieces()[0]), plant.breaks()
-    segments = len(shaper.times) * pieces - 1 + (0 if own is None else len(own))
+    breaks, own = len(command.pieces()[0]), plant.breaks()
+    segments = len(shaper.times) * breaks - 1 + (0 if own is None else len(own))
     return segments * params.steps.move + params.sensor.samples * params.steps.window
 
 
@@ -149,7 +156,11 @@ def error(params: Params) -> float:
         actions = np.random.default_rng(0).uniform(-1, 1, (JUDGED, params.action.size)).astype(np.float32)
         keys = jax.random.split(jax.random.key(0), JUDGED)
         states, _ = jax.vmap(reset, in_axes=(0, None))(keys, params)
-        wide = lambda tree: jax.tree.map(lambda x: x.astype(jnp.float64) if x.dtype == jnp.float32 else x, tree)
+
+        def wide(tree: Any) -> Any:
+            """The pytree in double precision."""
+            return jax.tree.map(lambda x: x.astype(jnp.float64) if x.dtype == jnp.float32 else x, tree)
+
         finer = eqx.tree_at(
             lambda p: p.steps, wide(params), Steps(8 * params.steps.move, 8 * params.steps.window),
             is_leaf=lambda x: isinstance(x, Steps),
@@ -164,13 +175,12 @@ def error(params: Params) -> float:
 
 
 def write(rows: list[dict[str, Any]], errors: dict[str, float]) -> None:
-    lines = ["| 1,024 environments | steps a second | µs of processor time | integration steps a second |"]
-    lines += ["| --- | --- | --- | --- |"]
-    for r in rows:
-        fine = f"{r['substeps'] / 1e6:.3g} million" if r["substeps"] else "closed form"
-        lines.append(f"| {r['what']} | {r['rate']:,.0f} | {r['processor_microseconds']:.2f} | {fine} |")
-    lines += ["", "| residual energy | worst error over the bare move's energy |", "| --- | --- |"]
-    lines += [f"| {name} | {value:.1e} |" for name, value in errors.items()]
+    fine = [f"{r['substeps'] / 1e6:.3g} million" if r["substeps"] else "closed form" for r in rows]
+    cells = [(r["what"], f"{r['rate']:,.0f}", f"{r['processor_microseconds']:.2f}") for r in rows]
+    head = ("1,024 environments", "steps a second", "µs of processor time", "integration steps a second")
+    lines = [*table(head, [(*c, f) for c, f in zip(cells, fine, strict=True)]), ""]
+    head = ("residual energy", "worst error over the bare move's energy")
+    lines += table(head, [(name, f"{value:.1e}") for name, value in errors.items()])
     device = jax.devices()[0]
     where = f"{os.cpu_count()} cores" + ("" if device.platform == "cpu" else f", {device}")
     gymnax = ["gymnax"] if any("gymnax" in r["what"] for r in rows) else []

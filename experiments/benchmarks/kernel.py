@@ -10,7 +10,6 @@ Needs numba and casadi besides jshape.
 
 import functools
 import os
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -27,7 +26,8 @@ import numpy as np
 
 import jshape as js
 from experiments.benchmarks.duffing import AMPLITUDES, GAPS, K1, K3, LEVELS, TIMES, energies, energy, scipy_energy
-from experiments.benchmarks.record import about, keep, processor
+from experiments.benchmarks.record import about, keep, least, processor
+from experiments.markdown import table
 
 jax.config.update("jax_enable_x64", True)
 
@@ -44,9 +44,9 @@ def main() -> None:
         "jshape, dopri8, 16 steps": (lambda m: energies(m, 16), masses),
         "jshape, dopri8, 32 steps": (lambda m: energies(m, 32), masses),
         "jshape, tsit5, 32 steps": (lambda m: energies(m, 32, "tsit5"), masses),
-        "numba, the same dopri8, 16 steps": (lambda m: numba_energies(m, 16), masses),
-        "diffrax diffeqsolve, Dopri8, 1e-8": (lambda m: diffrax_energies(m, 1e-8), masses[::10]),
-        "diffrax diffeqsolve, Dopri8, 3e-9": (lambda m: diffrax_energies(m, 3e-9), masses[::10]),
+        "numba, the same dopri8, 16 steps": (lambda m: _numba_energies(m, 16, _A, _B, LEVELS, GAPS), masses),
+        "diffrax diffeqsolve, Dopri8, 1e-8": (lambda m: diffrax_energies(m, 1e-8, diffrax.Dopri8()), masses[::10]),
+        "diffrax diffeqsolve, Dopri8, 3e-9": (lambda m: diffrax_energies(m, 3e-9, diffrax.Dopri8()), masses[::10]),
         "diffrax diffeqsolve, Tsit5, 1e-8": (lambda m: diffrax_energies(m, 1e-8, diffrax.Tsit5()), masses[::10]),
         "diffrax diffeqsolve, Tsit5, 2e-9": (lambda m: diffrax_energies(m, 2e-9, diffrax.Tsit5()), masses[::10]),
         "SciPy DOP853, 1e-8": (lambda m: [scipy_energy(x, "DOP853", 1e-8) for x in m], few),
@@ -61,53 +61,41 @@ def main() -> None:
 # --- residual energies of many plants ---------------------------------------------------------------------------------
 
 
-def _diffrax_energy(mass, amplitudes, times, tolerance, solver, adjoint):
-    """As diffrax's documentation has it: one adaptive ``diffeqsolve`` between two impulses."""
+def _diffrax_end(field, start, amplitudes, times, parameter, step, tolerance, solver, adjoint):
+    """As diffrax's documentation has it: one adaptive ``diffeqsolve`` between two impulses; the state at the last."""
+    state, level = start, 0.0
+    for i in range(len(amplitudes) - 1):
+        level = level + amplitudes[i]
+        state = diffrax.diffeqsolve(
+            diffrax.ODETerm(field), solver, times[i], times[i + 1], step, state, (parameter, level), adjoint=adjoint,
+            stepsize_controller=diffrax.PIDController(rtol=tolerance, atol=tolerance),
+        ).ys[-1]  # fmt: skip
+    return state
 
+
+def _diffrax_energy(mass, amplitudes, times, tolerance, solver, adjoint):
     def field(t, y, args):
         mass, level = args
         x = y[0] - level
         return jnp.stack([y[1], -(K1 * x + K3 * x**3) / mass])
 
-    state = jnp.zeros(2)
-    level = 0.0
-    for i in range(len(amplitudes) - 1):
-        level = level + amplitudes[i]
-        state = diffrax.diffeqsolve(
-            diffrax.ODETerm(field),
-            solver,
-            times[i],
-            times[i + 1],
-            0.05,
-            state,
-            (mass, level),
-            stepsize_controller=diffrax.PIDController(rtol=tolerance, atol=tolerance),
-            adjoint=adjoint,
-        ).ys[-1]
+    state = _diffrax_end(field, jnp.zeros(2), amplitudes, times, mass, 0.05, tolerance, solver, adjoint)
     x = state[0] - jnp.sum(amplitudes)
     return mass * state[1] ** 2 / 2 + K1 * x**2 / 2 + K3 * x**4 / 4
 
 
-def diffrax_energies(masses, tolerance, solver=diffrax.Dopri8()):  # noqa: B008
-    return _diffrax_energies(jnp.asarray(masses), tolerance, solver)
+@functools.partial(jax.jit, static_argnums=2)
+def diffrax_energies(masses, tolerance, solver):
+    """What a user of diffrax writes: ``vmap`` of an adaptive solve."""
+    adjoint = diffrax.RecursiveCheckpointAdjoint()
+    return jax.vmap(lambda m: _diffrax_energy(m, AMPLITUDES, TIMES, tolerance, solver, adjoint))(masses)
 
-
-_diffrax_energies = jax.jit(
-    lambda masses, tolerance, solver: jax.vmap(
-        lambda m: _diffrax_energy(m, AMPLITUDES, TIMES, tolerance, solver, diffrax.RecursiveCheckpointAdjoint())
-    )(masses),
-    static_argnums=(2,),
-)
 
 _tableau = diffrax.Dopri8.tableau
 _A = np.zeros((len(_tableau.b_sol), len(_tableau.b_sol)))
 for _i, _row in enumerate(_tableau.a_lower):
     _A[_i + 1, : len(_row)] = _row
 _B = np.asarray(_tableau.b_sol)
-
-
-def numba_energies(masses: np.ndarray, steps: int) -> np.ndarray:
-    return _numba_energies(masses, steps, _A, _B, LEVELS, GAPS)
 
 
 @numba.njit(fastmath=True)
@@ -138,12 +126,8 @@ def _numba_energies(masses, steps, a, b, levels, gaps):
 
 def compare(methods, exact) -> list[dict[str, Any]]:
     """Time and error of each method, taking turns."""
-    best = dict.fromkeys(methods, np.inf)
-    for run, masses in methods.values():
-        jax.block_until_ready(run(masses))
-    for _ in range(5):
-        for name, (run, masses) in methods.items():
-            best[name] = min(best[name], timed(lambda run=run, masses=masses: run(masses)) / len(masses))
+    whole = least({name: functools.partial(run, masses) for name, (run, masses) in methods.items()})
+    best = {name: whole[name] / len(masses) for name, (_, masses) in methods.items()}
     rows = []
     base = best["jshape, dopri8, 16 steps"]
     for name, (run, masses) in methods.items():
@@ -153,13 +137,18 @@ def compare(methods, exact) -> list[dict[str, Any]]:
     return rows
 
 
-def timed(run: Callable[[], Any]) -> float:
-    begin = time.perf_counter()
-    jax.block_until_ready(run())
-    return time.perf_counter() - begin
-
-
 # --- value and gradient -----------------------------------------------------------------------------------------------
+
+
+ADJOINTS = {
+    "reverse": (diffrax.RecursiveCheckpointAdjoint(), diffrax.Dopri8(), jax.value_and_grad),
+    "forward": (
+        diffrax.ForwardMode(),
+        diffrax.Dopri8(scan_kind="bounded"),
+        lambda f, argnums: lambda a, t: (f(a, t), jax.jacfwd(f, argnums)(a, t)),
+    ),
+}
+"""diffrax's ways to a gradient: adjoint, solver, and how value and gradient are taken."""
 
 
 def gradients() -> list[dict[str, Any]]:
@@ -167,82 +156,60 @@ def gradients() -> list[dict[str, Any]]:
 
     The plants' masses are constants of the compiled programs; on two states as arguments of theirs, too.
     """
-    rows = []
-    amplitudes, times = jnp.asarray(AMPLITUDES), jnp.asarray(TIMES)
-    masses = jnp.linspace(0.6, 1.4, 1000)
+    return [gradient_row(states, constant) for states, constant in ((2, True), (2, False), (4, True), (8, True))]
 
-    def modal(modes: int):
-        omega = jnp.asarray([4.0, 6.0, 8.0, 10.0][:modes])
-        return lambda r, a, t: js.residual_energy(js.plants.ModalPlant(omega * r, 0.01), js.Shaper(a, t), 1.0, steps=16)
 
-    def diffrax_modal(modes: int, solver, adjoint):
-        omega = jnp.asarray([4.0, 6.0, 8.0, 10.0][:modes])
-
-        def field(t, y, args):
-            w, level = args
-            q, v = y[:modes], y[modes:]
-            return jnp.concatenate([v, w**2 * (level - q) - 0.02 * w * v])
-
-        def energy(r, a, t):
-            y, level = jnp.zeros(2 * modes), 0.0
-            for i in range(2):
-                level = level + a[i]
-                y = diffrax.diffeqsolve(
-                    diffrax.ODETerm(field), solver, t[i], t[i + 1], 0.02, y, (omega * r, level), adjoint=adjoint,
-                    stepsize_controller=diffrax.PIDController(rtol=1e-8, atol=1e-8),
-                ).ys[-1]  # fmt: skip
-            w = omega * r
-            return jnp.sum(y[modes:] ** 2 + (w * (y[:modes] - jnp.sum(a))) ** 2) / modes**2 / 2
-
-        return energy
-
-    adjoints = {
-        "reverse": (diffrax.RecursiveCheckpointAdjoint(), diffrax.Dopri8(), jax.value_and_grad),
-        "forward": (
-            diffrax.ForwardMode(),
-            diffrax.Dopri8(scan_kind="bounded"),
-            lambda f, argnums: lambda a, t: (f(a, t), jax.jacfwd(f, argnums)(a, t)),
-        ),
+def gradient_row(states: int, constant: bool) -> dict[str, Any]:
+    """One row, for a number of states, the masses constants of the programs or arguments of theirs."""
+    masses, point = jnp.linspace(0.6, 1.4, 1000), (jnp.asarray(AMPLITUDES), jnp.asarray(TIMES))
+    if states == 2:
+        ours = lambda r, a, t: energy(r, a, t, 16)
+        theirs = lambda solver, adjoint: lambda r, a, t: _diffrax_energy(r, a, t, 1e-8, solver, adjoint)
+    else:
+        omega = jnp.asarray([4.0, 6.0, 8.0, 10.0][: states // 2])
+        ours = lambda r, a, t: js.residual_energy(js.plants.ModalPlant(omega * r, 0.01), js.Shaper(a, t), 1.0, steps=16)
+        theirs = functools.partial(_diffrax_modal, omega)
+    programs = {
+        "value": _mean(ours, masses, constant),
+        "gradient": _mean(ours, masses, constant, lambda f: jax.value_and_grad(f, argnums=(0, 1))),
     }
-    for states, constant in ((2, True), (2, False), (4, True), (8, True)):
-        if states == 2:
-            ours = lambda r, a, t: energy(r, a, t, 16)
-            theirs = lambda s, j: lambda r, a, t: _diffrax_energy(r, a, t, 1e-8, s, j)
-        else:
-            ours = modal(states // 2)
-            theirs = lambda s, j, n=states // 2: diffrax_modal(n, s, j)
-        runs = {
-            "value": _mean(ours, masses, constant),
-            "gradient": _mean(ours, masses, constant, lambda f: jax.value_and_grad(f, argnums=(0, 1))),
-        }
-        for name, (adjoint, solver, derive) in adjoints.items():
-            both = lambda f, derive=derive: derive(f, argnums=(0, 1))
-            runs[f"diffrax {name}"] = _mean(theirs(solver, adjoint), masses, constant, both)
-        best = dict.fromkeys(runs, np.inf)
-        for run in runs.values():
-            jax.block_until_ready(run(amplitudes, times))
-        for _ in range(5):
-            for name, run in runs.items():
-                best[name] = min(best[name], timed(lambda run=run: run(amplitudes, times)))
-        _, ours_gradient = runs["gradient"](amplitudes, times)
-        _, peer_gradient = runs["diffrax reverse"](amplitudes, times)
-        differ = max(float(jnp.max(jnp.abs(x - y))) for x, y in zip(ours_gradient, peer_gradient, strict=True))
-        peer = min(best["diffrax reverse"], best["diffrax forward"])
-        row = dict(
-            states=states,
-            masses="constants" if constant else "arguments",
-            value_microseconds=1e3 * best["value"],
-            gradient_microseconds=1e3 * best["gradient"],
-            gradient_over_value=best["gradient"] / best["value"],
-            diffrax_reverse_over_ours=best["diffrax reverse"] / best["gradient"],
-            diffrax_forward_over_ours=best["diffrax forward"] / best["gradient"],
-            best_diffrax_over_ours=peer / best["gradient"],
-            gradients_differ=differ,
-        )
-        rows.append(row)
-        numbers = ", ".join(f"{k} {v:.3g}" for k, v in row.items() if k not in ("states", "masses"))
-        print(f"{states} states, masses as {row['masses']}: {numbers}")
-    return rows
+    for name, (adjoint, solver, derive) in ADJOINTS.items():
+        both = lambda f, derive=derive: derive(f, argnums=(0, 1))
+        programs[f"diffrax {name}"] = _mean(theirs(solver, adjoint), masses, constant, both)
+    best = least({name: functools.partial(program, *point) for name, program in programs.items()})
+    slopes = zip(*(programs[name](*point)[1] for name in ("gradient", "diffrax reverse")), strict=True)
+    reverse, forward = (best[f"diffrax {name}"] / best["gradient"] for name in ADJOINTS)
+    row = dict(
+        states=states,
+        masses="constants" if constant else "arguments",
+        value_microseconds=1e3 * best["value"],
+        gradient_microseconds=1e3 * best["gradient"],
+        gradient_over_value=best["gradient"] / best["value"],
+        diffrax_reverse_over_ours=reverse,
+        diffrax_forward_over_ours=forward,
+        best_diffrax_over_ours=min(reverse, forward),
+        gradients_differ=max(float(jnp.max(jnp.abs(x - y))) for x, y in slopes),
+    )
+    numbers = ", ".join(f"{k} {v:.3g}" for k, v in row.items() if k not in ("states", "masses"))
+    print(f"{states} states, masses as {row['masses']}: {numbers}")
+    return row
+
+
+def _diffrax_modal(omega, solver, adjoint):
+    """The energy of modes side by side, as a function of ratio, amplitudes and times."""
+    modes = len(omega)
+
+    def field(t, y, args):
+        w, level = args
+        q, v = y[:modes], y[modes:]
+        return jnp.concatenate([v, w**2 * (level - q) - 0.02 * w * v])
+
+    def modal_energy(r, a, t):
+        y = _diffrax_end(field, jnp.zeros(2 * modes), a, t, omega * r, 0.02, 1e-8, solver, adjoint)
+        w = omega * r
+        return jnp.sum(y[modes:] ** 2 + (w * (y[:modes] - jnp.sum(a))) ** 2) / modes**2 / 2
+
+    return modal_energy
 
 
 def _mean(energy, masses, constant: bool, derive=lambda f: f):
@@ -289,15 +256,12 @@ def one_design() -> dict[str, Any]:
     while error(peer(point)[0], np.array(peer(point)[1])[:, 0]) > wanted and steps < 4096:
         steps *= 2
         peer = casadi_function(steps)
-    best = [np.inf, np.inf]
     argument = jnp.asarray(point)
-    for _ in range(200):
-        best[0] = min(best[0], timed(lambda: ours(argument, 8)))
-        best[1] = min(best[1], timed(lambda: peer(point)))
+    best = least({"ours": lambda: ours(argument, 8), "casadi": lambda: peer(point)}, rounds=200)
     row = dict(
-        ours_microseconds=1e6 * best[0],
-        casadi_microseconds=1e6 * best[1],
-        casadi_over_ours=best[1] / best[0],
+        ours_microseconds=1e6 * best["ours"],
+        casadi_microseconds=1e6 * best["casadi"],
+        casadi_over_ours=best["casadi"] / best["ours"],
         ours_steps=8,
         casadi_steps=steps,
         ours_error=wanted,
@@ -311,19 +275,15 @@ def one_design() -> dict[str, Any]:
 
 
 def write(forward, gradient, cost, reference_error: float) -> None:
-    lines = [
-        "| 10,000 plants, residual energy | µs a plant | over jshape's | worst error (J) |",
-        "| --- | --- | --- | --- |",
-    ]
-    lines += [f"| {r['method']} | {r['microseconds']:.3g} | {r['ratio']:.3g} | {r['error']:.1e} |" for r in forward]
-    lines += [
-        "",
-        "| 1,000 plants, mean and gradient in 6 variables | gradient over value | diffrax's best adjoint over ours |",
-    ]
-    lines += ["| --- | --- | --- |"]
-    for r in gradient:
-        what = f"{r['states']} states, masses as {r['masses']}"
-        lines.append(f"| {what} | {r['gradient_over_value']:.3g} | {r['best_diffrax_over_ours']:.3g} |")
+    head = ("10,000 plants, residual energy", "µs a plant", "over jshape's", "worst error (J)")
+    cells = [(r["method"], f"{r['microseconds']:.3g}", f"{r['ratio']:.3g}", f"{r['error']:.1e}") for r in forward]
+    lines = [*table(head, cells), ""]
+    head = (
+        "1,000 plants, mean and gradient in 6 variables", "gradient over value", "diffrax's best adjoint over ours"
+    )  # fmt: skip
+    what = [f"{r['states']} states, masses as {r['masses']}" for r in gradient]
+    ratios = [(f"{r['gradient_over_value']:.3g}", f"{r['best_diffrax_over_ours']:.3g}") for r in gradient]
+    lines += table(head, [(name, *pair) for name, pair in zip(what, ratios, strict=True)])
     words = f"CasADi (RK4, {cost['casadi_steps']} steps) takes {cost['casadi_over_ours']:.2g} times as long"
     lines += ["", f"One cost and gradient of the force-driven Duffing shaper: {words} at the same error."]
     packages = ("jshape", "jax", "diffrax", "scipy", "numba", "casadi", "numpy")

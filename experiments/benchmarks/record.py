@@ -1,10 +1,28 @@
-"""What all benchmarks share: what they ran on, and the table that is kept beside them."""
+"""What all benchmarks share: how they take times, what they ran on, and the table that is kept beside them."""
 
 import json
 import platform
+import time
+from collections.abc import Callable, Mapping
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
+
+import jax
+import numpy as np
+
+
+def seconds(run: Callable[[], Any]) -> float:
+    """How long a run takes, s, until its arrays are there."""
+    begin = time.perf_counter()
+    jax.block_until_ready(run())
+    return time.perf_counter() - begin
+
+
+def least(runs: Mapping[str, Callable[[], Any]], rounds: int = 5) -> dict[str, float]:
+    """The least time of each run over several rounds, s; they take turns, after one round to compile."""
+    taken = [[seconds(run) for run in runs.values()] for _ in range(rounds + 1)]
+    return dict(zip(runs, np.min(taken[1:], axis=0).tolist(), strict=True))
 
 
 def about(machine: str, *packages: str) -> dict[str, Any]:

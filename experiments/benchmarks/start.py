@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from experiments.benchmarks.record import about, keep, processor
+from experiments.markdown import table
 
 ROUNDS = 5
 
@@ -45,17 +46,17 @@ def main() -> None:
 def once(folder: Path) -> float:
     """One command, s."""
     # A user's Python keeps its byte code.
-    told = {k: v for k, v in os.environ.items() if not k.startswith("JAX_") and k != "PYTHONDONTWRITEBYTECODE"}
+    environment = {k: v for k, v in os.environ.items() if not k.startswith("JAX_") and k != "PYTHONDONTWRITEBYTECODE"}
     command = [sys.executable, "-m", "jshape", "tune", "paper_001", "--out", str(folder / "results")]
     begin = time.perf_counter()
-    subprocess.run(command, check=True, capture_output=True, env={**told, "XDG_CACHE_HOME": str(folder)})
+    subprocess.run(command, check=True, capture_output=True, env={**environment, "XDG_CACHE_HOME": str(folder)})
     return time.perf_counter() - begin
 
 
 def write(seconds: dict[str, list[float]]) -> None:
-    lines = ["| `jshape tune paper_001` | least (s) | median (s) | most (s) |", "| --- | --- | --- | --- |"]
-    for name, times in seconds.items():
-        lines.append(f"| {name} | {min(times):.1f} | {np.median(times):.1f} | {max(times):.1f} |")
+    head = ("`jshape tune paper_001`", "least (s)", "median (s)", "most (s)")
+    quantiles = {name: np.quantile(times, [0.0, 0.5, 1.0]) for name, times in seconds.items()}
+    lines = table(head, [(name, *(f"{x:.1f}" for x in values)) for name, values in quantiles.items()])
     ran = about(f"{processor()}, {os.cpu_count()} cores", "jshape", "jax", "equinox", "matplotlib", "numpy")
     keep(__file__, dict(about=ran, seconds=seconds), lines)
     print("\n".join(lines))

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from experiments.benchmarks.record import about, keep
+from experiments.markdown import table
 
 PLANTS = 1_000_000
 DECADE = 100_000
@@ -82,16 +83,22 @@ def measure(derivatives: bool = False, shapers: int = 1, decade: bool = False, b
 
 
 def write(rows: list[dict[str, Any]]) -> None:
-    lines = [
-        "| sweep | plants × shapers | s | first, compiling (s) | a second | peak memory (MB) | steps | error (J) |",
-        "| --- | --- | --- | --- | --- | --- | --- | --- |",
-    ]
+    head = (
+        "sweep",
+        "plants × shapers",
+        "s",
+        "first, compiling (s)",
+        "a second",
+        "peak memory (MB)",
+        "steps",
+        "error (J)",
+    )
+    cells = []
     for r in rows:
         steps = f"{r['least_steps']} … {r['steps']}" if r["least_steps"] < r["steps"] else f"{r['steps']}"
-        lines.append(
-            f"| {r['case']} | {r['plants']:,} | {r['seconds']:.3g} | {r['first_seconds']:.3g} "
-            f"| {r['plants_a_second']:.3g} | {r['peak_megabytes']:.0f} | {steps} | {r['error']:.1e} |"
-        )
+        times = (f"{r[name]:.3g}" for name in ("seconds", "first_seconds", "plants_a_second"))
+        cells.append((r["case"], f"{r['plants']:,}", *times, f"{r['peak_megabytes']:.0f}", steps, f"{r['error']:.1e}"))
+    lines = table(head, cells)
     bucketed, flat = rows[-2]["seconds"], rows[-1]["seconds"]
     lines += ["", f"Over a decade of frequencies, buckets make the sweep {flat / bucketed:.2g} times as fast."]
     ran = about(f"{os.cpu_count()} cores", "jshape", "jax", "scipy", "numpy", "xarray")

@@ -22,6 +22,8 @@ from jshape_envs.evaluate import evaluate, named_policy, summary  # noqa: E402
 from jshape_envs.policy import shipped_policy  # noqa: E402
 
 from experiments.learning.record import keep, read  # noqa: E402
+from experiments.markdown import table  # noqa: E402
+from jshape.cli.evaluate import COLUMNS  # noqa: E402
 
 HERE = Path(__file__).parent
 RECORD = HERE / "leaderboard.json"
@@ -47,7 +49,7 @@ def main() -> None:
             judge(name, preset, chosen.again)
             # Too many programs would not fit into the system's table of memory maps.
             jax.clear_caches()
-            (HERE / "leaderboard.md").write_text(table(read(RECORD)), encoding="utf-8")
+            (HERE / "leaderboard.md").write_text(report(read(RECORD)), encoding="utf-8")
 
 
 def judge(name: str, preset: str, again: list[str]) -> None:
@@ -65,19 +67,17 @@ def judge(name: str, preset: str, again: list[str]) -> None:
         )
 
 
-def table(record: dict[str, Any]) -> str:
-    parts = [HEAD.format(episodes=EPISODES, seeds=SEEDS)]
+def report(record: dict[str, Any]) -> str:
+    """The whole page: a table for each environment and preset, the least regret at the top."""
+    parts, head = (
+        [HEAD.format(episodes=EPISODES, seeds=SEEDS)],
+        ["policy", *(title.replace("\n", " ") for title, _ in COLUMNS.values())],
+    )
     for where, rows in record.items():
-        parts.append(f"\n## {where}\n")
-        parts.append(
-            "| policy | residual (%) | move time (s) | moves until recovered | within two (%) | regret (1000 ×) |"
-        )
-        parts.append("| --- | --- | --- | --- | --- | --- |")
-        for policy, row in sorted(rows.items(), key=lambda item: item[1]["regret"][0]):
-            cells = [cell(row["residual"], 100), cell(row["move_time"], 1), cell(row["recovery"], 1)]
-            cells += [cell(row["recovered"], 100), cell(row["regret"], 1000)]
-            parts.append(f"| {policy} | " + " | ".join(cells) + " |")
-        parts.append(verdict(rows))
+        ordered = sorted(rows.items(), key=lambda item: item[1]["regret"][0])
+        scores = [[cell(row[name], factor) for name, (_, factor) in COLUMNS.items()] for _, row in ordered]
+        lines = table(head, [(policy, *cells) for (policy, _), cells in zip(ordered, scores, strict=True)])
+        parts += [f"\n## {where}\n", *lines, verdict(rows)]
     return "\n".join(parts) + "\n"
 
 

@@ -18,7 +18,9 @@ jax.config.update("jax_enable_x64", True)
 
 from jshape_envs import ENVIRONMENTS, parameters  # noqa: E402
 from jshape_envs.design import design_table  # noqa: E402
-from jshape_envs.parameters import TABLES  # noqa: E402
+from jshape_envs.parameters import TABLES, table_file  # noqa: E402
+
+from jshape._files import whole  # noqa: E402
 
 
 def main(names: list[str]) -> None:
@@ -32,13 +34,11 @@ def main(names: list[str]) -> None:
             table = design_table(p.machine, p.payload, p.distance, weights, p.period, p.steps, grid)
             # Single precision keeps the file small and loses nothing: the costs are flat about the shapers.
             arrays: Any = {key: np.asarray(getattr(table, key), np.float32) for key in table.__dataclass_fields__}
-            path, part = TABLES / f"{name} {preset}.npz", TABLES / "part.npz"
-            np.savez_compressed(part, **arrays)
-            part.replace(path)
-            print(
-                f"{name}, {preset}: {time.perf_counter() - begin:.1f} s, {path.stat().st_size / 1024:.0f} kB",
-                flush=True,
-            )
+            path = table_file(name, preset)
+            with whole(path) as file:
+                np.savez_compressed(file, **arrays)
+            took, size = time.perf_counter() - begin, path.stat().st_size / 1024
+            print(f"{name}, {preset}: {took:.1f} s, {size:.0f} kB", flush=True)
 
 
 if __name__ == "__main__":

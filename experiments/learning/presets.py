@@ -12,6 +12,7 @@ interrupted, it goes on from there.
 
 import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,7 @@ from jshape_envs.oracle import ShaperTable  # noqa: E402
 
 import jshape as js  # noqa: E402
 from experiments.learning.record import keep, read  # noqa: E402
+from experiments.markdown import table  # noqa: E402
 from jshape.plants import AbstractOscillator  # noqa: E402
 
 RECORD = Path(__file__).with_suffix(".json")
@@ -47,7 +49,7 @@ def main(names: list[str]) -> None:
                 continue
             row = judge(parameters(name, preset))
             keep(RECORD, f"{name} {preset}", row, indent=2)
-            RECORD.with_suffix(".md").write_text(table(read(RECORD)), encoding="utf-8")
+            RECORD.with_suffix(".md").write_text(report(read(RECORD)), encoding="utf-8")
             print(name, preset, {k: (round(v["cost"], 4), round(v["residual"], 4)) for k, v in row.items()}, flush=True)
             # The programs of sixteen presets would not fit into the system's table of memory maps.
             jax.clear_caches()
@@ -58,8 +60,8 @@ def judge(params: Params) -> dict[str, dict[str, Any]]:
     plant = params.machine.plant(jnp.mean(params.payload), jnp.zeros((), jnp.int32))
     mid, ends = jnp.linspace(params.payload[0], params.payload[1], 9), jnp.asarray(SCALES, params.period.dtype)
     zetas = jnp.asarray(DAMPINGS, params.period.dtype)
-    linear = {k: (fixed_linear(k), [(m, s, z) for m in mid[1:8:3] for s in ends for z in zetas]) for k in KINDS}
-    informed = {k: (informed_linear(k), [(s, z) for s in ends for z in zetas]) for k in KINDS}
+    linear = {k: (partial(classical, k), [(m, s, z) for m in mid[1:8:3] for s in ends for z in zetas]) for k in KINDS}
+    informed = {k: (partial(informed_linear, k), [(s, z) for s in ends for z in zetas]) for k in KINDS}
     tables = {"tuned": params.oracle, **(closed_forms(params) if isinstance(plant, AbstractOscillator) else {})}
     energy = {k: (fixed_energy(t), [(m,) for m in mid]) for k, t in tables.items()}
     found = {"unshaped": ("", evaluate(unshaped, (), params, 1))}
@@ -83,7 +85,11 @@ def best(families: dict[str, tuple[Policy, list[Any]]], params: Params):
 
 
 def summary(which: str, costs: np.ndarray, residuals: np.ndarray, times: np.ndarray) -> dict[str, Any]:
-    half = lambda x: float(1.96 * np.std(x.mean(axis=1), ddof=1) / np.sqrt(len(x)))
+
+    def half(x: np.ndarray) -> float:
+        """Half the width of the 95 % interval of a mean over episodes."""
+        return float(1.96 * np.std(x.mean(axis=1), ddof=1) / np.sqrt(len(x)))
+
     return dict(
         which=which, cost=float(costs.mean()), cost_interval=half(costs), residual=float(residuals.mean()),
         residual_interval=half(residuals), duration=float(times.mean()),
@@ -99,7 +105,7 @@ def episodes(policy: Policy, candidate: Any, params: Params, seed: int, count: i
         state, _ = reset(first, params)
 
         def advance(state, key):
-            state, _, reward, _, _, info = move(key, state, policy(state, params, candidate), params)
+            state, _, reward, _, _, info = move(key, state, policy(state, params, *candidate), params)
             return state, (-reward, info.residual, info.duration)
 
         return jax.lax.scan(advance, state, jnp.stack(rest))[1]
@@ -114,23 +120,19 @@ def evaluate(policy: Policy, candidate: Any, params: Params, seed: int) -> tuple
 # --- contenders -------------------------------------------------------------------------------------------------------
 
 
-def unshaped(state, params: Params, candidate) -> js.Shaper:
+def unshaped(state, params: Params) -> js.Shaper:
     return js.Shaper(jnp.ones_like(params.payload[:1]), jnp.zeros_like(params.payload[:1]))
 
 
-def nonlinear(state, params: Params, candidate) -> js.Shaper:
+def nonlinear(state, params: Params) -> js.Shaper:
     return FullOracle().choose((), params.payload, params, state)[0]
 
 
-def fixed_linear(kind: str) -> Policy:
-    return lambda state, params, candidate: _linear(kind, state, params, *candidate)
+def informed_linear(kind: str, state, params: Params, scale, zeta) -> js.Shaper:
+    return classical(kind, state, params, state.payload, scale, zeta)
 
 
-def informed_linear(kind: str) -> Policy:
-    return lambda state, params, candidate: _linear(kind, state, params, state.payload, *candidate)
-
-
-def _linear(kind: str, state, params: Params, payload, scale, zeta) -> js.Shaper:
+def classical(kind: str, state, params: Params, payload, scale, zeta) -> js.Shaper:
     modes = jnp.atleast_1d(params.machine.plant(payload, state.moves).natural_frequency())
     if len(modes) == 1:
         return getattr(js.design.linear, kind)(scale * modes[0], zeta)
@@ -139,9 +141,8 @@ def _linear(kind: str, state, params: Params, payload, scale, zeta) -> js.Shaper
 
 
 def fixed_energy(table: ShaperTable) -> Policy:
-    def policy(state, params: Params, candidate) -> js.Shaper:
+    def policy(state, params: Params, payload) -> js.Shaper:
         case = params.machine.case(state.distance, state.moves)
-        (payload,) = candidate
         return table.shaper(payload, jnp.abs(state.distance), case)
 
     return policy
@@ -165,18 +166,17 @@ def closed_forms(params: Params) -> dict[str, ShaperTable]:
     return tables
 
 
-def table(record: dict[str, Any]) -> str:
+def report(record: dict[str, Any]) -> str:
+    """The whole page: costs, residual energies, and what was chosen."""
     labels = ["unshaped", "fixed linear", "fixed energy", "linear oracle", "nonlinear oracle"]
-    lines = []
-    for what, words in (("cost", "Mean cost of a move"), ("residual", "Mean normalised residual energy")):
-        lines += [f"| {words} | " + " | ".join(labels) + " |", "| --- |" + " --- |" * len(labels)]
-        for name, row in record.items():
-            cells = [f"{row[k][what]:.4f} ± {row[k][what + '_interval']:.4f}" for k in labels]
-            lines.append(f"| {name} | " + " | ".join(cells) + " |")
-        lines.append("")
-    lines += ["| Chosen | fixed linear | fixed energy | linear oracle |", "| --- | --- | --- | --- |"]
-    for name, row in record.items():
-        lines.append(f"| {name} | " + " | ".join(row[k]["which"] for k in labels[1:4]) + " |")
+    chosen, lines = labels[1:4], []
+    for what, title in (("cost", "Mean cost of a move"), ("residual", "Mean normalised residual energy")):
+        cell = lambda score, what=what: f"{score[what]:.4f} ± {score[what + '_interval']:.4f}"
+        lines += [
+            *table([title, *labels], [[name, *(cell(row[k]) for k in labels)] for name, row in record.items()]),
+            "",
+        ]
+    lines += table(["Chosen", *chosen], [[name, *(row[k]["which"] for k in chosen)] for name, row in record.items()])
     return "\n".join(lines) + "\n"
 
 

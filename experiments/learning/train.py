@@ -5,14 +5,15 @@
     python -m experiments.learning.train DuffingPayload --seeds 1
 
 What is done is kept, in ``learning.json`` and in checkpoints under ``out/learning``; interrupted, it goes on there.
-PPO's side is made by ``experiments.learning.trainers``. Everything is judged on episodes that no training sees.
+PPO's side is made by ``experiments.learning.trainers``. Everything is judged on episodes outside of all training.
 
-Policies that know the payload are trained, as the oracle is searched for, with residual energy ``STRICTNESS`` times as
-dear as the environment has it, so that they may be held against the oracle by what they leave.
+Policies that know the payload are trained, as the oracle is searched for, with ``STRICTNESS`` times the
+environment's weight of residual energy, so that they may be held against the oracle by what they leave.
 """
 
 import argparse
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -25,9 +26,11 @@ from jshape_envs.apg import Recipe, train
 from jshape_envs.baselines import Oracle
 from jshape_envs.design import STRICTNESS
 from jshape_envs.evaluate import evaluate
-from jshape_envs.policy import POLICIES, load_policy, save_policy
+from jshape_envs.policy import load_policy, policy_file, save_policy
 
 from experiments.learning.record import keep, read
+from experiments.markdown import table
+from jshape._types import Progress
 from jshape.reports.plot import COLOURS, STYLE
 
 HERE = Path(__file__).parent
@@ -36,6 +39,13 @@ CHECKPOINTS = Path("out/learning")
 MOVES, SEEDS = 100_000, 5
 SHIPPED = [(name, "hidden") for name in ENVIRONMENTS] + [("DuffingPayload", "observed"), ("CranePayload", "observed")]
 SHIP = Recipe(moves=500_000, environments=32)
+CURVES = (
+    "`paper`, hidden", "reward, analytic gradients, 100,000 moves", "PPO, 1,000,000 moves", "processor time, s"
+)  # fmt: skip
+POLICIES = (
+    "shipped policy", "moves", "mean reward", "regret", "residual, %", "oracle's, %", "5 % within two moves"
+)  # fmt: skip
+"""Heads of the tables."""
 EPISODES, JUDGED = 512, 1_000_000
 """Episodes to judge on, and their seed."""
 
@@ -60,28 +70,28 @@ def main() -> None:
 
 def ship(name: str, context: str) -> None:
     """The policy that comes with the package, unless it is there already."""
-    path, params = POLICIES / f"{name} paper {context}.npz", parameters(name, context=context)
+    path, params = policy_file(name, context=context), parameters(name, context=context)
     if (oracle := f"oracle of {name}") not in read(RECORD):
         done(oracle, judged(Oracle(), params))
     key, begin = f"{name} {context} shipped", time.process_time()
     if path.exists() and key in read(RECORD):
         return
-    price = params if context == "hidden" else strict(params)
-    found = train(price, SHIP, checkpoint=CHECKPOINTS / f"{key}.npz", progress=tell(key))
+    weighted = params if context == "hidden" else strict(params)
+    found = train(weighted, SHIP, checkpoint=CHECKPOINTS / f"{key.replace(' ', '_')}.npz", progress=printed(key))
     made = SHIP.updates * SHIP.batch
     save_policy(found.policy, path, dict(environment=name, preset="paper", context=context, action="modal", moves=made))
     done(key, {"moves": made, "processor_seconds": time.process_time() - begin, **judged(load_policy(path), params)})
 
 
 def strict(params: Params) -> Params:
-    """The environment with residual energy as dear as in the search for the oracle."""
+    """The environment with the weight of residual energy of the search for the oracle."""
     return eqx.tree_at(lambda p: p.energy_weight, params, STRICTNESS * params.energy_weight)
 
 
 def curve(name: str, seed: int) -> dict[str, Any]:
     """One training of 100,000 moves and what it led to."""
     begin, params, recipe = time.process_time(), parameters(name), Recipe(moves=MOVES, seed=seed)
-    found = train(params, recipe, checkpoint=CHECKPOINTS / f"{name} {seed}.npz", progress=tell(f"{name} {seed}"))
+    found = train(params, recipe, checkpoint=CHECKPOINTS / f"{name}_{seed}.npz", progress=printed(f"{name} {seed}"))
     spent = time.process_time() - begin
     history = {key: np.round(value, 6).tolist() for key, value in found.history._asdict().items()}
     made = dict(made=recipe.updates * recipe.batch, processor_seconds=spent)
@@ -93,10 +103,12 @@ def judged(policy: Any, params: Any) -> dict[str, float]:
     return {key: float(value[0]) for key, value in scores._asdict().items()}
 
 
-def tell(what: str) -> Any:
-    def progress(update: int, updates: int, reward: float) -> None:
-        if update % max(1, updates // 10) == 0:
-            print(f"{what}: update {update} of {updates}, mean reward {reward:.4f}", flush=True)
+def printed(what: str) -> Progress:
+    """Progress of a training, ten times, on the terminal."""
+
+    def progress(stage: str, done: int, total: int, best: float) -> None:
+        if done % max(1, total // 10) == 0:
+            print(f"{what}: {stage} {done} of {total}, least mean cost {best:.4f}", flush=True)
 
     return progress
 
@@ -110,25 +122,24 @@ def report() -> None:
     """The table and the figure of everything that has been made so far."""
     record, ppo = read(RECORD), read(PPO)
     names = [name for name in ENVIRONMENTS if any(key.startswith(name) for key in record)]
-    lines = [
-        "| `paper`, hidden | reward, analytic gradients, 100,000 moves | PPO, 1,000,000 moves | processor time, s |",
-        "| --- | --- | --- | --- |",
-    ]
+    curves = []
     for name in names:
         mine, others = rows(record, name), rows(ppo, name)
-        words = [spread([r["reward"] for r in mine]), spread([r["reward"][-1] for r in others])]
         spent = [f"{np.mean([r['processor_seconds'] for r in part]):.0f}" for part in (mine, others) if part]
-        lines.append(f"| {name} | {words[0]} | {words[1]} | {', '.join(spent)} |")
-    columns = "| shipped policy | moves | mean reward | regret | residual, % | oracle's, % | 5 % within two moves |"
-    lines += ["", columns, "| --- |" + " --- |" * 6]
+        ends = spread([r["reward"] for r in mine]), spread([r["reward"][-1] for r in others])
+        curves.append((name, *ends, ", ".join(spent)))
+    shipped = []
     for name, context in SHIPPED:
         if row := record.get(f"{name} {context} shipped"):
-            cells = f"{row['moves']:,} | {row['reward']:.4f} | {row['regret']:.4f}"
-            left = f"{100 * row['residual']:.2g} | {100 * record[f'oracle of {name}']['residual']:.2g}"
-            lines.append(f"| {name}, {context} | {cells} | {left} | {100 * row['recovered']:.1f} % |")
-    lines += [
+            residuals = (f"{100 * r['residual']:.2g}" for r in (row, record[f"oracle of {name}"]))
+            scores = f"{row['moves']:,}", f"{row['reward']:.4f}", f"{row['regret']:.4f}"
+            shipped.append((f"{name}, {context}", *scores, *residuals, f"{100 * row['recovered']:.1f} %"))
+    lines = [
+        *table(CURVES, curves),
         "",
-        *other_trainers(),
+        *table(POLICIES, shipped),
+        "",
+        *table(("other trainers", "moves", "reward", "processor time, s"), other_trainers()),
         "",
         "Mean over seeds, least and greatest in brackets. Processor time: of all cores, compilation included.",
         "Residuals: of the same episodes. The oracle's shapers are for rest; moves begin with what the last one left.",
@@ -144,17 +155,15 @@ def report() -> None:
         figure.savefig(HERE / "learning.svg", metadata={"Date": None})
 
 
-def other_trainers() -> list[str]:
-    """What ``experiments.learning.trainers`` has made besides PPO on all environments, a line for each."""
-    lines = ["| other trainers | moves | reward | processor time, s |", "| --- | --- | --- | --- |"]
+def other_trainers() -> Iterator[tuple[str, ...]]:
+    """What ``experiments.learning.trainers`` has made besides PPO on all environments, a row for each."""
     for path in sorted(HERE.glob("*sac.json")) + sorted(HERE.glob("jax-ppo.json")):
         record = read(path)
         for name in sorted({key.rpartition(" ")[0] for key in record}):
             runs = rows(record, name)
-            words = spread([r["reward"][-1] for r in runs])
             spent = np.mean([r["processor_seconds"] for r in runs])
-            lines.append(f"| {path.stem}, {name} | {runs[0]['moves'][-1]:,} | {words} | {spent:.0f} |")
-    return lines
+            rewards = spread([r["reward"][-1] for r in runs])
+            yield f"{path.stem}, {name}", f"{runs[0]['moves'][-1]:,}", rewards, f"{spent:.0f}"
 
 
 def rows(record: dict[str, Any], name: str) -> list[dict[str, Any]]:
@@ -179,8 +188,7 @@ def draw(ax: Any, name: str, mine: list[dict[str, Any]], others: list[dict[str, 
     for row in mine[:1]:
         ax.axhline(row["reward"] + row["regret"], color="0.3", linestyle="--", linewidth=0.8, label="oracle")
     ax.set_title(name)
-    ax.set_xlabel("moves")
-    ax.set_ylabel("mean reward of a move")
+    ax.set(xlabel="moves", ylabel="mean reward of a move")
 
 
 if __name__ == "__main__":

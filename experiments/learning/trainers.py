@@ -6,7 +6,7 @@
 
 ``ppo`` and ``sac`` are stable-baselines3's, ``jax-ppo`` and ``jax-sac`` those of sbx. The last eight observations are
 stacked, since the payload shows in the past moves only. A run is judged as it goes, acting without noise, on 128
-episodes of 64 moves that no training sees. What is done is kept: a run that stands in the file is not made again.
+episodes of 64 moves outside of all training. What is done is kept: a run that stands in the file is not made again.
 """
 
 import argparse
@@ -31,40 +31,36 @@ JUDGEMENTS = 20
 
 
 class Recipe(NamedTuple):
-    """How one trainer is used; of the options, those that differ from the trainer's own."""
+    """How one trainer is used.
+
+    Attributes:
+        trainer: ``module:Class``.
+        moves: to train with.
+        envs: number of environments that move together.
+        options: of the trainer, those that differ from its own.
+    """
 
     trainer: str
-    """``module:Class``."""
     moves: int
     envs: int
     options: dict[str, Any]
 
 
-_ON_POLICY = dict(n_steps=32, batch_size=1024, n_epochs=10, gamma=0.9, gae_lambda=0.9)
+_ON_POLICY = dict(
+    n_steps=32, batch_size=1024, n_epochs=10, gamma=0.9, gae_lambda=0.9,
+    learning_rate=lambda remaining: 1e-3 * remaining, policy_kwargs=dict(net_arch=[128, 128], log_std_init=-1.0),
+)  # fmt: skip
 # One gradient step for eight moves: one for each would take hours.
 _OFF_POLICY = dict(
     buffer_size=100_000, learning_starts=2_000, batch_size=512, train_freq=1, gradient_steps=2, gamma=0.9, tau=0.01,
-    learning_rate=1e-3, ent_coef="auto_0.05",
+    learning_rate=1e-3, ent_coef="auto_0.05", policy_kwargs=dict(net_arch=[128, 128]),
 )  # fmt: skip
 RECIPES = {
-    "ppo": Recipe(
-        "stable_baselines3:PPO", 1_000_000, 128,
-        _ON_POLICY | dict(
-            learning_rate=lambda left: 1e-3 * left, device="cpu",
-            policy_kwargs=dict(net_arch=[128, 128], log_std_init=-1.0),
-        ),
-    ),
-    "jax-ppo": Recipe(
-        "sbx:PPO", 1_000_000, 128,
-        _ON_POLICY | dict(
-            learning_rate=lambda left: 1e-3 * left, policy_kwargs=dict(net_arch=[128, 128], log_std_init=-1.0)
-        ),
-    ),
-    "sac": Recipe(
-        "stable_baselines3:SAC", 100_000, 16, _OFF_POLICY | dict(device="cpu", policy_kwargs=dict(net_arch=[128, 128]))
-    ),
-    "jax-sac": Recipe("sbx:SAC", 100_000, 16, _OFF_POLICY | dict(policy_kwargs=dict(net_arch=[128, 128]))),
-}  # fmt: skip
+    "ppo": Recipe("stable_baselines3:PPO", 1_000_000, 128, _ON_POLICY | dict(device="cpu")),
+    "jax-ppo": Recipe("sbx:PPO", 1_000_000, 128, _ON_POLICY),
+    "sac": Recipe("stable_baselines3:SAC", 100_000, 16, _OFF_POLICY | dict(device="cpu")),
+    "jax-sac": Recipe("sbx:SAC", 100_000, 16, _OFF_POLICY),
+}
 
 
 class Judge(BaseCallback):
@@ -85,16 +81,16 @@ class Judge(BaseCallback):
 
     def judge(self) -> None:
         self.moves.append(self.num_timesteps)
-        self.reward.append(mean_reward(lambda seen: self.model.predict(seen, deterministic=True)[0], self.env))
+        self.reward.append(mean_reward(lambda stacked: self.model.predict(stacked, deterministic=True)[0], self.env))
         print(f"  {self.moves[-1]:8d} moves: {self.reward[-1]:.5f}", flush=True)
 
 
 def mean_reward(act: Callable[[np.ndarray], np.ndarray], env: Any) -> float:
     """Of the same episodes, whenever it is called."""
     env.seed(1_000_000)
-    seen, total = env.reset(), 0.0
+    observation, total = env.reset(), 0.0
     for _ in range(HORIZON):
-        seen, reward, _, _ = env.step(act(seen))
+        observation, reward, _, _ = env.step(act(observation))
         total += float(np.mean(reward))
     return total / HORIZON
 

@@ -6,16 +6,12 @@ python -m experiments.papers 002      # one; the others' sections of README.md s
 
 import argparse
 import importlib
-import sys
 import time
 from pathlib import Path
 
+from experiments.papers import frame
+
 HERE = Path(__file__).resolve().parent
-# The scripts run alone, too, and then find each other as plain modules; here they do so as well.
-sys.path.insert(0, str(HERE))
-
-import frame  # noqa: E402
-
 NUMBERS = [path.stem.removeprefix("paper_") for path in sorted(HERE.glob("paper_[0-9][0-9][0-9].py"))]
 
 
@@ -29,11 +25,11 @@ def main() -> None:
         parser.error(f"no such paper: {', '.join(unknown)} (there are {', '.join(NUMBERS)})")
     for number in given.papers or NUMBERS:
         begin = time.perf_counter()
-        paper = importlib.import_module(f"paper_{number}").results()
+        paper = importlib.import_module(f"experiments.papers.paper_{number}").results()
         print("\n".join(frame.lines(paper)))
         frame.illustrate(paper, HERE)
         frame.save(paper, given.out)
-        # At once, so that a run that is stopped has lost nothing.
+        # At once, so that a run that is stopped keeps what it has.
         frame.write([paper], HERE)
         print(f"(paper_{number}: {time.perf_counter() - begin:.0f} s)\n", flush=True)
 

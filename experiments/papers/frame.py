@@ -5,13 +5,12 @@ Each script has one function ``results(draw=True) -> Paper`` and ends with::
     if __name__ == "__main__":
         main(results)
 
-so that it runs alone: ``python experiments/papers/paper_001.py --out out/papers`` prints the tables and writes each
+so that it runs alone: ``python -m experiments.papers.paper_001 --out out/papers`` prints the tables and writes each
 figure there as PNG. ``python -m experiments.papers`` runs them all and writes README.md and one SVG a paper, too.
 
 A row whose printed value is a number is best made by ``compare``, which asks whether what was computed rounds to the
 digits in print; ``Row`` itself is for verdicts of another kind, and ``cannot`` for numbers that nobody can recompute.
-A design that surpasses the paper's is a ``Surpassed``; ``after`` integrates the script's own equations by SciPy, apart
-from jshape, for its verification.
+A design that surpasses the paper's is a ``Surpassed``, verified by ``experiments.papers.judge``.
 """
 
 import argparse
@@ -29,8 +28,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 from PIL import Image
-from scipy.integrate import solve_ivp
 
+import jshape as js
+from experiments.markdown import table
 from jshape.reports import plot
 
 # Before any script makes a plant: double precision; figures in jshape's style, to files only, their text as text, the
@@ -53,12 +53,25 @@ same axes, into `out/papers`. *Agrees*: the computed value rounds to the printed
 its discrete linear system) of equations that stand in the script's judge."""
 
 
+ROWS = ("what", "where", "printed", "computed", "agrees", "why not, or a remark")
+SURPASSED = ("what", "the paper's", "jshape's", "times better", "design", "under the limits", "verified by", "gives")
+"""Heads of the two tables."""
+
+
 @dataclass(frozen=True)
 class Row:
     """One printed statement.
 
-    ``where``: table, figure or equation. ``agrees``: True, False, or None where no verdict is possible; unless it is
-    True, ``why`` must say why not.
+    Attributes:
+        what: it is about.
+        where: table, figure or equation.
+        printed: as in the paper.
+        computed: by jshape, or by the judge.
+        agrees: None where no verdict is possible.
+        why: a remark, or, unless it agrees, the reason.
+
+    Raises:
+        ValueError: for a row that does not agree and has no reason.
     """
 
     what: str
@@ -78,9 +91,13 @@ class Row:
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure of the paper drawn anew. ``name``: file name without ending, such as ``paper_001_figure_06``.
+    """A figure of the paper drawn anew.
 
-    ``shown``: goes into README.md, as SVG (one a paper).
+    Attributes:
+        name: file name without ending, such as ``paper_001_figure_06``.
+        figure: Matplotlib's.
+        caption: a sentence.
+        shown: goes into README.md, as SVG (one a paper).
     """
 
     name: str
@@ -93,10 +110,18 @@ class Picture:
 class Surpassed:
     """A figure of merit in which jshape's design beats the paper's on the same plant under the same limits.
 
-    ``limits``: what both have to keep to. ``design``: jshape's amplitudes and times in words. ``verified_value``: what
-    the independent simulation described by ``verified_by`` gives; it must come within ``tolerance`` (absolute) of
-    ``expected``, which is ``ours`` unless the simulation judges something else (that a shorter move leaves nothing,
-    say). ``better``: "less" or "more".
+    Attributes:
+        what: the figure of merit.
+        theirs: the paper's, in ``unit``.
+        ours: jshape's.
+        unit: of both.
+        verified_by: the independent simulation, in words.
+        verified_value: its result.
+        tolerance: greatest distance of that from ``expected``, absolute.
+        limits: that both have to keep.
+        design: jshape's amplitudes and times in words.
+        expected: ``ours`` unless the simulation judges something else (that a shorter move leaves nothing, say).
+        better: ``"less"`` or ``"more"``.
     """
 
     what: str
@@ -118,6 +143,12 @@ class Surpassed:
         expected = self.ours if self.expected is None else self.expected
         return bool(ahead and abs(self.verified_value - expected) <= self.tolerance)
 
+    def cells(self) -> list[str]:
+        """Its row under ``SURPASSED``."""
+        values = (f"{value:.6g} {self.unit}".strip() for value in (self.theirs, self.ours))
+        checked = f"{self.verified_value:.6g}" + ("" if self.holds else " (does not hold)")
+        return [self.what, *values, times(self.factor), self.design, self.limits, self.verified_by, checked]
+
     @property
     def factor(self) -> float:
         """How many times better, greater than 1."""
@@ -127,7 +158,17 @@ class Surpassed:
 
 @dataclass(frozen=True)
 class Paper:
-    """Everything about one paper. ``number``: "000" … "004"; ``notes``: sentences that no row can say."""
+    """Everything about one paper.
+
+    Attributes:
+        number: ``"000"`` … ``"004"``.
+        title: of the paper.
+        citation: authors, journal, year.
+        rows: its printed statements.
+        pictures: its figures.
+        surpassed: what jshape does better.
+        notes: sentences that fit no row.
+    """
 
     number: str
     title: str
@@ -141,8 +182,13 @@ class Paper:
 def compare(what: str, where: str, printed: str, computed: Any, why: str = "", digits: int = 10) -> Row:
     """A row that agrees if every number in ``printed`` is the one in ``computed``, rounded to as many decimals.
 
-    ``printed``: as in the paper, "0, 0.847, 1.643" for three numbers. ``computed``: one number or several, in that
-    order. ``why``: needed if they differ, a remark if not. ``digits``: significant ones to show of ``computed``.
+    Args:
+        what: the row is about.
+        where: table, figure or equation.
+        printed: as in the paper, "0, 0.847, 1.643" for three numbers.
+        computed: one number or several, in that order.
+        why: needed if they differ, a remark if not.
+        digits: significant ones to show of ``computed``.
     """
     marks = list(NUMBER.finditer(printed))
     values = np.atleast_1d(np.asarray(computed, float)).ravel()
@@ -161,48 +207,14 @@ def cannot(what: str, where: str, printed: str, why: str) -> Row:
     return Row(what, where, printed, "", None, why)
 
 
-def after(
-    field: Callable[[float, np.ndarray, float], Any],
-    start: Sequence[float],
-    times: Any,
-    amplitudes: Any,
-    until: float,
-    at: Any = None,
-    tolerance: float = 1e-11,
-) -> np.ndarray:
-    """States by DOP853 under a staircase, restarted at every step so that none is integrated across.
-
-    ``field(t, y, u)``: derivatives of the state with the command at level u; ``times``, ``amplitudes``: of the steps,
-    s and the command's unit. ``at``: times wanted, ascending, none after ``until`` (default: it alone). Returns one row
-    a time.
-    """
-    wanted = np.atleast_1d(until if at is None else np.asarray(at, float))
-    edges = np.append(np.asarray(times, float), np.inf)
-    levels = np.cumsum(np.asarray(amplitudes, float))
-    state, found = np.asarray(start, float), np.empty((len(wanted), len(start)))
-    if edges[0] > 0:
-        edges, levels = np.insert(edges, 0, 0.0), np.insert(levels, 0, 0.0)
-    for i, level in enumerate(levels):
-        begin, end = edges[i], min(edges[i + 1], until)
-        inside = (wanted >= begin) & ((wanted < end) | (end >= until))
-        if end <= begin:
-            found[inside] = state
-            continue
-        run = solve_ivp(
-            field, (begin, end), state, method="DOP853", rtol=tolerance, atol=1e-13, args=(level,),
-            t_eval=np.append(wanted[inside & (wanted < end)], end),
-        )  # fmt: skip
-        if not run.success:
-            raise ValueError(f"the judge stopped at {run.t[-1]} s: {run.message}")
-        found[inside & (wanted < end)] = run.y.T[:-1]
-        found[inside & (wanted >= end)] = run.y[:, -1]
-        state = run.y[:, -1]
-    return found
-
-
 def figure(rows: int = 1, columns: int = 1, height: float = 2.4, **options: Any) -> tuple[Figure, Any]:
     """A figure and its axes (always an array) in the style of ``jshape.reports.plot``; ``height``: inches a row."""
     return plt.subplots(rows, columns, figsize=(plot.WIDTH * min(columns, 2), height * rows), squeeze=False, **options)
+
+
+def pictures(paper: str, drawn: dict[str, tuple[Figure, str]], shown: str) -> list[Picture]:
+    """The pictures of a paper from figures and captions by number; ``shown``: the one that goes into README.md."""
+    return [Picture(f"paper_{paper}_figure_{name}", *drawn[name], name == shown) for name in drawn]
 
 
 def main(results: Callable[[], Paper]) -> None:
@@ -215,6 +227,12 @@ def main(results: Callable[[], Paper]) -> None:
     save(paper, out)
 
 
+def words(shaper: js.Shaper) -> str:
+    """A design in words: amplitudes and times to five decimals."""
+    amplitudes, times = (", ".join(f"{float(x):.5f}" for x in part) for part in (shaper.amplitudes, shaper.times))
+    return f"A = {amplitudes} at {times} s"
+
+
 def verdict(row: Row) -> str:
     """The table's last-but-one column."""
     return {True: "yes", False: "no", None: "—"}[row.agrees]
@@ -223,16 +241,6 @@ def verdict(row: Row) -> str:
 def times(factor: float) -> str:
     """How many times better, in words that fit a table."""
     return f"{factor:.3g}" if factor < 1000 else f"{factor:,.0f}" if factor < 1e6 else "more than a million"
-
-
-def table(head: Sequence[str], body: Sequence[Sequence[str]]) -> list[str]:
-    """Markdown."""
-    cell = lambda text: str(text).replace("|", "\\|").replace("\n", " ")
-    return [
-        "| " + " | ".join(head) + " |",
-        "| " + " | ".join("---" for _ in head) + " |",
-        *("| " + " | ".join(cell(text) for text in line) + " |" for line in body),
-    ]
 
 
 def lines(paper: Paper) -> list[str]:
@@ -247,7 +255,7 @@ def lines(paper: Paper) -> list[str]:
         "be recomputed; the last column says why.",
         "",
         *table(
-            ["what", "where", "printed", "computed", "agrees", "why not, or a remark"],
+            ROWS,
             [[row.what, row.where, row.printed, row.computed, verdict(row), row.why] for row in paper.rows],
         ),
         "",
@@ -256,31 +264,7 @@ def lines(paper: Paper) -> list[str]:
         text += [
             "### Surpassed",
             "",
-            *table(
-                [
-                    "what",
-                    "the paper's",
-                    "jshape's",
-                    "times better",
-                    "design",
-                    "under the limits",
-                    "verified by",
-                    "gives",
-                ],
-                [
-                    [
-                        item.what,
-                        f"{item.theirs:.6g} {item.unit}".strip(),
-                        f"{item.ours:.6g} {item.unit}".strip(),
-                        times(item.factor),
-                        item.design,
-                        item.limits,
-                        item.verified_by,
-                        f"{item.verified_value:.6g}" + ("" if item.holds else " (does not hold)"),
-                    ]
-                    for item in paper.surpassed
-                ],
-            ),
+            *table(SURPASSED, [item.cells() for item in paper.surpassed]),
             "",
         ]
     if paper.notes:
@@ -312,7 +296,7 @@ def save(paper: Paper, out: Path) -> None:
 
 
 def small(path: Path, largest: int) -> None:
-    """*Raises* ``ValueError`` for a file that is too large to keep."""
+    """Raises ``ValueError`` for a file that is too large to keep."""
     if path.stat().st_size > largest:
         raise ValueError(f"{path} has {path.stat().st_size} bytes, more than {largest}")
 

@@ -1,8 +1,8 @@
 """Chatlatanagulchai, Moonmangmee and Intarawirat (2017): shapers by work and energy, and a flexible joint.
 
-    python experiments/papers/paper_000.py --out out/papers
+    python -m experiments.papers.paper_000 --out out/papers
 
-The plant of all numbers but the robot's: m2 = 1 kg, k1 = 10 N/m, k2 = 100 N/m³ (k3 elsewhere), a move of 1 m. The
+The plant of all numbers but the robot's: m2 = 1 kg, k1 = 10 N/m, k2 = 100 N/m³ (k3 in later papers), a move of 1 m. The
 robot's parameters are not given; ``joint`` finds some with which a closed loop answers as in Fig. 7.
 """
 
@@ -12,20 +12,19 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from frame import Paper, Picture, Row, Surpassed, after, cannot, compare, figure, main
 from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
 
 import jshape as js
+from experiments.papers import frame
+from experiments.papers.frame import Paper, Picture, Row, Surpassed, cannot, compare, figure, main, words
+from experiments.papers.judge import K1, K3, TWENTY, after, duffing, potential, residual, worst, worst_case
 from jshape.reports.plot import COLOURS
 
-K1, K2, C = 10.0, 100.0, 0.1
-SPRING = js.plants.Duffing(K1, K2)
+C = 0.1
+SPRING = js.plants.Duffing(K1, K3)
 PLANT = js.plants.TwoMass(1.0, 1.0, spring=SPRING)
 DAMPED = js.plants.TwoMass(1.0, 1.0, spring=SPRING, damper=js.plants.PowerDamper(C, 3))
-TWENTY = np.linspace(0.8, 1.2, 41)
-"""The uncertain payload, multiples of nominal."""
-
 LONGEST = 6
 """All shapers are padded to so many impulses, so that one compiled program serves them all."""
 
@@ -36,43 +35,20 @@ TRIAL = js.Shaper([0.525, 0.475], [0.0, 0.5935])
 # The judge: equations of its own, integrated by SciPy.
 
 
-def field(t: float, y: np.ndarray, base: float, m2: float = 1.0, c: float = 0.0) -> list[float]:
-    """Eq. 1 for the payload, with the base as commanded: y = (x2, x2')."""
-    x = y[0] - base
-    return [y[1], -(K1 * x + K2 * x**3 + c * y[1] ** 3) / m2]
-
-
-def potential(x: float) -> float:
-    """Energy of the spring, J."""
-    return K1 * x**2 / 2 + K2 * x**4 / 4
-
-
-def left(shaper: js.Shaper, m2: float = 1.0, c: float = 0.0) -> float:
-    """Energy that a payload of m2 (kg) keeps after the move, J."""
-    end = float(shaper.duration)
-    x, v = after(lambda t, y, u: field(t, y, u, m2, c), [0.0, 0.0], shaper.times, shaper.amplitudes, end)[0]
-    return m2 * v**2 / 2 + potential(x - 1.0)
-
-
-def worst(shaper: js.Shaper) -> float:
-    """The greatest of those energies over ``TWENTY``, J."""
-    return max(left(shaper, float(m2)) for m2 in TWENTY)
-
-
 def highest(first: float, c: float) -> tuple[float, float]:
     """When (s) and where (m) the payload first turns after a single step of the base to ``first`` (m)."""
-    return turn(lambda t, y: field(t, y, first, c=c), np.zeros(2), 0, 1)
+    return turn(lambda t, y: duffing(t, y, first, c=c), np.zeros(2), 0, 1)
 
 
-def turn(rates: Callable[[float, np.ndarray], Any], start: np.ndarray, place: int, speed: int) -> tuple[float, float]:
-    """When and where a coordinate of y' = rates(t, y) first turns; ``place`` and ``speed``: its indices in y."""
+def turn(field: Callable[[float, np.ndarray], Any], start: np.ndarray, place: int, speed: int) -> tuple[float, float]:
+    """When and where a coordinate of y' = field(t, y) first turns; ``place`` and ``speed``: its indices in y."""
 
     def turns(t: float, y: np.ndarray) -> float:
         # At the start it is at rest, too.
         return y[speed] if t > 0.01 else 1.0
 
     turns.terminal, turns.direction = True, -1  # pyright: ignore
-    run = solve_ivp(rates, (0.0, 2.0), start, "LSODA", events=turns, rtol=1e-11, atol=1e-13)
+    run = solve_ivp(field, (0.0, 2.0), start, "LSODA", events=turns, rtol=1e-11, atol=1e-13)
     return float(run.t_events[0][0]), float(run.y_events[0][0, place])
 
 
@@ -161,7 +137,8 @@ def rows_without_damper(found: dict[str, js.Shaper], over: dict[str, float]) -> 
         compare("first standstill of x2 after a step of 0.5 m: t (s)", "Fig. 4(a)", "0.5912", when),
         compare("first standstill of x2 after a step of 0.5 m: x2 (m)", "Fig. 4(a)", "1", where),
         Row(
-            "vibration left", "Fig. 4(b)", "none", f"{left(two):.0e} J", left(two) < 1e-12, "exact times, by SciPy"
+            "vibration left", "Fig. 4(b)", "none", f"{residual(two):.0e} J", residual(two) < 1e-12,
+            "exact times, by SciPy",
         ),
         Row(
             "2, 4, 6 impulses, m2 × 1.2: overshoot (%)", "Fig. 10", "lower with more",
@@ -183,7 +160,12 @@ def rows_with_damper(exact: js.Shaper) -> list[Row]:
     two = js.design.energy.two_impulse(PLANT, 1.0)
     omega = np.pi / float(two.times[1])
     printed = C * omega**3 * (3 * np.pi / 16 / omega + np.sin(np.pi / omega) / 4 + np.sin(2 * np.pi / omega) / 32)
-    loss = lambda shaper: potential(float(shaper.amplitudes[0])) - potential(1 - float(shaper.amplitudes[0]))
+
+    def loss(shaper: js.Shaper) -> float:
+        """The energy that the damper takes from the swing between the two levels, J."""
+        first = float(shaper.amplitudes[0])
+        return potential(first) - potential(1 - first)
+
     kinds = ("harmonic", "orbit")
     harmonic, orbit = (js.design.energy.two_impulse(DAMPED, 1.0, damping=kind) for kind in kinds)
     return [
@@ -200,7 +182,7 @@ def rows_with_damper(exact: js.Shaper) -> list[Row]:
             "0.11 % short of the destination, less than a line's width",
         ),
         Row(
-            "c = 0.1: energy left by A1 = 0.525, t2 = 0.5935 s (J)", "Fig. 5(b)", "none", f"{left(TRIAL, c=C):.2e}",
+            "c = 0.1: energy left by A1 = 0.525, t2 = 0.5935 s (J)", "Fig. 5(b)", "none", f"{residual(TRIAL, c=C):.2e}",
             False, "not to be seen in a figure",
         ),
         Row(
@@ -231,39 +213,30 @@ def surpassed(
     solution, stiffness, friction = robot
     recipe = js.Shaper([STEP / PEAK, 1 - STEP / PEAK], [0.0, WHEN])
 
-    def least(name: str, paper: str, what: str, limits: str) -> Surpassed:
-        return Surpassed(
-            f"{what}: worst residual energy, m2 ± 20 %", worst(found[paper]), worst_20[name], "J",
-            "the worst of 41 payloads", worst(found[name]), 1e-8, limits, words(found[name]),
-        )  # fmt: skip
+    def least(own: str, paper: str, what: str, limits: str) -> Surpassed:
+        name = f"tuned, {own}"
+        return worst_case(what, found[paper], found[name], worst_20[name], limits)
 
     six, sooner = found["6 impulses"], found["tuned, as three"]
     return [
         Surpassed(
-            "two impulses, c = 0.1: residual energy", left(TRIAL, c=C),
-            float(js.residual_energy(DAMPED, exact, 1.0)), "J", "the energy left", left(exact, c=C), 1e-14,
+            "two impulses, c = 0.1: residual energy", residual(TRIAL, c=C),
+            float(js.residual_energy(DAMPED, exact, 1.0)), "J", "the energy left", residual(exact, c=C), 1e-14,
             "two impulses, in about 0.5935 s", words(exact),
         ),
-        least("tuned, as two", "2 impulses", "in two impulses' time", "no impulse over 1 m either way, 0.59124 s"),
-        least("tuned, as three", "6 impulses", "four impulses against six", "positive impulses, at most 4.79137 s"),
+        least("as two", "2 impulses", "in two impulses' time", "no impulse over 1 m either way, 0.59124 s"),
+        least("as three", "6 impulses", "four impulses against six", "positive impulses, at most 4.79137 s"),
         Surpassed(
             "the same two: duration", float(six.duration), float(sooner.duration), "s",
             "the worst energy over the paper's", worst(sooner) / worst(six), 0.5, "as before", words(sooner), 0.0,
         ),
-        least(
-            "tuned, as negative", "negative", "in the negative shaper's time", "impulses 1, −1, 1, in 0.21583 s"
-        ),
+        least("as negative", "negative", "in the negative shaper's time", "impulses 1, −1, 1, in 0.21583 s"),
         Surpassed(
             "closed loop of the flexible joint: energy 0.6 s after the start", shaken(recipe, stiffness, friction),
             solution.objective, "J", "the energy then", shaken(solution.shaper, stiffness, friction), 1e-9,
             "two positive impulses in at most 0.24 s; a loop that answers as in Fig. 7", words(solution.shaper),
         ),
     ]  # fmt: skip
-
-
-def words(shaper: js.Shaper) -> str:
-    listed = lambda values: ", ".join(f"{float(value):.5f}" for value in values)
-    return f"A = {listed(shaper.amplitudes)} at {listed(shaper.times)} s"
 
 
 def joint(stiffness: float, friction: float) -> js.plants.FlexibleJoint:
@@ -350,10 +323,7 @@ def pictures(found: dict[str, js.Shaper], robot: tuple[js.Solution, float, float
         ),
         "12": (panels({"": run(found["negative"])}, 2.0), "The negative input shaper"),
     }
-    return [
-        Picture(f"paper_000_figure_{number}", drawn_, caption, number == "10")
-        for number, (drawn_, caption) in drawn.items()
-    ]
+    return frame.pictures("000", drawn, "10")
 
 
 def results(draw: bool = True) -> Paper:

@@ -1,6 +1,6 @@
 """Moonmangmee and Chatlatanagulchai (2025): general, robust and fast shapers by energy, and how sensitive they are.
 
-    python experiments/papers/paper_001.py --out out/papers
+    python -m experiments.papers.paper_001 --out out/papers
 
 The plant of all numbers: m1 = m2 = 1 kg, k1 = 10 N/m, k3 = 100 N/m³, a move of 1 m. PRV is the paper's percentage
 residual vibration, the first overshoot over the distance. ``paper_001_designs`` computes, ``paper_001_judge`` judges,
@@ -10,8 +10,12 @@ residual vibration, the first overshoot over the distance. ``paper_001_designs``
 import jax
 import jax.numpy as jnp
 import numpy as np
-from frame import Paper, Row, Surpassed, compare, main
-from paper_001_designs import (
+from scipy.optimize import brentq
+
+import jshape as js
+from experiments.papers.frame import Paper, Row, Surpassed, compare, main, words
+from experiments.papers.judge import K1, K3, worst, worst_case
+from experiments.papers.paper_001_designs import (
     DAMPINGS,
     LONGEST,
     MASSES,
@@ -26,11 +30,8 @@ from paper_001_designs import (
     residuals,
     shapers,
 )
-from paper_001_figures import pictures
-from paper_001_judge import K1, K3, vibration, width, worst
-from scipy.optimize import brentq
-
-import jshape as js
+from experiments.papers.paper_001_figures import pictures
+from experiments.papers.paper_001_judge import vibration, width
 
 
 def rows_of_designs(found: dict[str, js.Shaper], peaks: np.ndarray) -> list[Row]:
@@ -47,7 +48,11 @@ def rows_of_designs(found: dict[str, js.Shaper], peaks: np.ndarray) -> list[Row]
         rows.append(compare(f"α = {alpha}: t (s)", "Table 1", times, shaper[f"α = {alpha}"].times, half))
         rows.append(compare(f"α = {alpha}: A (m)", "Table 1", amplitudes, shaper[f"α = {alpha}"].amplitudes))
     kr = K3 / (2 * K1)
-    balance = lambda a: 1 - 2 * a + kr / 2 * (1 - 3 * a + 3 * a**2 - 2 * a**3)
+
+    def balance(a: float) -> float:
+        """Eq. 28."""
+        return 1 - 2 * a + kr / 2 * (1 - 3 * a + 3 * a**2 - 2 * a**3)
+
     rows += [
         compare("α for which the spring's forces at both rests are equal", "Eq. 28", "0.50", brentq(balance, 0.1, 0.9)),
         compare(
@@ -94,13 +99,17 @@ def rows_of_speed(rises: dict[str, float]) -> list[Row]:
 def rows_of_robustness(prv: dict[str, dict[str, np.ndarray]], damped: dict[str, np.ndarray], alphas: str) -> list[Row]:
     """Sections 4.1 and 4.2. ``prv``: leaf → shaper → curve; ``damped``: over payload and c."""
     mass, k3 = prv["m2"], prv["spring.k3"]
-    maxima = lambda name: (mass[name].max(), at(damped[name].T, 0.1, DAMPINGS).max())
-    gain = lambda of, ratio: 100 * (1 - at(of["fast 3-impulse"], ratio) / at(of["2-impulse"], ratio))
+    maxima = {name: (mass[name].max(), at(damped[name].T, 0.1, DAMPINGS).max()) for name in PRESENTED}
+
+    def gain(of: dict[str, np.ndarray], ratio: float) -> float:
+        """By how much fast three impulses leave less than two, %."""
+        return 100 * (1 - at(of["fast 3-impulse"], ratio) / at(of["2-impulse"], ratio))
+
     k1 = prv["spring.k1"]
     strong = {name: at(at(damped[name], 1.0, MASSES), 0.6, DAMPINGS) for name in PRESENTED}
     plateau = [np.round(at(damped[name], 1.0, MASSES)) for name in PRESENTED[:2]]
     both = DAMPINGS[(plateau[0] == 23) & (plateau[1] == 17)]
-    elsewhere = f"23 and 17 both hold for c from {both[0]:.2f} to {both[-1]:.2f}, where the curves are flat"
+    flat = f"23 and 17 both hold for c from {both[0]:.2f} to {both[-1]:.2f}, where the curves are flat"
     k1_order = [at(k1[f"{n}-impulse"], 0.8) for n in (3, 4, 5, 6)]
     grows = bool(np.any(np.diff(k1_order) > 0))
     robust = [f"{n}-impulse" for n in (3, 4, 5, 6)]
@@ -112,13 +121,13 @@ def rows_of_robustness(prv: dict[str, dict[str, np.ndarray]], damped: dict[str, 
             "0.50 is where the first-order sensitivity vanishes; over ±10 % and ±20 % others have the least maximum",
         ),
         Row(
-            "four impulses: PRV at m2 × 0.6 (%)", "Fig. 11", "22", f"{maxima('4-impulse')[0]:.2f}", False,
-            f"read off a curve, it seems; {maxima('4-impulse')[1]:.2f} with the damper, c = 0.1",
+            "four impulses: PRV at m2 × 0.6 (%)", "Fig. 11", "22", f"{maxima['4-impulse'][0]:.2f}", False,
+            f"read off a curve, it seems; {maxima['4-impulse'][1]:.2f} with the damper, c = 0.1",
         ),
         *(
             Row(
-                f"{name}: greatest PRV over 0.6 … 1.4 (%)", "Fig. 11", "less than 5", f"{maxima(name)[0]:.2f}", False,
-                f"{maxima(name)[1]:.2f} with the damper, c = 0.1",
+                f"{name}: greatest PRV over 0.6 … 1.4 (%)", "Fig. 11", "less than 5", f"{maxima[name][0]:.2f}", False,
+                f"{maxima[name][1]:.2f} with the damper, c = 0.1",
             )
             for name in ("5-impulse", "6-impulse")
         ),
@@ -140,10 +149,10 @@ def rows_of_robustness(prv: dict[str, dict[str, np.ndarray]], damped: dict[str, 
             ", ".join(f"{gain(mass, ratio):.1f}" for ratio in (0.8, 1.2)), False, "less than half; true of k3 only",
         ),
         compare(
-            "two impulses at c = 0.6: PRV (%)", "Fig. 14", "23", strong["2-impulse"], elsewhere, 4
+            "two impulses at c = 0.6: PRV (%)", "Fig. 14", "23", strong["2-impulse"], flat, 4
         ),
         compare(
-            "fast three impulses at c = 0.6: PRV (%)", "Fig. 14", "17", strong["fast 3-impulse"], elsewhere, 4,
+            "fast three impulses at c = 0.6: PRV (%)", "Fig. 14", "17", strong["fast 3-impulse"], flat, 4,
         ),
         Row(
             "three to six impulses: greatest PRV for c up to 0.6 (%)", "Fig. 14", "not exceeding 5", f"{most:.2f}",
@@ -160,10 +169,7 @@ def surpassed(found: dict[str, js.Shaper], energies: dict[str, np.ndarray]) -> l
     """
 
     def least(name: str, paper: str, what: str, limits: str) -> Surpassed:
-        return Surpassed(
-            f"{what}: worst residual energy, m2 ± 20 %", worst(found[paper]), float(energies[name].max()), "J",
-            "the worst of 41 payloads", worst(found[name]), 1e-8, limits, words(found[name]),
-        )  # fmt: skip
+        return worst_case(what, found[paper], found[name], float(energies[name].max()), limits)
 
     three, sooner = found["3-impulse"], found["tuned, at most"]
     return [
@@ -186,11 +192,6 @@ def surpassed(found: dict[str, js.Shaper], energies: dict[str, np.ndarray]) -> l
         least("tuned, four", "4-impulse", "four impulses, sooner", "four positive impulses, at most 2.71298 s"),
         least("tuned, bounded", "fast 3-impulse", "as fast as fast three", "no impulse over 1 m either way, 0.92633 s"),
     ]  # fmt: skip
-
-
-def words(shaper: js.Shaper) -> str:
-    listed = lambda values: ", ".join(f"{float(value):.5f}" for value in values)
-    return f"A = {listed(shaper.amplitudes)} at {listed(shaper.times)} s"
 
 
 def results(draw: bool = True) -> Paper:

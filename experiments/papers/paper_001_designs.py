@@ -5,10 +5,10 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from paper_001_judge import K1, K3, TWENTY
 from scipy.optimize import brentq
 
 import jshape as js
+from experiments.papers.judge import K1, K3, TWENTY
 
 PLANT = js.plants.TwoMass(1.0, 1.0, spring=js.plants.Duffing(K1, K3))
 DAMPED = js.plants.TwoMass(1.0, 1.0, spring=js.plants.Duffing(K1, K3), damper=js.plants.PowerDamper(0.1, 3))
@@ -71,13 +71,21 @@ def at(values: np.ndarray, place: float, grid: np.ndarray = RATIOS) -> Any:
 @jax.jit
 def residuals(shaper: js.Shaper, masses: jax.Array) -> jax.Array:
     """PRV at each payload (kg), a fraction."""
-    plant = lambda m2: js.plants.TwoMass(1.0, m2, spring=js.plants.Duffing(K1, K3))
-    return jax.vmap(lambda m2: js.residual_vibration(plant(m2), shaper, 1.0, steps=64))(masses)
+
+    def residual(m2: jax.Array) -> jax.Array:
+        plant = js.plants.TwoMass(1.0, m2, spring=js.plants.Duffing(K1, K3))
+        return js.residual_vibration(plant, shaper, 1.0, steps=64)
+
+    return jax.vmap(residual)(masses)
 
 
 def minimax(spread: float) -> float:
     """The α whose greater vibration at both ends of m2 ± spread is least: where both are equal."""
     ends = jnp.array([1 - spread, 1 + spread])
-    unequal = lambda alpha: -float(jnp.diff(residuals(js.design.energy.three_impulse(PLANT, 1.0, alpha), ends))[0])
+
+    def unequal(alpha: float) -> float:
+        """The vibration at the lower end over that at the upper one."""
+        return -float(jnp.diff(residuals(js.design.energy.three_impulse(PLANT, 1.0, alpha), ends))[0])
+
     alpha: Any = brentq(unequal, 0.501, 0.62, xtol=1e-6)
     return alpha

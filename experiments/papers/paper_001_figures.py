@@ -3,11 +3,12 @@
 from typing import Any
 
 import numpy as np
-from frame import Picture, figure
-from paper_001_designs import DAMPINGS, LONGEST, MASSES, PLANT, PRESENTED, RATIOS, at
 from scipy.optimize import brentq
 
 import jshape as js
+from experiments.papers import frame
+from experiments.papers.frame import Picture, figure
+from experiments.papers.paper_001_designs import DAMPINGS, LONGEST, MASSES, PLANT, PRESENTED, RATIOS, at
 from jshape.reports.plot import COLOURS, LINES
 
 
@@ -63,10 +64,7 @@ def pictures(
             "Overshoot of the undamped shapers with a cubic damper",
         ),
     }  # fmt: skip
-    return [
-        Picture(f"paper_001_figure_{number}", drawn_, caption, number == "11")
-        for number, (drawn_, caption) in drawn.items()
-    ]
+    return frame.pictures("001", drawn, "11")
 
 
 def lines(curves: dict[str, tuple[Any, Any]], across: str, up: str, **options: Any) -> Any:
@@ -117,12 +115,16 @@ def cancellation() -> Any:
 
 def families() -> Any:
     """Fig. 8: the amplitudes for which the fast three-impulse shaper leaves nothing."""
+
+    def balance(y: float, x: float, kr: float) -> float:
+        """Eq. 46."""
+        energies = [z**2 + kr * z**4 for z in (x, y, 1 - x - y)]
+        return energies[0] + energies[1] - energies[2]
+
     drawn, axes = figure(1, 2, height=2.6)
     first = np.linspace(0.002, 0.498, 125)
     for kr, name, line in ((0.0, "linear", "-"), (5.0, "$k_r$ = 5", "--")):
-        # Eq. 46.
-        u = lambda x, kr=kr: x**2 + kr * x**4
-        second = np.array([brentq(lambda y, x=x, u=u: u(x) + u(y) - u(1 - x - y), 0.0, 1 - x) for x in first])
+        second = np.array([brentq(balance, 0.0, 1 - x, args=(x, kr)) for x in first])
         axes[0, 0].plot(first, second, COLOURS[0], linestyle=line, label=name)
         axes[0, 1].plot(first, second, COLOURS[0], linestyle=line, label=f"$A_2$, {name}")
         axes[0, 1].plot(first, 1 - first - second, COLOURS[1], linestyle=line, label=f"$A_3$, {name}")

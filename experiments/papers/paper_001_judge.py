@@ -1,39 +1,12 @@
-"""The judge of paper_001: equations of its own, integrated by SciPy, apart from jshape."""
+"""The judge of paper_001: the paper's measure of vibration, of the Duffing pair of ``judge``, and where it is small."""
 
 from collections.abc import Callable
 
 import numpy as np
-from frame import after
 from scipy.optimize import brentq
 
 import jshape as js
-
-K1, K3 = 10.0, 100.0
-TWENTY = np.linspace(0.8, 1.2, 41)
-"""The uncertain payload, multiples of nominal."""
-
-
-def field(t: float, y: np.ndarray, base: float, m2: float = 1.0) -> list[float]:
-    """Eq. 6 for the payload, its spring force put right, with the base as commanded: y = (x2, x2')."""
-    x = y[0] - base
-    return [y[1], -(K1 * x + K3 * x**3) / m2]
-
-
-def potential(x: float) -> float:
-    """Energy of the spring, J: what Eq. 6 prints as its force."""
-    return K1 * x**2 / 2 + K3 * x**4 / 4
-
-
-def left(shaper: js.Shaper, m2: float = 1.0) -> float:
-    """Energy that a payload of m2 (kg) keeps after the move, J."""
-    end = float(shaper.duration)
-    x, v = after(lambda t, y, u: field(t, y, u, m2), [0.0, 0.0], shaper.times, shaper.amplitudes, end)[0]
-    return m2 * v**2 / 2 + potential(x - 1.0)
-
-
-def worst(shaper: js.Shaper, masses: np.ndarray = TWENTY) -> float:
-    """The greatest of those energies, J."""
-    return max(left(shaper, float(m2)) for m2 in masses)
+from experiments.papers.judge import K1, K3, residual
 
 
 def width(vibration: Callable[[float], float]) -> float:
@@ -49,5 +22,5 @@ def width(vibration: Callable[[float], float]) -> float:
 
 def vibration(shaper: js.Shaper, m2: float) -> float:
     """The deflection whose energy is the one left, over the distance: PRV as a fraction."""
-    energy = left(shaper, m2)
+    energy = residual(shaper, m2)
     return float(np.sqrt((np.sqrt(K1**2 + 4 * K3 * energy) - K1) / K3))

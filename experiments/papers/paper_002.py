@@ -1,6 +1,6 @@
 """Chatlatanagulchai, Chotana and Prutthapong: a flexible link whose payload changes, and a shaper that follows it.
 
-    python experiments/papers/paper_002.py --out out/papers
+    python -m experiments.papers.paper_002 --out out/papers
 
 The plant of all numbers: a two-foot link with modes of 8.5, 7.3, 5.7 and 74, 70, 66 rad/s at 0, 10 and 20 coins,
 damping ratios of 0.017 and 0.019, and a servo of 40 rad/s with a damping ratio of 0.9 in the place of the motor and
@@ -12,11 +12,14 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-import paper_002_adaptive as adaptive
-import paper_002_judge as judge
-from frame import Paper, Row, Surpassed, cannot, compare, main
-from paper_002_figures import pictures
-from paper_002_link import (
+
+import jshape as js
+from experiments.papers import paper_002_adaptive as adaptive
+from experiments.papers import paper_002_judge as judge
+from experiments.papers.frame import Paper, Row, Surpassed, cannot, compare, main, words
+from experiments.papers.judge import alone
+from experiments.papers.paper_002_figures import pictures
+from experiments.papers.paper_002_link import (
     BANDS,
     COINS,
     FIRST,
@@ -31,8 +34,6 @@ from paper_002_link import (
     link,
     second_in_middle,
 )
-
-import jshape as js
 from jshape.design import insensitive, linear
 
 
@@ -44,19 +45,13 @@ def rows_of_design(paper: js.Shaper) -> list[Row]:
         k = np.exp(-zeta * np.pi / root)
         a, t = np.array([1, 2 * k, k**2]) / (1 + 2 * k + k**2), np.pi / (omega * root) * np.arange(3)
         same = np.allclose(shaper.amplitudes, a, atol=1e-15) and np.allclose(shaper.times, t, atol=1e-15)
-        words = f"A {impulses(shaper.amplitudes)}; t {impulses(shaper.times)} s"
-        rows.append(Row(f"shaper for {omega:g} rad/s, ζ = {zeta:g}", "Eq. 4", "the formulas", words, same))
+        formulas = f"A {impulses(shaper.amplitudes)}; t {impulses(shaper.times)} s"
+        rows.append(Row(f"shaper for {omega:g} rad/s, ζ = {zeta:g}", "Eq. 4", "the formulas", formulas, same))
     pole = complex(-FIRST[0] * FIRST[1], FIRST[0] * np.sqrt(1 - FIRST[1] ** 2))
     zvd, zv = linear.zvd(*FIRST), linear.zv(*FIRST)
     terms = np.asarray(zvd.amplitudes) * np.exp(-pole * np.asarray(zvd.times))
     slope = abs(np.sum(terms * np.asarray(zvd.times))) / float(zvd.duration)
     wide = [js.insensitivity(shaper, *FIRST) for shaper in (zv, zvd)]
-    single = insensitive.rounded(linear.zvd(*SECOND), 0.01, (SECOND[0], SECOND[0]), SECOND[1])
-    left = lambda ticks: float(js.percentage_vibration(js.Shaper(zvd_70.amplitudes, 0.01 * np.array(ticks)), *SECOND))
-    zvd_70 = linear.zvd(*SECOND)
-    half, whole = (round(float(t) / 0.01) for t in zvd_70.times[1:])
-    data = np.random.default_rng(2).normal(size=64)
-    sampled = np.array([np.sum(data * np.exp(-2j * np.pi * k / 64 * np.arange(64))) for k in range(64)])
     return [
         *rows,
         Row(
@@ -77,6 +72,22 @@ def rows_of_design(paper: js.Shaper) -> list[Row]:
             + ", ".join(f"{float(js.percentage_vibration(paper, *mode)):.0e}" for mode in (FIRST, SECOND)),
             all(float(js.percentage_vibration(paper, *mode)) < 1e-12 for mode in (FIRST, SECOND)),
         ),
+    ]  # fmt: skip
+
+
+def rows_of_methods() -> list[Row]:
+    """The clock, the discrete transform and extremum seeking, as they are described."""
+    zvd = linear.zvd(*SECOND)
+    single = insensitive.rounded(zvd, 0.01, (SECOND[0], SECOND[0]), SECOND[1])
+    half, whole = (round(float(t) / 0.01) for t in zvd.times[1:])
+    data = np.random.default_rng(2).normal(size=64)
+    sampled = np.array([np.sum(data * np.exp(-2j * np.pi * k / 64 * np.arange(64))) for k in range(64)])
+
+    def left(ticks: list[int]) -> float:
+        """V of the second mode with impulses on those ticks of 10 ms."""
+        return float(js.percentage_vibration(js.Shaper(zvd.amplitudes, 0.01 * np.array(ticks)), *SECOND))
+
+    return [
         Row(
             "V at 70 rad/s, a clock of 10 ms, t2 and t3 rounded apart (%)", "Eq. 4", "round(t2/ts), round(t3/ts)",
             f"{100 * left([0, half, whole]):.2f} (ticks {half} and {whole})", False,
@@ -109,7 +120,7 @@ def rows_of_design(paper: js.Shaper) -> list[Row]:
 
 
 def rows_of_link(paper: js.Shaper) -> list[Row]:
-    """The link, the fixed shaper, and the arithmetic of what was measured."""
+    """The link and the fixed shaper."""
     loads = (20.0, 10.0, 0.0)
     modes = np.array([np.asarray(link(coins).natural_frequency()) for coins in loads])
     v = [float(js.percentage_vibration(linear.zvd(*FIRST), w, FIRST[1])) for w in modes[::-1, 0]]
@@ -157,6 +168,12 @@ def rows_of_link(paper: js.Shaper) -> list[Row]:
             f"at most {100 * damping:.4f}", False,
             "less than 0.07 %: what I-D-E gains over I-D cannot come from the damping ratios in a linear link",
         ),
+    ]  # fmt: skip
+
+
+def rows_of_measurements() -> list[Row]:
+    """The arithmetic of what was measured, and what cannot be recomputed."""
+    return [
         compare("vibration reduced from 0.3 to 0.2 (%)", "Fig. 10, 20 coins", "33", 100 * (1 - 0.2 / 0.3)),
         compare("vibration reduced from 0.2 to 0.15 (%)", "Fig. 10, 10 coins", "25", 100 * (1 - 0.15 / 0.2)),
         Row(
@@ -179,16 +196,14 @@ def rows_of_link(paper: js.Shaper) -> list[Row]:
     ]  # fmt: skip
 
 
-def words(shaper: js.Shaper) -> str:
-    listed = lambda values: ", ".join(f"{float(value):.5f}" for value in values)
-    return f"A = {listed(shaper.amplitudes)} at {listed(shaper.times)} s"
-
-
 def surpassed(found: dict[str, Any]) -> list[Surpassed]:
     """Fixed shapers for any payload against the paper's, unadapted: theirs by SciPy alone, jshape's by both."""
-    paper, calm, short, tuned = found["paper"], found["calm"].shaper, found["short"].shaper, found["tuned"].shaper
+    paper, robust, short, tuned = found["paper"], found["robust"].shaper, found["short"].shaper, found["tuned"].shaper
     limit = f"positive impulses, {float(paper.duration):.5f} s, 0 to 20 coins"
-    worst = lambda shaper: max(judge.vibration(shaper, coins) for coins in COINS)
+
+    def worst(shaper: js.Shaper) -> float:
+        return max(judge.vibration(shaper, coins) for coins in COINS)
+
     theirs, by = worst(paper), "SciPy: servo and both modes, 41 payloads"
     both = found["simultaneous"]
     near = [(w * (1 + e), z) for w, z in (FIRST, SECOND) for e in (-1e-4, 1e-4)]
@@ -196,8 +211,8 @@ def surpassed(found: dict[str, Any]) -> list[Surpassed]:
     apart = js.Shaper(linear.zvd(*SECOND).amplitudes, [0.0, 0.04, 0.09])
     return [
         Surpassed(
-            "largest V of either mode, payload unknown", theirs, largest(calm), "", by, worst(calm), 1e-9, limit,
-            words(calm) + "; " + found["calm"].message,
+            "largest V of either mode, payload unknown", theirs, largest(robust), "", by, worst(robust), 1e-9, limit,
+            words(robust) + "; " + found["robust"].message,
         ),
         Surpassed(
             "duration for no more vibration than that", float(paper.duration), float(short.duration), "s",
@@ -211,13 +226,13 @@ def surpassed(found: dict[str, Any]) -> list[Surpassed]:
         ),
         Surpassed(
             "duration of a ZVD for both modes", float(paper.duration), float(both.duration), "s",
-            "SciPy: V at 0.01 % to either side of both", max(judge.alone(both, *mode) for mode in near), 2e-6,
+            "SciPy: V at 0.01 % to either side of both", max(alone(both, *mode) for mode in near), 2e-6,
             "positive impulses, V and its slope 0 at 9 and 70 rad/s", words(both), 0.0,
         ),
         Surpassed(
-            "V at 70 rad/s on a clock of 10 ms", judge.alone(apart, *SECOND),
+            "V at 70 rad/s on a clock of 10 ms", alone(apart, *SECOND),
             float(js.percentage_vibration(found["digital"], *SECOND)), "", "SciPy: the mode alone",
-            judge.alone(found["digital"], *SECOND), 1e-9, "impulses on the clock; 90 ms, ours one tick more",
+            alone(found["digital"], *SECOND), 1e-9, "impulses on the clock; 90 ms, ours one tick more",
             words(found["digital"]),
         ),
     ]  # fmt: skip
@@ -226,18 +241,28 @@ def surpassed(found: dict[str, Any]) -> list[Surpassed]:
 def results(draw: bool = True) -> Paper:
     """The whole paper; the figures only if they are wanted."""
     found, run = designs(), adaptive.experiment()
-    paper, calm, after_adaption = found["paper"], found["calm"].shaper, found["as adapted"]
-    rounded = insensitive.rounded(calm, TICK, BANDS, FIRST[1]).shaper
+    paper, robust, after_adaption = found["paper"], found["robust"].shaper, found["as adapted"]
+    rounded = insensitive.rounded(robust, TICK, BANDS, FIRST[1]).shaper
     recovered, note = adaptive.surpassed()
     reference, late = np.asarray(run.schedule.reference), slice(round(95 / TICK), round(100 / TICK))
-    left = lambda payload: float(np.degrees(np.max(np.abs(np.asarray(payload) - reference)[late])))
+
+    def error(payload: Any) -> float:
+        """The payload's greatest distance from the reference before a new edge, degrees."""
+        return float(np.degrees(np.max(np.abs(np.asarray(payload) - reference)[late])))
+
     own = fixed(rounded, reference, adaptive.carried(run))["payload"]
     return Paper(
         "002",
         "Direct adaptive input shaping using on-line frequency domain information and extremum-seeking optimization",
         "Withit Chatlatanagulchai, Serm Sak Chotana and Chonlawit Prutthapong, Kasetsart Journal (Natural Science).",
-        [*rows_of_design(paper), *rows_of_link(paper), *adaptive.rows_of_adaption(run)],
-        pictures(paper, calm, rounded, run) if draw else [],
+        [
+            *rows_of_design(paper),
+            *rows_of_methods(),
+            *rows_of_link(paper),
+            *rows_of_measurements(),
+            *adaptive.rows_of_adaption(run),
+        ],
+        pictures(paper, robust, rounded, run) if draw else [],
         [*surpassed(found), recovered],
         [
             *NOTES,
@@ -246,12 +271,12 @@ def results(draw: bool = True) -> Paper:
             f"that duration leaves at most {100 * after_adaption.vibration:.2f} % of the vibration with any "
             "payload from 0 to 20 coins, without a DFT and without knowing the payload (positive impulses; the least "
             "possible).",
-            f"With 20 coins the payload is still up to {left(run.traces['I'].payload):.2f}° off in the last 5 s before "
-            f"a new edge in case I, {left(own):.2f}° with jshape's fixed shaper on the same clock of 5 ms (reference "
-            "±30°).",
+            f"With 20 coins the payload is still up to {error(run.traces['I'].payload):.2f}° off in the last 5 s "
+            f"before a new edge in case I, {error(own):.2f}° with jshape's fixed shaper on the same clock of 5 ms "
+            "(reference ±30°).",
             "What is least over all payloads is not least for each: with 0 coins, next to what the paper's fixed "
             "shaper was designed for, that one leaves 0.72 %, jshape's "
-            f"{100 * float(js.percentage_vibration(calm, 8.5, 0.017)):.2f} %.",
+            f"{100 * float(js.percentage_vibration(robust, 8.5, 0.017)):.2f} %.",
         ],
     )
 

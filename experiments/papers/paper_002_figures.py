@@ -3,19 +3,20 @@
 from typing import Any
 
 import numpy as np
-from frame import Picture, figure
-from paper_002_adaptive import settings
-from paper_002_judge import STEP, ZETAS, modes
-from paper_002_link import BANDS, TICK, fixed, gain, link
 
 import jshape as js
+from experiments.papers import frame
+from experiments.papers.frame import Picture, figure
+from experiments.papers.paper_002_adaptive import settings
+from experiments.papers.paper_002_judge import STEP, ZETAS, modes
+from experiments.papers.paper_002_link import BANDS, TICK, fixed, gain, link
 from jshape.adaptive.closed_loop import loop_figures as figures
 from jshape.adaptive.closed_loop import report
 from jshape.reports.plot import COLOURS, LINES
 
 
-def pictures(paper: js.Shaper, calm: js.Shaper, rounded: js.Shaper, run: report.Experiment) -> list[Picture]:
-    """``calm``: jshape's fixed shaper, ``rounded``: the same on the clock of the experiment, ``run``."""
+def pictures(paper: js.Shaper, robust: js.Shaper, rounded: js.Shaper, run: report.Experiment) -> list[Picture]:
+    """``robust``: jshape's fixed shaper, ``rounded``: the same on the clock of the experiment, ``run``."""
     given = settings(run)
     both = {name: run.traces[name] for name in ("I", "I-D-E")}
     spectra = lambda surface: figures.spectrogram(both, given.sample_time, given.points, given.bands, surface)
@@ -23,42 +24,39 @@ def pictures(paper: js.Shaper, calm: js.Shaper, rounded: js.Shaper, run: report.
     true = np.array([modes(float(coins)) for coins in schedule.loads])
     tip = fixed(rounded, np.asarray(schedule.reference), np.asarray(schedule.loads)[np.asarray(schedule.which)])["tip"]
     move = np.maximum(np.asarray(schedule.move), 0)
-    heard = {name: run.accumulated[name] for name in cases}
-    heard["jshape, fixed"] = np.bincount(move, np.abs(tip) * TICK)
-    tracked = {name: run.traces[name] for name in ("I-D-E", "state-aware")}
+    totals = {name: run.accumulated[name] for name in cases}
+    totals["jshape, fixed"] = np.bincount(move, np.abs(tip) * TICK)
+    adapting = {name: run.traces[name] for name in ("I-D-E", "state-aware")}
     # The first payload's last moves.
     zoomed = figures.moves(both | {"state-aware": run.traces["state-aware"]}, schedule, TICK, run.loads()[0][2] - 3, 3)
     drawn = {
         "07": (spectra(True), "Fig. 7: DFT magnitudes in cases I and I-D-E, simulated"),
         "08": (spectra(False), "Fig. 8: the same from above"),
         "09": (
-            figures.adaptation(tracked, schedule, true, TICK),
+            figures.adaptation(adapting, schedule, true, TICK),
             "Fig. 9: frequencies and damping ratios in I-D-E, and those of the state-aware strategy",
         ),
         "10": (
-            figures.accumulated(heard),
+            figures.accumulated(totals),
             "Fig. 10: accumulated vibration of each move; and with jshape's state-aware strategy and its fixed shaper, "
             "which leaves as much of both modes: the second weighs more in an acceleration",
         ),
         "11": (zoomed, "Fig. 11: the payload's angle with 20 coins, simulated"),
-        "sensitivity": (_sensitivity(paper, calm), "V of the fixed shapers over both modes; shaded: 0 to 20 coins"),
+        "sensitivity": (_sensitivity(paper, robust), "V of the fixed shapers over both modes; shaded: 0 to 20 coins"),
         "response_function": (_response_function(), "Frequency response of the link from reference to payload"),
         "fixed": (
-            _fixed(paper, calm),
+            _fixed(paper, robust),
             "A step of 30° with 0, 10 and 20 coins: the paper's fixed shaper (case I) and jshape's, both 0.788 s long",
         ),
     }
-    return [
-        Picture(f"paper_002_figure_{name}", drawn_, caption, name == "fixed")
-        for name, (drawn_, caption) in drawn.items()
-    ]
+    return frame.pictures("002", drawn, "fixed")
 
 
-def _sensitivity(paper: js.Shaper, calm: js.Shaper) -> Any:
+def _sensitivity(paper: js.Shaper, robust: js.Shaper) -> Any:
     drawn, axes = figure(1, 2, sharey=True)
     for axis, (low, high), band, zeta in zip(axes[0], ((4, 14), (50, 105)), BANDS, ZETAS, strict=True):
         omega = np.linspace(low, high, 401)
-        for i, (name, shaper) in enumerate({"ZVD at 9 and 70 rad/s": paper, "jshape": calm}.items()):
+        for i, (name, shaper) in enumerate({"ZVD at 9 and 70 rad/s": paper, "jshape": robust}.items()):
             curve = 100 * np.asarray(js.percentage_vibration(shaper, omega, zeta))
             axis.plot(omega, curve, color=COLOURS[i], linestyle=LINES[i], label=name)
         axis.axvspan(*band, color="0.5", alpha=0.12, linewidth=0)
@@ -78,9 +76,9 @@ def _response_function() -> Any:
     return drawn
 
 
-def _fixed(paper: js.Shaper, calm: js.Shaper) -> Any:
+def _fixed(paper: js.Shaper, robust: js.Shaper) -> Any:
     drawn, axes = figure(3, height=1.5, sharex=True)
-    padded = {"paper, case I": paper, "jshape": calm.pad(len(paper.times))}
+    padded = {"paper, case I": paper, "jshape": robust.pad(len(paper.times))}
     for axis, coins in zip(axes[:, 0], (0.0, 10.0, 20.0), strict=True):
         axis.axhline(30, color="0.35", linestyle=":", linewidth=0.8)
         for i, (name, shaper) in enumerate(padded.items()):

@@ -8,11 +8,11 @@ import itertools
 from typing import Any
 
 import numpy as np
-from frame import after
 from scipy import signal
 from scipy.integrate import solve_ivp
 
 import jshape as js
+from experiments.papers.judge import after
 
 ZETAS = np.array([0.017, 0.019])
 SERVO, DAMPING = 40.0, 0.9
@@ -60,13 +60,6 @@ def vibration(shaper: js.Shaper, coins: float) -> float:
 def energy(shaper: js.Shaper, coins: float) -> float:
     """Energy of both modes after a step of 30°, J per kg m², weighted by the squares of their gains at the tip."""
     return float(np.sum((STEP * TIP * np.abs(swings(shaper, coins))) ** 2) / 2)
-
-
-def alone(shaper: js.Shaper, omega: float, zeta: float) -> float:
-    """V of a mode alone, x'' + 2ζωx' + ω²x = ω²u."""
-    mode = lambda t, y, u: [y[1], omega**2 * (u - y[0]) - 2 * zeta * omega * y[1]]
-    x, speed = after(mode, [0.0, 0.0], shaper.times, shaper.amplitudes, float(shaper.duration))[0]
-    return float(abs(speed - omega * complex(-zeta, -np.sqrt(1 - zeta**2)) * (x - 1)) / omega)
 
 
 def seeking(gamma: float) -> float:

@@ -8,9 +8,9 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from paper_002_judge import DAMPING, MIDDLE, SERVO, STEP, TIP, ZETAS, modes, replay
 
 import jshape as js
+from experiments.papers.paper_002_judge import DAMPING, MIDDLE, SERVO, STEP, TIP, ZETAS, modes, replay
 from jshape.design import insensitive, linear
 
 FIRST, SECOND = (9.0, 0.017), (70.0, 0.019)
@@ -44,7 +44,7 @@ def designs() -> dict[str, Any]:
     """The paper's fixed shaper and those of jshape's own that need no adaption; the limits are the paper's."""
     paper = linear.multi_mode([FIRST, SECOND])
     given: dict[str, Any] = dict(zeta=FIRST[1])
-    calm = insensitive.solve(BANDS, duration=float(paper.duration), **given)
+    robust = insensitive.solve(BANDS, duration=float(paper.duration), **given)
     tuned = js.tune(
         link(10.0), STEP, impulses=5, duration=float(paper.duration), over={"load": COINS[::4]}, relative=False,
         objective="worst", starts=8,
@@ -52,7 +52,7 @@ def designs() -> dict[str, Any]:
     adapted = linear.multi_mode([(5.7, 0.017), (66.0, 0.019)])
     return {
         "paper": paper,
-        "calm": calm,
+        "robust": robust,
         "short": insensitive.solve(BANDS, 0.28, **given),
         "adapted": adapted,
         "as adapted": insensitive.solve(BANDS, duration=float(adapted.duration), **given),
@@ -77,7 +77,7 @@ def free_peak(coins: float, signal: str, window: tuple[float, float]) -> float:
     The parabola through the highest point within ``window`` (rad/s) and its neighbours; the servo has settled.
     """
     command = np.where(np.arange(POINTS + 201) == 0, -STEP, 0.0)
-    # A window that fades to its ends keeps the peak of one mode clear of what leaks from elsewhere.
+    # A window that fades to its ends keeps the leakage of one mode away from the peak of the other.
     data = replay(command, np.full(len(command), coins), TICK)[signal][201:] * np.hanning(POINTS)
     magnitude = np.abs(np.fft.rfft(data))
     omega = 2 * np.pi / (POINTS * TICK) * np.arange(len(magnitude))

@@ -1,6 +1,6 @@
 """Peláez, Doval-Gandoy, Caparrini and García-Prada (2006): an on-off filter for a band of a physical pendulum.
 
-    python experiments/papers/paper_003.py --out out/papers
+    python -m experiments.papers.paper_003 --out out/papers
 
 The plant of all numbers: a rod of 205 g and 1 m with a bob of 115 g on it, pinned to a trolley that is switched on and
 off. V is what the filter leaves of the vibration that its first impulse alone would. ``paper_003_pendulum`` computes,
@@ -8,12 +8,13 @@ off. V is what the filter leaves of the vibration that its first impulse alone w
 """
 
 import numpy as np
-from frame import Paper, Row, Surpassed, cannot, compare, main
-from paper_003_figures import pictures
-from paper_003_judge import M1, M2, WIDTH, L, left, mode, swing, vibration
-from paper_003_pendulum import BAND, DISTANCE, FAST, HERTZ, bob_at, largest, on_off, pendulum, ride
 
 import jshape as js
+from experiments.papers.frame import Paper, Row, Surpassed, cannot, compare, main
+from experiments.papers.judge import alone
+from experiments.papers.paper_003_figures import pictures
+from experiments.papers.paper_003_judge import M1, M2, WIDTH, L, residual, swing, vibration
+from experiments.papers.paper_003_pendulum import BAND, DISTANCE, FAST, HERTZ, bob_at, largest, on_off, pendulum, ride
 from jshape.design import insensitive
 
 
@@ -22,17 +23,10 @@ def _percent(fraction: float | None) -> float:
     return 100 * fraction
 
 
-def printed(paper: insensitive.Specified, place: float, top: float, bottom: float) -> list[Row]:
-    """Every number in print."""
+def rows_of_pendulum(place: float, top: float, bottom: float) -> list[Row]:
+    """Every number in print before the filter."""
     omega, zeta = 1.626 / np.sqrt(1 - 0.3**2), 0.3
     posicast = js.design.linear.zv(omega, zeta)
-    few = on_off(BAND, 0.08, samples=5, impulses=3)
-    least = on_off(BAND, 0.07, samples=5, impulses=5)
-    middle = js.percentage_vibration(paper.shaper, 0.57 * HERTZ)
-    gaps = np.diff(np.asarray(paper.shaper.times))
-    x = bob_at(0.57, place)
-    free = js.simulate(pendulum(x), ride(DISTANCE / WIDTH), horizon=WIDTH)
-    wide = on_off((0.40 * HERTZ, 0.75 * HERTZ), 0.10).duration - on_off(BAND, 0.10).duration
     frequencies = np.linspace(*BAND, 5) / HERTZ
     return [
         Row(
@@ -63,6 +57,19 @@ def printed(paper: insensitive.Specified, place: float, top: float, bottom: floa
         compare("differential frequency, Hz", "Table 1", "0.0625", frequencies[1] - frequencies[0]),
         compare("frequency gap, Hz", "Table 1", "0.25", (BAND[1] - BAND[0]) / HERTZ),
         compare("2nd, 3rd and 4th sampled frequency, Hz", "Table 1", "0.5125, 0.5750, 0.6375", frequencies[1:4]),
+    ]  # fmt: skip
+
+
+def rows_of_filter(paper: insensitive.Specified, place: float) -> list[Row]:
+    """Every number in print about the filter and the experiment."""
+    few = on_off(BAND, 0.08, samples=5, impulses=3)
+    least = on_off(BAND, 0.07, samples=5, impulses=5)
+    middle = js.percentage_vibration(paper.shaper, 0.57 * HERTZ)
+    gaps = np.diff(np.asarray(paper.shaper.times))
+    x = bob_at(0.57, place)
+    free = js.simulate(pendulum(x), ride(DISTANCE / WIDTH), horizon=WIDTH)
+    wide = on_off((0.40 * HERTZ, 0.75 * HERTZ), 0.10).duration - on_off(BAND, 0.10).duration
+    return [
         Row(
             "fewest on-off impulses for 8 %", "section 4", "5",
             f"5; three come no nearer than {_percent(few.sampled):.5g} %",
@@ -106,32 +113,47 @@ def printed(paper: insensitive.Specified, place: float, top: float, bottom: floa
     ]  # fmt: skip
 
 
-def surpassed(
-    paper: insensitive.Specified, place: float, top: float, bottom: float
-) -> tuple[list[Surpassed], list[str]]:
-    """Shorter, calmer, wider; and tuned on the nonlinear pendulum."""
-    true = (bottom, top)
-    spots = np.linspace(place, L, 41)
-    short = on_off(true, 0.08)
-    calm = on_off(true, duration=paper.duration)
-    same = on_off(BAND, duration=paper.duration)
-    seven = on_off(BAND, 0.07)
-    five = on_off(BAND, 0.07, impulses=5)
-    edge = lambda shaper: max(vibration(shaper, x) for x in spots)
-    switches = lambda shaper: "at " + ", ".join(f"{t:.5f}" for t in np.asarray(shaper.times)) + " s"
-    grid = np.linspace(*BAND, 101)
+def switches(shaper: js.Shaper) -> str:
+    """When an on-off filter switches."""
+    return "at " + ", ".join(f"{t:.5f}" for t in np.asarray(shaper.times)) + " s"
+
+
+def large_swing(
+    paper: js.Shaper, robust: js.Shaper, place: float, duration: float
+) -> tuple[js.Solution, dict[str, np.ndarray], dict[str, float]]:
+    """A filter tuned on the nonlinear pendulum; energies (J) and largest angles (°) after a fast pulse with each."""
     xs = np.linspace(place, L, 13)
     tuned = js.tune(
-        pendulum(0.6), ride(FAST), impulses=5, duration=paper.duration, amplitudes="unity",
-        over={"bob_position": xs}, relative=False, objective="worst", start=paper.shaper,
+        pendulum(0.6), ride(FAST), impulses=5, duration=duration, amplitudes="unity",
+        over={"bob_position": xs}, relative=False, objective="worst", start=paper,
     )  # fmt: skip
     energies = {
-        name: np.array([left(shaper, x, FAST) for x in xs])
+        name: np.array([residual(shaper, x, FAST) for x in xs])
         for name, shaper in {
-            "paper": paper.shaper, "tuned": tuned.shaper, "linear": calm.shaper, "none": js.Shaper([1.0], [0.0])
+            "paper": paper, "tuned": tuned.shaper, "linear": robust, "none": js.Shaper([1.0], [0.0])
         }.items()
     }  # fmt: skip
     angles = {name: max(swing(e, x) for e, x in zip(found, xs, strict=True)) for name, found in energies.items()}
+    return tuned, energies, angles
+
+
+def surpassed(
+    paper: insensitive.Specified, place: float, top: float, bottom: float
+) -> tuple[list[Surpassed], list[str]]:
+    """Shorter, less vibration, wider; and tuned on the nonlinear pendulum."""
+    true = (bottom, top)
+    spots = np.linspace(place, L, 41)
+    short = on_off(true, 0.08)
+    robust = on_off(true, duration=paper.duration)
+    same = on_off(BAND, duration=paper.duration)
+    seven = on_off(BAND, 0.07)
+    five = on_off(BAND, 0.07, impulses=5)
+    grid = np.linspace(*BAND, 101)
+    tuned, energies, angles = large_swing(paper.shaper, robust.shaper, place, paper.duration)
+
+    def edge(shaper: js.Shaper) -> float:
+        return max(vibration(shaper, x) for x in spots)
+
     by_linear = "SciPy: Eq. 14 under the on-off speed, 41 bob positions"
     items = [
         Surpassed(
@@ -140,18 +162,18 @@ def surpassed(
             "on-off, V ≤ 8 % over what Eq. 15 gives, 0.5430–0.6578 Hz", switches(short.shaper), 0.08,
         ),
         Surpassed(
-            "largest V at any bob position in the same time", largest(paper.shaper, true), calm.vibration, "",
-            by_linear, edge(calm.shaper), 1e-9, f"on-off, {paper.duration:.6f} s",
-            f"{len(calm.shaper.times)} impulses " + switches(calm.shaper),
+            "largest V at any bob position in the same time", largest(paper.shaper, true), robust.vibration, "",
+            by_linear, edge(robust.shaper), 1e-9, f"on-off, {paper.duration:.6f} s",
+            f"{len(robust.shaper.times)} impulses " + switches(robust.shaper),
         ),
         Surpassed(
             "largest V over the whole range of Table 1 in the same time", paper.vibration, same.vibration, "",
-            "SciPy: a mode of each of 101 frequencies", max(mode(same.shaper, w) for w in grid), 1e-5,
+            "SciPy: a mode of each of 101 frequencies", max(alone(same.shaper, w) for w in grid), 1e-5,
             f"on-off, {paper.duration:.6f} s", switches(same.shaper),
         ),
         Surpassed(
             "least V over the whole range of Table 1", five.vibration, seven.vibration, "",
-            "SciPy: a mode of each of 101 frequencies", max(mode(seven.shaper, w) for w in grid), 1e-9,
+            "SciPy: a mode of each of 101 frequencies", max(alone(seven.shaper, w) for w in grid), 1e-9,
             f"on-off; theirs is the best of five impulses ({five.duration:.5f} s), ours takes {seven.duration:.5f} s",
             "seven impulses " + switches(seven.shaper),
         ),
@@ -167,7 +189,7 @@ def surpassed(
         "The numbers of Fig. 8 are not in the text; jshape's, found without a hint: impulses "
         f"{switches(paper.shaper)}.",
         f"Large swing: without a filter the pulse at 2 m/s leaves up to {angles['none']:.3g}° (the worst bob "
-        f"position), with the paper's filter {angles['paper']:.3f}°, with a linear one of {len(calm.shaper.times)} "
+        f"position), with the paper's filter {angles['paper']:.3f}°, with a linear one of {len(robust.shaper.times)} "
         f"impulses for the true range {angles['linear']:.3f}°, tuned on the nonlinear pendulum {angles['tuned']:.3f}°.",
         f"Seven per cent over the whole range with five on-off impulses: {five.message}.",
         f"On the 5 ms clock of section 5 the impulses stand {switches(clock.shaper)}, and V over the range becomes "
@@ -180,7 +202,8 @@ def surpassed(
     return items, notes
 
 
-def results() -> Paper:
+def results(draw: bool = True) -> Paper:
+    """The whole paper; the figures only if they are wanted."""
     place = float(pendulum(0.5).fastest_position())
     top, bottom = (float(pendulum(0.5).frequency_curve(x)) for x in (place, L))
     paper = on_off(BAND, 0.08, samples=5)
@@ -190,8 +213,8 @@ def results() -> Paper:
         "The time delay filtering method on a physical pendulum",
         "G. Peláez, J. Doval-Gandoy, N. Caparrini and J. C. García-Prada, 2006: *The Time Delay filtering Method for "
         "cancelling vibration on overhead transportation systems modelled as a physical pendulum*.",
-        printed(paper, place, top, bottom),
-        pictures(paper, place, top, bottom),
+        [*rows_of_pendulum(place, top, bottom), *rows_of_filter(paper, place)],
+        pictures(paper, place, top, bottom) if draw else [],
         items,
         notes,
     )

@@ -1,11 +1,11 @@
 """The figures of paper_003: every one that is not a sketch, a photograph or a measurement."""
 
 import numpy as np
-from frame import Picture, figure
-from paper_003_judge import WIDTH, G, L
-from paper_003_pendulum import BAND, DISTANCE, HERTZ, bob_at, on_off, pendulum, ride
 
 import jshape as js
+from experiments.papers.frame import Picture, figure
+from experiments.papers.paper_003_judge import WIDTH, G, L
+from experiments.papers.paper_003_pendulum import BAND, DISTANCE, HERTZ, bob_at, on_off, pendulum, ride
 from jshape.design import insensitive
 from jshape.reports.plot import COLOURS, LINES
 
@@ -25,8 +25,7 @@ def _posicast() -> Picture:
     shaped = js.simulate(plant, 1.0, shaper, horizon=10.0, samples=400)
     for axis in axes[0]:
         axis.plot(plain.times, plain.payload, color=COLOURS[0], label="step")
-        axis.set_xlabel("time (s)")
-        axis.set_xlim(0, 10)
+        axis.set(xlabel="time (s)", xlim=(0, 10))
     axes[0, 1].plot(shaped.times, shaped.payload, color=COLOURS[1], linestyle="--", label="posicast")
     axes[0, 1].legend()
     axes[0, 0].set_title("(a)", loc="left")
@@ -43,8 +42,7 @@ def _sensitivity(paper: insensitive.Specified) -> Picture:
     for i, (name, shaper) in enumerate({"ZV": js.design.linear.zv(1.0), "TDF (±20 %)": delay}.items()):
         curve = 100 * np.asarray(js.percentage_vibration(shaper, ratio))
         left.plot(ratio, curve, color=COLOURS[i], linestyle=LINES[i], label=name)
-    left.set_xlabel("actual over modelled frequency")
-    left.set_ylabel("residual vibration (%)")
+    left.set(xlabel="actual over modelled frequency", ylabel="residual vibration (%)")
     left.legend()
     left.set_title("(a)", loc="left")
     hertz = np.linspace(0.35, 0.8, 451)
@@ -53,8 +51,7 @@ def _sensitivity(paper: insensitive.Specified) -> Picture:
     right.plot(samples / HERTZ, 100 * np.asarray(js.percentage_vibration(paper.shaper, samples)), "o", markersize=3,
                color=COLOURS[1], label="sampled")  # fmt: skip
     right.axhline(8, color="0.5", linewidth=0.6)
-    right.set_ylim(0, 40)
-    right.set_xlabel("frequency (Hz)")
+    right.set(ylim=(0, 40), xlabel="frequency (Hz)")
     right.legend()
     right.set_title("(b)", loc="left")
     return Picture("paper_003_figure_04", drawn, "Fig. 4: sensitivity curves; (b) is the filter of Fig. 8.", shown=True)
@@ -67,9 +64,7 @@ def _curve(place: float, bottom: float, top: float) -> Picture:
     axis.plot(x, np.sqrt(G / x) / HERTZ, color=COLOURS[1], linestyle="--", label="simple pendulum")
     axis.plot(x, np.asarray(pendulum(0.5).frequency_curve(x)) / HERTZ, color=COLOURS[0], label="physical pendulum")
     axis.plot([place, L], [top / HERTZ, bottom / HERTZ], "o", markersize=3, color="black")
-    axis.set_ylim(0.4, 1.6)
-    axis.set_xlabel("bob position x (m)")
-    axis.set_ylabel("natural frequency (Hz)")
+    axis.set(ylim=(0.4, 1.6), xlabel="bob position x (m)", ylabel="natural frequency (Hz)")
     axis.legend()
     return Picture("paper_003_figure_05b", drawn, "Fig. 5(b): natural frequency against the bob's position.")
 
@@ -83,9 +78,7 @@ def _limits(place: float, bottom: float, top: float) -> Picture:
         axis.axhline(hertz, color=COLOURS[1], linestyle="--", label=words)
     for omega, words in ((bottom, "Eq. 15"), (top, None)):
         axis.axhline(omega / HERTZ, color=COLOURS[2], linestyle=":", label=words)
-    axis.set_ylim(0.4, 0.8)
-    axis.set_xlabel("bob position x (m)")
-    axis.set_ylabel("natural frequency (Hz)")
+    axis.set(ylim=(0.4, 0.8), xlabel="bob position x (m)", ylabel="natural frequency (Hz)")
     axis.legend()
     return Picture("paper_003_figure_07", drawn, "Fig. 7: limits of the range, as printed and as Eq. 15 gives them.")
 
@@ -94,8 +87,7 @@ def _impulses(paper: insensitive.Specified) -> Picture:
     drawn, axes = figure(height=1.8)
     axis = axes[0, 0]
     axis.stem(np.asarray(paper.shaper.times), np.asarray(paper.shaper.amplitudes), basefmt="k-")
-    axis.set_xlabel("time (s)")
-    axis.set_ylabel("amplitude")
+    axis.set(xlabel="time (s)", ylabel="amplitude")
     return Picture("paper_003_figure_08", drawn, "Fig. 8: the filter's five impulses.")
 
 
@@ -107,16 +99,14 @@ def _delays(paper: insensitive.Specified) -> Picture:
         delays = [on_off(band, v).duration for v in tolerable]
         label = f"{band[0] / HERTZ:.2f}–{band[1] / HERTZ:.2f} Hz"
         axes[0, 0].plot(100 * tolerable, delays, color=COLOURS[i], linestyle=LINES[i], marker=".", label=label)
-    axes[0, 0].set_xlabel("tolerable vibration (%)")
-    axes[0, 0].set_ylabel("delay of the filter (s)")
+    axes[0, 0].set(xlabel="tolerable vibration (%)", ylabel="delay of the filter (s)")
     axes[0, 0].legend()
     axes[0, 0].set_title("(a)", loc="left")
     command = paper.shaper.shape(js.Pulse(1.0, WIDTH))
     times = np.append(np.asarray(command.breaks), 5.0)
     levels = np.asarray(command.coefficients)[:, 0]
     axes[0, 1].step(times, np.append(levels, levels[-1]), where="post", color=COLOURS[0])
-    axes[0, 1].set_xlabel("time (s)")
-    axes[0, 1].set_ylabel("command")
+    axes[0, 1].set(xlabel="time (s)", ylabel="command")
     axes[0, 1].set_title("(b)", loc="left")
     return Picture("paper_003_figure_09", drawn, "Fig. 9: delay against tolerable vibration; the filtered command.")
 
@@ -129,8 +119,7 @@ def _response(paper: insensitive.Specified, place: float) -> Picture:
         run = js.simulate(pendulum(x), ride(DISTANCE / WIDTH), shaper, horizon=10.0, samples=500)
         axis.plot(run.times, np.degrees(np.asarray(run.states)[:, 0]), color=COLOURS[1 - i], linestyle=LINES[1 - i],
                   label=name)  # fmt: skip
-    axis.set_xlabel("time (s)")
-    axis.set_ylabel("deviation from the vertical (°)")
+    axis.set(xlabel="time (s)", ylabel="deviation from the vertical (°)")
     axis.legend()
     words = "Fig. 11(a): simulated response at 0.57 Hz; 1.5 m in a pulse of 3 s is assumed, which gives its 10°."
     return Picture("paper_003_figure_11a", drawn, words)

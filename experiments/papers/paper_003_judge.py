@@ -1,9 +1,9 @@
 """The judge of paper_003: equations of its own, integrated by SciPy, apart from jshape."""
 
 import numpy as np
-from frame import after
 
 import jshape as js
+from experiments.papers.judge import after
 
 M1, M2, L, G = 0.205, 0.115, 1.0, 9.81
 """Rod and bob (kg), length (m), gravity (m/s²)."""
@@ -24,8 +24,8 @@ def field(t: float, y: np.ndarray, speed: float, x: float) -> list[float]:
     """
     first, second = moments(x)
     drag = first / second * speed
-    rate = y[1] - drag * np.cos(y[0])
-    return [rate, -first / second * G * np.sin(y[0]) - drag * np.sin(y[0]) * rate]
+    angular = y[1] - drag * np.cos(y[0])
+    return [angular, -first / second * G * np.sin(y[0]) - drag * np.sin(y[0]) * angular]
 
 
 def linear(t: float, y: np.ndarray, speed: float, x: float) -> list[float]:
@@ -44,23 +44,16 @@ def vibration(shaper: js.Shaper, x: float) -> float:
     return float(np.hypot(phi, (p - first / second) / omega) / (first / second / omega))
 
 
-def left(shaper: js.Shaper, x: float, speed: float) -> float:
+def residual(shaper: js.Shaper, x: float, speed: float) -> float:
     """Energy (J) after a shaped pulse of ``WIDTH``, by the nonlinear equation."""
     first, second = moments(x)
     command = shaper.shape(js.Pulse(speed, WIDTH))
     times = np.asarray(command.breaks)
     jumps = np.diff(np.asarray(command.coefficients)[:, 0], prepend=0.0)
-    phi, rate = after(lambda t, y, u: field(t, y, u, x), [0.0, 0.0], times, jumps, float(times[-1]))[0]
-    return second * rate**2 / 2 + first * G * (1 - np.cos(phi))
+    phi, angular = after(lambda t, y, u: field(t, y, u, x), [0.0, 0.0], times, jumps, float(times[-1]))[0]
+    return second * angular**2 / 2 + first * G * (1 - np.cos(phi))
 
 
 def swing(energy: float, x: float) -> float:
     """The angle (degrees) to which that energy lifts the pendulum."""
     return float(np.degrees(np.arccos(1 - energy / (moments(x)[0] * G))))
-
-
-def mode(shaper: js.Shaper, omega: float) -> float:
-    """V of a mode of any frequency, x'' + ω² x = ω² u: a band that is no pendulum's needs one of its own."""
-    field = lambda t, y, u: [y[1], omega**2 * (u - y[0])]
-    end = after(field, [0.0, 0.0], shaper.times, shaper.amplitudes, float(shaper.duration))[0]
-    return float(np.hypot(end[0] - 1, end[1] / omega))

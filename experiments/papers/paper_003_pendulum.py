@@ -4,10 +4,10 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-from paper_003_judge import M1, M2, WIDTH, G, L, moments
 from scipy.optimize import brentq
 
 import jshape as js
+from experiments.papers.paper_003_judge import M1, M2, WIDTH, G, L, moments
 from jshape.command import PiecewisePolynomial
 from jshape.design import insensitive
 

@@ -44,6 +44,7 @@ def train(
 
         from jshape._files import write_results
         from jshape.reports import plot
+        from jshape.status import Status
 
         folder = results_folder(out, f"{environment}-policy")
         chosen = dict(environment=environment, preset=preset, context=context, action=action)
@@ -59,13 +60,14 @@ def train(
                     params,
                     recipe,
                     checkpoint=checkpoint,
-                    progress=lambda update, updates, reward: progress(
-                        f"mean reward {reward:.4f}, update", update, updates, math.inf
-                    ),
+                    # Without a best value, which the line would show in J.
+                    progress=lambda stage, done, total, best: progress(stage, done, total, math.inf),
                 )
             except KeyboardInterrupt:
                 typer.echo(f"what is learned lies in {checkpoint}; the same command goes on from there", err=True)
                 raise
+            if found.status is Status.DIVERGED:
+                raise ValueError(f"training diverged: {found.message}")
             step("the policy is judged")
             scores = evaluate(found.policy, params, episodes=64, seeds=1, seed=1_000_000)
         scores = {name: float(value[0]) for name, value in scores._asdict().items()}

@@ -1,13 +1,13 @@
-"""Policies that learn nothing beforehand: fixed shapers, adaptive ones, and the oracle, under one interface::
+"""Baselines, policies without training: fixed shapers, adaptive ones and oracles, under one interface::
 
     policy = baseline("model-bank", params)
     rewards, info = rollout(jax.random.key(0), policy, params, moves=64)
 
-Where a family leaves something to choose (how robust a shaper is, for one), what is best for the params' own payloads
-and moves is chosen, on episodes of its own.
+Where a family leaves something open (how robust a shaper is, for one), the best choice for the params' own payloads and
+moves is made, on episodes of its own.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -16,7 +16,7 @@ import numpy as np
 from jshape import _check
 from jshape.plants import AbstractOscillator
 from jshape_envs.baselines.amplitude_aware import AmplitudeAware, amplitude_aware
-from jshape_envs.baselines.best import best_of, mean_rewards, scales
+from jshape_envs.baselines.best import best_of, scales
 from jshape_envs.baselines.direct import DirectAdaptive, FrequencyTracker, direct_adaptive, frequency_tracker
 from jshape_envs.baselines.fixed import Fixed, FixedEnergy, fixed_energy, fixed_linear
 from jshape_envs.baselines.model_based import ModelBased, model_based
@@ -49,13 +49,14 @@ __all__ = [
     "model_based",
 ]
 
-_DAMPINGS = (0.0, 0.05)
+_ZETAS = (0.0, 0.05)
 
 
 def baseline(name: str, params: Params) -> AbstractPolicy:
     """The baseline of that name for an environment; ``BASELINES`` lists them.
 
-    *Raises* ``ValueError`` for an unknown name, and for ``"energy"`` where the plant has no energy shaper.
+    Raises:
+        ValueError: for an unknown name, and for ``"energy"`` where the plant has no energy shaper.
     """
     _check.one_of(name, "baseline", tuple(BASELINES))
     return BASELINES[name](params)
@@ -69,22 +70,18 @@ def applicable(params: Params) -> list[str]:
 
 def _best_fixed(params: Params) -> AbstractPolicy:
     kinds = ("zv", "zvd", "ei")
-    return _best_family(
-        [[fixed_linear(params, k, s, z) for s in scales(params) for z in _DAMPINGS] for k in kinds], params
-    )
+    return best_of([fixed_linear(params, k, s, z) for k in kinds for s in scales(params) for z in _ZETAS], params)
 
 
 def _best_energy(params: Params) -> AbstractPolicy:
     payloads = np.asarray(evenly(params.payload, 9))
     tuned = [FixedPayload(jnp.asarray(p, params.period.dtype), h) for p in payloads[1:-1] for h in hedges(params)]
-    families: list[Sequence[AbstractPolicy]] = [tuned]
-    if "energy" in applicable(params):
-        families += [[fixed_energy(params, rests, p) for p in payloads] for rests in (1, 2)]
-    return _best_family(families, params)
+    closed_forms = (1, 2) if "energy" in applicable(params) else ()
+    return best_of([*tuned, *(fixed_energy(params, rests, p) for rests in closed_forms for p in payloads)], params)
 
 
 def _best_tracker(params: Params) -> AbstractPolicy:
-    return _best_family([[frequency_tracker(params, k, s) for s in scales(params)] for k in ("zv", "zvd")], params)
+    return best_of([frequency_tracker(params, k, s) for k in ("zv", "zvd") for s in scales(params)], params)
 
 
 def _best_seeking(params: Params) -> AbstractPolicy:
@@ -94,13 +91,6 @@ def _best_seeking(params: Params) -> AbstractPolicy:
 def _hedged(policy: AmplitudeAware | ModelBased, params: Params) -> AbstractPolicy:
     """The policy with the hedge that serves it best."""
     return best_of([eqx.tree_at(lambda p: p.hedge, policy, hedge) for hedge in hedges(params)], params, episodes=8)
-
-
-def _best_family(families: Sequence[Sequence[AbstractPolicy]], params: Params) -> AbstractPolicy:
-    """The best of several families, whose shapers differ in their number of impulses."""
-    rewards = [mean_rewards(family, params) for family in families]
-    best = int(np.argmax([np.nanmax(values) for values in rewards]))
-    return families[best][int(np.nanargmax(rewards[best]))]
 
 
 BASELINES: dict[str, Callable[[Params], AbstractPolicy]] = {
@@ -119,10 +109,10 @@ BASELINES: dict[str, Callable[[Params], AbstractPolicy]] = {
     "oracle": lambda params: Oracle(),
     "full-oracle": lambda params: FullOracle(),
 }
-"""What each name stands for. Fixed: ``zv``, ``zvd``, ``ei`` for the middle payload at rest; ``best-fixed``, the best
+"""The baselines by their names. Fixed: ``zv``, ``zvd``, ``ei`` for the middle payload at rest; ``best-fixed``, the best
 of them at any frequency and damping; ``energy``, the three-impulse energy shaper for the middle payload and the move's
 size; ``best-energy``, the best of the energy shapers and the oracle's own, hedged, for any one payload. Adaptive:
 ``i-d``, ``i-d-e``, the paper's; ``i-d-e-scaled``, with the best factor between the measured frequency and the shaper's;
 ``tracker``, a fit of sines, the best factor and kind of shaper; ``amplitude-aware`` and ``model-bank``, which know the
-plant's model, with the hedge that serves them best. And two that know the truth: ``oracle`` the payload, with shapers
-for rest; ``full-oracle`` the plant's state, too."""
+plant's model, with the hedge that serves them best. And two that read the hidden state: ``oracle`` the payload,
+with shapers for rest; ``full-oracle`` the plant's state, too."""

@@ -1,6 +1,6 @@
-"""A tracker that knows how a nonlinear plant's frequency depends on its amplitude: from both it tells the payload.
+"""A tracker that estimates the payload of a nonlinear plant from the frequency and the amplitude of its vibration.
 
-Which frequency goes with which payload and amplitude stands in a table that the plant's model made beforehand.
+Which frequency goes with which payload and amplitude stands in a table, computed beforehand with the plant's model.
 """
 
 from typing import Any, NamedTuple
@@ -10,7 +10,6 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from jshape import Shaper
 from jshape._types import Scalar
 from jshape_envs.baselines.frequency import Tones, fit_tones
 from jshape_envs.baselines.observed import (
@@ -18,22 +17,28 @@ from jshape_envs.baselines.observed import (
     frequency_bands,
     middle,
     no_action,
+    observed,
     sample_times,
-    seen,
     sensor_deviation,
 )
 from jshape_envs.baselines.posterior import Hedge, no_hedge, tuned_shaper
 from jshape_envs.core import EnvState, Params
 from jshape_envs.machine import CASES
 from jshape_envs.physics import plan_move, run_move, run_window
-from jshape_envs.policy import AbstractPolicy
+from jshape_envs.policy import AbstractPolicy, Choice, Observation
 
 PAYLOADS, SWINGS = 33, 24
 """Payloads and sizes of swing in the table."""
 
 
-class Belief(NamedTuple):
-    """``payload``: as it is believed to be; ``made``: moves so far; ``distance``: of the last move, m, signed."""
+class PayloadEstimate(NamedTuple):
+    """The memory of ``AmplitudeAware``.
+
+    Attributes:
+        payload: the estimate.
+        made: number of moves made.
+        distance: of the last move, m, signed.
+    """
 
     payload: Scalar
     made: Int[Array, ""]
@@ -41,11 +46,16 @@ class Belief(NamedTuple):
 
 
 class AmplitudeAware(AbstractPolicy):
-    """The oracle's shaper, hedged, for the payload with which the last window's frequency and amplitude go together.
+    """The oracle's shaper, hedged, for the payload that has the last window's frequency at its amplitude.
 
-    ``amplitude`` (m), ``omega`` (rad/s): of the slowest mode, for ``payloads`` evenly over their range, each set to
-    swing more and more, after either kind of move. Windows that do not tell the frequency leave the payload
-    as it is.
+    A window that does not resolve the frequency leaves the estimate as it is.
+
+    Attributes:
+        bands: of the modes' frequencies, rad/s.
+        payloads: evenly over their range.
+        amplitude: of the slowest mode in the table, m: each payload swings more and more, after either kind of move.
+        omega: the frequency there, rad/s.
+        hedge: against the error of the estimate.
     """
 
     bands: Float[Array, "modes 2"]
@@ -54,21 +64,18 @@ class AmplitudeAware(AbstractPolicy):
     omega: Float[Array, "cases payloads swings"]
     hedge: Hedge
 
-    def start(self, params: Params) -> Belief:
+    def start(self, params: Params) -> PayloadEstimate:
         one = jnp.ones((), params.period.dtype)
-        return Belief(middle(params), jnp.zeros((), jnp.int32), one)
+        return PayloadEstimate(middle(params), jnp.zeros((), jnp.int32), one)
 
-    def choose(
-        self, memory: Belief, observation: Float[Array, " observation"], params: Params, state: EnvState
-    ) -> tuple[Shaper, Float[Array, " size"], Belief]:
-        del state
-        samples, distance = seen(observation, params)
+    def choose(self, memory: PayloadEstimate, observation: Observation, params: Params, state: EnvState) -> Choice:
+        samples, distance = observed(observation, params)
         tones = fit_tones(samples, sample_times(params), self.bands, sensor_deviation(params))
         case = params.machine.case(memory.distance, memory.made - 1)
-        sure = (memory.made > 0) & tones.told(self.bands)[0]
-        payload = jnp.where(sure, self.payload(case, tones), memory.payload)
+        resolved = (memory.made > 0) & tones.resolved(self.bands)[0]
+        payload = jnp.where(resolved, self.payload(case, tones), memory.payload)
         shaper = self.hedge.shaper(tuned_shaper(params, payload, distance, memory.made))
-        return shaper, no_action(params), Belief(payload, memory.made + 1, distance)
+        return shaper, no_action(params), PayloadEstimate(payload, memory.made + 1, distance)
 
     def payload(self, case: Int[Array, ""], tones: Tones) -> Scalar:
         """The payload that has that frequency at that amplitude, after a move of that kind."""
@@ -79,7 +86,7 @@ class AmplitudeAware(AbstractPolicy):
 
 
 def amplitude_aware(params: Params) -> AmplitudeAware:
-    """The tracker of a machine whose model is known: its table is made by windows after swings of every size."""
+    """The tracker of a machine whose model is known, its table made from windows after swings of every size."""
     bands = frequency_bands(params)
     payloads = evenly(params.payload, PAYLOADS)
     return AmplitudeAware(bands, payloads, *_table(params, bands, payloads), no_hedge(params))
@@ -87,6 +94,7 @@ def amplitude_aware(params: Params) -> AmplitudeAware:
 
 @eqx.filter_jit
 def _table(params: Params, bands: Any, payloads: Any) -> tuple[Array, Array]:
+    """Amplitudes (m) and frequencies (rad/s) over cases × payloads × sizes of swing."""
     machine, sensor, size = params.machine, params.sensor, params.distance[1]
 
     def one(case: int, payload: Scalar, share: Scalar) -> tuple[Scalar, Scalar]:
@@ -95,7 +103,7 @@ def _table(params: Params, bands: Any, payloads: Any) -> tuple[Array, Array]:
         plan = plan_move(plant, machine.command(sign * size), None, jnp.zeros_like(size))
         rest = plant.rest_state(plan.final_inputs(plant))
         after, _ = run_move(plant, plan, plant.rest_state(plant.zero_inputs()), params.steps)
-        # What the bare move leaves, and every share of it.
+        # The residual vibration of the bare move, and every share of it.
         start = rest + share * (after - rest)
         _, deflection, _ = run_window(plant, plan, start, sensor.window, sensor.samples, params.steps)
         found = fit_tones(deflection, sample_times(params), bands, jnp.zeros_like(size))

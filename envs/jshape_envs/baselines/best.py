@@ -1,7 +1,7 @@
-"""The best of many candidates: policies of the same kind, tried on the same episodes."""
+"""The best of many candidates, tried on the same episodes."""
 
 from collections.abc import Sequence
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import equinox as eqx
 import jax
@@ -18,23 +18,33 @@ Kind = TypeVar("Kind", bound=AbstractPolicy)
 MOVES = 64
 """Moves of an episode."""
 KEY = 2**30
-"""Far from the seeds that anybody evaluates with: a choice must not be judged on the episodes that it was made on."""
+"""Far from the seeds of evaluations: a choice must not be judged on the episodes that it was made on."""
 
 
 def best_of(candidates: Sequence[Kind], params: Params, episodes: int = 32) -> Kind:
-    """The candidate of greatest mean reward over so many episodes of 64 moves, the same for all.
+    """The candidate of greatest mean reward, over episodes of 64 moves that are the same for all.
 
-    *Raises* ``ValueError`` for no candidates. They may differ in their numbers only.
+    Candidates that differ in their numbers only are tried by one program.
+
+    Args:
+        candidates: policies.
+        params: the environment.
+        episodes: number of episodes.
+
+    Raises:
+        ValueError: for no candidates.
     """
-    return candidates[int(np.nanargmax(mean_rewards(candidates, params, episodes)))]
-
-
-def mean_rewards(candidates: Sequence[AbstractPolicy], params: Params, episodes: int = 32) -> np.ndarray:
-    """Mean reward of each candidate; see ``best_of``."""
     if not candidates:
         raise ValueError("candidates is empty: at least one policy is needed")
-    stacked = jax.tree.map(lambda *x: jnp.stack(x), *candidates)
-    return np.asarray(_mean_rewards(jax.random.split(jax.random.key(KEY), episodes), stacked, params))
+    alike: dict[Any, list[int]] = {}
+    for index, candidate in enumerate(candidates):
+        leaves, structure = jax.tree.flatten(candidate)
+        alike.setdefault((structure, *(jnp.shape(leaf) for leaf in leaves)), []).append(index)
+    keys, rewards = jax.random.split(jax.random.key(KEY), episodes), np.full(len(candidates), np.nan)
+    for indices in alike.values():
+        stacked = jax.tree.map(lambda *x: jnp.stack(x), *(candidates[i] for i in indices))
+        rewards[indices] = _mean_rewards(keys, stacked, params)
+    return candidates[int(np.nanargmax(rewards))]
 
 
 @eqx.filter_jit
@@ -46,7 +56,7 @@ def _mean_rewards(keys: PRNGKeyArray, stacked: AbstractPolicy, params: Params) -
 
 
 def scales(params: Params, count: int = 25) -> Float[np.ndarray, " scales"]:
-    """Factors by which a shaper's frequency may differ from that of the middle payload at rest, evenly by ratio."""
+    """Factors of the middle payload's frequency at rest that cover the bands, evenly in their logarithm."""
     bands, nominal = np.asarray(frequency_bands(params)), np.asarray(modes_of(params, middle(params)))
     ratios = bands / nominal[:, None]
     return np.geomspace(ratios.min(), ratios.max(), count)

@@ -1,9 +1,9 @@
-"""Direct adaptive shaping, move by move: linear shapers for the frequencies that were last measured.
+"""Direct adaptive shaping, move by move: linear shapers for the frequencies measured last.
 
 ``DirectAdaptive`` is the paper's scheme: frequencies from the peak of a Fourier transform over the last windows (I-D),
 and damping ratios by extremum seeking as well (I-D-E). ``FrequencyTracker`` fits sines to the last window instead.
-Neither knows a model, so that on a nonlinear plant both take the frequency of what little was left for that of a whole
-move; ``scale`` corrects them by a factor.
+Neither knows a model, so that on a nonlinear plant both take the frequency of a small residual vibration for
+that of a whole move; ``scale`` corrects them by a factor.
 """
 
 from typing import Any, NamedTuple
@@ -12,7 +12,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from jshape import Shaper, _check
+from jshape import _check
 from jshape._types import Scalar
 from jshape.adaptive import ExtremumSeeking
 from jshape.adaptive.strategies.extremum_seeking import SeekingState
@@ -23,22 +23,29 @@ from jshape_envs.baselines.observed import (
     middle,
     modes_of,
     no_action,
+    observed,
     sample_times,
-    seen,
     sensor_deviation,
 )
 from jshape_envs.core import EnvState, Params
-from jshape_envs.policy import AbstractPolicy
+from jshape_envs.policy import AbstractPolicy, Choice, Observation
 
 WINDOWS = 2
-"""Windows that the Fourier transform's mean power is taken over."""
+"""Number of windows over which the power of the Fourier transform is averaged."""
 CLEAR = 4.0
-"""Amplitude, in standard deviations of a sample, from which a peak is believed."""
+"""Amplitude, in standard deviations of a sample, from which a peak counts: below it is the noise floor."""
 
 
 class Windows(NamedTuple):
-    """``windows``: the last ones, m, newest first; ``made``: moves so far; ``omega``: rad/s, believed; ``seeking``: of
-    the damping ratios; ``distance``: of the last move, m."""
+    """The memory of ``DirectAdaptive``.
+
+    Attributes:
+        windows: the last ones, m, newest first.
+        made: number of moves made.
+        omega: estimates, rad/s.
+        seeking: the state of extremum seeking on the damping ratios.
+        distance: of the last move, m, signed.
+    """
 
     windows: Float[Array, "windows samples"]
     made: Int[Array, ""]
@@ -50,12 +57,17 @@ class Windows(NamedTuple):
 class DirectAdaptive(AbstractPolicy):
     """ZVDs (one for each mode, convolved) for the frequencies at the peaks of the Fourier transform.
 
-    ``bands``: where each mode's peak is looked for, rad/s; ``nominal``: the frequencies to begin with, rad/s;
-    ``scale``: of the shaper's frequencies over the measured ones; ``seeking``: of the damping ratios, in moves, whose
-    cost is the mean square of the samples after a move over the square of its distance. A peak that does not stand out
-    of the sensor's noise leaves the frequency as it is. Static: ``seeks``, whether the damping ratios adapt (I-D-E).
+    A peak below the sensor's noise floor leaves the estimate as it is.
 
-    *Source*: Chatlatanagulchai, Chotana and Prutthapong, Section 3 and Fig. 2, where the transform slides on with every
+    Attributes:
+        bands: of each mode's frequency, rad/s.
+        nominal: the first estimates, rad/s.
+        scale: of the shaper's frequencies over the measured ones.
+        seeking: of the damping ratios, a step a move; its cost is the mean square of the samples after a move over the
+            square of its distance.
+        seeks: whether the damping ratios adapt (I-D-E).
+
+    Source: Chatlatanagulchai, Chotana and Prutthapong, Section 3 and Fig. 2, where the transform slides on with every
     sample; here it advances with every move, as the sensor does.
     """
 
@@ -67,14 +79,11 @@ class DirectAdaptive(AbstractPolicy):
 
     def start(self, params: Params) -> Windows:
         dtype = params.period.dtype
-        none = jnp.zeros((WINDOWS, params.sensor.samples), dtype)
-        return Windows(none, jnp.zeros((), jnp.int32), self.nominal, self.seeking.start(), jnp.ones((), dtype))
+        empty = jnp.zeros((WINDOWS, params.sensor.samples), dtype)
+        return Windows(empty, jnp.zeros((), jnp.int32), self.nominal, self.seeking.start(), jnp.ones((), dtype))
 
-    def choose(
-        self, memory: Windows, observation: Float[Array, " observation"], params: Params, state: EnvState
-    ) -> tuple[Shaper, Float[Array, " size"], Windows]:
-        del state
-        samples, distance = seen(observation, params)
+    def choose(self, memory: Windows, observation: Observation, params: Params, state: EnvState) -> Choice:
+        samples, distance = observed(observation, params)
         moved = memory.made > 0
         windows = jnp.concatenate([jnp.where(moved, samples, 0.0)[None], memory.windows[:-1]])
         found, height = peaks(windows, sample_times(params), self.bands)
@@ -87,9 +96,16 @@ class DirectAdaptive(AbstractPolicy):
 
 
 def direct_adaptive(params: Params, seeks: bool = False, scale: Any = 1.0, zeta: Any = 0.03) -> DirectAdaptive:
-    """The paper's I-D, or with ``seeks`` its I-D-E, begun with the middle payload and a damping ratio ``zeta``.
+    """The paper's I-D, or I-D-E, begun with the middle payload.
 
-    *Raises* ``ValueError`` for a damping ratio that leaves its bounds, 0 to 0.2, no room.
+    Args:
+        params: the environment.
+        seeks: whether the damping ratios adapt, too (I-D-E).
+        scale: of the shaper's frequencies over the measured ones.
+        zeta: the first damping ratio.
+
+    Raises:
+        ValueError: for a damping ratio that leaves its bounds, 0 to 0.2, no room.
     """
     dtype, nominal = params.period.dtype, modes_of(params, middle(params)).astype(params.period.dtype)
     modes = len(nominal)
@@ -107,10 +123,16 @@ def direct_adaptive(params: Params, seeks: bool = False, scale: Any = 1.0, zeta:
 
 
 class FrequencyTracker(AbstractPolicy):
-    """A linear shaper of a ``kind`` (ZV, ZVD …) for the frequencies of the sines that fit the last window best.
+    """A linear shaper for the frequencies of the sines that fit the last window best.
 
-    ``bands``, ``nominal``, ``scale``: as in ``DirectAdaptive``; ``zeta``: damping ratio of the shaper. A frequency that
-    the samples do not tell is left as it is.
+    A frequency that the samples do not resolve is left as it is.
+
+    Attributes:
+        bands: of each mode's frequency, rad/s.
+        nominal: the first estimates, rad/s.
+        scale: of the shaper's frequencies over the measured ones.
+        zeta: damping ratio of the shaper.
+        kind: ``"zv"``, ``"zvd"`` …
     """
 
     bands: Float[Array, "modes 2"]
@@ -120,28 +142,23 @@ class FrequencyTracker(AbstractPolicy):
     kind: str = eqx.field(static=True)
 
     def start(self, params: Params) -> Float[Array, " modes"]:
-        del params
         return self.nominal
 
     def choose(
-        self,
-        memory: Float[Array, " modes"],
-        observation: Float[Array, " observation"],
-        params: Params,
-        state: EnvState,
-    ) -> tuple[Shaper, Float[Array, " size"], Float[Array, " modes"]]:
-        del state
-        # Before the first move there is noise alone, which no fit is sure about.
-        samples, _ = seen(observation, params)
+        self, memory: Float[Array, " modes"], observation: Observation, params: Params, state: EnvState
+    ) -> Choice:
+        # Before the first move there is noise alone, which resolves nothing.
+        samples, _ = observed(observation, params)
         found = fit_tones(samples, sample_times(params), self.bands, sensor_deviation(params))
-        omega = jnp.where(found.told(self.bands), found.omega, memory)
+        omega = jnp.where(found.resolved(self.bands), found.omega, memory)
         return multi_mode([(self.scale * w, self.zeta) for w in omega], self.kind), no_action(params), omega
 
 
 def frequency_tracker(params: Params, kind: str = "zvd", scale: Any = 1.0, zeta: Any = 0.0) -> FrequencyTracker:
-    """A tracker begun with the middle payload.
+    """A tracker begun with the middle payload; see ``FrequencyTracker``.
 
-    *Raises* ``ValueError`` for a damping ratio outside [0, 1).
+    Raises:
+        ValueError: for a damping ratio outside [0, 1).
     """
     zeta = _check.scalar(zeta, "zeta")
     _check.damping_ratio(zeta, "zeta")

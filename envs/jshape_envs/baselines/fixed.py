@@ -1,4 +1,4 @@
-"""Fixed shapers: chosen once for one assumed payload, whatever is measured afterwards."""
+"""Fixed shapers, designed once for one assumed payload and independent of all observations."""
 
 from typing import Any
 
@@ -11,31 +11,34 @@ import jshape as js
 from jshape import Shaper, _check
 from jshape.design.linear import multi_mode
 from jshape.plants import AbstractOscillator
-from jshape_envs.baselines.observed import evenly, middle, modes_of, no_action, seen
+from jshape_envs.baselines.observed import evenly, middle, modes_of, no_action, observed
 from jshape_envs.core import EnvState, Params
-from jshape_envs.policy import AbstractPolicy
+from jshape_envs.policy import AbstractPolicy, Choice, Observation
 
 SIZES = 33
 """Sizes of moves for which a shaper that depends on them is designed; between two, straight lines."""
 
 
 class Fixed(AbstractPolicy):
-    """Always the same ``shaper``."""
+    """Always the same shaper."""
 
     shaper: Shaper
 
-    def choose(
-        self, memory: tuple[()], observation: Float[Array, " observation"], params: Params, state: EnvState
-    ) -> tuple[Shaper, Float[Array, " size"], tuple[()]]:
-        del observation, state
+    def choose(self, memory: tuple[()], observation: Observation, params: Params, state: EnvState) -> Choice:
         return self.shaper, no_action(params), memory
 
 
 def fixed_linear(params: Params, kind: str = "zvd", scale: Any = 1.0, zeta: Any = 0.0) -> Fixed:
-    """The linear shaper of that ``kind`` (``"zv"``, ``"zvd"``, ``"ei"`` …) for the middle payload, each mode its own.
+    """The linear shaper for the middle payload, all modes convolved.
 
-    ``scale``: what the frequency at rest is multiplied by, which a nonlinear spring asks for; ``zeta``: damping ratio.
-    *Raises* ``ValueError`` as ``jshape.design.linear.multi_mode``.
+    Args:
+        params: the environment.
+        kind: ``"zv"``, ``"zvd"``, ``"ei"`` …
+        scale: factor of the frequency at rest, which a nonlinear spring needs.
+        zeta: damping ratio.
+
+    Raises:
+        ValueError: as ``jshape.design.linear.multi_mode``.
     """
     omega = scale * modes_of(params, middle(params))
     dtype = params.period.dtype
@@ -46,28 +49,34 @@ def fixed_linear(params: Params, kind: str = "zvd", scale: Any = 1.0, zeta: Any 
 class FixedEnergy(AbstractPolicy):
     """The closed-form energy shaper for one assumed payload and the size of each move.
 
-    ``amplitudes``, ``times``: for sizes evenly from the shortest to the longest move.
+    Attributes:
+        amplitudes: normalised, for sizes evenly from the shortest to the longest move.
+        times: s, for the same sizes.
     """
 
     amplitudes: Float[Array, "sizes impulses"]
     times: Float[Array, "sizes impulses"]
 
-    def choose(
-        self, memory: tuple[()], observation: Float[Array, " observation"], params: Params, state: EnvState
-    ) -> tuple[Shaper, Float[Array, " size"], tuple[()]]:
-        del state
-        size = jnp.abs(seen(observation, params).distance)
+    def choose(self, memory: tuple[()], observation: Observation, params: Params, state: EnvState) -> Choice:
+        size = jnp.abs(observed(observation, params).distance)
         sizes = evenly(params.distance, SIZES)
         at = jax.vmap(lambda column: jnp.interp(size, sizes, column), in_axes=1)
         return Shaper(at(self.amplitudes), at(self.times)), no_action(params), memory
 
 
 def fixed_energy(params: Params, rests: int = 1, payload: Any = None) -> FixedEnergy:
-    """The energy shaper with that many rests on the way (1: three impulses), for a ``payload``; the middle one unless
-    given.
+    """The robust energy shaper for one payload.
 
-    *Raises* ``ValueError`` for a plant that is no mass on a spring (those have no closed form), and as
-    ``jshape.design.energy.robust``. *Source*: Moonmangmee and Chatlatanagulchai (2025), Eqs. 31 and 36.
+    Args:
+        params: the environment.
+        rests: on the way; 1 makes three impulses.
+        payload: that is assumed, the middle one unless given.
+
+    Raises:
+        ValueError: for a plant that is no mass on a spring (those have no closed form), and as
+            ``jshape.design.energy.robust``.
+
+    Source: Moonmangmee and Chatlatanagulchai (2025), Eqs. 31 and 36.
     """
     payload = middle(params) if payload is None else jnp.asarray(payload, params.period.dtype)
     plant = params.machine.plant(payload, jnp.zeros((), jnp.int32))

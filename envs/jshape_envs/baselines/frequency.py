@@ -1,44 +1,56 @@
-"""The frequencies in a short window of samples: the peak of its Fourier transform, or a least-squares fit of sines.
+"""Frequencies from a short window of samples: the peak of its Fourier transform, or a least-squares fit of sines.
 
-A band for each mode tells where to look. It may lie beyond half the sampling rate, as long as no two frequencies of the
-bands look alike in the samples.
+Each mode is looked for in a band. It may lie beyond half the sample rate, as long as no two frequencies of the bands
+are aliases of each other.
 """
 
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from jshape._types import Scalar
 from jshape_envs.baselines.observed import evenly
 
 GRID = 64
-"""Frequencies that are tried in a band."""
+"""Number of frequencies tried in a band."""
 SWEEPS = 3
-"""How often each of several modes is looked for anew, the others being as they were found last."""
+"""How often each of several modes is fitted anew, the others held at their last estimates."""
 PRECISION = 0.05
-"""Standard deviation of a frequency, as a fraction of its band's width, up to which it tells anything. A looser bound
-would take for a fast mode what a sine leaves of a slow one's decay."""
+"""Standard deviation of a frequency, as a fraction of its band's width, up to which an estimate counts. A looser bound
+would accept, for a fast mode, what a sine leaves of a slow one's decay."""
 
 
 class Tones(NamedTuple):
-    """``omega``: rad/s; ``amplitude``: in the samples' unit; ``deviation``: standard deviation of omega, rad/s."""
+    """Estimates of the sines in a window.
+
+    Attributes:
+        omega: frequencies, rad/s.
+        amplitude: in the samples' unit.
+        deviation: standard deviations of omega, rad/s.
+    """
 
     omega: Float[Array, " modes"]
     amplitude: Float[Array, " modes"]
     deviation: Float[Array, " modes"]
 
-    def told(self, bands: Float[Array, "modes 2"]) -> Bool[Array, " modes"]:
-        """Which frequencies the samples tell to a twentieth of their bands."""
+    def resolved(self, bands: Float[Array, "modes 2"]) -> Bool[Array, " modes"]:
+        """Which frequencies are estimated to a twentieth of their bands."""
         return self.deviation < PRECISION * (bands[:, 1] - bands[:, 0])
 
 
 def transform(
     samples: Float[Array, " samples"], times: Float[Array, " samples"], omega: Float[Array, " frequencies"]
 ) -> Float[Array, " frequencies"]:
-    """|Σ x exp(−iωt)|²: the discrete Fourier transform's squared magnitude between its bins, as zeros put after the
-    samples would give it."""
+    """|Σ x exp(−iωt)|²: the squared magnitude of the discrete Fourier transform between its bins, as padding by zeros
+    would give it.
+
+    Args:
+        samples: in any unit.
+        times: of the samples, s.
+        omega: frequencies, rad/s.
+    """
     angle = omega[:, None] * times
     return (jnp.cos(angle) @ samples) ** 2 + (jnp.sin(angle) @ samples) ** 2
 
@@ -46,8 +58,16 @@ def transform(
 def peaks(
     windows: Float[Array, "windows samples"], times: Float[Array, " samples"], bands: Float[Array, "modes 2"]
 ) -> tuple[Float[Array, " modes"], Float[Array, " modes"]]:
-    """Where in each band (rad/s) the windows' mean squared Fourier transform is greatest, and the amplitude of a sine
-    of that height. A parabola through the peak and its neighbours finds it between the grid's frequencies."""
+    """The peak of the windows' mean squared Fourier transform in each band, refined by a parabola.
+
+    Args:
+        windows: samples of each, in any unit.
+        times: of the samples, s.
+        bands: lowest and highest frequency of each mode, rad/s.
+
+    Returns:
+        Frequencies (rad/s), and the amplitudes of sines of that height, in the samples' unit.
+    """
 
     def one(band: Float[Array, "2"]) -> tuple[Scalar, Scalar]:
         grid = evenly(band, GRID)
@@ -63,16 +83,21 @@ def fit_tones(
     bands: Float[Array, "modes 2"],
     deviation: Scalar,
 ) -> Tones:
-    """The sines, one in each band (rad/s), that fit the samples best by least squares.
+    """The sines, one in each band, that fit the samples best by least squares.
 
-    Unlike a peak of the Fourier transform, a fit is not misled by a window of a period or two. ``deviation``: of a
-    sample; where the samples fit worse than that, what they leave counts as their noise.
+    Unlike a peak of the Fourier transform, a fit is not biased by leakage in a window of a period or two.
 
-    *Source*: Rife and Boorstyn (1974), Eq. 17, for the frequency's standard deviation: √(24/n) σ/(A T).
+    Args:
+        samples: in any unit.
+        times: of the samples, s.
+        bands: lowest and highest frequency of each mode, rad/s.
+        deviation: standard deviation of a sample; where the residuals are larger, theirs counts.
+
+    Source: Rife and Boorstyn (1974), Eq. 17, for the frequency's standard deviation: √(24/n) σ/(A T).
     """
     modes, count = len(bands), len(samples)
 
-    def left(omega: Float[Array, " modes"]) -> tuple[Scalar, Float[Array, "modes 2"]]:
+    def fit(omega: Float[Array, " modes"]) -> tuple[Scalar, Float[Array, "modes 2"]]:
         angle = omega[:, None] * times
         columns = jnp.concatenate([jnp.cos(angle), jnp.sin(angle)])
         normal = columns @ columns.T
@@ -83,9 +108,9 @@ def fit_tones(
     omega = jnp.mean(bands, axis=1)
     for mode in [m for _ in range(SWEEPS if modes > 1 else 1) for m in range(modes)]:
         grid = evenly(bands[mode], GRID)
-        misfit = jax.vmap(lambda w, mode=mode, omega=omega: left(omega.at[mode].set(w))[0])(grid)
+        misfit = jax.vmap(lambda w, mode=mode, omega=omega: fit(omega.at[mode].set(w))[0])(grid)
         omega = omega.at[mode].set(_at_peak(grid, -misfit))
-    misfit, weights = left(omega)
+    misfit, weights = fit(omega)
     amplitude = jnp.hypot(weights[:, 0], weights[:, 1])
     noise = jnp.maximum(deviation, jnp.sqrt(misfit / (count - 3 * modes)))
     tiny = jnp.finfo(samples.dtype).tiny
@@ -94,9 +119,10 @@ def fit_tones(
 
 
 def _solve(matrix: Float[Array, "n n"], right: Float[Array, " n"]) -> Float[Array, " n"]:
-    """x of matrix x = right, for a small positive definite matrix.
+    """The solution x of matrix x = right, for a small positive definite matrix.
 
-    Written out: no library is called once for each of thousands of fits side by side.
+    Gaussian elimination written out, for speed alone: no library is called once for each of thousands of fits side by
+    side. Where that no longer costs, ``jnp.linalg.solve`` takes its place.
     """
     both = jnp.concatenate([matrix, right[:, None]], axis=1)
     for i in range(len(right)):
@@ -106,9 +132,16 @@ def _solve(matrix: Float[Array, "n n"], right: Float[Array, " n"]) -> Float[Arra
 
 
 def _at_peak(grid: Float[Array, " grid"], values: Float[Array, " grid"]) -> Scalar:
-    """Where the parabola through the greatest value and its neighbours peaks; the grid's ends stay what they are."""
-    top = jnp.clip(jnp.argmax(values), 1, len(grid) - 2)
-    before, here, after = values[top - 1], values[top], values[top + 1]
-    bend = before - 2 * here + after
-    share = jnp.where(bend < 0, (before - after) / (2 * jnp.where(bend < 0, bend, 1.0)), 0.0)
+    """The place between the grid's ends at which the values peak, by a parabola."""
+    top, share = peak(values)
     return jnp.clip(grid[top] + share * (grid[1] - grid[0]), grid[0], grid[-1])
+
+
+def peak(values: Float[Array, " values"]) -> tuple[Int[Array, ""], Scalar]:
+    """The index of the greatest value, but for both ends, and the offset from it, in indices, at which the parabola
+    through it and its neighbours peaks; 0 where that has no peak."""
+    top = jnp.clip(jnp.argmax(values), 1, len(values) - 2)
+    before, here, after = values[top - 1], values[top], values[top + 1]
+    curvature = before - 2 * here + after
+    concave = jnp.isfinite(curvature) & (curvature < 0)
+    return top, jnp.where(concave, (before - after) / (2 * jnp.where(concave, curvature, 1.0)), 0.0)

@@ -1,4 +1,4 @@
-"""What a classical policy reads off an observation, in SI units, and what it knows of its machine beforehand."""
+"""An observation in SI units, and the prior knowledge that classical policies have of their machine."""
 
 from typing import NamedTuple
 
@@ -13,24 +13,29 @@ ALONE, BESIDE = 1.25, 1.05
 several. A wider band of the flexible link's fast mode would take in what the slow one looks like to the samples."""
 
 
-class Seen(NamedTuple):
-    """``samples``: of the deflection over the window after the last move, m (rad for an angle); ``distance``: of the
-    next move, m, signed."""
+class Observed(NamedTuple):
+    """An observation of samples, in SI units.
+
+    Attributes:
+        samples: of the deflection over the window after the last move, m (rad for an angle).
+        distance: of the next move, m, signed.
+    """
 
     samples: Float[Array, " samples"]
     distance: Scalar
 
 
-def seen(observation: Float[Array, " observation"], params: Params) -> Seen:
-    """An observation taken apart.
+def observed(observation: Float[Array, " observation"], params: Params) -> Observed:
+    """The samples and the distance that an observation holds.
 
-    *Raises* ``ValueError`` where it tells features in the place of samples.
+    Raises:
+        ValueError: where it holds features in the place of samples.
     """
     sensor = params.sensor
     if sensor.kind != "samples":
         raise ValueError(f"observation must be 'samples' for a classical policy, not {sensor.kind!r}")
     distance = observation[sensor.size + params.action.size] * params.distance[1]
-    return Seen(observation[: sensor.samples] * sensor.reach, distance)
+    return Observed(observation[: sensor.samples] * sensor.reach, distance)
 
 
 def sample_times(params: Params) -> Float[Array, " samples"]:
@@ -45,7 +50,7 @@ def sensor_deviation(params: Params) -> Scalar:
 
 
 def no_action(params: Params) -> Float[Array, " size"]:
-    """What the next observation shows where the shaper is no action of the environment's."""
+    """The action that the next observation holds where the shaper is none of the environment's actions."""
     return jnp.zeros(params.action.size, params.period.dtype)
 
 
@@ -55,7 +60,7 @@ def evenly(ends: Float[Array, "2"], count: int) -> Float[Array, " values"]:
 
 
 def middle(params: Params) -> Scalar:
-    """The payload in the middle of what it may be: what is assumed before anything is known."""
+    """The mean of the prior over payloads: what is assumed before the first move."""
     return jnp.mean(params.payload)
 
 
@@ -68,8 +73,8 @@ def modes_of(params: Params, payload: Scalar) -> Float[Array, " modes"]:
 def frequency_bands(params: Params) -> Float[Array, "modes 2"]:
     """Lowest and highest frequency that each mode may have, rad/s: with any payload and, for a single mode, any move.
 
-    A nonlinear plant's half periods are not the linear ones; the oracle's shapers tell how short they become. Where the
-    sensor samples a mode less than twice a period, the band ends where two frequencies begin to look alike.
+    A nonlinear plant's half periods are not the linear ones; the oracle's shapers have the shortest of them. Where
+    the sensor samples a mode less than twice a period, the band ends where aliasing begins.
     """
     found = jnp.stack([modes_of(params, params.payload[i]) for i in range(2)])
     low, high = jnp.min(found, axis=0), jnp.max(found, axis=0)
@@ -77,7 +82,7 @@ def frequency_bands(params: Params) -> Float[Array, "modes 2"]:
         swings = jnp.pi / params.oracle.times[..., 1]
         low, high = jnp.minimum(low, jnp.min(swings)), jnp.maximum(high, jnp.max(swings))
     margin = ALONE if len(low) == 1 else BESIDE
-    half_rate = jnp.pi * params.sensor.samples / params.sensor.window
-    fold = half_rate * jnp.floor((low + high) / 2 / half_rate)
-    low, high = jnp.maximum(low / margin, fold), jnp.minimum(high * margin, fold + half_rate)
+    nyquist = jnp.pi * params.sensor.samples / params.sensor.window
+    fold = nyquist * jnp.floor((low + high) / 2 / nyquist)
+    low, high = jnp.maximum(low / margin, fold), jnp.minimum(high * margin, fold + nyquist)
     return jnp.stack([low, high], axis=1).astype(params.period.dtype)

@@ -1,26 +1,30 @@
-"""Shapers tuned for a payload that is assumed or estimated: what policies with a belief share.
+"""Shapers tuned for an assumed or estimated payload, as all policies use them that estimate one.
 
-For the payload that is believed the shaper is the one that the oracle has for it, hedged against what is not known. So
-these policies differ in what they believe, not in what they make of it.
+The shaper for a payload is the oracle's, hedged against the error of the estimate. So these policies differ in their
+estimates, not in what they make of them.
 """
 
-from collections.abc import Iterable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Int
 
 from jshape import Shaper
 from jshape._types import Scalar
-from jshape_envs.baselines.observed import no_action, seen
+from jshape_envs.actions import pair
+from jshape_envs.baselines.observed import no_action, observed
 from jshape_envs.core import EnvState, Params
-from jshape_envs.policy import AbstractPolicy
+from jshape_envs.policy import AbstractPolicy, Choice, Observation
 
 
 class Hedge(NamedTuple):
-    """How a shaper is made more robust. ``scale``: its times are multiplied by; ``robustness``: from 0, which leaves it
-    as it is, to 1: it is convolved with a pair of impulses whose delay is that share of its slow mode's (a ZV becomes a
-    ZVD), as ``actions.ModalAction`` does it."""
+    """How a shaper is made more robust.
+
+    Attributes:
+        scale: factor of its times.
+        robustness: from 0, which leaves it as it is, to 1: it is convolved with a pair of impulses whose delay is that
+            share of its slow mode's (a ZV becomes a ZVD), as ``actions.ModalAction`` does it.
+    """
 
     scale: Scalar
     robustness: Scalar
@@ -31,9 +35,7 @@ class Hedge(NamedTuple):
         half = len(shaper.times) // 2
         amplitudes, times = shaper.amplitudes, self.scale * shaper.times
         ratio = (jnp.sum(amplitudes[half:]) / jnp.sum(amplitudes[:half])) ** self.robustness
-        pair = jnp.stack([jnp.ones_like(ratio), ratio]) / (1 + ratio)
-        delays = jnp.stack([jnp.zeros_like(ratio), self.robustness * times[half]])
-        return Shaper(amplitudes, times).convolve(Shaper(pair, delays))
+        return Shaper(amplitudes, times).convolve(pair(self.robustness * times[half], ratio))
 
 
 def no_hedge(params: Params) -> Hedge:
@@ -41,12 +43,10 @@ def no_hedge(params: Params) -> Hedge:
     return Hedge(jnp.ones_like(params.period), jnp.zeros_like(params.period))
 
 
-def hedges(
-    params: Params, scales: Iterable[float] = (0.9, 1.0, 1.1, 1.2), robustness: Iterable[float] = (0.0, 0.25, 0.5, 1.0)
-) -> list[Hedge]:
-    """Every combination, to choose from."""
-    as_leaf: Any = lambda x: jnp.asarray(x, params.period.dtype)
-    return [Hedge(as_leaf(s), as_leaf(r)) for s in scales for r in robustness]
+def hedges(params: Params) -> list[Hedge]:
+    """Every combination of some scales and robustnesses, to choose from."""
+    dtype, robustnesses = params.period.dtype, (0.0, 0.25, 0.5, 1.0)
+    return [Hedge(jnp.asarray(s, dtype), jnp.asarray(r, dtype)) for s in (0.9, 1.0, 1.1, 1.2) for r in robustnesses]
 
 
 def tuned_shaper(params: Params, payload: Scalar, distance: Scalar, moves: Int[Array, ""]) -> Shaper:
@@ -56,18 +56,19 @@ def tuned_shaper(params: Params, payload: Scalar, distance: Scalar, moves: Int[A
 
 
 class FixedPayload(AbstractPolicy):
-    """The shaper tuned for one assumed ``payload`` and the size of each move, hedged. Its memory counts the moves."""
+    """The shaper tuned for one assumed payload and the size of each move, hedged. Its memory counts the moves.
+
+    Attributes:
+        payload: that is assumed.
+        hedge: against another one.
+    """
 
     payload: Scalar
     hedge: Hedge
 
     def start(self, params: Params) -> Int[Array, ""]:
-        del params
         return jnp.zeros((), jnp.int32)
 
-    def choose(
-        self, memory: Int[Array, ""], observation: Float[Array, " observation"], params: Params, state: EnvState
-    ) -> tuple[Shaper, Float[Array, " size"], Int[Array, ""]]:
-        del state
-        shaper = tuned_shaper(params, self.payload, seen(observation, params).distance, memory)
+    def choose(self, memory: Int[Array, ""], observation: Observation, params: Params, state: EnvState) -> Choice:
+        shaper = tuned_shaper(params, self.payload, observed(observation, params).distance, memory)
         return self.hedge.shaper(shaper), no_action(params), memory + 1
