@@ -61,7 +61,11 @@ def with_payload(params: Params, payload: float, carry: bool = True) -> Params:
 def test_transform_is_numpys_with_zeros_after_the_samples():
     samples = np.random.default_rng(0).normal(size=16)
     omega = 2 * np.pi * np.fft.rfftfreq(256, 0.125)
-    np.testing.assert_allclose(transform(samples, TIMES, omega), np.abs(np.fft.rfft(samples, 256)) ** 2, atol=1e-10)
+    np.testing.assert_allclose(
+        transform(jnp.asarray(samples), jnp.asarray(TIMES), jnp.asarray(omega)),
+        np.abs(np.fft.rfft(samples, 256)) ** 2,
+        atol=1e-10,
+    )
 
 
 def test_peak_of_a_long_window_is_the_sines_frequency():

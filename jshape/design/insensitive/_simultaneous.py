@@ -5,14 +5,11 @@ and which of them are in use just below the shortest; Newton's method on the con
 """
 
 import numpy as np
-from jaxtyping import Complex
 from scipy.optimize import linprog
 
-from jshape.design.insensitive._band import Vector
+from jshape.design.insensitive._band import Matrix, Poles, Vector
 from jshape.design.insensitive._optimality import newton, slopes
 from jshape.design.insensitive._search import merged
-
-Poles = Complex[np.ndarray, " modes"]
 
 
 def cancel(poles: Poles, order: int, longest: float) -> tuple[Vector, Vector] | None:
@@ -39,7 +36,7 @@ def cancel(poles: Poles, order: int, longest: float) -> tuple[Vector, Vector] | 
     return None
 
 
-def _terms(poles: Poles, order: int, reach: Vector) -> Vector:
+def _terms(poles: Poles, order: int, reach: Vector) -> Matrix:
     """What a unit impulse adds to each condition, by the time from it to the last: real rows, then imaginary ones."""
     terms = np.concatenate([reach**k * np.exp(np.multiply.outer(poles, reach)) for k in range(order + 1)])
     return np.concatenate([np.real(terms), np.imag(terms)])
