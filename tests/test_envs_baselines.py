@@ -149,6 +149,7 @@ def after_bare_moves(params, payloads):
     return jax.vmap(one)(jax.random.split(jax.random.key(5), len(payloads)), payloads)
 
 
+@pytest.mark.slow
 def test_tracker_finds_the_links_slow_mode_and_leaves_the_fast_one_that_the_servo_hardly_excites(link):
     np.testing.assert_allclose(frequency_bands(link), [[5.7 / 1.05, 8.5 * 1.05], [66 / 1.05, 24 * np.pi]], rtol=1e-5)
     payloads = single([0.0, 5.0, 10.0, 15.0, 20.0])
@@ -203,6 +204,7 @@ def test_bank_of_models_finds_the_payload_where_hardly_anything_is_left(duffing)
     assert np.median(residuals) < 0.05  # and yet no window tells much
 
 
+@pytest.mark.slow
 def test_a_quiet_window_changes_no_belief(duffing):
     size = len(reset(jax.random.key(0), duffing)[1])
     quiet = single(np.concatenate([0.003 * np.random.default_rng(1).normal(size=16), np.full(size - 16, 0.5)]))
