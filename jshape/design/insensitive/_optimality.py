@@ -68,8 +68,8 @@ class _Conditions:
 
     specification: Specification
     design: Design
-    amplitudes: Int[np.ndarray, " n"]
-    times: Int[np.ndarray, " n"]
+    amplitudes: Int[np.ndarray, " amplitudes"]
+    times: Int[np.ndarray, " times"]
     active: list[Peak]
 
     @property

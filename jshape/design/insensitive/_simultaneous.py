@@ -64,7 +64,7 @@ def _refined(poles: Poles, order: int, amplitudes: Vector, times: Vector) -> tup
     n = len(times)
     duration_gradient = np.eye(2 * n - 1)[-1]
 
-    def constraints(a: Vector, t: Vector) -> tuple[Vector, Vector]:
+    def constraints(a: Vector, t: Vector) -> tuple[Vector, Matrix]:
         """The conditions and the sum less 1, and their Jacobian with respect to amplitudes and times but the first."""
         values, by_amplitudes, by_times = zip(
             *(slopes(a, t, pole, k) for k in range(order + 1) for pole in poles), strict=True
