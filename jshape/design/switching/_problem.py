@@ -49,7 +49,7 @@ class Band:
         s = pole(np.asarray(omega, float), self.zeta)
         return np.exp(s[..., None] * (times[-1] - times)) @ amplitudes + np.exp(s * times[-1]) * self.initial(omega)
 
-    def initial(self, omega: Any) -> Cplx:
+    def initial(self, omega: Any) -> Any:
         """s z(0) at each frequency."""
         return pole(omega, self.zeta) * self.state[1] - omega**2 * self.state[0]
 
