@@ -104,8 +104,8 @@ def sensitivity_indices(
         "quantile": ("quantile", list(QUANTILES), dict(long_name="quantile", units="1")),
     }
     attrs = dict(
-        plant=type(plant).__name__, distance=float(of.command.final), metric=name, samples=samples, sampling=sampling,
-        seed=seed, confidence=confidence,
+        plant=type(plant).__name__, distance=float(of.evaluation.command.final), metric=name, samples=samples,
+        sampling=sampling, seed=seed, confidence=confidence,
     )  # fmt: skip
     variables = _shares(_indices(found), draws.confidence_interval) | _spread(found, *METRICS.get(name, (name, "SI")))
     return xr.Dataset(variables, coordinates, attrs)
