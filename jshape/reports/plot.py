@@ -361,16 +361,9 @@ def _legend(figure: Figure, axes: Iterable[Any], **options: Any) -> None:
 def _labelled_lines(figure: Figure, axis: Any, lines: Sequence[tuple[str, Any, Any]]) -> None:
     """One line a shaper, the tuned one heavy, and a legend above."""
     for i, (name, x, y) in enumerate(lines):
-        heavy = name == "tuned"
-        axis.plot(
-            x,
-            y,
-            color="black" if heavy else COLOURS[i % 6],
-            linestyle="-" if heavy else LINES[i % len(LINES)],
-            linewidth=2.0 if heavy else 1.0,
-            label=name,
-            zorder=3 if heavy else 2,
-        )
+        (line,) = axis.plot(x, y, color=COLOURS[i % 6], linestyle=LINES[i % len(LINES)], linewidth=1.0, label=name)
+        if name == "tuned":
+            line.set(color="black", linestyle="-", linewidth=2.0, zorder=3)
     axis.margins(x=0)
     if len(lines) > 1:
         figure.legend(loc="outside upper center", ncols=2)
