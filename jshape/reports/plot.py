@@ -381,21 +381,19 @@ def _panels(data: "xr.DataArray", vertical: str, across: str) -> Figure:
     # Shapers differ by orders of magnitude: three decades where nothing is negative, else a plain scale.
     wide = np.min(finite, initial=0.0) >= 0
     norm = LogNorm(greatest / 1000, greatest) if wide else Normalize(finite.min(), greatest)
-    drawn = None
-    for i, axis in enumerate(axes.flat):
-        if i >= len(shapers):
-            axis.set_visible(False)
-            continue
-        values = data.isel(shaper=i).transpose(vertical, across).values
+    for axis in axes.flat[len(shapers) :]:
+        axis.set_visible(False)
+    for axis, name in zip(axes.flat, shapers, strict=False):
+        values = data.sel(shaper=name).transpose(vertical, across).values
         # A plant that diverged stays white.
-        drawn = axis.pcolormesh(
+        axis.pcolormesh(
             data[across], data[vertical], np.where(np.isfinite(values), np.maximum(values, norm.vmin or 0.0), np.nan),
             norm=norm, cmap="cividis", shading="nearest", rasterized=True,
         )  # fmt: skip
-        axis.set_title(str(shapers[i]), loc="left")
+        axis.set_title(str(name), loc="left")
         axis.grid(False)
-    assert drawn is not None
     figure.supxlabel(_label(data[across]), fontsize=8)
     figure.supylabel(_label(data[vertical]), fontsize=8)
+    drawn = axes.flat[0].collections[0]
     figure.colorbar(drawn, ax=axes, label=_label(data), shrink=0.9, aspect=30, extend="min" if wide else "neither")
     return figure
