@@ -9,8 +9,8 @@ energy, the case is undecided, unless the answer is further off than ten times t
 by SciPy's ``solve_ivp`` itself as well.
 
 Every case is evaluated under ``jit`` and, in batches of ``BATCH``, under ``vmap``; one in fifty also by a plain call.
-An answer is wrong if it is finite and off by more than ten tolerances of the move's greatest energy, or if it is infinite
-where the judge's plant has not left the region from which it returns, or finite where it has.
+An answer is wrong if it is finite and off by more than ten tolerances of the move's greatest energy, or if it is
+infinite where the judge's plant has not left the region from which it returns, or finite where it has.
 """
 
 import argparse
