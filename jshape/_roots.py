@@ -6,6 +6,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
 from jshape._types import Scalar
 
@@ -68,7 +69,7 @@ def integral(function: Callable[[Scalar], Scalar], lower: Any, upper: Any) -> Sc
     return half * jnp.sum(_WEIGHTS.astype(half.dtype) * jax.vmap(function)(middle + half * _NODES.astype(half.dtype)))
 
 
-def safe_sqrt(x: Scalar) -> Scalar:
+def safe_sqrt(x: Float[Array, "..."]) -> Float[Array, "..."]:
     """Square root, 0 for what rounding has made negative, with a derivative of 0 there instead of an infinite one."""
     return jnp.where(x > 0, jnp.sqrt(jnp.where(x > 0, x, 1.0)), 0.0)
 

@@ -8,6 +8,9 @@ from jaxtyping import Array, Float
 Scalar = Float[Array, ""]
 """A zero-dimensional array: one mass (kg), one energy (J), one frequency (rad/s), …"""
 
+Number = Scalar | float
+"""A scalar array or a plain number, where a method is called by hand, too."""
+
 State = Float[Array, " state"]
 """A plant's state, in the order its own docstring gives."""
 

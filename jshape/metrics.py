@@ -297,7 +297,7 @@ class EnergyProfile(eqx.Module):
     potential: Float[Array, "segments points"]
 
     @property
-    def total(self) -> Float[Array, "segments points"]:
+    def total(self) -> Float[Array, "... segments points"]:
         """Kinetic and potential energy together, J: constant along a segment without damping."""
         return self.kinetic + self.potential
 

@@ -104,7 +104,7 @@ def insensitivity(shaper: Shaper, omega: Any, zeta: Any = 0.0, vibration: float 
     _check.damping_ratio(zeta)
     amplitudes, times = np.asarray(shaper.amplitudes, float), np.asarray(shaper.times, float)
 
-    def excess(w: Any) -> np.ndarray:
+    def excess(w: Any) -> Any:
         return np.abs(transform(amplitudes, times, pole(w, zeta))) - vibration * (1 + 1e-6)
 
     if excess(nominal) > 0:

@@ -1,9 +1,25 @@
-"""What the tests share: JAX in 64 bits, the papers' plant, and SciPy as an independent judge."""
+"""What the tests share: JAX in 64 bits, checked annotations, programs on disk, the papers' plant, SciPy as a judge."""
 
-import jax
+import os
+import resource
+import sys
+from pathlib import Path
+
+# Workers and the processes that tests start find the programs that one of them has compiled. JAX knows a program by its
+# code and by what compiled it, so that a changed number is another program.
+PROGRAMS = Path(__file__).parents[1] / ".pytest_cache" / "programs"
+os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(PROGRAMS))
+os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.05")
+os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "-1")
+
+import jax  # noqa: E402
+from jaxtyping import install_import_hook  # noqa: E402
 
 jax.config.update("jax_enable_x64", True)
+# Before jshape is first imported: every annotated shape is checked at run time.
+install_import_hook(["jshape", "jshape_envs"], "annotations.checked")
 
+import annotations  # noqa: E402
 import numpy as np  # noqa: E402
 import pytest  # noqa: E402
 from hypothesis import settings  # noqa: E402
@@ -12,16 +28,38 @@ from scipy.integrate import solve_ivp  # noqa: E402
 
 from jshape import compilation_cache as programs  # noqa: E402
 
+pytest.raises = annotations.raises
+
 # The first example compiles; how long that takes is no property of the code.
 settings.register_profile("jshape", deadline=None)
 settings.load_profile("jshape")
 
+LONGEST = ()
+"""Files that take longest, longest first: begun first, so that no worker is left alone with one at the end."""
+
+MOST_MEMORY = 4.0
+"""GB of a process beyond which its compiled programs are dropped."""
+
+
+def pytest_collection_modifyitems(items):
+    place = {f"test_{name}.py": i for i, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: place.get(item.path.name, len(place)))
+
+
+def memory() -> float:
+    """What this process holds now, in GB; the most that it ever held where that is not known."""
+    try:
+        return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize() / 1e9
+    except OSError:
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1e3) / 1e9
+
 
 @pytest.fixture(scope="module", autouse=True)
 def forget_programs():
-    """Each file's compiled programs go when it is done: a thousand tests' worth of them takes gigabytes."""
+    """Compiled programs stay from one file to the next, as long as there is room for them."""
     yield
-    jax.clear_caches()
+    if memory() > MOST_MEMORY:
+        jax.clear_caches()
     # A command that was run here keeps its programs; the tests after it shall compile their own.
     programs._folder = None
 

@@ -66,7 +66,10 @@ def wild(count=5000):
     return samples, active
 
 
-@pytest.fixture(scope="module", params=IDENTIFIERS)
+@pytest.fixture(
+    scope="module",
+    params=[pytest.param(name, marks=[pytest.mark.slow] * (name == "sinusoids")) for name in IDENTIFIERS],
+)
 def both(request):
     """An identifier's answers to the wild signal in JAX and in NumPy."""
     samples, active = wild()
@@ -193,6 +196,7 @@ def test_jacobsen_is_exact_for_one_long_vibration(window):
         assert not found.valid[:-1].any()
 
 
+@pytest.mark.slow
 def test_deviations_are_those_of_many_noisy_windows():
     random = np.random.default_rng(6)
     for window in ("rectangular", "hann"):

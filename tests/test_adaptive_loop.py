@@ -179,6 +179,7 @@ def test_square_wave_and_its_metrics():
     np.testing.assert_allclose(metrics.accumulated_vibration(trace, schedule, 0.1), [1, 1, 1, 1, 1, 0.9], rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_random_moves_change_the_load_once():
     schedule, first = schedules.random_moves(jax.random.key(3), sample_time=0.05)
     which, move = np.asarray(schedule.which), np.asarray(schedule.move)
@@ -195,7 +196,9 @@ def test_random_moves_change_the_load_once():
 # --- the loop ---------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name == "state-aware")) for name in CASES]
+)
 def test_both_forms_of_a_strategy_agree(name):
     strategy = case(name, TIME, points=200)
     rng = np.random.default_rng(4)
@@ -284,6 +287,7 @@ def test_bound_is_no_smaller_than_what_wrong_estimates_leave():
         assert left <= bound * 1.001
 
 
+@pytest.mark.slow
 def test_a_thousand_loops_side_by_side():
     # The functional form under vmap: each lane as if alone.
     strategy = case("state-aware", TIME)

@@ -66,6 +66,7 @@ class Recording(AbstractMoveStrategy):
         return readings
 
 
+@pytest.mark.slow
 def test_the_loop_is_the_machine(task):
     """Two moves, the plant changed within the second, faults in both: against DOP853, begun anew at every change."""
     shaper = js.Shaper([0.4, 0.35, 0.25], [0.0, 0.7, 1.5])

@@ -167,6 +167,7 @@ def test_the_output_stays_within_the_recent_reference(stream):
     assert np.all((ratio <= 1.5 + 1e-12) & (ratio >= 1 / (1.5 + 1e-12)))
 
 
+@pytest.mark.slow
 def test_a_thousand_loops_side_by_side(stream):
     _, data, run, shaped = stream
     lanes = 1000
@@ -284,6 +285,7 @@ def test_bound_holds_for_every_step_whatever_is_estimated():
     assert worst[0] > 0.1  # the estimates were wild
 
 
+@pytest.mark.slow
 def test_bound_against_brute_force():
     """Over every tuning that rounding allows, V by its definition."""
     shaper = AdaptiveShaper(TICK, **NARROW)

@@ -40,6 +40,7 @@ def test_sweep_a_problem(tmp_path):
     assert (out / "sweep_residual_energy.png").stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_interrupted_it_says_how_to_go_on(tmp_path, monkeypatch):
     def interrupted(*_, **__):
         raise KeyboardInterrupt

@@ -61,7 +61,11 @@ def with_payload(params: Params, payload: float, carry: bool = True) -> Params:
 def test_transform_is_numpys_with_zeros_after_the_samples():
     samples = np.random.default_rng(0).normal(size=16)
     omega = 2 * np.pi * np.fft.rfftfreq(256, 0.125)
-    np.testing.assert_allclose(transform(samples, TIMES, omega), np.abs(np.fft.rfft(samples, 256)) ** 2, atol=1e-10)
+    np.testing.assert_allclose(
+        transform(jnp.asarray(samples), jnp.asarray(TIMES), jnp.asarray(omega)),
+        np.abs(np.fft.rfft(samples, 256)) ** 2,
+        atol=1e-10,
+    )
 
 
 def test_peak_of_a_long_window_is_the_sines_frequency():
@@ -145,6 +149,7 @@ def after_bare_moves(params, payloads):
     return jax.vmap(one)(jax.random.split(jax.random.key(5), len(payloads)), payloads)
 
 
+@pytest.mark.slow
 def test_tracker_finds_the_links_slow_mode_and_leaves_the_fast_one_that_the_servo_hardly_excites(link):
     np.testing.assert_allclose(frequency_bands(link), [[5.7 / 1.05, 8.5 * 1.05], [66 / 1.05, 24 * np.pi]], rtol=1e-5)
     payloads = single([0.0, 5.0, 10.0, 15.0, 20.0])
@@ -199,6 +204,7 @@ def test_bank_of_models_finds_the_payload_where_hardly_anything_is_left(duffing)
     assert np.median(residuals) < 0.05  # and yet no window tells much
 
 
+@pytest.mark.slow
 def test_a_quiet_window_changes_no_belief(duffing):
     size = len(reset(jax.random.key(0), duffing)[1])
     quiet = single(np.concatenate([0.003 * np.random.default_rng(1).normal(size=16), np.full(size - 16, 0.5)]))

@@ -26,6 +26,7 @@ def params():
     return parameters("DuffingPayload", horizon=3)
 
 
+@pytest.mark.slow
 def test_gymnasiums_checker_has_nothing_to_say():
     # Warnings are errors here, the passive checker's too.
     env: Any = gym.make(DUFFING, render_mode="rgb_array")
@@ -74,7 +75,7 @@ def episodes(env: Any, seed: int, moves: int, lane: int | None = None) -> list[n
     return kept
 
 
-@pytest.mark.parametrize(("count", "lane"), [(3, 2), (200, 150)])
+@pytest.mark.parametrize(("count", "lane"), [(3, 2), pytest.param(200, 150, marks=pytest.mark.slow)])
 def test_the_same_seed_gives_the_same_bits_alone_and_among_others(params, count, lane):
     alone = episodes(gym.make("jshape/Moves-v0", environment=params), 1000, 8)
     many = MoveVectorEnv(count, params, autoreset_mode=AutoresetMode.SAME_STEP)
@@ -86,6 +87,7 @@ def test_the_same_seed_gives_the_same_bits_alone_and_among_others(params, count,
     assert all(np.array_equal(x, y) for x, y in zip(alone, again, strict=True))
 
 
+@pytest.mark.slow
 def test_autoreset_in_the_next_step(params):
     env: Any = gym.make_vec("jshape/Moves-v0", num_envs=4, environment=params)
     assert env.metadata["autoreset_mode"] == AutoresetMode.NEXT_STEP
@@ -225,6 +227,7 @@ def test_pictures_show_machine_payload_and_tracks(name):
     env.close()
 
 
+@pytest.mark.slow
 def test_frames_and_windows_work_without_a_screen():
     env: Any = gym.make(DUFFING, render_mode="rgb_array_list")
     env.reset(seed=0)

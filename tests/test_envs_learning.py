@@ -64,6 +64,7 @@ def observations_of(policy, count=12, seed=0):
     return np.random.default_rng(seed).uniform(-1, 1, (count, policy.sizes.observation)).astype(np.float32)
 
 
+@pytest.mark.slow
 def test_a_policy_is_the_network_that_its_weights_say(trained):
     policy = trained.policy
     observations = observations_of(policy)

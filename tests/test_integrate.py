@@ -75,6 +75,7 @@ def by_diffrax(solver, controller, **saved):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "solver"), [("dopri8", diffrax.Dopri8), pytest.param("tsit5", diffrax.Tsit5, marks=pytest.mark.slow)]
 )

@@ -557,6 +557,7 @@ def test_derivative_at_no_damping(name):
     np.testing.assert_allclose(along(outputs(name), point, by_zeta), one_sided, atol=1e-7)
 
 
+@pytest.mark.slow
 def test_second_derivative():
     slope = lambda zeta: along(lambda z: linear.um_zv(1.0, z).times[1], zeta, 1.0)
     assert float(along(slope, 0.1, 1.0)) == pytest.approx(float(slope(0.1 + 1e-5) - slope(0.1 - 1e-5)) / 2e-5, rel=1e-6)

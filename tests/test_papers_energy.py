@@ -372,6 +372,7 @@ def test_energy_of_a_swing_in_closed_form(papers):
     np.testing.assert_allclose(papers.peaks, potential(halves), rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_speed_order(papers):
     # Fig. 10 of 2025 calls fast-3 "quite similar" to two impulses; the order is what Table 2's times say.
     order = ["2", "fast3", "3", "ZVDlin", "4", "5", "6"]

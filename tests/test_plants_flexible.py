@@ -42,15 +42,15 @@ def test_benchmark_of_two_masses():
 
 def test_two_masses_obey_newton():
     plant = plants.ForcedTwoMass(1.3, 0.6, plants.Duffing(2.0, 5.0), plants.LinearDamper(0.3))
-    state, force = np.array([0.2, 0.7, -0.4, 0.9]), 1.7
-    slope = plant.vector_field(0.0, jnp.asarray(state), force)
+    state, force = jnp.array([0.2, 0.7, -0.4, 0.9]), 1.7
+    slope = plant.vector_field(0.0, state, force)
     pull = 2 * 0.5 + 5 * 0.5**3 + 0.3 * 1.3
     np.testing.assert_allclose(slope, [-0.4, 0.9, (1.7 + pull) / 1.3, -pull / 0.6], rtol=1e-14)
     # The centre of mass feels the force alone; without one, energy goes into the damper alone.
     assert float(1.3 * slope[2] + 0.6 * slope[3]) == pytest.approx(1.7, rel=1e-14)
     energy = lambda y: plant.residual_energy(y, 0.0)
     assert float(energy(state)) == pytest.approx(1.3 * 0.08 + 0.3 * 0.81 + 0.25 + 1.25 * 0.5**4, rel=1e-14)
-    power = jax.grad(energy)(jnp.asarray(state)) @ plant.vector_field(0.0, jnp.asarray(state), 0.0)
+    power = jax.grad(energy)(state) @ plant.vector_field(0.0, state, 0.0)
     assert float(power) == pytest.approx(-0.3 * 1.3**2, rel=1e-13)
     assert energy(plant.rest_state(0.0)) == 0
 

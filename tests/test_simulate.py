@@ -377,6 +377,7 @@ def test_number_of_steps():
         steps_for(plant, endless)
 
 
+@pytest.mark.slow
 def test_single_precision_is_respected(runs):
     # Arrays of 32 bits throughout stay so, to about seven digits; JAX's 32-bit mode is pointed out.
     cast = lambda tree: jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), tree)

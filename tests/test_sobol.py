@@ -71,6 +71,7 @@ def test_one_leaf_explains_everything_and_none_nothing():
     np.testing.assert_array_equal(idle.total, 0.0)
 
 
+@pytest.mark.slow
 def test_errors():
     over = {"m2": (0.9, 1.1)}
     for given, words in [

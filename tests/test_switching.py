@@ -432,6 +432,7 @@ def test_a_filter_with_limited_deflection():
     assert max(abs(exact_end(design, t)[0, 0]) for t in design.times[1:]) <= 1.001 + 1e-9
 
 
+@pytest.mark.slow
 def test_second_move_before_the_first_has_settled():
     """Joint design: the second move is designed for the state that js.simulate predicts where it begins."""
     omega, zeta, at = 3.0, 0.02, 1.1
@@ -476,6 +477,7 @@ class Pendulum(js.plants.AbstractPlant):
         return jnp.stack([-jnp.arctan(inputs / 9.81), 0.0 * inputs])
 
 
+@pytest.mark.slow
 def test_swinging_crane(staircase):
     """A move of 2 m at up to 4 m/s², from a swing of 0.3 rad: switches on the true dynamics."""
     start, limit = [0.3, -0.4], 4.0

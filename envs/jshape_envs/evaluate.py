@@ -173,7 +173,7 @@ def mean_recovery(times: np.ndarray, observed: np.ndarray) -> float:
     return float(1 + survival(times, observed).sum())
 
 
-def interquartile_mean(values: np.ndarray, axis: int = -1) -> np.ndarray:
+def interquartile_mean(values: np.ndarray, axis: int = -1) -> Any:
     """The mean of the middle half of the values."""
     return stats.trim_mean(values, 0.25, axis=axis)
 

@@ -39,7 +39,7 @@ class Numbers(NamedTuple):
     """The value as one that nothing is differentiated through."""
 
 
-def _put_in_place(array: np.ndarray, index: int, value: Any) -> np.ndarray:
+def _put_in_place(array: Any, index: int, value: Any) -> Any:
     array[index] = value
     return array
 

@@ -190,7 +190,7 @@ def _approximate_swings(plant: AbstractOscillator, ways: Array, damping: str) ->
     return bases, times
 
 
-def _assemble(bases: Array, ways: Array, times: Array, size: Scalar) -> tuple[Array, Array]:
+def _assemble(bases: Array, ways: Array, times: Array, size: Scalar) -> tuple[Array | np.ndarray, Array | np.ndarray]:
     """Amplitudes and times from each swing's base position ahead of it (m), way (m) and duration (s)."""
     xp = _check.numerics(bases, ways, times, size)
     bases, ways, times, size = (xp.asarray(x) for x in (bases, ways, times, size))
@@ -374,7 +374,7 @@ def _check_arguments(plant: Any, distance: Any, damping: str, allowed: tuple[str
     return size
 
 
-def _checked(amplitudes: Array, times: Array, size: Scalar) -> Shaper:
+def _checked(amplitudes: Array | np.ndarray, times: Array | np.ndarray, size: Scalar) -> Shaper:
     """The shaper, unless a number of it is not finite."""
     if _check.is_concrete(amplitudes, times) and not np.all(np.isfinite(np.concatenate([amplitudes, times]))):
         raise ValueError(

@@ -31,7 +31,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from jshape._check import Argument, Checked
-from jshape._types import Breaks, Inputs, Scalar, State
+from jshape._types import Breaks, Inputs, Number, Scalar, State
 
 if not TYPE_CHECKING:
     from equinox import AbstractClassVar
@@ -76,7 +76,7 @@ class AbstractPlant(Checked):
     the base's position (m), or ``"force"``, the command being the force itself (N)."""
 
     @abc.abstractmethod
-    def vector_field(self, t: Scalar, state: State, inputs: Inputs) -> State:
+    def vector_field(self, t: Number, state: State, inputs: Inputs) -> State:
         """Time derivative of the state at time ``t`` (s)."""
 
     @abc.abstractmethod
@@ -92,7 +92,7 @@ class AbstractPlant(Checked):
         formula for it."""
         return None
 
-    def payload(self, state: State, position: Scalar) -> Scalar:
+    def payload(self, state: State, position: Number) -> Scalar:
         """What is to arrive without vibration, m: the first state unless a plant defines it otherwise.
 
         Args:
@@ -101,7 +101,7 @@ class AbstractPlant(Checked):
         """
         return state[0]
 
-    def deflection(self, state: State, position: Scalar) -> Scalar:
+    def deflection(self, state: State, position: Number) -> Scalar:
         """How far the flexible part is bent, m: payload less command unless a plant defines it otherwise."""
         return self.payload(state, position) - position
 

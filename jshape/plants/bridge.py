@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from jshape._check import Argument, choice, finite, not_negative, positive
-from jshape._types import Breaks, Scalar
+from jshape._types import Breaks, Number, Scalar
 from jshape.command import AbstractCommand
 from jshape.plants.base import part
 from jshape.plants.trolley import AbstractCrane, Trolley, smooth_command
@@ -71,7 +71,7 @@ class BridgeCrane(AbstractCrane):
         y = -(rates[0] ** 2) * sy * cy - fall * cx * sy
         return jnp.stack([x, y]) - self.damping / self.payload_mass * rates
 
-    def swept(self, t: Scalar, place: Array) -> Array:
+    def swept(self, t: Number, place: Array) -> Array:
         if self.cross is None:
             return jnp.zeros_like(place)
         return self.cross(t, derivative=1) * self._couplings(place)[:, 1]

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jshape._check import Argument, not_negative, positive
-from jshape._types import Inputs, Scalar, State
+from jshape._types import Inputs, Number, Scalar, State
 from jshape.plants.base import part
 from jshape.plants.controllers import AbstractController
 from jshape.plants.dampers import AbstractDamper, LinearDamper
@@ -54,7 +54,7 @@ class FlexibleJoint(AbstractSprungPair):
     def _integral(self, state: State) -> Scalar:
         return state[4] if self.controller.integrates else jnp.zeros_like(state[0])
 
-    def vector_field(self, t: Scalar, state: State, inputs: Inputs) -> State:
+    def vector_field(self, t: Number, state: State, inputs: Inputs) -> State:
         motor, link, motor_speed, link_speed = state[:4]
         pull = self.spring.force(link - motor) + self.damper.force(link_speed - motor_speed)
         push = self.torque(state, inputs) - self.motor_damping * motor_speed + pull

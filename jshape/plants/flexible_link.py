@@ -8,7 +8,7 @@ from jaxtyping import Array, Float
 
 from jshape import _check
 from jshape._check import Argument, as_array, damping_ratio, finite, positive
-from jshape._types import Inputs, Scalar, State
+from jshape._types import Inputs, Number, Scalar, State
 from jshape.plants._swing import swing
 from jshape.plants.base import AbstractPlant, Coast, part
 from jshape.plants.links import AbstractLink, LinkModes, TabulatedLink
@@ -84,7 +84,7 @@ class FlexibleLink(AbstractPlant):
         """The contribution of the controller's integral, k_s ∫e, rad."""
         return jnp.zeros_like(state[0]) if self.servo_integral is None else self.servo_integral * state[-1]
 
-    def vector_field(self, t: Scalar, state: State, inputs: Inputs) -> State:
+    def vector_field(self, t: Number, state: State, inputs: Inputs) -> State:
         omega = self.modes().omega
         bend, bend_velocity = self._split(state)
         lag = inputs - state[0]
@@ -113,11 +113,11 @@ class FlexibleLink(AbstractPlant):
         zero = jnp.zeros((1 if self.servo_integral is None else 2) + 2 * self.link.count, self.zeta.dtype)
         return jnp.concatenate([jnp.asarray(inputs)[None], zero])
 
-    def payload(self, state: State, position: Scalar) -> Scalar:
+    def payload(self, state: State, position: Number) -> Scalar:
         """The payload's angle θ_p = θ + θ_s, rad."""
         return state[0] + self.deflection(state, position)
 
-    def deflection(self, state: State, position: Scalar) -> Scalar:
+    def deflection(self, state: State, position: Number) -> Scalar:
         """The payload's angle against the motor's, θ_s, as a strain gauge measures it, rad."""
         return jnp.sum(self.modes().tip * self._split(state)[0])
 

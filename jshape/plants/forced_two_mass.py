@@ -6,7 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from jshape._check import Argument, positive
-from jshape._types import Inputs, Scalar, State
+from jshape._types import Inputs, Number, Scalar, State
 from jshape.plants.base import part
 from jshape.plants.dampers import AbstractDamper, LinearDamper
 from jshape.plants.springs import AbstractSpring, LinearSpring
@@ -41,7 +41,7 @@ class ForcedTwoMass(AbstractSprungPair):
     damper: AbstractDamper = eqx.field(default=None, converter=part(AbstractDamper, lambda: LinearDamper(0.0)))
     drive: ClassVar = "force"
 
-    def vector_field(self, t: Scalar, state: State, inputs: Inputs) -> State:
+    def vector_field(self, t: Number, state: State, inputs: Inputs) -> State:
         pull = self.spring.force(state[1] - state[0]) + self.damper.force(state[3] - state[2])
         return jnp.stack([state[2], state[3], (inputs + pull) / self.m1, -pull / self.m2])
 

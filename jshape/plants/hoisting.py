@@ -8,7 +8,7 @@ from jaxtyping import Array, Bool, Float
 
 from jshape import _check
 from jshape._check import Argument, choice, not_negative, positive
-from jshape._types import Breaks, Scalar
+from jshape._types import Breaks, Number, Scalar
 from jshape.command import AbstractCommand
 from jshape.plants.base import part
 from jshape.plants.trolley import CRANE_DRIVES, AbstractCrane, Trolley, smooth_command
@@ -57,7 +57,7 @@ class HoistingCrane(AbstractCrane):
     def lengths(self) -> Float[Array, " lengths"]:
         return self.cable_length[None]
 
-    def length_rates(self, t: Scalar) -> tuple[Array, Array]:
+    def length_rates(self, t: Number) -> tuple[Array, Array]:
         return self.hoist(t, derivative=1)[None], self.hoist(t, derivative=2)[None]
 
     def breaks(self) -> Breaks:

@@ -8,7 +8,7 @@ import jax.scipy.linalg
 from jaxtyping import Array, Float
 
 from jshape import _check
-from jshape._types import Inputs, Scalar, State
+from jshape._types import Inputs, Number, Scalar, State
 from jshape.command import as_command, polynomial
 from jshape.plants.base import DRIVES, AbstractPlant
 
@@ -50,7 +50,7 @@ class Linearised(AbstractPlant):
 
         return jax.jvp(field, (rest, zero), (state, _like(inputs, zero)))[1]
 
-    def vector_field(self, t: Scalar, state: State, inputs: Inputs) -> State:
+    def vector_field(self, t: Number, state: State, inputs: Inputs) -> State:
         return self._slope(state - self._rest()[0], inputs)
 
     def residual_energy(self, state: State, inputs: Inputs) -> Scalar:
@@ -63,13 +63,13 @@ class Linearised(AbstractPlant):
         rest, zero = self._rest()
         return rest + jax.jvp(self.plant.rest_state, (zero,), (_like(inputs, zero),))[1]
 
-    def payload(self, state: State, position: Scalar) -> Scalar:
+    def payload(self, state: State, position: Number) -> Scalar:
         return self._linear(self.plant.payload, state, position)
 
-    def deflection(self, state: State, position: Scalar) -> Scalar:
+    def deflection(self, state: State, position: Number) -> Scalar:
         return self._linear(self.plant.deflection, state, position)
 
-    def _linear(self, quantity: Any, state: State, position: Scalar) -> Scalar:
+    def _linear(self, quantity: Any, state: State, position: Number) -> Scalar:
         rest, _ = self._rest()
         position = jnp.asarray(position, rest.dtype)
         value, change = jax.jvp(quantity, (rest, jnp.zeros_like(position)), (state - rest, position))

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import jax.scipy.linalg
 import numpy as np
 
-from jshape._types import Inputs, Scalar, State
+from jshape._types import Inputs, Number, Scalar, State
 from jshape.plants._swing import swing
 from jshape.plants.base import Coast
 from jshape.plants.modes import AbstractModes
@@ -35,7 +35,7 @@ class ModalPlant(AbstractModes):
     def __init__(self, omega: Any, zeta: Any = 0.0, gains: Any = None):
         super().__init__(omega, zeta, 1 / np.size(omega) if gains is None else gains)
 
-    def vector_field(self, t: Scalar, state: State, inputs: Inputs) -> State:
+    def vector_field(self, t: Number, state: State, inputs: Inputs) -> State:
         n = len(self.omega)
         q, v = state[:n], state[n:]
         return jnp.concatenate([v, self.omega**2 * (inputs - q) - 2 * self.zeta * self.omega * v])
@@ -49,7 +49,7 @@ class ModalPlant(AbstractModes):
         zero = jnp.zeros_like(self.omega)
         return jnp.concatenate([zero + inputs, zero])
 
-    def payload(self, state: State, position: Scalar) -> Scalar:
+    def payload(self, state: State, position: Number) -> Scalar:
         return jnp.sum(self.gains * state[: len(self.omega)])
 
     def coast(self) -> Coast:
@@ -62,7 +62,7 @@ class ModalPlant(AbstractModes):
 
         return coast
 
-    def propagate(self, state: State, inputs: Inputs, duration: Scalar) -> State:
+    def propagate(self, state: State, inputs: Inputs, duration: Number) -> State:
         """The exact state after ``duration`` (s) at a constant input, by the matrix exponential, without steps."""
         rest = self.rest_state(inputs)
         matrix = jax.jacfwd(lambda y: self.vector_field(duration, y, inputs))(rest)

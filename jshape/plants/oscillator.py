@@ -10,7 +10,7 @@ from typing import ClassVar as AbstractVar
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
-from jshape._types import Inputs, Scalar, State
+from jshape._types import Inputs, Number, Scalar, State
 from jshape.plants.base import AbstractPlant
 from jshape.plants.dampers import AbstractDamper
 from jshape.plants.springs import AbstractSpring
@@ -40,7 +40,7 @@ class AbstractOscillator(AbstractPlant):
     def rest_deflection(self, inputs: Inputs) -> Scalar:
         """The spring's deflection at rest, m. NaN where there is no rest."""
 
-    def vector_field(self, t: Scalar, state: State, inputs: Inputs) -> State:
+    def vector_field(self, t: Number, state: State, inputs: Inputs) -> State:
         base, base_velocity, force = self.base(inputs)
         x, v = state[0], state[1]
         pull = self.spring.force(x - base) + self.damper.force(v - base_velocity)

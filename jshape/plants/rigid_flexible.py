@@ -5,7 +5,7 @@ from typing import ClassVar
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from jshape._types import Inputs, Scalar, State
+from jshape._types import Inputs, Number, Scalar, State
 from jshape.plants.modes import AbstractModes
 
 
@@ -35,7 +35,7 @@ class RigidFlexible(AbstractModes):
         n = len(self.omega)
         return state[2 : 2 + n], state[2 + n :]
 
-    def vector_field(self, t: Scalar, state: State, inputs: Inputs) -> State:
+    def vector_field(self, t: Number, state: State, inputs: Inputs) -> State:
         q, v = self._modes(state)
         pull = self.omega**2 * q + 2 * self.zeta * self.omega * v
         return jnp.concatenate([jnp.stack([state[1], jnp.asarray(inputs)]), v, inputs - pull])
@@ -49,10 +49,10 @@ class RigidFlexible(AbstractModes):
         zero = jnp.zeros_like(self.omega)
         return jnp.concatenate([jnp.zeros(2, self.omega.dtype), inputs / self.omega**2, zero])
 
-    def payload(self, state: State, position: Scalar) -> Scalar:
+    def payload(self, state: State, position: Number) -> Scalar:
         return state[0] - jnp.sum(self.gains * self._modes(state)[0])
 
-    def deflection(self, state: State, position: Scalar) -> Scalar:
+    def deflection(self, state: State, position: Number) -> Scalar:
         """How far the payload is from the rigid body, m: −Σ gain_i q_i."""
         return self.payload(state, position) - state[0]
 

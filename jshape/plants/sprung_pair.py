@@ -6,7 +6,7 @@ from typing import ClassVar as AbstractVar
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
-from jshape._types import Inputs, Scalar, State
+from jshape._types import Inputs, Number, Scalar, State
 from jshape.plants.base import AbstractPlant
 from jshape.plants.springs import AbstractSpring
 
@@ -19,11 +19,11 @@ class AbstractSprungPair(AbstractPlant):
 
     spring: AbstractVar[AbstractSpring]
 
-    def payload(self, state: State, position: Scalar) -> Scalar:
+    def payload(self, state: State, position: Number) -> Scalar:
         """Where the second body is, m or rad."""
         return state[1]
 
-    def deflection(self, state: State, position: Scalar) -> Scalar:
+    def deflection(self, state: State, position: Number) -> Scalar:
         """The spring's stretch, second less first, m or rad."""
         return state[1] - state[0]
 

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from jshape._check import Argument, Checked, not_negative, positive
-from jshape._types import Inputs, Scalar, State
+from jshape._types import Inputs, Number, Scalar, State
 from jshape.command import AbstractCommand, as_command
 from jshape.plants.base import AbstractPlant
 
@@ -197,15 +197,15 @@ class AbstractCrane(AbstractPlant):
         """The lengths that change in time, at the beginning, m: none unless a crane has some."""
         return jnp.zeros(0, self.gravity.dtype)
 
-    def length_rates(self, t: Scalar) -> tuple[Array, Array]:
+    def length_rates(self, t: Number) -> tuple[Array, Array]:
         """First and second derivative of those lengths at time t (s), m/s and m/s²."""
         return jnp.zeros(0, self.gravity.dtype), jnp.zeros(0, self.gravity.dtype)
 
-    def swept(self, t: Scalar, place: Array) -> Array:
+    def swept(self, t: Number, place: Array) -> Array:
         """What a motion of the trolley across its track adds to the angles' velocities, rad/s: 0 without one."""
         return jnp.zeros_like(place[: self.angles])
 
-    def vector_field(self, t: Scalar, state: State, inputs: Inputs) -> State:
+    def vector_field(self, t: Number, state: State, inputs: Inputs) -> State:
         n = self.angles
         length_speed, length_acceleration = self.length_rates(t)
         if self.drive == "force":
@@ -279,11 +279,11 @@ class AbstractCrane(AbstractPlant):
             return jnp.concatenate([zero, inputs * self.coupling(jnp.concatenate([zero, lengths])), lengths])
         return jnp.concatenate([self.rest_angles(inputs), zero, lengths])
 
-    def payload(self, state: State, position: Scalar) -> Scalar:
+    def payload(self, state: State, position: Number) -> Scalar:
         """Where the payload is along the track, m."""
         return (state[0] if self.drive == "force" else position) + self.deflection(state, position)
 
-    def deflection(self, state: State, position: Scalar) -> Scalar:
+    def deflection(self, state: State, position: Number) -> Scalar:
         """How far the payload is ahead of the trolley, m."""
         return self.offset(self.relative(state, self.zero_inputs())[0])
 

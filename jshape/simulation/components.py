@@ -23,7 +23,7 @@ class Components:
     components of the vector, untouched. Traced, and transformed, once, however often it is called.
     """
 
-    captured: list[Array]
+    captured: list[Any]
     same: dict[int, int]
 
     def __init__(self, function: Callable[..., Array], *others: Array, vector: Array):
@@ -40,7 +40,7 @@ class Components:
         given = inside.invars[-vector.size :]
         self.same = {i: given.index(result) for i, result in enumerate(inside.outvars) if result in given}
 
-    def __call__(self, captured: list[Array], *arguments: Any) -> list[Array]:
+    def __call__(self, captured: list[Any], *arguments: Any) -> list[Array]:
         return self._program(captured, *arguments)
 
 

@@ -115,7 +115,7 @@ def _sum(step: Scalar, weights: np.ndarray, slopes: list[Array]) -> Array:
 
 
 @jax.jit
-def _weighted(step: Scalar, weights: tuple[float, ...], slopes: tuple[Array, ...]) -> Array:
+def _weighted(step: Scalar, weights: tuple[Scalar, ...], slopes: tuple[Array, ...]) -> Array:
     # A function of its own is traced, and transformed, once for all components: half the time of every trace.
     terms = [w * slope for w, slope in zip(weights, slopes, strict=True)]
     return step * sum(terms[1:], terms[0])

@@ -68,7 +68,9 @@ class AmplitudeAware(AbstractPolicy):
         one = jnp.ones((), params.period.dtype)
         return PayloadEstimate(middle(params), jnp.zeros((), jnp.int32), one)
 
-    def choose(self, memory: PayloadEstimate, observation: Observation, params: Params, state: EnvState) -> Choice:
+    def choose(
+        self, memory: PayloadEstimate, observation: Observation, params: Params, state: EnvState | None
+    ) -> Choice:
         samples, distance = observed(observation, params)
         tones = fit_tones(samples, sample_times(params), self.bands, sensor_deviation(params))
         case = params.machine.case(memory.distance, memory.made - 1)

@@ -82,7 +82,7 @@ class DirectAdaptive(AbstractPolicy):
         empty = jnp.zeros((WINDOWS, params.sensor.samples), dtype)
         return Windows(empty, jnp.zeros((), jnp.int32), self.nominal, self.seeking.start(), jnp.ones((), dtype))
 
-    def choose(self, memory: Windows, observation: Observation, params: Params, state: EnvState) -> Choice:
+    def choose(self, memory: Windows, observation: Observation, params: Params, state: EnvState | None) -> Choice:
         samples, distance = observed(observation, params)
         moved = memory.made > 0
         windows = jnp.concatenate([jnp.where(moved, samples, 0.0)[None], memory.windows[:-1]])
@@ -145,7 +145,7 @@ class FrequencyTracker(AbstractPolicy):
         return self.nominal
 
     def choose(
-        self, memory: Float[Array, " modes"], observation: Observation, params: Params, state: EnvState
+        self, memory: Float[Array, " modes"], observation: Observation, params: Params, state: EnvState | None
     ) -> Choice:
         # Before the first move there is noise alone, which resolves nothing.
         samples, _ = observed(observation, params)

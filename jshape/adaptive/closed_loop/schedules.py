@@ -9,7 +9,6 @@ import numpy as np
 from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from jshape import _check
-from jshape._types import Scalar
 
 
 class Schedule(NamedTuple):
@@ -72,7 +71,7 @@ def random_moves(
     loads: tuple[float, float] = (0.0, 20.0),
     between: tuple[int, int] = (4, 6),
     sample_time: float = 0.005,
-) -> tuple[Schedule, Scalar]:
+) -> tuple[Schedule, Int[Array, ""]]:
     """Moves of random size, either way, with random dwells, and one change of the load.
 
     All schedules have the same number of samples, so that ``vmap`` runs them side by side.

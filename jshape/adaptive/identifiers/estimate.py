@@ -122,7 +122,7 @@ class Online:
     def __init__(self, identifier: AbstractIdentifier):
         self._own, self._advance, self.state = plain(identifier), identifier.advance, identifier.initial()
 
-    def push(self, sample: float, active: bool = True) -> Estimate:
+    def push(self, sample: float, active: bool | np.bool_ = True) -> Estimate:
         """The estimate after a sample; ``active`` false leaves the sample out."""
         self.state = self._advance(self._own, NUMPY, self.state, float(sample), bool(active))
         return self.state.estimate

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from jshape import _check
-from jshape._types import Scalar, State
+from jshape._types import Number, Scalar, State
 from jshape.adaptive.arguments import check_level
 from jshape.adaptive.moves.design import retuned
 from jshape.adaptive.moves.machine import AbstractMoves, Moves, Swing
@@ -97,15 +97,15 @@ class HoistingMoves(AbstractMoves):
     def begin(self, plant: Any, swing: Swing) -> State:
         return jnp.append(swing, plant.cable_length)
 
-    def swing(self, state: State, position: Scalar) -> Swing:
+    def swing(self, state: State, position: Number) -> Swing:
         del position
         return state[:2]
 
-    def signal(self, state: State, position: Scalar) -> Scalar:
+    def signal(self, state: State, position: Number) -> Scalar:
         del position
         return state[0]
 
-    def vibration(self, plant: Any, state: State, position: Scalar) -> Scalar:
+    def vibration(self, plant: Any, state: State, position: Number) -> Scalar:
         """The angle at which the load's height alone holds the energy."""
         energy = plant.residual_energy(state, jnp.zeros_like(position))
         share = energy / (2 * plant.payload_mass * plant.gravity * state[2])

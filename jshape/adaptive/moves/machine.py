@@ -22,7 +22,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from jshape import _check
-from jshape._types import Scalar, State, Times
+from jshape._types import Number, Scalar, State, Times
 from jshape.adaptive.arguments import check_level, check_positive
 from jshape.command import AbstractCommand, polynomial
 from jshape.plants import AbstractPlant
@@ -86,15 +86,15 @@ class AbstractMoves(eqx.Module):
         """The state at a move's beginning, with that residual swing of the last one."""
 
     @abc.abstractmethod
-    def swing(self, state: State, position: Scalar) -> Swing:
+    def swing(self, state: State, position: Number) -> Swing:
         """How far from rest the plant is, with the command at rest at ``position``."""
 
     @abc.abstractmethod
-    def signal(self, state: State, position: Scalar) -> Scalar:
+    def signal(self, state: State, position: Number) -> Scalar:
         """What the sensor measures, with the command at ``position``."""
 
     @abc.abstractmethod
-    def vibration(self, plant: AbstractPlant, state: State, position: Scalar) -> Scalar:
+    def vibration(self, plant: AbstractPlant, state: State, position: Number) -> Scalar:
         """The amplitude of the residual vibration, with the command at rest at ``position``, in the signal's unit."""
 
     @abc.abstractmethod

@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from jshape._types import Scalar, State
+from jshape._types import Number, Scalar, State
 from jshape.adaptive.arguments import check_factor, check_leaves
 from jshape.adaptive.moves.design import retuned
 from jshape.adaptive.moves.machine import AbstractMoves, Moves, Swing
@@ -75,13 +75,13 @@ class TwoMassMoves(AbstractMoves):
         del plant
         return swing
 
-    def swing(self, state: State, position: Scalar) -> Swing:
+    def swing(self, state: State, position: Number) -> Swing:
         return state - jnp.stack([position, jnp.zeros_like(position)])
 
-    def signal(self, state: State, position: Scalar) -> Scalar:
+    def signal(self, state: State, position: Number) -> Scalar:
         return state[0] - position
 
-    def vibration(self, plant: Any, state: State, position: Scalar) -> Scalar:
+    def vibration(self, plant: Any, state: State, position: Number) -> Scalar:
         return plant.spring.amplitude(plant.residual_energy(state, (position, jnp.zeros_like(position))))
 
     def design(self, parameters: Float[Array, " parameters"], known: Scalar, swing: Swing) -> Shaper:

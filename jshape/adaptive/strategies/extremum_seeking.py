@@ -54,7 +54,7 @@ class ExtremumSeeking(eqx.Module):
         step_time: of one step, s (or moves).
         start: parameters to begin with, shape (parameters,).
         omega: of the perturbations, rad/s. One number serves all parameters, here as below; those that share a cost
-            need a frequency each, or their effects cannot be told apart.
+            need a frequency each, or their effects cannot be separated.
         amplitude: a of the perturbations, in the unit of the parameters.
         gain: γ: **less than 0 finds a minimum**, greater a maximum.
         high_pass: the filter's corner h, rad/s; half the lowest frequency, unless given.

@@ -16,7 +16,13 @@ from jaxtyping import Complex, Float
 from jshape import _check
 from jshape.vibration import transform
 
-Vector = Float[np.ndarray, " n"]
+Vector = Float[np.ndarray, "_"]
+"""Of any length: two in one signature need not agree."""
+
+Matrix = Float[np.ndarray, "_ _"]
+
+Poles = Complex[np.ndarray, "_"]
+"""Complex poles, rad/s."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -35,7 +41,7 @@ class Line:
     angle: float = 0.0
     radius: float | None = None
 
-    def poles(self, position: Any) -> Complex[np.ndarray, "..."]:
+    def poles(self, position: Any) -> Any:
         """The poles at those frequencies (ray) or angles (arc)."""
         s = np.asarray(position, float)
         return 1j * s * np.exp(1j * self.angle) if self.radius is None else 1j * self.radius * np.exp(1j * s)

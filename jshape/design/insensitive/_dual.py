@@ -38,7 +38,7 @@ class Dual:
     poles: Complex[np.ndarray, " poles"]
     weights: Complex[np.ndarray, " poles"]
 
-    def f(self, t: Any, duration: float, derivative: int = 0) -> Float[np.ndarray, " times"]:
+    def f(self, t: Any, duration: float, derivative: int = 0) -> Any:
         """The dual function f(t) = Re Σ λ_k exp(p_k (T − t)), or a derivative of it."""
         terms = np.exp(np.multiply.outer(duration - np.asarray(t, float), self.poles))
         return np.real(terms @ (self.weights * (-self.poles) ** derivative))

@@ -14,7 +14,7 @@ import dataclasses
 import numpy as np
 from scipy.optimize import linprog
 
-from jshape.design.insensitive._band import Region, Vector, certified, peaks, sampled_vibration
+from jshape.design.insensitive._band import Poles, Region, Vector, certified, peaks, sampled_vibration
 from jshape.design.insensitive._dual import Dual, Kind
 from jshape.vibration import phasors, transform
 
@@ -79,7 +79,7 @@ def relax(
     return best
 
 
-def _solve(poles: Vector, tangents: list[Vector], times: Vector, duration: float, kind: Kind) -> tuple[Vector, Dual]:
+def _solve(poles: Poles, tangents: list[Vector], times: Vector, duration: float, kind: Kind) -> tuple[Vector, Dual]:
     """One linear program: the amplitudes at those times, and the dual weights."""
     owner = np.repeat(np.arange(len(poles)), [len(angles) for angles in tangents])
     turn = np.exp(-1j * np.concatenate(tangents))

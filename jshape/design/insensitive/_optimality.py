@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Int
 from scipy.optimize import nnls
 
-from jshape.design.insensitive._band import Peak, Vector, largest_vibration, peaks
+from jshape.design.insensitive._band import Matrix, Peak, Vector, largest_vibration, peaks
 from jshape.design.insensitive._dual import Dual
 from jshape.design.insensitive._specification import Design, Specification
 from jshape.vibration import transform
@@ -68,8 +68,8 @@ class _Conditions:
 
     specification: Specification
     design: Design
-    amplitudes: Int[np.ndarray, " n"]
-    times: Int[np.ndarray, " n"]
+    amplitudes: Int[np.ndarray, " amplitudes"]
+    times: Int[np.ndarray, " times"]
     active: list[Peak]
 
     @property
@@ -85,7 +85,7 @@ class _Conditions:
         """Of the sum of the amplitudes."""
         return np.concatenate([np.ones(len(self.amplitudes)), np.zeros(len(self.times))])
 
-    def vibration_gradients(self, amplitudes: Vector, times: Vector, at: list[Peak]) -> Vector:
+    def vibration_gradients(self, amplitudes: Vector, times: Vector, at: list[Peak]) -> Matrix:
         """Of V at each peak, a row each."""
         rows = []
         for peak in at:

@@ -6,11 +6,14 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from jaxtyping import Int
 
 from jshape import _check
 from jshape.design.insensitive._band import Vector, certified, region, sampled_vibration
 from jshape.shaper import Shaper
 from jshape.vibration import transform
+
+Ticks = Int[np.ndarray, " impulses"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -90,7 +93,7 @@ def _choices(position: Vector) -> list[list[int]]:
     return [[int(below[0])], *choices[1:-1], [tick for tick in choices[-1] if tick <= last]]
 
 
-def _coordinate_descent(ticks: Vector, choices: list[list[int]], vibration: Callable[[Any], float]) -> Vector:
+def _coordinate_descent(ticks: Ticks, choices: list[list[int]], vibration: Callable[[Any], float]) -> Ticks:
     """One time changed after the other, the best change first, as long as the vibration falls."""
     index = np.arange(len(ticks))
     while True:

@@ -5,14 +5,11 @@ and which of them are in use just below the shortest; Newton's method on the con
 """
 
 import numpy as np
-from jaxtyping import Complex
 from scipy.optimize import linprog
 
-from jshape.design.insensitive._band import Vector
+from jshape.design.insensitive._band import Matrix, Poles, Vector
 from jshape.design.insensitive._optimality import newton, slopes
 from jshape.design.insensitive._search import merged
-
-Poles = Complex[np.ndarray, " modes"]
 
 
 def cancel(poles: Poles, order: int, longest: float) -> tuple[Vector, Vector] | None:
@@ -39,7 +36,7 @@ def cancel(poles: Poles, order: int, longest: float) -> tuple[Vector, Vector] | 
     return None
 
 
-def _terms(poles: Poles, order: int, reach: Vector) -> Vector:
+def _terms(poles: Poles, order: int, reach: Vector) -> Matrix:
     """What a unit impulse adds to each condition, by the time from it to the last: real rows, then imaginary ones."""
     terms = np.concatenate([reach**k * np.exp(np.multiply.outer(poles, reach)) for k in range(order + 1)])
     return np.concatenate([np.real(terms), np.imag(terms)])
@@ -67,7 +64,7 @@ def _refined(poles: Poles, order: int, amplitudes: Vector, times: Vector) -> tup
     n = len(times)
     duration_gradient = np.eye(2 * n - 1)[-1]
 
-    def constraints(a: Vector, t: Vector) -> tuple[Vector, Vector]:
+    def constraints(a: Vector, t: Vector) -> tuple[Vector, Matrix]:
         """The conditions and the sum less 1, and their Jacobian with respect to amplitudes and times but the first."""
         values, by_amplitudes, by_times = zip(
             *(slopes(a, t, pole, k) for k in range(order + 1) for pole in poles), strict=True

@@ -8,7 +8,7 @@ import dataclasses
 import numpy as np
 from scipy.optimize import minimize
 
-from jshape.design.insensitive._band import Vector, peaks
+from jshape.design.insensitive._band import Matrix, Poles, Vector, peaks
 from jshape.design.insensitive._specification import Design, Specification
 from jshape.vibration import phasors, transform
 
@@ -19,7 +19,7 @@ class _Program:
 
     specification: Specification
     start: Design
-    poles: Vector
+    poles: Poles
 
     @property
     def free(self) -> int:
@@ -54,7 +54,7 @@ class _Program:
         """How far V is below its limit at each pole, as limit − V²/limit."""
         return self.level(x) - np.abs(transform(*self.impulses(x), self.poles)) ** 2 / self.level(x)
 
-    def slack_jacobian(self, x: Vector) -> Vector:
+    def slack_jacobian(self, x: Vector) -> Matrix:
         amplitudes, times = self.impulses(x)
         level, responses = self.level(x), phasors(times, self.poles)
         values = responses @ amplitudes

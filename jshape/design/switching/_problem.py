@@ -44,7 +44,7 @@ class Band:
     zeta: float
     state: Real
 
-    def residual(self, omega: Any, amplitudes: Real, times: Real) -> Cplx:
+    def residual(self, omega: Any, amplitudes: Real, times: Real) -> Any:
         """The residual vibration at each frequency at the last time, times s (in units of u)."""
         s = pole(np.asarray(omega, float), self.zeta)
         return np.exp(s[..., None] * (times[-1] - times)) @ amplitudes + np.exp(s * times[-1]) * self.initial(omega)
@@ -57,7 +57,7 @@ class Band:
         """The limit on |residual|: of a step to the final level, or to the limit of u where that is 0."""
         return self.vibration * np.abs((final or 1.0) + self.initial(omega))
 
-    def ratio(self, omega: Any, final: float, amplitudes: Real, times: Real) -> Real:
+    def ratio(self, omega: Any, final: float, amplitudes: Real, times: Real) -> Any:
         """|residual| over what is allowed."""
         return np.abs(self.residual(omega, amplitudes, times)) / np.maximum(self.allowed(omega, final), 1e-300)
 
