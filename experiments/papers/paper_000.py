@@ -1,6 +1,6 @@
 """Chatlatanagulchai, Moonmangmee and Intarawirat (2017): shapers by work and energy, and a flexible joint.
 
-    python -m experiments.papers.paper_000 --out out/papers
+    python -m experiments.papers 000 --out out/papers
 
 The plant of all numbers but the robot's: m2 = 1 kg, k1 = 10 N/m, k2 = 100 N/m³ (k3 in later papers), a move of 1 m. The
 robot's parameters are not given; ``joint`` finds some with which a closed loop answers as in Fig. 7.
@@ -17,7 +17,7 @@ from scipy.optimize import least_squares
 
 import jshape as js
 from experiments.papers import frame
-from experiments.papers.frame import Paper, Picture, Row, Surpassed, cannot, compare, figure, main, words
+from experiments.papers.frame import Paper, Picture, Row, Surpassed, cannot, compare, figure, words
 from experiments.papers.judge import K1, K3, TWENTY, after, duffing, potential, residual, worst, worst_case
 from jshape.reports.plot import COLOURS
 
@@ -362,7 +362,3 @@ NOTES = (
     "More impulses are not always better: three impulses beat four, for equal steps cancel "
     "errors in the mass to first order only for odd numbers of impulses.",
 )
-
-
-if __name__ == "__main__":
-    main(results)

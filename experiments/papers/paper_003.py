@@ -1,6 +1,6 @@
 """Peláez, Doval-Gandoy, Caparrini and García-Prada (2006): an on-off filter for a band of a physical pendulum.
 
-    python -m experiments.papers.paper_003 --out out/papers
+    python -m experiments.papers 003 --out out/papers
 
 The plant of all numbers: a rod of 205 g and 1 m with a bob of 115 g on it, pinned to a trolley that is switched on and
 off. V is what the filter leaves of the vibration that its first impulse alone would. ``paper_003_pendulum`` computes,
@@ -10,7 +10,7 @@ off. V is what the filter leaves of the vibration that its first impulse alone w
 import numpy as np
 
 import jshape as js
-from experiments.papers.frame import Paper, Row, Surpassed, cannot, compare, main
+from experiments.papers.frame import Paper, Row, Surpassed, cannot, compare
 from experiments.papers.judge import alone
 from experiments.papers.paper_003_figures import pictures
 from experiments.papers.paper_003_judge import M1, M2, WIDTH, L, residual, swing, vibration
@@ -218,7 +218,3 @@ def results(draw: bool = True) -> Paper:
         items,
         notes,
     )
-
-
-if __name__ == "__main__":
-    main(results)
