@@ -7,7 +7,6 @@ import numpy as np
 import jshape as js
 from experiments.papers import frame
 from experiments.papers.frame import Picture, draw, figure
-from experiments.papers.paper_002_adaptive import settings
 from experiments.papers.paper_002_judge import STEP, ZETAS, modes
 from experiments.papers.paper_002_link import BANDS, TICK, fixed, gain, link
 from jshape.adaptive.closed_loop import loop_figures as figures
@@ -17,7 +16,7 @@ from jshape.reports.plot import COLOURS, LINES
 
 def pictures(paper: js.Shaper, robust: js.Shaper, rounded: js.Shaper, run: report.Experiment) -> list[Picture]:
     """``robust``: jshape's fixed shaper, ``rounded``: the same on the clock of the experiment, ``run``."""
-    given = settings(run)
+    given = run.problem.adapt
     both = {name: run.traces[name] for name in ("I", "I-D-E")}
     spectra = lambda surface: figures.spectrogram(both, given.sample_time, given.points, given.bands, surface)
     schedule, cases = run.schedule, ("I-D-E", "I-D", "I", "state-aware")

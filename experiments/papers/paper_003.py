@@ -18,11 +18,6 @@ from experiments.papers.paper_003_pendulum import BAND, DISTANCE, FAST, HERTZ, b
 from jshape.design import insensitive
 
 
-def _percent(fraction: float | None) -> float:
-    assert fraction is not None
-    return 100 * fraction
-
-
 def rows_of_pendulum(place: float, top: float, bottom: float) -> list[Row]:
     """Every number in print before the filter."""
     omega, zeta = 1.626 / np.sqrt(1 - 0.3**2), 0.3
@@ -72,11 +67,11 @@ def rows_of_filter(paper: insensitive.Specified, place: float) -> list[Row]:
     return [
         Row(
             "fewest on-off impulses for 8 %", "section 4", "5",
-            f"5; three come no nearer than {_percent(few.sampled):.5g} %",
+            f"5; three come no nearer than {100 * few.sampled:.5g} %",
             bool(paper.feasible and len(paper.shaper.times) == 5 and not few.feasible),
         ),
         compare(
-            "least vibration with five impulses, %", "section 4", "8", _percent(least.sampled),
+            "least vibration with five impulses, %", "section 4", "8", 100 * least.sampled,
             "8 % is not the least: the limit of five impulses at the five samples is lower",
         ),
         compare("length of the filter, s", "section 4", "1.25", paper.duration),
