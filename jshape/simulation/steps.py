@@ -255,60 +255,62 @@ class _Pilot(NamedTuple):
     go_on: Bool[Array, ""]
 
 
-def _pilot(plant, segments: Segments, plan: Schedule, state: State, tolerance: Scalar) -> Checked:
-    count, dtype = len(segments.begin), state.dtype
-    end_inputs = plan.final_inputs(plant)
+def _attempt(plant, segments: Segments, plan: Schedule, state: State, tolerance: Scalar, last: _Pilot) -> _Pilot:
+    """One more run: its error, from what it differs by from the last one, and the steps of the next."""
+    count, dtype, end_inputs = len(segments.begin), state.dtype, plan.final_inputs(plant)
     tiny = float(jnp.finfo(dtype).tiny)
+    run = _run(plant, segments, state, last.steps)
+    energies = jnp.append(run.energies, plant.residual_energy(run.ends[-1], end_inputs))
+    scale = jnp.max(jnp.where(jnp.isfinite(energies), jnp.abs(energies), 0.0))
+    measure = lambda changes: _in_energy(plant, plan.coefficients[1:], run.ends, changes, scale)
+    estimates = jnp.nan_to_num(measure(run.errors), nan=jnp.inf)
+    estimate = jnp.sum(estimates)
+    ratio = last.before.astype(dtype) / last.steps.astype(dtype)
+    difference = jnp.max(measure(run.ends - last.ends))
+    # What the sum of local errors grew to in the coarser run, and will have grown to in this one. Where the
+    # estimates fall far more slowly than their order says, the equation has kinks: they are no upper bound then.
+    slower = estimate / (jnp.sum(last.estimates * ratio**_KINKED) + tiny)
+    least = jnp.where(slower > 1, jnp.minimum(slower, 10.0), 0.1)
+    amplification = jnp.maximum(difference / (jnp.sum(last.estimates) + tiny), least)
+    error = amplification * jnp.sum(estimates * ratio)
+    resolved = run.resolved[-1]
+    sound = resolved & jnp.isfinite(estimate)
+    compared = last.compared & sound & (difference <= 1e-2) & jnp.any(last.steps > last.before)
+    diverged = jnp.where(resolved, plant.diverged(run.ends[-1], end_inputs), run.diverged)
+    met = (compared & (error <= tolerance)) | (~resolved & diverged & last.diverged)
+    # The next numbers: from a run that is fine enough everywhere to the tolerance, from another one to such a run.
+    fine = sound & (estimate <= 10 * _PROBE)
+    ready = _batch_maximum((~(fine | met | last.met | last.spent)).astype(dtype)) == 0
+    # The fewest steps whose errors add up to the target: a segment's share grows as the ninth root of its error.
+    target = jnp.where(ready, tolerance, _PROBE)
+    shares = estimates ** (1 / (_ORDER + 1))
+    predicted = shares * (0.3 * jnp.sum(shares) / target) ** (1 / _ORDER)
+    refined = 1.1 * jnp.maximum(error / tolerance, 1.0) ** (1 / _ORDER)
+    idle = estimates <= 1e-3 * target / count
+    # A run with the same numbers everywhere would be compared with itself.
+    idle = idle & ~jnp.all(idle)
+    least = jnp.where(ready & ~idle, 1.5, 1.0)
+    growth = jnp.where(ready & compared & ~idle, refined, jnp.clip(predicted, least, 64.0))
+    # Where the first step was not resolved, four times as many; what comes after is not known yet.
+    before = jnp.concatenate([jnp.ones(1, bool), run.resolved[:-1]])
+    growth = jnp.where(before, jnp.where(run.resolved, jnp.nan_to_num(growth, nan=4.0), 4.0), 1.0)
+    wanted = jnp.minimum(jnp.ceil(last.steps * growth - 1e-6), MOST_STEPS)
+    # A fine branch that waits for the others of its batch does not want to grow either.
+    spent = last.spent | (jnp.all(wanted <= last.steps) & (ready | ~fine))
+    done = met | last.met | spent
+    steps = _batch_maximum(jnp.where(done, 0.0, wanted)).astype(jnp.int32)
+    go_on = (_batch_maximum((~done).astype(dtype)) > 0) & (last.runs + 1 < _RUNS)
+    kept = lambda old, new: jnp.where(last.met, old, new)
+    return _Pilot(
+        jnp.maximum(steps, last.steps), last.steps, run.ends, estimates, fine, kept(last.diverged, diverged),
+        kept(last.error, error), kept(last.scale, scale), last.met | met, kept(last.end, run.ends[-1]),
+        kept(last.found, last.steps), spent, last.runs + 1, go_on,
+    )  # fmt: skip
 
-    def attempt(last: _Pilot) -> _Pilot:
-        run = _run(plant, segments, state, last.steps)
-        energies = jnp.append(run.energies, plant.residual_energy(run.ends[-1], end_inputs))
-        scale = jnp.max(jnp.where(jnp.isfinite(energies), jnp.abs(energies), 0.0))
-        measure = lambda changes: _in_energy(plant, plan.coefficients[1:], run.ends, changes, scale)
-        estimates = jnp.nan_to_num(measure(run.errors), nan=jnp.inf)
-        estimate = jnp.sum(estimates)
-        ratio = last.before.astype(dtype) / last.steps.astype(dtype)
-        difference = jnp.max(measure(run.ends - last.ends))
-        # What the sum of local errors grew to in the coarser run, and will have grown to in this one. Where the
-        # estimates fall far more slowly than their order says, the equation has kinks: they are no upper bound then.
-        slower = estimate / (jnp.sum(last.estimates * ratio**_KINKED) + tiny)
-        least = jnp.where(slower > 1, jnp.minimum(slower, 10.0), 0.1)
-        amplification = jnp.maximum(difference / (jnp.sum(last.estimates) + tiny), least)
-        error = amplification * jnp.sum(estimates * ratio)
-        resolved = run.resolved[-1]
-        sound = resolved & jnp.isfinite(estimate)
-        compared = last.compared & sound & (difference <= 1e-2) & jnp.any(last.steps > last.before)
-        diverged = jnp.where(resolved, plant.diverged(run.ends[-1], end_inputs), run.diverged)
-        met = (compared & (error <= tolerance)) | (~resolved & diverged & last.diverged)
-        # The next numbers: from a run that is fine enough everywhere to the tolerance, from another one to such a run.
-        fine = sound & (estimate <= 10 * _PROBE)
-        ready = _batch_maximum((~(fine | met | last.met | last.spent)).astype(dtype)) == 0
-        # The fewest steps whose errors add up to the target: a segment's share grows as the ninth root of its error.
-        target = jnp.where(ready, tolerance, _PROBE)
-        shares = estimates ** (1 / (_ORDER + 1))
-        predicted = shares * (0.3 * jnp.sum(shares) / target) ** (1 / _ORDER)
-        refined = 1.1 * jnp.maximum(error / tolerance, 1.0) ** (1 / _ORDER)
-        idle = estimates <= 1e-3 * target / count
-        # A run with the same numbers everywhere would be compared with itself.
-        idle = idle & ~jnp.all(idle)
-        least = jnp.where(ready & ~idle, 1.5, 1.0)
-        growth = jnp.where(ready & compared & ~idle, refined, jnp.clip(predicted, least, 64.0))
-        # Where the first step was not resolved, four times as many; what comes after is not known yet.
-        before = jnp.concatenate([jnp.ones(1, bool), run.resolved[:-1]])
-        growth = jnp.where(before, jnp.where(run.resolved, jnp.nan_to_num(growth, nan=4.0), 4.0), 1.0)
-        wanted = jnp.minimum(jnp.ceil(last.steps * growth - 1e-6), MOST_STEPS)
-        # A fine branch that waits for the others of its batch does not want to grow either.
-        spent = last.spent | (jnp.all(wanted <= last.steps) & (ready | ~fine))
-        done = met | last.met | spent
-        steps = _batch_maximum(jnp.where(done, 0.0, wanted)).astype(jnp.int32)
-        go_on = (_batch_maximum((~done).astype(dtype)) > 0) & (last.runs + 1 < _RUNS)
-        kept = lambda old, new: jnp.where(last.met, old, new)
-        return _Pilot(
-            jnp.maximum(steps, last.steps), last.steps, run.ends, estimates, fine, kept(last.diverged, diverged),
-            kept(last.error, error), kept(last.scale, scale), last.met | met, kept(last.end, run.ends[-1]),
-            kept(last.found, last.steps), spent, last.runs + 1, go_on,
-        )  # fmt: skip
 
+def _pilot(plant, segments: Segments, plan: Schedule, state: State, tolerance: Scalar) -> Checked:
+    """Runs with more and more steps until the tolerance is met, in the whole batch or wherever it can be."""
+    count, dtype = len(segments.begin), state.dtype
     first = jnp.full(count, _FIRST, jnp.int32)
     nothing = jnp.zeros((), dtype)
     no = jnp.asarray(False)
@@ -316,6 +318,7 @@ def _pilot(plant, segments: Segments, plan: Schedule, state: State, tolerance: S
         first, first, jnp.zeros((count, len(state)), dtype), jnp.zeros(count, dtype), no, no, nothing, nothing, no,
         state, first, no, jnp.zeros((), jnp.int32), jnp.asarray(True),
     )  # fmt: skip
+    attempt = lambda last: _attempt(plant, segments, plan, state, tolerance, last)
     last = jax.lax.while_loop(lambda last: last.go_on, attempt, start)
     end = jnp.where(last.met, last.end, jnp.nan)
     # One set of numbers for the batch, without those of branches that are flagged anyway.
