@@ -1,6 +1,7 @@
 """Functions that remember their last result, for optimisers that ask for values and derivatives in two calls."""
 
 from collections.abc import Callable
+from functools import lru_cache
 from typing import TypeVar
 
 import numpy as np
@@ -9,14 +10,6 @@ R = TypeVar("R")
 
 
 def last_result(function: Callable[[np.ndarray], R]) -> Callable[[np.ndarray], R]:
-    """The same function of an array, which is not computed again where it was computed last."""
-    last: dict[bytes, R] = {}
-
-    def call(x: np.ndarray) -> R:
-        key = x.tobytes()
-        if key not in last:
-            last.clear()
-            last[key] = function(x)
-        return last[key]
-
-    return call
+    """The same function of a list of floats, which is not computed again where it was computed last."""
+    remembered = lru_cache(1)(lambda numbers: function(np.frombuffer(numbers)))
+    return lambda x: remembered(x.tobytes())

@@ -275,7 +275,7 @@ def taylor_shift(coefficients: Float[Array, "... powers"], shift: Float[Array, "
     return jnp.stack([polynomial(coefficients, shift, k) / math.factorial(k) for k in powers], axis=-1)
 
 
-def _from_derivatives(distance: Scalar, durations: list[Scalar], highest: Array, order: int):
+def _from_derivatives(distance: Any, durations: list[Any], highest: Array, order: int):
     """Pieces of a rest-to-rest move whose derivative of that order is constant on each, with the values ``highest``."""
     rows = [jnp.zeros(order + 1, highest.dtype)]
     for duration, value in zip(durations, highest, strict=True):

@@ -28,7 +28,7 @@ from collections.abc import Callable
 from enum import Enum
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, NamedTuple, ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 import equinox as eqx
 import jax
@@ -134,7 +134,7 @@ def kept(function: Callable[P, R]) -> Callable[P, R]:
             return plain(*args, **kwargs)
         # Precision and the like, as they hold here and now.
         settings = tuple(getattr(jax.config, name, None) for name in jax.config.values)
-        kinds = tuple(_Array.of(leaf) if eqx.is_array(leaf) else (type(leaf), leaf) for leaf in leaves)
+        kinds = tuple(jax.typeof(leaf) if eqx.is_array(leaf) else (type(leaf), leaf) for leaf in leaves)
         if (tree, kinds, settings) not in programs:
             programs[tree, kinds, settings] = _program(function, leaves, tree, settings, _folder)
         program = programs[tree, kinds, settings]
@@ -143,22 +143,10 @@ def kept(function: Callable[P, R]) -> Callable[P, R]:
     return call
 
 
-class _Array(NamedTuple):
-    """What a program depends on of an array."""
-
-    shape: tuple[int, ...]
-    dtype: Any
-    weak: bool
-
-    @classmethod
-    def of(cls, array: Any) -> "_Array":
-        kind = jax.typeof(array)
-        return cls(kind.shape, kind.dtype, kind.weak_type)
-
-
 def _program(function: Callable, leaves: list, tree: Any, settings: Any, folder: Path) -> Callable[[list], Any] | None:
     """What computes the function of the arrays among the leaves; ``None`` where it cannot be kept."""
-    named = jax.tree.unflatten(tree, [_Array.of(leaf) if eqx.is_array(leaf) else leaf for leaf in leaves])
+    kinds = [{"array": repr(jax.typeof(leaf))} if eqx.is_array(leaf) else leaf for leaf in leaves]
+    named = jax.tree.unflatten(tree, kinds)
     name = f"{function.__module__}.{function.__qualname__}"
     try:
         key = repr(_describe((name, named, repr(settings), jax.default_backend(), jax.local_device_count())))

@@ -79,7 +79,7 @@ class MoveVecEnv(VecEnv):
         self.moves.close()
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        return [getattr(self.moves, attr_name)] * len(self._lanes(indices))
+        return [getattr(self.moves, attr_name)] * len(list(self._get_indices(indices)))
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
         raise ValueError(f"attr_name: {attr_name!r} cannot be set: all lanes are one program; give params instead")
@@ -88,7 +88,4 @@ class MoveVecEnv(VecEnv):
         raise ValueError(f"method_name: {method_name!r} cannot be called: the lanes are no environments of their own")
 
     def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
-        return [False] * len(self._lanes(indices))
-
-    def _lanes(self, indices: Any) -> Sequence[int]:
-        return list(self._get_indices(indices))
+        return [False] * len(list(self._get_indices(indices)))

@@ -54,9 +54,7 @@ class Blocks(Scene):
     def prepare(self) -> None:
         wide = self.travel
         self.size = 0.09 * wide
-        self.axes.set_xlim(-1.15 * wide, 1.35 * wide)
-        self.axes.set_ylim(-0.3 * wide, 0.8 * wide)
-        self.axes.set_aspect("equal")
+        self.axes.set(xlim=(-1.15 * wide, 1.35 * wide), ylim=(-0.3 * wide, 0.8 * wide), aspect="equal")
         self.axes.axhline(0.0, color="0.5", linewidth=1.0)
         rounded = f"round,pad=0,rounding_size={0.25 * self.size}"
         self.base = self.add(FancyBboxPatch((0, 0), self.size, 2 * self.size, boxstyle=rounded, color="0.35"))
@@ -90,9 +88,11 @@ class CraneScene(Scene):
         self.rod = float(plant.bob_position) if isinstance(plant, BobRodPendulum) else 0.0
         deep = self.rod or 1.2 * float(self.params.payload[1] + getattr(self.params.machine, "low", 0.0))
         self.size = 0.05 * max(wide, 2 * deep)
-        self.axes.set_xlim(-1.1 * wide - deep, 1.1 * wide + deep)
-        self.axes.set_ylim(-1.1 * deep - self.size, (deep if self.rod else 0.0) + 3 * self.size)
-        self.axes.set_aspect("equal")
+        self.axes.set(
+            xlim=(-1.1 * wide - deep, 1.1 * wide + deep),
+            ylim=(-1.1 * deep - self.size, (deep if self.rod else 0.0) + 3 * self.size),
+            aspect="equal",
+        )
         self.axes.axhline(0.0, color="0.5", linewidth=2.5, zorder=0)
         self.trolley = self.add(Rectangle((0, 0), 3 * self.size, self.size, color="0.3", zorder=3))
         self.bob = self.add(Circle((0, 0), 0.8 * self.size, color=COLOURS[0], zorder=4))
@@ -117,9 +117,7 @@ class LinkScene(Scene):
     short = "rad"
 
     def prepare(self) -> None:
-        self.axes.set_xlim(-1.9, 1.9)
-        self.axes.set_ylim(-0.35, 1.15)
-        self.axes.set_aspect("equal")
+        self.axes.set(xlim=(-1.9, 1.9), ylim=(-0.35, 1.15), aspect="equal")
         self.add(Circle((0, 0), 0.1, color="0.35", zorder=3))
         self.coins = self.add(Circle((0, 0), 0.06, color=COLOURS[0], zorder=4))
         (self.link,) = self.axes.plot([], [], color="0.2", linewidth=2.5, zorder=2)

@@ -26,6 +26,7 @@ import numpy as np
 import xarray as xr
 
 import jshape as js
+from experiments.markdown import table
 from jshape.adaptive.moves import move_figures as figures
 from jshape.adaptive.moves.hoisting import HoistingMoves, random_loads
 from jshape.adaptive.moves.machine import NoisySensor
@@ -45,13 +46,8 @@ def main() -> None:
     jax.config.update("jax_enable_x64", True)
     mpl.use("svg")
     mpl.rcParams.update({"svg.hashsalt": "jshape", "svg.fonttype": "none"})
-    lines = [
-        *two_mass(),
-        "",
-        *crane(),
-        "",
-        f"jshape {version('jshape')}, jax {jax.__version__}, {SCHEDULES} schedules.",
-    ]
+    ran = f"jshape {version('jshape')}, jax {jax.__version__}, {SCHEDULES} schedules."
+    lines = [*two_mass(), "", *crane(), "", ran]
     print("\n".join(lines))
     (HERE / "nonlinear.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
 
@@ -89,8 +85,8 @@ def two_mass() -> list[str]:
         # The model's mass stands for every payload; the energies are those of the true ones.
         found["energy"] = found.energy * xr.DataArray(np.asarray(drawn.mass), dims=("schedule", "move"))
         lines += [f"Change {words}: residual vibration (% of the move), median / 95 % quantile / largest", ""]
-        lines += [*table(found.vibration, 100.0, "{:.3g}"), ""]
-        lines += ["The same as residual energy (J)", "", *table(found.energy, 1.0, "{:.1e}"), ""]
+        lines += [*quantiles(found.vibration, 100.0, "{:.3g}"), ""]
+        lines += ["The same as residual energy (J)", "", *quantiles(found.energy, 1.0, "{:.1e}"), ""]
         if not within:
             figure = recovery(found, "vibration", "residual vibration (% of the move)", 100.0)
             figure.savefig(HERE / "nonlinear.two_mass.svg", metadata={"Date": None})
@@ -129,7 +125,7 @@ def crane() -> list[str]:
     error = np.abs(np.asarray(ours.parameters - moves.after))[:, CHANGE:, 0]
     lines = ["## Crane while hoisting", "", f"![Residual swing around a change](nonlinear.crane.svg) {DRAWN}", ""]
     lines += ["Residual swing (°), median / 95 % quantile / largest", ""]
-    lines += [*table(found.vibration, 180 / np.pi, "{:.3g}"), "", *rejections(traces, found)]
+    lines += [*quantiles(found.vibration, 180 / np.pi, "{:.3g}"), "", *rejections(traces, found)]
     lines += [
         f"Error of the estimated length after the moves with the new load: median {1000 * np.median(error):.1f} mm, "
         f"largest {1000 * error.max():.1f} mm."
@@ -137,16 +133,15 @@ def crane() -> list[str]:
     return lines
 
 
-def table(values: xr.DataArray, factor: float, form: str) -> list[str]:
+def quantiles(values: xr.DataArray, factor: float, form: str) -> list[str]:
+    """A table of the median, the 95 % quantile and the largest of all schedules."""
     shown = factor * values.sel(move=SHOWN)
-    heading = "| | " + " | ".join(f"move {m}" for m in shown.move.values) + " |"
-    lines = [heading, "| --- |" + " --- |" * shown.sizes["move"]]
-    for name in shown.strategy.values:
-        part = shown.sel(strategy=name)
-        three = zip(part.median("schedule").values, part.quantile(0.95, "schedule").values, part.max("schedule").values,
-                    strict=True)  # fmt: skip
-        lines.append(f"| {name} | " + " | ".join(" / ".join(form.format(v) for v in cell) for cell in three) + " |")
-    return lines
+    three = shown.quantile([0.5, 0.95, 1.0], "schedule").transpose("strategy", "move", "quantile")
+    rows = [
+        (name, *(" / ".join(form.format(value) for value in cell) for cell in part.values))
+        for name, part in zip(shown.strategy.values, three, strict=True)
+    ]
+    return table(("", *(f"move {m}" for m in shown.move.values)), rows)
 
 
 def rejections(traces: dict[str, Any], found: xr.Dataset) -> list[str]:

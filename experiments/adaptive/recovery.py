@@ -1,6 +1,6 @@
 """How soon adaptive shapers recover from a load that changes unannounced: 500 random schedules, and wild signals.
 
-    python experiments/adaptive/recovery.py        # about five minutes; writes recovery.md and recovery.svg beside it
+    python -m experiments.adaptive.recovery        # about five minutes; writes recovery.md and recovery.svg beside it
 
 The paper's flexible link makes twelve moves of random size and direction, 20 to 60°, with dwells of 5 to 10 s; its
 load, uniform between 0 and 20 coins, changes once, at a random moment, to another. Strain gauge, encoder and
@@ -16,6 +16,7 @@ import jax
 import numpy as np
 
 import jshape as js
+from experiments.markdown import table
 from jshape.adaptive.closed_loop import metrics
 from jshape.adaptive.closed_loop.faults import KINDS
 from jshape.adaptive.recovery_figure import recovery
@@ -36,14 +37,11 @@ def main() -> None:
     )  # fmt: skip
     recovery(found, "residual", "residual (% of move)", 100.0).savefig(HERE / "recovery.svg")
     below = 100 * js.adaptive.recovered(found)
-    heading = "| below 5 % (% of schedules) | " + " | ".join(f"move {m}" for m in below.move.values) + " |"
-    lines = [heading, "| --- |" + " --- |" * below.sizes["move"]]
-    lines += [f"| {n} | " + " | ".join(f"{v:.1f}" for v in below.sel(strategy=n).values) + " |" for n in NAMES]
-    second = 100 * found.residual.sel(move=2)
-    lines += ["", "| residual of move 2 (% of move) | median | 95 % quantile | largest |", "| --- | --- | --- | --- |"]
-    for name in NAMES:
-        part = second.sel(strategy=name).values
-        lines.append(f"| {name} | {np.median(part):.2f} | {np.quantile(part, 0.95):.2f} | {part.max():.2f} |")
+    head = ("below 5 % (% of schedules)", *(f"move {m}" for m in below.move.values))
+    lines = table(head, [(n, *(f"{v:.1f}" for v in below.sel(strategy=n).values)) for n in NAMES])
+    second = np.quantile(100 * found.residual.sel(move=2, strategy=list(NAMES)), [0.5, 0.95, 1.0], axis=1).T
+    rows = [(name, *(f"{value:.2f}" for value in values)) for name, values in zip(NAMES, second, strict=True)]
+    lines += ["", *table(("residual of move 2 (% of move)", "median", "95 % quantile", "largest"), rows)]
     lines += ["", *wild(strategies), "", f"jshape {version('jshape')}, jax {jax.__version__}, {SCHEDULES} schedules."]
     (HERE / "recovery.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
     print("\n".join(lines))
@@ -66,14 +64,12 @@ def wild(strategies: dict[str, js.adaptive.AbstractStrategy]) -> list[str]:
         "Wild signals: largest residual of moves 2 to 6, during the fault, and of the last, after it (% of move). "
         f"Stated bound of the state-aware strategy: {100 * bound:.0f} % of what a bare step leaves.",
         "",
-        "| | " + " | ".join(NAMES) + " |",
-        "| --- |" + " --- |" * len(NAMES),
     ]
+    rows = []
     for kind in KINDS:
         left = residuals(js.adaptive.wild(kind, len(schedule.reference), TIME, begin=3.0, end=63.0))
-        cells = (f"{100 * left[n][1:6].max():.2f} / {100 * left[n][-1]:.2f}" for n in NAMES)
-        lines.append(f"| {kind} | " + " | ".join(cells) + " |")
-    return lines
+        rows.append((kind, *(f"{100 * left[n][1:6].max():.2f} / {100 * left[n][-1]:.2f}" for n in NAMES)))
+    return lines + table(("", *NAMES), rows)
 
 
 if __name__ == "__main__":

@@ -10,16 +10,13 @@ of the processor, the least of several rounds. How long rounding errors live is 
 against the recursion of the textbooks.
 """
 
-import os
 import time
+import timeit
 from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-# One thread for everybody, before any library looks at the processors.
-if hasattr(os, "sched_setaffinity"):
-    os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-os.environ["XLA_FLAGS"] = os.environ.get("XLA_FLAGS", "") + " --xla_cpu_multi_thread_eigen=false"
+import experiments.benchmarks.one_thread  # noqa: F401  # isort: skip
 
 import jax
 import jax.numpy as jnp
@@ -27,15 +24,8 @@ import numpy as np
 from scipy.signal import lfilter
 
 from experiments.benchmarks.record import about, keep, processor
-from jshape.adaptive import (
-    AbstractStrategy,
-    DampedSinusoids,
-    Decrement,
-    FrequencyTracker,
-    Readings,
-    SlidingDFT,
-    case,
-)
+from experiments.markdown import table
+from jshape.adaptive import AbstractStrategy, DampedSinusoids, Decrement, FrequencyTracker, Readings, SlidingDFT, case
 
 jax.config.update("jax_enable_x64", True)
 
@@ -77,22 +67,28 @@ def each(function: Callable[[float], Any], samples: int) -> float:
     values = signal(3000 + samples).tolist()
     for value in values[:3000]:
         function(value)
-    best = np.inf
-    for _ in range(ROUNDS):
-        begin = time.process_time()
+
+    def run() -> None:
         for value in values[3000:]:
             function(value)
-        best = min(best, time.process_time() - begin)
-    return 1e6 * best / samples
+
+    return fastest(run) / samples
+
+
+def fastest(run: Callable[[], Any]) -> float:
+    """The least of several rounds, microseconds of processor time."""
+    return 1e6 * min(timeit.repeat(run, timer=time.process_time, repeat=ROUNDS, number=1))
+
+
+def row(method: str, microseconds: float, **more: float) -> dict[str, Any]:
+    """One measurement for the record; and at the prompt."""
+    print(f"{method:40s} {microseconds:10.1f} µs", *(f"{name} {value:.1f}" for name, value in more.items()))
+    return dict(method=method, microseconds=microseconds, **more)
 
 
 def online() -> list[dict[str, Any]]:
     """One identifier at a time, NumPy."""
-    rows = []
-    for name, identifier in IDENTIFIERS.items():
-        rows.append(dict(method=name, microseconds=each(identifier.online().push, 3000)))
-        print(f"{name:40s} {rows[-1]['microseconds']:10.1f} µs")
-    return rows
+    return [row(name, each(identifier.online().push, 3000)) for name, identifier in IDENTIFIERS.items()]
 
 
 def peers() -> list[dict[str, Any]]:
@@ -125,16 +121,12 @@ def peers() -> list[dict[str, Any]]:
             out.append(abs(value[0]))
         return out
 
-    rows = []
-    for name, function, samples in (
-        ("the DFT's sum, 26 bins", partial(naive, few), 300),
-        ("the DFT's sum, 133 bins", partial(naive, lots), 300),
-        ("numpy.fft.rfft of the window, all bins", fft, 1000),
-        ("scipy.signal.lfilter, 26 resonators", resonators, 300),
-    ):
-        rows.append(dict(method=name, microseconds=each(function, samples)))
-        print(f"{name:40s} {rows[-1]['microseconds']:10.1f} µs")
-    return rows
+    return [
+        row("the DFT's sum, 26 bins", each(partial(naive, few), 300)),
+        row("the DFT's sum, 133 bins", each(partial(naive, lots), 300)),
+        row("numpy.fft.rfft of the window, all bins", each(fft, 1000)),
+        row("scipy.signal.lfilter, 26 resonators", each(resonators, 300)),
+    ]
 
 
 def strategies(sample_time: float) -> dict[str, AbstractStrategy]:
@@ -166,8 +158,7 @@ def loops(seconds: float = 6.0) -> list[dict[str, Any]]:
                 begin = time.thread_time_ns()
                 push(*sample)
                 best[i] = min(best[i], 1e-3 * (time.thread_time_ns() - begin))
-        rows.append(dict(method=name, microseconds=float(best.mean()), longest=float(best.max())))
-        print(f"{name:40s} {best.mean():10.1f} µs, {best.max():.1f} µs")
+        rows.append(row(name, float(best.mean()), longest=float(best.max())))
     return rows
 
 
@@ -210,13 +201,7 @@ def many() -> list[dict[str, Any]]:
 
         state = jax.tree.map(lambda leaf: jnp.stack([leaf] * LOOPS), start)
         compiled = jax.jit(run).lower(state).compile()
-        best = np.inf
-        for _ in range(ROUNDS):
-            begin = time.process_time()
-            jax.block_until_ready(compiled(state))
-            best = min(best, time.process_time() - begin)
-        rows.append(dict(method=name, microseconds=1e6 * best / samples))
-        print(f"{LOOPS} x {name:33s} {rows[-1]['microseconds']:10.1f} µs")
+        rows.append(row(name, fastest(lambda run=compiled, state=state: jax.block_until_ready(run(state))) / samples))
     return rows
 
 
@@ -246,36 +231,35 @@ def drift(block: int = 1_000_000, blocks: int = 100) -> list[dict[str, Any]]:
 
 
 def write(record: dict[str, Any]) -> None:
-    side = {row["method"]: row["microseconds"] for row in record["many"]}
+    side = {row["method"]: f"{row['microseconds']:.3g}" for row in record["many"]}
     base = record["online"][0]["microseconds"]
-    lines = [
-        f"| after every sample | µs | over the sliding DFT's | {LOOPS:,} in JAX, µs |",
-        "| --- | --- | --- | --- |",
-    ]
-    for row in record["online"] + record["peers"]:
-        beside = f"{side[row['method']]:.3g}" if row["method"] in side else "–"
-        lines.append(f"| {row['method']} | {row['microseconds']:.3g} | {row['microseconds'] / base:.3g} | {beside} |")
     filters, naive = record["filters"], sum(row["microseconds"] for row in record["peers"][:2])
-    lines += [
+    one = [(row["method"], row["microseconds"]) for row in record["online"] + record["peers"]]
+    whole = [(row["method"], row["microseconds"], row["longest"]) for row in record["loops"]]
+    in_jax = f"{LOOPS:,} in JAX, µs"
+    lines = [
+        *table(
+            ("after every sample", "µs", "over the sliding DFT's", in_jax),
+            [(name, f"{mean:.3g}", f"{mean / base:.3g}", side.get(name, "–")) for name, mean in one],
+        ),
         "",
         f"Whole strategies for two modes at 10 kHz, which leaves 100 µs. Two calls of scipy.signal.lfilter, 400 fixed "
         f"taps each, take {filters:.3g} µs; the DFT's sum for both bands, {naive:.3g} µs at 3,000 points and "
         "50 times that at the 150,000 that span 15 s at 10 kHz.",
         "",
-        f"| strategy | µs a sample | longest | over two lfilters | over the sums of 3,000 | {LOOPS:,} in JAX, µs |",
-        "| --- | --- | --- | --- | --- | --- |",
-    ]
-    for row in record["loops"]:
-        mean, late, beside = row["microseconds"], row["longest"], side[row["method"]]
-        lines.append(
-            f"| {row['method']} | {mean:.3g} | {late:.3g} | {mean / filters:.3g} | {mean / naive:.3g} | {beside:.3g} |"
-        )
-    lines += [
+        *table(
+            ("strategy", "µs a sample", "longest", "over two lfilters", "over the sums of 3,000", in_jax),
+            [
+                (name, *(f"{x:.3g}" for x in (mean, late, mean / filters, mean / naive)), side[name])
+                for name, mean, late in whole
+            ],
+        ),
         "",
-        "| samples | error of the sliding DFT, of its peak | of the textbook's recursion |",
-        "| --- | --- | --- |",
+        *table(
+            ("samples", "error of the sliding DFT, of its peak", "of the textbook's recursion"),
+            [(f"{row['samples']:,}", f"{row['ours']:.1e}", f"{row['textbook']:.1e}") for row in record["drift"]],
+        ),
     ]
-    lines += [f"| {row['samples']:,} | {row['ours']:.1e} | {row['textbook']:.1e} |" for row in record["drift"]]
     keep(__file__, record, lines)
 
 

@@ -36,8 +36,9 @@ def main() -> None:
         steps = integration_steps(params)
         rows.append(row(f"{name}, core under scan", *core(params), steps))
     duffing = parameters("DuffingPayload")
-    rows.append(row("DuffingPayload, gym.make_vec", *gymnasium_vector(duffing), integration_steps(duffing)))
-    rows.append(row("CartPole-v1, gym.make_vec", *cartpole(), 1))
+    ours = gym.make_vec("jshape_envs:jshape/Moves-v0", num_envs=ENVS, environment=duffing)
+    rows.append(row("DuffingPayload, gym.make_vec", *steps_of(ours), integration_steps(duffing)))
+    rows.append(row("CartPole-v1, gym.make_vec", *steps_of(gym.make_vec("CartPole-v1", num_envs=ENVS)), 1))
     rows += gymnax_rows()
     errors = {name: error(parameters(name)) for name in ENVIRONMENTS}
     print("errors", errors)
@@ -96,15 +97,6 @@ def core(params: Params) -> tuple[float, float]:
         return state, (observation, reward, info.residual)
 
     return under_scan(lambda key: reset(key, params)[0], advance, params.action.size, 1.0)
-
-
-def gymnasium_vector(params: Params) -> tuple[float, float]:
-    env = gym.make_vec("jshape_envs:jshape/Moves-v0", num_envs=ENVS, environment=params)
-    return steps_of(env)
-
-
-def cartpole() -> tuple[float, float]:
-    return steps_of(gym.make_vec("CartPole-v1", num_envs=ENVS))
 
 
 def steps_of(env: Any) -> tuple[float, float]:

@@ -9,14 +9,10 @@ Needs numba and casadi besides jshape.
 """
 
 import functools
-import os
 from collections.abc import Callable
 from typing import Any
 
-# One thread for everybody, before any library looks at the processors.
-if hasattr(os, "sched_setaffinity"):
-    os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-os.environ["XLA_FLAGS"] = os.environ.get("XLA_FLAGS", "") + " --xla_cpu_multi_thread_eigen=false"
+import experiments.benchmarks.one_thread  # noqa: F401  # isort: skip
 
 import diffrax
 import jax

@@ -2,7 +2,7 @@
 
 import json
 import platform
-import time
+import timeit
 from collections.abc import Callable, Mapping
 from importlib.metadata import version
 from pathlib import Path
@@ -12,16 +12,13 @@ import jax
 import numpy as np
 
 
-def seconds(run: Callable[[], Any]) -> float:
-    """How long a run takes, s, until its arrays are there."""
-    begin = time.perf_counter()
-    jax.block_until_ready(run())
-    return time.perf_counter() - begin
-
-
 def least(runs: Mapping[str, Callable[[], Any]], rounds: int = 5) -> dict[str, float]:
-    """The least time of each run over several rounds, s; they take turns, after one round to compile."""
-    taken = [[seconds(run) for run in runs.values()] for _ in range(rounds + 1)]
+    """The least time of each run over several rounds, s, until its arrays are there.
+
+    They take turns, after one round to compile.
+    """
+    timers = [timeit.Timer(lambda run=run: jax.block_until_ready(run())) for run in runs.values()]
+    taken = [[timer.timeit(1) for timer in timers] for _ in range(rounds + 1)]
     return dict(zip(runs, np.min(taken[1:], axis=0).tolist(), strict=True))
 
 

@@ -1,23 +1,16 @@
 """What a reproduction of a paper hands over, and how it is printed and written down.
 
-Each script has one function ``results(draw=True) -> Paper`` and ends with::
-
-    if __name__ == "__main__":
-        main(results)
-
-so that it runs alone: ``python -m experiments.papers.paper_001 --out out/papers`` prints the tables and writes each
-figure there as PNG. ``python -m experiments.papers`` runs them all and writes README.md and one SVG a paper, too.
+Each script has one function ``results(draw=True) -> Paper``. ``python -m experiments.papers 001 --out out/papers``
+prints its tables, writes each figure there as PNG, and its section of README.md with one SVG.
 
 A row whose printed value is a number is best made by ``compare``, which asks whether what was computed rounds to the
 digits in print; ``Row`` itself is for verdicts of another kind, and ``cannot`` for numbers that nobody can recompute.
 A design that surpasses the paper's is a ``Surpassed``, verified by ``experiments.papers.judge``.
 """
 
-import argparse
 import io
 import re
-import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -26,6 +19,7 @@ import jax
 import matplotlib as mpl
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from PIL import Image
 
@@ -212,19 +206,18 @@ def figure(rows: int = 1, columns: int = 1, height: float = 2.4, **options: Any)
     return plt.subplots(rows, columns, figsize=(plot.WIDTH * min(columns, 2), height * rows), squeeze=False, **options)
 
 
+def draw(axis: Axes, curves: Mapping[str, tuple[Any, Any]], title: str = "", **properties: Any) -> None:
+    """Curves (x, y) by their names, with a legend; ``title``: the panel's letter; ``properties``: of the axis."""
+    for (name, (x, y)), colour, line in zip(curves.items(), plot.COLOURS, plot.LINES, strict=False):
+        axis.plot(x, y, color=colour, linestyle=line, label=name)
+    axis.set(**properties)
+    axis.set_title(title, loc="left")
+    axis.legend()
+
+
 def pictures(paper: str, drawn: dict[str, tuple[Figure, str]], shown: str) -> list[Picture]:
     """The pictures of a paper from figures and captions by number; ``shown``: the one that goes into README.md."""
     return [Picture(f"paper_{paper}_figure_{name}", *drawn[name], name == shown) for name in drawn]
-
-
-def main(results: Callable[[], Paper]) -> None:
-    """The command line of one script: tables to the terminal, figures to ``--out``."""
-    parser = argparse.ArgumentParser(description=(sys.modules["__main__"].__doc__ or "").splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("out/papers"), help="folder of the figures (PNG)")
-    out = parser.parse_args().out
-    paper = results()
-    print("\n".join(lines(paper)))
-    save(paper, out)
 
 
 def words(shaper: js.Shaper) -> str:
@@ -254,19 +247,11 @@ def lines(paper: Paper) -> list[str]:
         f"Of {len(paper.rows)} printed statements {count[0]} hold as printed, {count[1]} do not, and {count[2]} cannot "
         "be recomputed; the last column says why.",
         "",
-        *table(
-            ROWS,
-            [[row.what, row.where, row.printed, row.computed, verdict(row), row.why] for row in paper.rows],
-        ),
+        *table(ROWS, [[row.what, row.where, row.printed, row.computed, verdict(row), row.why] for row in paper.rows]),
         "",
     ]
     if paper.surpassed:
-        text += [
-            "### Surpassed",
-            "",
-            *table(SURPASSED, [item.cells() for item in paper.surpassed]),
-            "",
-        ]
+        text += ["### Surpassed", "", *table(SURPASSED, [item.cells() for item in paper.surpassed]), ""]
     if paper.notes:
         text += ["### Notes", "", *(f"- {note}" for note in paper.notes), ""]
     return text

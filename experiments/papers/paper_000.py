@@ -1,6 +1,6 @@
 """Chatlatanagulchai, Moonmangmee and Intarawirat (2017): shapers by work and energy, and a flexible joint.
 
-    python -m experiments.papers.paper_000 --out out/papers
+    python -m experiments.papers 000 --out out/papers
 
 The plant of all numbers but the robot's: m2 = 1 kg, k1 = 10 N/m, k2 = 100 N/m³ (k3 in later papers), a move of 1 m. The
 robot's parameters are not given; ``joint`` finds some with which a closed loop answers as in Fig. 7.
@@ -17,7 +17,7 @@ from scipy.optimize import least_squares
 
 import jshape as js
 from experiments.papers import frame
-from experiments.papers.frame import Paper, Picture, Row, Surpassed, cannot, compare, figure, main, words
+from experiments.papers.frame import Paper, Picture, Row, Surpassed, cannot, compare, figure, words
 from experiments.papers.judge import K1, K3, TWENTY, after, duffing, potential, residual, worst, worst_case
 from jshape.reports.plot import COLOURS
 
@@ -57,6 +57,8 @@ def turn(field: Callable[[float, np.ndarray], Any], start: np.ndarray, place: in
 MOTOR, LINK, CUBIC, KP = 0.002, 0.03, 3.0, 20.0
 STEP, PEAK, WHEN = np.radians(27.58), np.radians(39.25), 0.24
 """The step of the motor's reference (rad), the link's first peak (rad) and its time (s): Fig. 7."""
+RECIPE = js.Shaper([STEP / PEAK, 1 - STEP / PEAK], [0.0, WHEN])
+"""What the paper makes of these."""
 
 LATER = 0.6
 """When the two shaped closed loops are compared, s."""
@@ -211,7 +213,6 @@ def surpassed(
 ) -> list[Surpassed]:
     """jshape's designs against the paper's: theirs by SciPy alone, jshape's by jshape and, to verify, by SciPy."""
     solution, stiffness, friction = robot
-    recipe = js.Shaper([STEP / PEAK, 1 - STEP / PEAK], [0.0, WHEN])
 
     def least(own: str, paper: str, what: str, limits: str) -> Surpassed:
         name = f"tuned, {own}"
@@ -232,7 +233,7 @@ def surpassed(
         ),
         least("as negative", "negative", "in the negative shaper's time", "impulses 1, −1, 1, in 0.21583 s"),
         Surpassed(
-            "closed loop of the flexible joint: energy 0.6 s after the start", shaken(recipe, stiffness, friction),
+            "closed loop of the flexible joint: energy 0.6 s after the start", shaken(RECIPE, stiffness, friction),
             solution.objective, "J", "the energy then", shaken(solution.shaper, stiffness, friction), 1e-9,
             "two positive impulses in at most 0.24 s; a loop that answers as in Fig. 7", words(solution.shaper),
         ),
@@ -295,13 +296,12 @@ def pictures(found: dict[str, js.Shaper], robot: tuple[js.Solution, float, float
     heavy["jshape, 4 impulses in 1.643 s"] = run(found["tuned, as three"], 1.2, horizon=7.0)
     solution, stiffness, friction = robot
     plant = joint(stiffness, friction)
-    recipe = js.Shaper([STEP / PEAK, 1 - STEP / PEAK], [0.0, WHEN])
     turned = {
         name: js.simulate(plant, size, shaper.pad(2), horizon=2.0, samples=401)
         for name, size, shaper in (
             ("step", STEP, single),
             ("without shaper", PEAK, single),
-            ("the paper's recipe", PEAK, recipe),
+            ("the paper's recipe", PEAK, RECIPE),
             ("jshape", PEAK, solution.shaper),
         )
     }
@@ -362,7 +362,3 @@ NOTES = (
     "More impulses are not always better: three impulses beat four, for equal steps cancel "
     "errors in the mass to first order only for odd numbers of impulses.",
 )
-
-
-if __name__ == "__main__":
-    main(results)

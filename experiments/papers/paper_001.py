@@ -1,6 +1,6 @@
 """Moonmangmee and Chatlatanagulchai (2025): general, robust and fast shapers by energy, and how sensitive they are.
 
-    python -m experiments.papers.paper_001 --out out/papers
+    python -m experiments.papers 001 --out out/papers
 
 The plant of all numbers: m1 = m2 = 1 kg, k1 = 10 N/m, k3 = 100 N/m³, a move of 1 m. PRV is the paper's percentage
 residual vibration, the first overshoot over the distance. ``paper_001_designs`` computes, ``paper_001_judge`` judges,
@@ -13,7 +13,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 import jshape as js
-from experiments.papers.frame import Paper, Row, Surpassed, compare, main, words
+from experiments.papers.frame import Paper, Row, Surpassed, compare, words
 from experiments.papers.judge import K1, K3, worst, worst_case
 from experiments.papers.paper_001_designs import (
     DAMPINGS,
@@ -238,7 +238,3 @@ NOTES = (
     "m2 × 1.2 (5.89 against 2.45 %): the residual is in proportion to the alternating sum of spring force times half "
     "period over the swings, and equal ones cancel in pairs only.",
 )
-
-
-if __name__ == "__main__":
-    main(results)

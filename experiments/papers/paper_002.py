@@ -1,6 +1,6 @@
 """Chatlatanagulchai, Chotana and Prutthapong: a flexible link whose payload changes, and a shaper that follows it.
 
-    python -m experiments.papers.paper_002 --out out/papers
+    python -m experiments.papers 002 --out out/papers
 
 The plant of all numbers: a two-foot link with modes of 8.5, 7.3, 5.7 and 74, 70, 66 rad/s at 0, 10 and 20 coins,
 damping ratios of 0.017 and 0.019, and a servo of 40 rad/s with a damping ratio of 0.9 in the place of the motor and
@@ -16,7 +16,7 @@ import numpy as np
 import jshape as js
 from experiments.papers import paper_002_adaptive as adaptive
 from experiments.papers import paper_002_judge as judge
-from experiments.papers.frame import Paper, Row, Surpassed, cannot, compare, main, words
+from experiments.papers.frame import Paper, Row, Surpassed, cannot, compare, words
 from experiments.papers.judge import alone
 from experiments.papers.paper_002_figures import pictures
 from experiments.papers.paper_002_link import (
@@ -290,7 +290,3 @@ NOTES = (
     f"pack of coins would weigh {(5.7**-2 - 7.3**-2) / (7.3**-2 - 8.5**-2):.2f} times the first: the figures are "
     "the closed loop's, or readings of a broad peak.",
 )
-
-
-if __name__ == "__main__":
-    main(results)

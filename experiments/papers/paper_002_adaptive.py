@@ -28,11 +28,6 @@ def experiment() -> report.Experiment:
     return report.experiment(problem.load("paper_002").adapting(schedules=0))
 
 
-def settings(run: report.Experiment) -> Any:
-    """The problem's ``[adapt]`` table."""
-    return run.problem.adapt
-
-
 def carried(run: report.Experiment) -> np.ndarray:
     """How many coins are on the link at each tick."""
     return np.asarray(run.schedule.loads)[np.asarray(run.schedule.which)]
@@ -40,7 +35,7 @@ def carried(run: report.Experiment) -> np.ndarray:
 
 def _spectra(run: report.Experiment, name: str, signal: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Times (s), frequencies (rad/s) and DFT magnitudes (m/s²) of an acceleration, ``tip`` or ``middle``."""
-    given, mode = settings(run), ("tip", "middle").index(signal)
+    given, mode = run.problem.adapt, ("tip", "middle").index(signal)
     return figures.spectra(getattr(run.traces[name], signal), given.bands[mode], given.sample_time, given.points)
 
 
@@ -50,7 +45,7 @@ def _magnitudes(run: report.Experiment, name: str, signal: str) -> list[float]:
     time, omega, magnitude = _spectra(run, name, signal)
     found = []
     for coins, _, last in run.loads():
-        row = int(np.searchsorted(time, last * settings(run).period / 2)) - 1
+        row = int(np.searchsorted(time, last * run.problem.adapt.period / 2)) - 1
         found.append(float(np.max(magnitude[row][np.abs(omega - judge.modes(coins)[mode]) < near])))
     return found
 
@@ -72,7 +67,7 @@ def _last_ticks(run: report.Experiment) -> list[int]:
 def rows_of_frequencies(run: report.Experiment) -> list[Row]:
     """Figs. 7 to 9: what the DFT finds."""
     omega = np.asarray(run.traces["I-D-E"].omega)[_last_ticks(run)]
-    point = 2 * np.pi / settings(run).points / settings(run).sample_time
+    point = 2 * np.pi / run.problem.adapt.points / run.problem.adapt.sample_time
     tip, middle = ({name: _magnitudes(run, name, part) for name in ("I", "I-D-E")} for part in ("tip", "middle"))
     most = {name: float(np.max(_spectra(run, name, "middle")[2])) for name in ("I", "I-D-E")}
     true = np.array([judge.modes(float(coins)) for coins in run.schedule.loads])[np.asarray(run.schedule.which)]

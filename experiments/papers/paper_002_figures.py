@@ -6,8 +6,7 @@ import numpy as np
 
 import jshape as js
 from experiments.papers import frame
-from experiments.papers.frame import Picture, figure
-from experiments.papers.paper_002_adaptive import settings
+from experiments.papers.frame import Picture, draw, figure
 from experiments.papers.paper_002_judge import STEP, ZETAS, modes
 from experiments.papers.paper_002_link import BANDS, TICK, fixed, gain, link
 from jshape.adaptive.closed_loop import loop_figures as figures
@@ -17,7 +16,7 @@ from jshape.reports.plot import COLOURS, LINES
 
 def pictures(paper: js.Shaper, robust: js.Shaper, rounded: js.Shaper, run: report.Experiment) -> list[Picture]:
     """``robust``: jshape's fixed shaper, ``rounded``: the same on the clock of the experiment, ``run``."""
-    given = settings(run)
+    given = run.problem.adapt
     both = {name: run.traces[name] for name in ("I", "I-D-E")}
     spectra = lambda surface: figures.spectrogram(both, given.sample_time, given.points, given.bands, surface)
     schedule, cases = run.schedule, ("I-D-E", "I-D", "I", "state-aware")
@@ -55,24 +54,20 @@ def pictures(paper: js.Shaper, robust: js.Shaper, rounded: js.Shaper, run: repor
 def _sensitivity(paper: js.Shaper, robust: js.Shaper) -> Any:
     drawn, axes = figure(1, 2, sharey=True)
     for axis, (low, high), band, zeta in zip(axes[0], ((4, 14), (50, 105)), BANDS, ZETAS, strict=True):
-        omega = np.linspace(low, high, 401)
-        for i, (name, shaper) in enumerate({"ZVD at 9 and 70 rad/s": paper, "jshape": robust}.items()):
-            curve = 100 * np.asarray(js.percentage_vibration(shaper, omega, zeta))
-            axis.plot(omega, curve, color=COLOURS[i], linestyle=LINES[i], label=name)
+        omega, shapers = np.linspace(low, high, 401), {"ZVD at 9 and 70 rad/s": paper, "jshape": robust}
+        curves = {name: (omega, 100 * js.percentage_vibration(shaper, omega, zeta)) for name, shaper in shapers.items()}
         axis.axvspan(*band, color="0.5", alpha=0.12, linewidth=0)
-        axis.set(xlabel="frequency (rad/s)", xlim=(low, high), ylim=(0, 100))
+        draw(axis, curves, xlabel="frequency (rad/s)", xlim=(low, high), ylim=(0, 100))
     axes[0, 0].set_ylabel("V (%)")
-    axes[0, 0].legend()
     return drawn
 
 
 def _response_function() -> Any:
     drawn, axes = figure(height=2.4)
     omega = np.geomspace(2, 150, 1500)
-    for i, coins in enumerate((0.0, 10.0, 20.0)):
-        axes[0, 0].loglog(omega, gain(omega, coins), color=COLOURS[i], linestyle=LINES[i], label=f"{coins:g} coins")
-    axes[0, 0].set(xlabel="frequency (rad/s)", ylabel="$|θ_p / θ_r|$", xlim=(2, 150))
-    axes[0, 0].legend()
+    curves = {f"{coins:g} coins": (omega, gain(omega, coins)) for coins in (0.0, 10.0, 20.0)}
+    labels = dict(xlabel="frequency (rad/s)", ylabel="$|θ_p / θ_r|$")
+    draw(axes[0, 0], curves, xscale="log", yscale="log", xlim=(2, 150), **labels)
     return drawn
 
 

@@ -1,6 +1,6 @@
 """Peláez, Doval-Gandoy, Caparrini and García-Prada (2006): an on-off filter for a band of a physical pendulum.
 
-    python -m experiments.papers.paper_003 --out out/papers
+    python -m experiments.papers 003 --out out/papers
 
 The plant of all numbers: a rod of 205 g and 1 m with a bob of 115 g on it, pinned to a trolley that is switched on and
 off. V is what the filter leaves of the vibration that its first impulse alone would. ``paper_003_pendulum`` computes,
@@ -10,17 +10,12 @@ off. V is what the filter leaves of the vibration that its first impulse alone w
 import numpy as np
 
 import jshape as js
-from experiments.papers.frame import Paper, Row, Surpassed, cannot, compare, main
+from experiments.papers.frame import Paper, Row, Surpassed, cannot, compare
 from experiments.papers.judge import alone
 from experiments.papers.paper_003_figures import pictures
 from experiments.papers.paper_003_judge import M1, M2, WIDTH, L, residual, swing, vibration
 from experiments.papers.paper_003_pendulum import BAND, DISTANCE, FAST, HERTZ, bob_at, largest, on_off, pendulum, ride
 from jshape.design import insensitive
-
-
-def _percent(fraction: float | None) -> float:
-    assert fraction is not None
-    return 100 * fraction
 
 
 def rows_of_pendulum(place: float, top: float, bottom: float) -> list[Row]:
@@ -72,11 +67,11 @@ def rows_of_filter(paper: insensitive.Specified, place: float) -> list[Row]:
     return [
         Row(
             "fewest on-off impulses for 8 %", "section 4", "5",
-            f"5; three come no nearer than {_percent(few.sampled):.5g} %",
+            f"5; three come no nearer than {100 * few.sampled:.5g} %",
             bool(paper.feasible and len(paper.shaper.times) == 5 and not few.feasible),
         ),
         compare(
-            "least vibration with five impulses, %", "section 4", "8", _percent(least.sampled),
+            "least vibration with five impulses, %", "section 4", "8", 100 * least.sampled,
             "8 % is not the least: the limit of five impulses at the five samples is lower",
         ),
         compare("length of the filter, s", "section 4", "1.25", paper.duration),
@@ -218,7 +213,3 @@ def results(draw: bool = True) -> Paper:
         items,
         notes,
     )
-
-
-if __name__ == "__main__":
-    main(results)

@@ -3,11 +3,13 @@
 import numpy as np
 
 import jshape as js
-from experiments.papers.frame import Picture, figure
+from experiments.papers.frame import Picture, draw, figure
 from experiments.papers.paper_003_judge import WIDTH, G, L
 from experiments.papers.paper_003_pendulum import BAND, DISTANCE, HERTZ, bob_at, on_off, pendulum, ride
 from jshape.design import insensitive
-from jshape.reports.plot import COLOURS, LINES
+from jshape.reports.plot import COLOURS
+
+FREQUENCY = dict(xlabel="bob position x (m)", ylabel="natural frequency (Hz)")
 
 
 def pictures(paper: insensitive.Specified, place: float, top: float, bottom: float) -> list[Picture]:
@@ -23,14 +25,9 @@ def _posicast() -> Picture:
     shaper = js.design.linear.zv(1.626 / np.sqrt(1 - 0.3**2), 0.3)
     plain = js.simulate(plant, 1.0, horizon=10.0, samples=400)
     shaped = js.simulate(plant, 1.0, shaper, horizon=10.0, samples=400)
-    for axis in axes[0]:
-        axis.plot(plain.times, plain.payload, color=COLOURS[0], label="step")
-        axis.set(xlabel="time (s)", xlim=(0, 10))
-    axes[0, 1].plot(shaped.times, shaped.payload, color=COLOURS[1], linestyle="--", label="posicast")
-    axes[0, 1].legend()
-    axes[0, 0].set_title("(a)", loc="left")
-    axes[0, 1].set_title("(b)", loc="left")
-    axes[0, 0].set_ylabel("response")
+    curves = {"step": (plain.times, plain.payload), "posicast": (shaped.times, shaped.payload)}
+    draw(axes[0, 0], {"step": curves["step"]}, "(a)", xlabel="time (s)", xlim=(0, 10), ylabel="response")
+    draw(axes[0, 1], curves, "(b)", xlabel="time (s)", xlim=(0, 10))
     return Picture("paper_003_figure_02", drawn, "Fig. 2: step response and the effect of posicast.")
 
 
@@ -39,12 +36,9 @@ def _sensitivity(paper: insensitive.Specified) -> Picture:
     ratio = np.linspace(0.6, 1.4, 401)
     delay = insensitive.solve((0.8, 1.2), duration=2 * np.pi, impulses=3).shaper
     left, right = axes[0]
-    for i, (name, shaper) in enumerate({"ZV": js.design.linear.zv(1.0), "TDF (±20 %)": delay}.items()):
-        curve = 100 * np.asarray(js.percentage_vibration(shaper, ratio))
-        left.plot(ratio, curve, color=COLOURS[i], linestyle=LINES[i], label=name)
-    left.set(xlabel="actual over modelled frequency", ylabel="residual vibration (%)")
-    left.legend()
-    left.set_title("(a)", loc="left")
+    shapers = {"ZV": js.design.linear.zv(1.0), "TDF (±20 %)": delay}
+    curves = {name: (ratio, 100 * js.percentage_vibration(shaper, ratio)) for name, shaper in shapers.items()}
+    draw(left, curves, "(a)", xlabel="actual over modelled frequency", ylabel="residual vibration (%)")
     hertz = np.linspace(0.35, 0.8, 451)
     right.plot(hertz, 100 * np.asarray(js.percentage_vibration(paper.shaper, HERTZ * hertz)), color=COLOURS[0])
     samples = np.linspace(*BAND, 5)
@@ -61,11 +55,9 @@ def _curve(place: float, bottom: float, top: float) -> Picture:
     drawn, axes = figure()
     x = np.linspace(0.05, 1.0, 300)
     axis = axes[0, 0]
-    axis.plot(x, np.sqrt(G / x) / HERTZ, color=COLOURS[1], linestyle="--", label="simple pendulum")
-    axis.plot(x, np.asarray(pendulum(0.5).frequency_curve(x)) / HERTZ, color=COLOURS[0], label="physical pendulum")
+    physical, simple = pendulum(0.5).frequency_curve(x) / HERTZ, np.sqrt(G / x) / HERTZ
     axis.plot([place, L], [top / HERTZ, bottom / HERTZ], "o", markersize=3, color="black")
-    axis.set(ylim=(0.4, 1.6), xlabel="bob position x (m)", ylabel="natural frequency (Hz)")
-    axis.legend()
+    draw(axis, {"physical pendulum": (x, physical), "simple pendulum": (x, simple)}, ylim=(0.4, 1.6), **FREQUENCY)
     return Picture("paper_003_figure_05b", drawn, "Fig. 5(b): natural frequency against the bob's position.")
 
 
@@ -78,7 +70,7 @@ def _limits(place: float, bottom: float, top: float) -> Picture:
         axis.axhline(hertz, color=COLOURS[1], linestyle="--", label=words)
     for omega, words in ((bottom, "Eq. 15"), (top, None)):
         axis.axhline(omega / HERTZ, color=COLOURS[2], linestyle=":", label=words)
-    axis.set(ylim=(0.4, 0.8), xlabel="bob position x (m)", ylabel="natural frequency (Hz)")
+    axis.set(ylim=(0.4, 0.8), **FREQUENCY)
     axis.legend()
     return Picture("paper_003_figure_07", drawn, "Fig. 7: limits of the range, as printed and as Eq. 15 gives them.")
 
@@ -94,14 +86,11 @@ def _impulses(paper: insensitive.Specified) -> Picture:
 def _delays(paper: insensitive.Specified) -> Picture:
     drawn, axes = figure(1, 2)
     tolerable = np.array([0.08, 0.10, 0.125, 0.15, 0.20])
-    for i, half in enumerate((0.0, 0.05)):
-        band = (BAND[0] - half * HERTZ, BAND[1] + half * HERTZ)
-        delays = [on_off(band, v).duration for v in tolerable]
-        label = f"{band[0] / HERTZ:.2f}–{band[1] / HERTZ:.2f} Hz"
-        axes[0, 0].plot(100 * tolerable, delays, color=COLOURS[i], linestyle=LINES[i], marker=".", label=label)
-    axes[0, 0].set(xlabel="tolerable vibration (%)", ylabel="delay of the filter (s)")
-    axes[0, 0].legend()
-    axes[0, 0].set_title("(a)", loc="left")
+    curves = {}
+    for low, high in ((0.45, 0.70), (0.40, 0.75)):
+        delays = [on_off((low * HERTZ, high * HERTZ), v).duration for v in tolerable]
+        curves[f"{low:.2f}–{high:.2f} Hz"] = 100 * tolerable, delays
+    draw(axes[0, 0], curves, "(a)", xlabel="tolerable vibration (%)", ylabel="delay of the filter (s)")
     command = paper.shaper.shape(js.Pulse(1.0, WIDTH))
     times = np.append(np.asarray(command.breaks), 5.0)
     levels = np.asarray(command.coefficients)[:, 0]
@@ -113,13 +102,10 @@ def _delays(paper: insensitive.Specified) -> Picture:
 
 def _response(paper: insensitive.Specified, place: float) -> Picture:
     drawn, axes = figure()
-    axis = axes[0, 0]
-    x = bob_at(0.57, place)
-    for i, (name, shaper) in enumerate({"unfiltered": None, "SI-TD filtered": paper.shaper}.items()):
+    curves, x = {}, bob_at(0.57, place)
+    for name, shaper in {"SI-TD filtered": paper.shaper, "unfiltered": None}.items():
         run = js.simulate(pendulum(x), ride(DISTANCE / WIDTH), shaper, horizon=10.0, samples=500)
-        axis.plot(run.times, np.degrees(np.asarray(run.states)[:, 0]), color=COLOURS[1 - i], linestyle=LINES[1 - i],
-                  label=name)  # fmt: skip
-    axis.set(xlabel="time (s)", ylabel="deviation from the vertical (°)")
-    axis.legend()
+        curves[name] = run.times, np.degrees(run.states[:, 0])
+    draw(axes[0, 0], curves, xlabel="time (s)", ylabel="deviation from the vertical (°)")
     words = "Fig. 11(a): simulated response at 0.57 Hz; 1.5 m in a pulse of 3 s is assumed, which gives its 10°."
     return Picture("paper_003_figure_11a", drawn, words)

@@ -1,6 +1,6 @@
 """Dhanda, Vaughan and Singhose: bang-bang filters and moves from states that are not rest.
 
-    python -m experiments.papers.paper_004 --out out/papers
+    python -m experiments.papers 004 --out out/papers
 
 Inputs are limited to |u| ≤ 1. The filters of Fig. 2 are for ω = 1 rad/s, ζ = 0 and x(0) = [0.1, −0.1], the move of
 Fig. 5 for ω = 10 rad/s and 100 m, the crane of Fig. 4 has a cable of 1.15 m and swings by 5°.
@@ -11,7 +11,7 @@ import dataclasses
 import numpy as np
 
 import jshape as js
-from experiments.papers.frame import Paper, Picture, Row, Surpassed, cannot, compare, figure, main
+from experiments.papers.frame import Paper, Picture, Row, Surpassed, cannot, compare, draw, figure
 from experiments.papers.judge import after
 from jshape.design import switching
 from jshape.design.switching import Switched
@@ -230,18 +230,11 @@ def _sensitivities(filters: dict[str, Switched]) -> Picture:
 
 def _crane() -> Picture:
     drawn, axes = figure()
-    axis, degrees = axes[0, 0], np.linspace(0.0, 10.0, 11)
-    moves: dict[str, tuple[np.ndarray, np.ndarray]] = {
-        f"unshaped, {SPEED} m/s": (np.array([0.0, WAY / SPEED]), SPEED * np.array([1.0, -1.0])),
-        "ZV": hops(False),
-        "ZVD": hops(True),
-    }
-    for i, (name, move) in enumerate(moves.items()):
-        swings = [peak_to_peak(*move, d) for d in degrees]
-        axis.plot(degrees, swings, color=COLOURS[2 - i], linestyle=LINES[i], marker=".", label=name)
-    axis.set_ylim(bottom=0)
-    axis.set(xlabel="initial deflection (°)", ylabel="residual swing (°, peak to peak)")
-    axis.legend()
+    degrees, unshaped = np.linspace(0.0, 10.0, 11), (np.array([0.0, WAY / SPEED]), SPEED * np.array([1.0, -1.0]))
+    moves = {f"unshaped, {SPEED} m/s": unshaped, "ZV": hops(False), "ZVD": hops(True)}
+    curves = {name: (degrees, [peak_to_peak(*move, d) for d in degrees]) for name, move in moves.items()}
+    draw(axes[0, 0], curves, xlabel="initial deflection (°)", ylabel="residual swing (°, peak to peak)")
+    axes[0, 0].set_ylim(bottom=0)
     words = f"Fig. 4 without its measurements: designed for 5°; {SPEED} m/s is assumed. ZV and ZVD coincide."
     return Picture("paper_004_figure_04", drawn, words)
 
@@ -361,7 +354,3 @@ def results(draw: bool = True) -> Paper:
         items,
         notes,
     )
-
-
-if __name__ == "__main__":
-    main(results)

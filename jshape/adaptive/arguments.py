@@ -60,14 +60,18 @@ def check_each(value: Any, name: str, *shape: int) -> Array:
         raise ValueError(f"{name} must be one number or fit the shape {shape}, not be of shape {array.shape}") from None
 
 
-def check_leaves(plant: Any, leaves: str | tuple[str, ...]) -> tuple[tuple[str, ...], Array]:
-    """Dotted paths of a plant's parameters and their values. *Raises* ``ValueError`` unless there are positive ones."""
-    leaves = (leaves,) if isinstance(leaves, str) else tuple(leaves)
+def as_names(leaves: str | tuple[str, ...]) -> tuple[str, ...]:
+    """One dotted path or several as a tuple."""
+    return (leaves,) if isinstance(leaves, str) else tuple(leaves)
+
+
+def check_leaves(plant: Any, leaves: tuple[str, ...]) -> Array:
+    """The values of a plant's parameters by dotted paths. *Raises* ``ValueError`` unless there are positive ones."""
     if not leaves:
         raise ValueError("leaves is empty: there is nothing to adapt")
     values = jnp.stack([leaf(plant, name) for name in leaves])
     _check.positive(values, f"leaves {', '.join(leaves)}")
-    return leaves, values
+    return values
 
 
 def check_factor(value: Any, name: str) -> Array:

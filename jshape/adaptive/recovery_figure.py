@@ -28,8 +28,6 @@ def recovery(found: xr.Dataset, variable: str, label: str, factor: float = 1.0, 
             axis.plot(found.move, part.median("schedule"), marker="o", label=name, **line)
             axis.plot(found.move, part.quantile(quantile, "schedule"), linestyle=":", **line)
         axis.axvline(0.5, color="0.5", linewidth=0.6)
-        axis.set_yscale("log")
-        axis.set_xlabel("move after the change")
-        axis.set_ylabel(label)
+        axis.set(yscale="log", xlabel="move after the change", ylabel=label)
         figure.legend(loc="outside upper center", ncols=2)
         return figure

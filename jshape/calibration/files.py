@@ -99,20 +99,10 @@ def _rows(path: Path, lines: list[str], header: int) -> Iterator[Row]:
 
 def _spectra(path: Path, header: int, heading: list[str], rows: Iterable[Row], component: str) -> list[Spectrum]:
     names, marked, done = _columns(path, header, heading)
-    table, lines = [], []
-    for line, cells in rows:
-        if len(cells) != len(heading):
-            raise _problem(path, line, f"has {len(cells)} cells where the header has {len(heading)}")
-        if marked is not None and cells[marked].strip():
-            raise _problem(path, line, f"the cell under {heading[marked]!r} must be blank, not {cells[marked]!r}")
-        used = cells if marked is None else cells[:marked] + cells[marked + 1 :]
-        table.append([_number(path, line, cell) for cell in used])
-        lines.append(line)
-    if len(table) < 10:
-        raise _problem(
-            path, lines[-1] if lines else header, f"a spectrum needs at least 10 frequencies, not {len(table)}"
-        )
-    values = np.array(table)
+    values, lines = _table(path, rows, len(heading), marked)
+    if len(lines) < 10:
+        last = lines[-1] if lines else header
+        raise _problem(path, last, f"a spectrum needs at least 10 frequencies, not {len(lines)}")
     frequencies = values[:, 0]
     steps = np.diff(frequencies)
     _demand(path, lines, frequencies >= 0, "the frequency must not be negative")
@@ -156,15 +146,9 @@ def _columns(path: Path, header: int, heading: list[str]) -> tuple[list[str], in
 
 
 def _record(path: Path, rows: Iterable[Row], component: str) -> Spectrum:
-    table, lines = [], []
-    for line, cells in rows:
-        if len(cells) != len(_RAW):
-            raise _problem(path, line, f"has {len(cells)} cells, not the time and three accelerations")
-        table.append([_number(path, line, cell) for cell in cells])
-        lines.append(line)
-    if not table:
+    values, lines = _table(path, rows, len(_RAW))
+    if not lines:
         raise _problem(path, 1, "the record is empty")
-    values = np.array(table)
     steps = np.diff(values[:, 0], prepend=values[0, 0])
     _demand(path, lines, np.r_[True, steps[1:] > 0], "the time must be later than the one before")
     _demand(
@@ -174,6 +158,19 @@ def _record(path: Path, rows: Iterable[Row], component: str) -> Spectrum:
         frequencies, densities = power_spectrum(values[:, 0], values[:, 1:])
         density = densities.sum(axis=1) if component == "xyz" else densities[:, "xyz".index(component)]
         return Spectrum(path.name, frequencies, normalised(frequencies, density))
+
+
+def _table(path: Path, rows: Iterable[Row], width: int, blank: int | None = None) -> tuple[np.ndarray, list[int]]:
+    """The numbers in the rows, without the column that must be blank, and where each row stands."""
+    table, lines = [], []
+    for line, cells in rows:
+        if len(cells) != width:
+            raise _problem(path, line, f"has {len(cells)} cells where the header has {width}")
+        if blank is not None and (cell := cells.pop(blank)).strip():
+            raise _problem(path, line, f"the cell under 'shapers:' must be blank, not {cell!r}")
+        table.append([_number(path, line, cell) for cell in cells])
+        lines.append(line)
+    return np.array(table), lines
 
 
 def _number(path: Path, line: int, cell: str) -> float:

@@ -29,13 +29,13 @@ Context = Annotated[str, typer.Option(help="Is the payload hidden, observed or n
 
 def begin(name: str, out: Path | None) -> tuple["Problem", Path]:
     """The problem of that name and the folder for its results; says before it runs code of the problem's own."""
+    prepare_jax()
     from jshape.problems.problem import find, load
 
-    path = find(name)
-    folder = results_folder(out, f"{path.stem}-results")
+    folder = results_folder(out, f"{find(name).stem}-results")
     problem = load(name)
     if problem.foreign:
-        typer.echo(f"{path}: runs code of its own, the plant {problem.foreign}", err=True)
+        typer.echo(f"{find(name)}: runs code of its own, the plant {problem.foreign}", err=True)
     return problem, folder
 
 

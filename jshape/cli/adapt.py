@@ -4,12 +4,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from jshape.cli._shared import Out, ProblemFile, begin, explained, prepare_jax, progress_line
+from jshape.cli._shared import Out, ProblemFile, begin, explained, progress_line
 
 if TYPE_CHECKING:
     from jshape.adaptive.closed_loop.report import Experiment
 
 
+@explained()
 def adapt(
     problem: ProblemFile,
     out: Out = None,
@@ -19,19 +20,17 @@ def adapt(
     seed: Annotated[int | None, typer.Option(min=0, help="Of noise and schedules; the file's unless given.")] = None,
 ) -> None:
     """Try adaptive strategies on a problem whose load changes unannounced, as its adapt table says."""
-    with explained():
-        prepare_jax()
-        from jshape.adaptive.closed_loop.report import experiment, write
+    read, folder = begin(problem, out)
+    from jshape.adaptive.closed_loop.report import experiment, write
 
-        read, folder = begin(problem, out)
-        given = {"schedules": schedules, "seed": seed}
-        read = read.adapting(**{name: value for name, value in given.items() if value is not None})
-        with progress_line() as (step, progress):
-            found = experiment(read, progress=progress)
-            step("figures")
-            files = write(found, folder)
-        _show(found)
-        typer.echo(f"results in {folder}: {', '.join(files)}")
+    given = {"schedules": schedules, "seed": seed}
+    read = read.adapting(**{name: value for name, value in given.items() if value is not None})
+    with progress_line() as (step, progress):
+        found = experiment(read, progress=progress)
+        step("figures")
+        files = write(found, folder)
+    _show(found)
+    typer.echo(f"results in {folder}: {', '.join(files)}")
 
 
 def _show(found: "Experiment") -> None:

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from jshape.calibration.report import Calibration
 
 
+@explained()
 def calibrate(
     data: Annotated[
         list[Path], typer.Argument(help="Klipper's files, raw or spectra; several must share a shaper: empty, loaded.")
@@ -42,41 +43,40 @@ def calibrate(
     seed: Annotated[int, typer.Option(help="Of the starting points.")] = 0,
 ) -> None:
     """Choose a shaper for a printer as Klipper does, say why, and tune a better one on the same spectrum."""
-    with explained():
-        from jshape.calibration.files import read
+    from jshape.calibration.files import read
 
-        spectra = read(data, component)
-        which = axis or _axis(data[0])
-        prepare_jax()
-        from jshape.calibration.report import calibrate as calibrate_printer
-        from jshape.calibration.report import lines, write
+    spectra = read(data, component)
+    which = axis or _axis(data[0])
+    prepare_jax()
+    from jshape.calibration.report import calibrate as calibrate_printer
+    from jshape.calibration.report import lines, write
 
-        if which not in ("x", "y"):
-            raise ValueError(f"--axis must be x or y, not {which!r}")
-        folder = results_folder(out, f"{data[0].stem}-results")
-        with progress_line() as (step, progress):
-            found = calibrate_printer(
-                spectra,
-                version=klipper,
-                zeta=zeta,
-                corner_speed=corner_speed,
-                highest=highest,
-                duration=duration,
-                vibration=vibration,
-                smoothing=smoothing,
-                impulses=impulses,
-                shift=shift,
-                starts=starts,
-                seed=seed,
-                progress=progress,
-            )
-            step("files")
-            files = write(found, folder, which)
-        _show(found)
-        typer.echo(lines(found, which))
-        if axis is None:
-            typer.echo(f"(axis {which}, from the file's name; --axis says otherwise)")
-        typer.echo(f"results in {folder}: {', '.join(files)}")
+    if which not in ("x", "y"):
+        raise ValueError(f"--axis must be x or y, not {which!r}")
+    folder = results_folder(out, f"{data[0].stem}-results")
+    with progress_line() as (step, progress):
+        found = calibrate_printer(
+            spectra,
+            version=klipper,
+            zeta=zeta,
+            corner_speed=corner_speed,
+            highest=highest,
+            duration=duration,
+            vibration=vibration,
+            smoothing=smoothing,
+            impulses=impulses,
+            shift=shift,
+            starts=starts,
+            seed=seed,
+            progress=progress,
+        )
+        step("files")
+        files = write(found, folder, which)
+    _show(found)
+    typer.echo(lines(found, which))
+    if axis is None:
+        typer.echo(f"(axis {which}, from the file's name; --axis says otherwise)")
+    typer.echo(f"results in {folder}: {', '.join(files)}")
 
 
 def _axis(path: Path) -> str:

@@ -2,20 +2,12 @@
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from jshape.cli._shared import (
-    Context,
-    Environment,
-    Preset,
-    explained,
-    need_environments,
-    prepare_jax,
-    progress_line,
-    results_folder,
-)
+from jshape.cli import _shared
+from jshape.cli._shared import explained, progress_line, results_folder
 
 if TYPE_CHECKING:
     from jshape_envs.evaluate import Interval
@@ -30,11 +22,12 @@ COLUMNS = {
 """Scores that are shown, with what they are multiplied by."""
 
 
+@explained()
 def evaluate(
-    environment: Environment,
+    environment: _shared.Environment,
     out: Annotated[Path | None, typer.Option(help="Folder for the results; NAME-results unless given.")] = None,
-    preset: Preset = "paper",
-    context: Context = "hidden",
+    preset: _shared.Preset = "paper",
+    context: _shared.Context = "hidden",
     policy: Annotated[
         list[str],
         typer.Option(
@@ -46,47 +39,40 @@ def evaluate(
     seeds: Annotated[int, typer.Option(help="Sets of episodes, which the intervals are over.")] = 5,
 ) -> None:
     """Judge policies on an environment: residual, move time, recovery from changes, regret against the oracle."""
-    with explained():
-        need_environments()
-        prepare_jax()
-        from jshape_envs.baselines import applicable
-        from jshape_envs.evaluate import evaluate, named_policy, summary
-        from jshape_envs.parameters import parameters
-        from jshape_envs.policy import shipped_policy
+    _shared.need_environments()
+    _shared.prepare_jax()
+    from jshape_envs.baselines import applicable
+    from jshape_envs.evaluate import evaluate, named_policy, summary
+    from jshape_envs.parameters import parameters
+    from jshape_envs.policy import shipped_policy
 
-        from jshape import _check
-        from jshape.reports import plot
-
-        folder = results_folder(out, f"{environment}-results")
-        # Wrong numbers are reported before the first policy has been made.
-        _check.count(episodes, "--episodes")
-        _check.count(seeds, "--seeds")
-        params = parameters(environment, preset, context=context)
-        chosen = dict(environment=environment, preset=preset, context=context, episodes=episodes, seeds=seeds)
-        shipped = shipped_policy(environment, context=context)
-        files = {"trained": str(shipped)} if shipped else {}
-        names = list(dict.fromkeys(policy)) or [*applicable(params), *files]
-        if "trained" in names and not shipped:
-            raise ValueError(f"--policy: no trained policy comes with jshape for {environment}, payload {context}")
-        found: dict[str, dict[str, Interval]] = {}
-        with progress_line() as (step, progress):
-            for done, name in enumerate(names):
-                progress(name, done, len(names), math.inf)
-                found[name] = summary(evaluate(named_policy(files.get(name, name), params), params, episodes, seeds))
-                # What is judged is kept, whatever happens to the others.
-                write(chosen, found, folder)
-            step("figure")
-            regrets = {Path(name).stem if name.endswith(".npz") else name: row["regret"] for name, row in found.items()}
-            plot.save(plot.regret(regrets), folder / "regret.png")
-        show(f"{environment}, {preset}, payload {context}: {seeds} seeds of {episodes} episodes", found)
-        typer.echo(f"results in {folder}: results.json, regret.png, regret.pdf")
-
-
-def write(chosen: dict[str, Any], found: dict[str, dict[str, "Interval"]], folder: Path) -> None:
-    """The intervals of all scores of all policies, (middle, low, high)."""
+    from jshape import _check
     from jshape._files import write_results
+    from jshape.reports import plot
 
-    write_results(folder, {**chosen, "policies": found})
+    folder = results_folder(out, f"{environment}-results")
+    # Wrong numbers are reported before the first policy has been made.
+    _check.count(episodes, "--episodes")
+    _check.count(seeds, "--seeds")
+    params = parameters(environment, preset, context=context)
+    chosen = dict(environment=environment, preset=preset, context=context, episodes=episodes, seeds=seeds)
+    shipped = shipped_policy(environment, context=context)
+    files = {"trained": str(shipped)} if shipped else {}
+    names = list(dict.fromkeys(policy)) or [*applicable(params), *files]
+    if "trained" in names and not shipped:
+        raise ValueError(f"--policy: no trained policy comes with jshape for {environment}, payload {context}")
+    found: dict[str, dict[str, Interval]] = {}
+    with progress_line() as (step, progress):
+        for done, name in enumerate(names):
+            progress(name, done, len(names), math.inf)
+            found[name] = summary(evaluate(named_policy(files.get(name, name), params), params, episodes, seeds))
+            # What is judged is kept, whatever happens to the others.
+            write_results(folder, {**chosen, "policies": found})
+        step("figure")
+        regrets = {Path(name).stem if name.endswith(".npz") else name: row["regret"] for name, row in found.items()}
+        plot.save(plot.regret(regrets), folder / "regret.png")
+    show(f"{environment}, {preset}, payload {context}: {seeds} seeds of {episodes} episodes", found)
+    typer.echo(f"results in {folder}: results.json, regret.png, regret.pdf")
 
 
 def show(title: str, found: dict[str, dict[str, "Interval"]]) -> None:

@@ -8,6 +8,7 @@ import typer
 from jshape.cli._shared import explained, prepare_jax
 
 
+@explained()
 def export(
     shaper: Annotated[Path | None, typer.Argument(help="A shaper file (JSON, CSV or npz).")] = None,
     format: Annotated[str | None, typer.Option(help="One of those that --list shows.")] = None,
@@ -31,41 +32,40 @@ def export(
     ] = None,
 ) -> None:
     """Write a shaper for a machine: C, Structured Text, a printer's firmware, MATLAB, SciPy, NumPy, JSON, CSV."""
-    with explained():
-        prepare_jax()
-        from jshape.export import FORMATS, as_bytes, read_shaper
-        from jshape.export import export as export_as
+    prepare_jax()
+    from jshape.export import FORMATS, as_bytes, read_shaper
+    from jshape.export import export as export_as
 
-        if list_:
-            show_formats(FORMATS)
-            return
-        if shaper is None or format is None:
-            raise ValueError("give a shaper file and --format; --list shows the formats")
-        given: dict[str, Any] = {
-            "sample_time": sample_time,
-            "method": method,
-            "modes": [pair(each) for each in mode] or None,
-            "name": name,
-            "arithmetic": arithmetic,
-            "capacity": capacity,
-            "axis": axis,
-            "firmware": firmware,
-            "tolerance": tolerance,
-        }
-        options = {option: value for option, value in given.items() if value is not None}
-        made = export_as(read_shaper(shaper), format, **options)
-        if out is None:
-            if not isinstance(made, str):
-                raise ValueError(f"format {format!r} is no text; name a file with --out")
-            typer.echo(made, nl=False)
-            return
-        if out.exists() and not force:
-            raise ValueError(f"{out}: exists already, and is left as it is; --force writes over it")
-        try:
-            out.write_bytes(as_bytes(made))
-        except OSError as error:
-            raise ValueError(f"{out}: cannot be written: {error.strerror}") from None
-        typer.echo(f"{out}: written ({FORMATS[format].what})")
+    if list_:
+        show_formats(FORMATS)
+        return
+    if shaper is None or format is None:
+        raise ValueError("give a shaper file and --format; --list shows the formats")
+    given: dict[str, Any] = {
+        "sample_time": sample_time,
+        "method": method,
+        "modes": [pair(each) for each in mode] or None,
+        "name": name,
+        "arithmetic": arithmetic,
+        "capacity": capacity,
+        "axis": axis,
+        "firmware": firmware,
+        "tolerance": tolerance,
+    }
+    options = {option: value for option, value in given.items() if value is not None}
+    made = export_as(read_shaper(shaper), format, **options)
+    if out is None:
+        if not isinstance(made, str):
+            raise ValueError(f"format {format!r} is no text; name a file with --out")
+        typer.echo(made, nl=False)
+        return
+    if out.exists() and not force:
+        raise ValueError(f"{out}: exists already, and is left as it is; --force writes over it")
+    try:
+        out.write_bytes(as_bytes(made))
+    except OSError as error:
+        raise ValueError(f"{out}: cannot be written: {error.strerror}") from None
+    typer.echo(f"{out}: written ({FORMATS[format].what})")
 
 
 def pair(text: str) -> tuple[float, float]:

@@ -9,6 +9,7 @@ import typer
 from jshape.cli._shared import Out, explained, prepare_jax, progress_line, results_folder
 
 
+@explained()
 def identify(
     data: Annotated[Path, typer.Argument(help="A CSV file; separators and decimal commas are recognised.")],
     columns: Annotated[
@@ -32,32 +33,31 @@ def identify(
     out: Out = None,
 ) -> None:
     """Find a machine's frequencies and damping ratios, with their uncertainty, and write a problem file for them."""
-    with explained():
-        prepare_jax()
-        from jshape.identification.files import write
-        from jshape.identification.from_csv import identify_csv
+    prepare_jax()
+    from jshape.identification.files import write
+    from jshape.identification.from_csv import identify_csv
 
-        folder = results_folder(out, f"{data.stem}-results")
-        with progress_line() as (step, progress):
-            step("reading")
-            found = identify_csv(
-                data,
-                columns=None if columns is None else columns.split(","),
-                kind=kind,
-                inputs=input_,
-                modes=modes,
-                sample_rate=sample_rate,
-                progress=progress,
-            )
-            step("files")
-            files = write(found, folder, data.name)
-        for note in found.notes:
-            typer.echo(f"note: {note}", err=True)
-        typer.echo(f"{data} ({', '.join(found.names)}): {found.message.split(':')[0]}")
-        lower, upper = found.interval()
-        typer.echo(f"{'frequency (Hz)':>14}  {'from':>10} {'to':>10}   {'damping':>8}  {'from':>8} {'to':>8}")
-        for omega, zeta, ends, bounds in zip(found.omega, found.zeta, lower.T, upper.T, strict=True):
-            hertz = [value / (2 * math.pi) for value in (omega, *ends)]
-            row = "{:14.6g}  {:10.6g} {:10.6g}   {:8.5f}  {:8.5f} {:8.5f}"
-            typer.echo(row.format(*hertz, zeta, *bounds))
-        typer.echo(f"results in {folder}: {', '.join(files)}. Next: jshape tune {folder / 'problem.toml'}")
+    folder = results_folder(out, f"{data.stem}-results")
+    with progress_line() as (step, progress):
+        step("reading")
+        found = identify_csv(
+            data,
+            columns=None if columns is None else columns.split(","),
+            kind=kind,
+            inputs=input_,
+            modes=modes,
+            sample_rate=sample_rate,
+            progress=progress,
+        )
+        step("files")
+        files = write(found, folder, data.name)
+    for note in found.notes:
+        typer.echo(f"note: {note}", err=True)
+    typer.echo(f"{data} ({', '.join(found.names)}): {found.message.split(':')[0]}")
+    lower, upper = found.interval()
+    typer.echo(f"{'frequency (Hz)':>14}  {'from':>10} {'to':>10}   {'damping':>8}  {'from':>8} {'to':>8}")
+    for omega, zeta, ends, bounds in zip(found.omega, found.zeta, lower.T, upper.T, strict=True):
+        hertz = [value / (2 * math.pi) for value in (omega, *ends)]
+        row = "{:14.6g}  {:10.6g} {:10.6g}   {:8.5f}  {:8.5f} {:8.5f}"
+        typer.echo(row.format(*hertz, zeta, *bounds))
+    typer.echo(f"results in {folder}: {', '.join(files)}. Next: jshape tune {folder / 'problem.toml'}")

@@ -5,9 +5,10 @@ from typing import Annotated
 
 import typer
 
-from jshape.cli._shared import Out, ProblemFile, begin, explained, prepare_jax, progress_line
+from jshape.cli._shared import Out, ProblemFile, begin, explained, progress_line
 
 
+@explained()
 def pareto(
     problem: ProblemFile,
     out: Out = None,
@@ -16,25 +17,23 @@ def pareto(
     ] = None,
 ) -> None:
     """How much residual a shaper's duration buys: the front for each number of impulses, the closed forms beside it."""
-    with explained():
-        prepare_jax()
-        from jshape.design.tuning.pareto import pareto as front_of
-        from jshape.reports.results import write_front
-        from jshape.reports.tables import show_front
+    read, folder = begin(problem, out)
+    from jshape.design.tuning.pareto import pareto as front_of
+    from jshape.reports.results import write_front
+    from jshape.reports.tables import show_front
 
-        read, folder = begin(problem, out)
-        with progress_line() as (step, progress):
-            step("closed-form shapers")
-            front = front_of(
-                read.plant,
-                read.distance,
-                over=read.over or None,
-                objective=read.objective,
-                store=store,
-                progress=progress,
-                **read.front.model_dump(),
-            )
-            step("files")
-            files = write_front(read, front, folder)
-        show_front(read, front)
-        typer.echo(f"results in {folder}: {', '.join(files)}")
+    with progress_line() as (step, progress):
+        step("closed-form shapers")
+        front = front_of(
+            read.plant,
+            read.distance,
+            over=read.over or None,
+            objective=read.objective,
+            store=store,
+            progress=progress,
+            **read.front.model_dump(),
+        )
+        step("files")
+        files = write_front(read, front, folder)
+    show_front(read, front)
+    typer.echo(f"results in {folder}: {', '.join(files)}")

@@ -5,9 +5,10 @@ from typing import Annotated, Any
 
 import typer
 
-from jshape.cli._shared import Out, ProblemFile, begin, explained, prepare_jax, progress_line
+from jshape.cli._shared import Out, ProblemFile, begin, explained, progress_line
 
 
+@explained()
 def sweep(
     problem: ProblemFile,
     out: Out = None,
@@ -26,50 +27,48 @@ def sweep(
     store: Annotated[Path | None, typer.Option(help="Folder that keeps what is done, to go on after Ctrl-C.")] = None,
 ) -> None:
     """Sweep a problem's uncertainty: every closed form that applies and shapers of yours, on every plant."""
-    with explained():
-        prepare_jax()
-        from jshape.design.closed_forms import closed_forms
-        from jshape.export import read_shaper
-        from jshape.reports.results import write_sweep
-        from jshape.reports.tables import show_sweep
-        from jshape.sweeps.sweep import sweep as sweep_plants
+    read, folder = begin(problem, out)
+    from jshape.design.closed_forms import closed_forms
+    from jshape.export import read_shaper
+    from jshape.reports.results import write_sweep
+    from jshape.reports.tables import show_sweep
+    from jshape.sweeps.sweep import sweep as sweep_plants
 
-        read, folder = begin(problem, out)
-        if not read.over:
-            raise ValueError(f"{problem}: nothing is uncertain; it needs an [uncertainty] table")
-        if store is not None and folder.resolve() in (store.resolve(), *store.resolve().parents):
-            raise ValueError(f"--store {store}: must not lie in the folder of the results, {folder}")
-        over: dict[str, Any] = dict(read.over)
-        if samples is not None:
-            for name, values in read.over.items():
-                low, high = float(min(values)), float(max(values))
-                over[name] = ((low + high) / 2, (high - low) / 4) if sampling == "normal" else (low, high)
-        with progress_line() as (step, progress):
-            step("closed-form shapers")
-            shapers, left_out = closed_forms(read.plant, read.distance)
-            for path in shaper:
-                if path.stem in shapers:
-                    raise ValueError(f"--shaper {path}: there is a shaper of that name already, {path.stem!r}")
-                shapers[path.stem] = read_shaper(path)
-            step("sweep")
-            try:
-                found = sweep_plants(
-                    read.plant,
-                    shapers,
-                    read.distance,
-                    over,
-                    metric,
-                    samples=samples,
-                    sampling=sampling,
-                    seed=seed,
-                    store=store,
-                    progress=progress,
-                )
-            except KeyboardInterrupt:
-                again = f"what is done lies in {store}; the same command goes on from there"
-                typer.echo(again if store else "nothing is kept; with --store DIR it goes on after Ctrl-C", err=True)
-                raise
-            step("files")
-            files = write_sweep(read, found, folder)
-        show_sweep(read, found, left_out)
-        typer.echo(f"results in {folder}: {', '.join(files)}")
+    if not read.over:
+        raise ValueError(f"{problem}: nothing is uncertain; it needs an [uncertainty] table")
+    if store is not None and folder.resolve() in (store.resolve(), *store.resolve().parents):
+        raise ValueError(f"--store {store}: must not lie in the folder of the results, {folder}")
+    over: dict[str, Any] = dict(read.over)
+    if samples is not None:
+        for name, values in read.over.items():
+            low, high = float(min(values)), float(max(values))
+            over[name] = ((low + high) / 2, (high - low) / 4) if sampling == "normal" else (low, high)
+    with progress_line() as (step, progress):
+        step("closed-form shapers")
+        shapers, left_out = closed_forms(read.plant, read.distance)
+        for path in shaper:
+            if path.stem in shapers:
+                raise ValueError(f"--shaper {path}: there is a shaper of that name already, {path.stem!r}")
+            shapers[path.stem] = read_shaper(path)
+        step("sweep")
+        try:
+            found = sweep_plants(
+                read.plant,
+                shapers,
+                read.distance,
+                over,
+                metric,
+                samples=samples,
+                sampling=sampling,
+                seed=seed,
+                store=store,
+                progress=progress,
+            )
+        except KeyboardInterrupt:
+            again = f"what is done lies in {store}; the same command goes on from there"
+            typer.echo(again if store else "nothing is kept; with --store DIR it goes on after Ctrl-C", err=True)
+            raise
+        step("files")
+        files = write_sweep(read, found, folder)
+    show_sweep(read, found, left_out)
+    typer.echo(f"results in {folder}: {', '.join(files)}")

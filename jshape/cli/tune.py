@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from jshape.cli._artist import artist
-from jshape.cli._shared import Out, ProblemFile, begin, explained, prepare_jax, progress_line
+from jshape.cli._shared import Out, ProblemFile, begin, explained, progress_line
 
 
 def tune(
@@ -19,7 +19,7 @@ def tune(
 ) -> None:
     """Tune a shaper for a problem and set it beside every closed form that applies."""
     with explained(), artist() as draw:
-        prepare_jax()
+        read, folder = begin(problem, out)
         from jshape.design.closed_forms import closed_forms
         from jshape.design.tuning.tune import tune as tune_shaper
         from jshape.export import read_shaper
@@ -27,7 +27,6 @@ def tune(
         from jshape.reports.tables import show_report
         from jshape.status import Status
 
-        read, folder = begin(problem, out)
         design = read.design
         first = None if start is None else read_shaper(start)
         # The closed forms are compiled beside the search: with two cores that saves some seconds of a first run.
@@ -56,11 +55,10 @@ def tune(
 def compare(problem: ProblemFile, out: Out = None) -> None:
     """Set the closed-form shapers that apply to a problem side by side, without tuning."""
     with explained(), artist() as draw:
-        prepare_jax()
+        read, folder = begin(problem, out)
         from jshape.reports import report
         from jshape.reports.tables import show_report
 
-        read, folder = begin(problem, out)
         with progress_line() as (step, _):
             result = report.build(read, None, step)
             figures = report.write(result, folder, step, draw)

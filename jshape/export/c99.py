@@ -7,11 +7,12 @@ The filter is one state machine for all arithmetics (``templates/shaper.h``); wh
 import textwrap
 import tomllib
 from collections.abc import Iterable, Sequence
+from string import Template
 
 import numpy as np
 
 from jshape import _check
-from jshape.export.text import TEMPLATES, digitised_about, fill, identifier, substituted
+from jshape.export.text import TEMPLATES, digitised_about, fill, identifier
 from jshape.shaper import Shaper
 
 ARITHMETICS = ("float", "double", "q15", "q31")
@@ -56,11 +57,11 @@ def c99(
         gains, rounded = [str(gain) for gain in whole.tolist()], whole / 2.0**bits
         values = dict(samples=samples, twice=2 * samples, fraction=samples - 1, bits=bits, ONE=f"{name.upper()}_ONE")
         table, values["bound"] = "fixed", f"{error_bound(taps, whole, bits, samples):.4g}"
-    fragments = tomllib.loads((TEMPLATES / "arithmetics.toml").read_text(encoding="utf-8"))[table]
+    fragments = Template((TEMPLATES / "arithmetics.toml").read_text(encoding="utf-8")).safe_substitute(values)
     delays = np.flatnonzero(taps)
     return fill(
         "shaper.h",
-        **{key: substituted(text, values) for key, text in fragments.items()},
+        **tomllib.loads(fragments)[table],
         about=digitised_about(shaper, rounded.astype(float), float(sample_time), method, modes),
         name=name,
         NAME=name.upper(),

@@ -81,15 +81,6 @@ def comment(mark: str, lines: list[str]) -> str:
     return "".join(f"{mark} {line}".rstrip() + "\n" for line in lines)
 
 
-def substituted(text: Any, values: dict[str, Any]) -> Any:
-    """A text, or a list of texts, with its ``$names`` replaced."""
-    return (
-        [Template(line).substitute(values) for line in text]
-        if isinstance(text, list)
-        else Template(text).substitute(values)
-    )
-
-
 def fill(template: str, **values: Any) -> str:
     """A template of this package with its ``$names`` replaced.
 

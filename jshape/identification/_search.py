@@ -72,6 +72,8 @@ def criterion(found: Fit) -> float:
 def _one_more(family: AbstractFamily, found: Fit) -> Fit:
     """The fit with another mode: the one of some starts that takes most from the residuals, then all refined."""
     omegas, power = family.power(found.residuals)
+    inside = (omegas >= family.lowest) & (omegas <= family.highest)
+    omegas, power = omegas[inside], power[inside]
     best, start = -1.0, (float(omegas[np.argmax(power)]), ZETAS[2])
     for omega in _highest(omegas, power):
         for zeta in ZETAS:

@@ -4,7 +4,6 @@ Whatever cannot be understood raises ``RecordError`` that begins with file and l
 """
 
 import csv
-import dataclasses
 import math
 import re
 from collections import Counter
@@ -12,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from jshape.identification.records import RecordError, Where
+from jshape.identification.records import Record, RecordError
 
 MISSING_WORDS = ("", "nan", "na", "n/a", "null", "none", "-", "--", "#n/a", "missing")
 """What stands in a cell that has no number, in small letters."""
@@ -24,35 +23,14 @@ FREQUENCIES = {"hz": 2 * math.pi, "khz": 2000 * math.pi, "rad/s": 1.0, "rad_s": 
 """Units of frequency that a header may name, in rad/s."""
 
 
-@dataclasses.dataclass(frozen=True)
-class Table:
-    """A file's columns; cells without a number are NaN.
-
-    Attributes:
-        axis: s or rad/s, shape (rows,).
-        values: shape (rows, channels).
-        inputs: shape (rows,), or ``None``.
-        names: of the channels.
-        notes: on the file.
-        where: says where a row stands.
-    """
-
-    axis: np.ndarray
-    values: np.ndarray
-    inputs: np.ndarray | None
-    names: tuple[str, ...]
-    notes: tuple[str, ...]
-    where: Where
-
-
 def read_csv(
     path: str | Path,
     columns: list[str] | None = None,
     inputs: str | None = None,
     sample_rate: float | None = None,
     spectrum: bool = False,
-) -> Table:
-    """Read a record from a CSV file.
+) -> Record:
+    """Read a record from a CSV file, not checked yet; cells without a number are NaN.
 
     A unit in the header of the first column is heeded (``t [ms]``); without one it is in s, frequencies in Hz.
 
@@ -100,7 +78,8 @@ def read_csv(
     else:
         axis = np.arange(len(data)) / sample_rate
     lines = numbers[begin:]
-    return Table(axis, data, driven, tuple(names), tuple(notes), lambda row: f"{path}:{lines[row]}: ")
+    rows_read, where = np.arange(len(data)), lambda row: f"{path}:{lines[row]}: "
+    return Record(axis, data, driven, rows_read, tuple(names), tuple(notes), where)
 
 
 def _text(path: Path) -> str:

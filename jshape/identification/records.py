@@ -37,7 +37,7 @@ Where = Callable[[int], str]
 
 @dataclasses.dataclass(frozen=True)
 class Record:
-    """A record that passed.
+    """A record: as it was read, or as it passed ``check_record``.
 
     Attributes:
         axis: s or rad/s, shape (rows,).

@@ -4,8 +4,6 @@ A frequency response is the sum of ½ c/(iw − λ) + ½ c̄/(iw − λ̄) over 
 (a + b w²)/|ω² − w² + 2iζωw|², with an error in proportion to its own size. Frequencies w in rad/s.
 """
 
-import abc
-
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
@@ -15,18 +13,13 @@ from jshape.identification._projection import AbstractFamily, pole
 class _AbstractSpectrum(AbstractFamily):
     """Values over frequencies, rad/s."""
 
-    def __init__(self, at_omega: np.ndarray):
-        self.axis = np.asarray(at_omega, float)
+    def __init__(self, at_omega: np.ndarray, data: np.ndarray):
+        self.axis, self.data = np.asarray(at_omega, float), data
         gap = float(np.median(np.diff(self.axis))) if len(self.axis) > 1 else 1.0
         self.lowest, self.highest = max(float(self.axis[0]), gap / 2), float(self.axis[-1])
 
-    def power(self, residuals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        inside = (self.axis >= self.lowest) & (self.axis <= self.highest)
-        return self.axis[inside], self._power(residuals)[inside]
-
-    @abc.abstractmethod
-    def _power(self, residuals: np.ndarray) -> np.ndarray:
-        """How much of the residuals lies at each frequency."""
+    def at(self, axis: np.ndarray, inputs: np.ndarray | None) -> "_AbstractSpectrum":
+        return type(self)(axis, np.empty((len(axis), 0)))
 
 
 class FrequencyResponse(_AbstractSpectrum):
@@ -40,8 +33,7 @@ class FrequencyResponse(_AbstractSpectrum):
     """
 
     def __init__(self, at_omega: np.ndarray, data: np.ndarray):
-        super().__init__(at_omega)
-        self.data = _stack(data)
+        super().__init__(at_omega, _stack(data))
         self.weights = np.ones(2 * len(self.axis))
         w = np.where(self.axis > 0, self.axis, np.inf)
         middle = np.median(self.axis)
@@ -53,13 +45,8 @@ class FrequencyResponse(_AbstractSpectrum):
         slopes = [_both(2 * near**2 * a, 2 * far**2 * a.conjugate()) for a in along]
         return _both(near, far), slopes[0], slopes[1]
 
-    def _power(self, residuals: np.ndarray) -> np.ndarray:
-        power = np.sum(residuals**2, axis=1)
-        return power[: len(self.axis)] + power[len(self.axis) :]
-
-    def at(self, axis: np.ndarray, inputs: np.ndarray | None) -> "FrequencyResponse":
-        del inputs
-        return FrequencyResponse(axis, np.empty((len(axis), 0), complex))
+    def power(self, residuals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return self.axis, np.sum(np.abs(self.join(residuals)) ** 2, axis=1)
 
     def join(self, values: np.ndarray) -> np.ndarray:
         half = len(values) // 2
@@ -76,8 +63,7 @@ class PowerSpectrum(_AbstractSpectrum):
     """
 
     def __init__(self, at_omega: np.ndarray, data: np.ndarray, level: np.ndarray | None = None):
-        super().__init__(at_omega)
-        self.data = data
+        super().__init__(at_omega, data)
         if level is None:
             level = uniform_filter1d(data[:, 0], 7, mode="nearest") if data.size else np.ones(len(self.axis))
         self.weights = 1 / np.maximum(level, 1e-9 * np.max(level))
@@ -99,17 +85,13 @@ class PowerSpectrum(_AbstractSpectrum):
             -value * (along_zeta / below)[:, None],
         )
 
-    def _power(self, residuals: np.ndarray) -> np.ndarray:
+    def power(self, residuals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         # A single frequency proves nothing where each is as uncertain as it is high.
-        return np.maximum(uniform_filter1d(residuals[:, 0], 5, mode="nearest"), 0.0)
+        return self.axis, np.maximum(uniform_filter1d(residuals[:, 0], 5, mode="nearest"), 0.0)
 
     def residue(self, factors: np.ndarray) -> np.ndarray:
         # The size of the vibration; a power has no phase.
         return np.sqrt(np.maximum(factors[0] + factors[1], 0.0)).astype(complex)
-
-    def at(self, axis: np.ndarray, inputs: np.ndarray | None) -> "PowerSpectrum":
-        del inputs
-        return PowerSpectrum(axis, np.empty((len(axis), 0)))
 
 
 def _both(u: np.ndarray, v: np.ndarray) -> np.ndarray:

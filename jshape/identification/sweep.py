@@ -37,25 +37,17 @@ class Sweep(RingDown):
 
     def _response(self, at: complex) -> tuple[np.ndarray, np.ndarray]:
         """z at the samples, and its derivative with respect to λ, exactly, from rest."""
-        x = at * self.step
-        grow = np.exp(x)
-        current, previous, current_slope, previous_slope = _weights(x)
-        h, r = self.step, self.inputs.astype(complex)
-        r = r - r[0]
-        earlier = np.concatenate([[0.0], r[:-1]])
-        z = _recursion(grow, h * (current * r + previous * earlier))
-        source = h * grow * np.concatenate([[0.0], z[:-1]]) + h * h * (current_slope * r + previous_slope * earlier)
-        return z, _recursion(grow, source)
+        h, inputs = self.step, self.inputs - self.inputs[0]
+        grow = np.exp(at * h)
+        current, previous, current_slope, previous_slope = _weights(at * h)
+        z = np.asarray(lfilter([h * current, h * previous], [1, -grow], inputs))
+        driven = lfilter([h * h * current_slope, h * h * previous_slope], [1, -grow], inputs)
+        return z, np.asarray(driven + lfilter([0, h * grow], [1, -grow], z))
 
     def at(self, axis: np.ndarray, inputs: np.ndarray | None) -> "Sweep":
         if inputs is None:
             raise ValueError("inputs must be given: what was driven is predicted from what drives it")
         return Sweep(axis, np.empty((len(axis), 0)), inputs, self.origin)
-
-
-def _recursion(factor: complex, source: np.ndarray) -> np.ndarray:
-    """z_k = factor z_{k−1} + source_k."""
-    return np.asarray(lfilter([1.0], [1.0, -factor], source))
 
 
 def _weights(x: complex) -> tuple[complex, complex, complex, complex]:

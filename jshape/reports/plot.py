@@ -15,7 +15,6 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_pdf import FigureCanvasPdf
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogFormatter
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -84,47 +83,31 @@ def response(
         names: of what the command moves and of the payload.
         label: of the vertical axis.
     """
+    words = "payload, ends of the uncertainty"
     with mpl.rc_context(STYLE):
-        figure, axes = plt.subplots(
-            len(nominal), 1, figsize=(WIDTH, 0.4 + 1.15 * len(nominal)), sharex=True, sharey=True, squeeze=False
-        )
-        command_name, payload_name = names[0] or "command", names[1] or "payload"
-        for axis, (name, run) in zip(axes[:, 0], nominal.items(), strict=True):
-            for i, other in enumerate((extremes or {}).get(name, [])):
-                words = "payload, ends of the uncertainty" if i == 0 else None
+        figure, axes = _stacked(nominal, sharey=True)
+        for axis, (name, run) in zip(axes, nominal.items(), strict=True):
+            for other in (extremes or {}).get(name, []):
                 axis.plot(other.times, other.payload, color=COLOURS[5], linewidth=0.7, label=words)
-            axis.step(run.times, run.command, where="post", color="0.35", linewidth=1.0, label=command_name)
-            axis.plot(run.times, run.payload, color=COLOURS[0], label=payload_name)
-            axis.set_title(name, loc="left")
-            axis.set_xlim(0, float(run.times[-1]))
-            axis.set_ylabel(label)
-        axes[-1, 0].set_xlabel("time (s)")
-        handles, labels = axes[0, 0].get_legend_handles_labels()
-        columns = len(labels)
-        figure.legend(handles, labels, loc="outside upper center", ncols=columns, handlelength=1.6, columnspacing=1.0)
+            axis.step(run.times, run.command, where="post", color="0.35", linewidth=1.0, label=names[0] or "command")
+            axis.plot(run.times, run.payload, color=COLOURS[0], label=names[1] or "payload")
+            axis.set(xlim=(0, float(run.times[-1])), ylabel=label)
+        axes[-1].set_xlabel("time (s)")
+        _legend(figure, axes[:1], handlelength=1.6, columnspacing=1.0)
     return figure
 
 
 def energy(profiles: "Mapping[str, EnergyProfile]") -> Figure:
     """Kinetic and potential energy against the payload's position, one panel a shaper."""
+    parts = (("kinetic", COLOURS[0], "-"), ("potential", COLOURS[1], "--"), ("total", "0.35", ":"))
     with mpl.rc_context(STYLE):
-        figure, axes = plt.subplots(
-            len(profiles), 1, figsize=(WIDTH, 0.4 + 1.15 * len(profiles)), sharex=True, squeeze=False
-        )
-        for axis, (name, profile) in zip(axes[:, 0], profiles.items(), strict=True):
-            for i, (x, kinetic, potential, total) in enumerate(
-                zip(profile.position, profile.kinetic, profile.potential, profile.total, strict=True)
-            ):
-                first = i == 0
-                axis.plot(x, kinetic, color=COLOURS[0], label="kinetic" if first else None)
-                axis.plot(x, potential, color=COLOURS[1], linestyle="--", label="potential" if first else None)
-                axis.plot(x, total, color="0.35", linestyle=":", label="total" if first else None)
-            axis.set_title(name, loc="left")
-            axis.set_ylabel("energy (J)")
-            axis.set_ylim(bottom=0)
-        axes[-1, 0].set_xlabel("payload position (m)")
-        handles, labels = axes[0, 0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside upper center", ncols=len(labels))
+        figure, axes = _stacked(profiles)
+        for axis, profile in zip(axes, profiles.values(), strict=True):
+            for part, colour, line in parts:
+                axis.plot(profile.position.T, getattr(profile, part).T, color=colour, linestyle=line, label=part)
+            axis.set(ylabel="energy (J)", ylim=(0, None))
+        axes[-1].set_xlabel("payload position (m)")
+        _legend(figure, axes[:1])
     return figure
 
 
@@ -147,7 +130,7 @@ def sensitivity(
     percent = {name: 100 * np.asarray(values) for name, values in vibrations.items()}
     with mpl.rc_context(STYLE):
         figure, axis = plt.subplots(figsize=(WIDTH, 3.0))
-        labelled_lines(figure, axis, [(name, ratios, values) for name, values in percent.items()])
+        _labelled_lines(figure, axis, [(name, ratios, values) for name, values in percent.items()])
         if limit is not None:
             axis.axhline(limit, color="0.5", linewidth=0.6)
             place = ("axes fraction", "data")
@@ -155,9 +138,8 @@ def sensitivity(
         if band is not None:
             axis.axvspan(*band, color="0.5", alpha=0.12, linewidth=0, zorder=0)
         finite = [values[np.isfinite(values)] for values in percent.values()]
-        axis.set_ylim(0, 1.05 * np.max(np.concatenate(finite), initial=limit or 1.0))
-        axis.set_xlabel(f"{leaf}, actual over nominal")
-        axis.set_ylabel("residual vibration (%)")
+        greatest = np.max(np.concatenate(finite), initial=limit or 1.0)
+        axis.set(xlabel=f"{leaf}, actual over nominal", ylabel="residual vibration (%)", ylim=(0, 1.05 * greatest))
     return figure
 
 
@@ -176,11 +158,8 @@ def pareto(dataset: "xr.Dataset") -> Figure:
                 continue
             marker = "osD^vP*Xh<>p"[i % 12]
             axis.plot(at, value, marker=marker, linestyle="", color="0.4", markersize=4.5, label=str(name))
-        axis.set_yscale("log")
-        powers(axis)
-        axis.set_xlim(left=0)
-        axis.set_xlabel("duration of the shaper (s)")
-        axis.set_ylabel(f"{dataset['objective'].attrs['long_name']} (J)")
+        objective = f"{dataset['objective'].attrs['long_name']} (J)"
+        axis.set(xlabel="duration of the shaper (s)", ylabel=objective, xlim=(0, None), yscale="log")
         figure.legend(loc="outside upper center", ncols=2)
     return figure
 
@@ -192,14 +171,14 @@ def convergence(history: np.ndarray, objective: str) -> Figure:
         values = np.maximum(np.asarray(history, float), 1e-32)
         many = len(values) >= 60
         axis.semilogy(many + np.arange(len(values)), values, color=COLOURS[0], marker="" if many else ".")
-        if many:
-            # Most is gained by the first few of hundreds.
-            axis.set_xscale("log")
-        powers(axis)
-        axis.set_xlabel("iteration" if objective == "nominal" else "evaluations")
         words = {"nominal": "residual energy", "worst": "worst residual energy", "mean": "mean residual energy"}
-        axis.set_ylabel(f"{words.get(objective, 'tail mean of the energy')} (J)")
-        axis.margins(x=0.02)
+        axis.set(
+            xlabel="iteration" if objective == "nominal" else "evaluations",
+            ylabel=f"{words.get(objective, 'tail mean of the energy')} (J)",
+            # Most is gained by the first few of hundreds.
+            xscale="log" if many else "linear",
+            xmargin=0.02,
+        )
     return figure
 
 
@@ -221,8 +200,7 @@ def learning(moves: np.ndarray, reward: np.ndarray, regret: np.ndarray) -> Figur
         axis.plot(moves[few - 1 :], smooth, color=COLOURS[0], label=f"mean of {few} updates")
         oracle = smooth + np.convolve(regret, window, "valid")
         axis.plot(moves[few - 1 :], oracle, color="0.3", linestyle="--", label="oracle")
-        axis.set_xlabel("moves")
-        axis.set_ylabel("mean reward of a move")
+        axis.set(xlabel="moves", ylabel="mean reward of a move")
         axis.legend()
     return figure
 
@@ -279,8 +257,7 @@ def prediction(
                 for frequency in modes:
                     above.axvline(frequency, color="0.5", linewidth=0.5, linestyle=":")
         axes[-1, 0].set_xlabel("time (s)" if modes is None else "frequency (Hz)")
-        handles = [line for panel in axes[:2, 0] for line in panel.get_legend_handles_labels()[0]]
-        figure.legend(handles, ["measured", "fit", "residual"], loc="outside upper center", ncols=3)
+        _legend(figure, axes[:2, 0])
     return figure
 
 
@@ -289,7 +266,7 @@ def curves(
     labels: tuple[str, str],
     *,
     across: tuple[float, float] | None = None,
-    up: tuple[float, float] | None = None,
+    up: tuple[float, float | None] | None = None,
     logarithmic: bool = False,
     level: float | None = None,
     ticks: Iterable[float] = (),
@@ -307,15 +284,9 @@ def curves(
     """
     with mpl.rc_context(STYLE):
         figure, axis = plt.subplots(figsize=(WIDTH, 2.6))
-        labelled_lines(figure, axis, lines)
-        axis.set_xlabel(labels[0])
-        axis.set_ylabel(labels[1])
-        if logarithmic:
-            axis.set_yscale("log")
-        if across is not None:
-            axis.set_xlim(*across)
-        if up is not None:
-            axis.set_ylim(*up)
+        _labelled_lines(figure, axis, lines)
+        scale = "log" if logarithmic else "linear"
+        axis.set(xlabel=labels[0], ylabel=labels[1], yscale=scale, xlim=across, ylim=up)
         if level is not None:
             axis.axhline(level, color="0.5", linewidth=0.6)
         for x in ticks:
@@ -358,10 +329,7 @@ def _label(data: "xr.DataArray") -> str:
 
 def _curves(data: "xr.DataArray", leaf: str) -> Figure:
     lines = [(str(name), data[leaf], data.sel(shaper=name)) for name in data["shaper"].values]
-    figure = curves(lines, (_label(data[leaf]), _label(data)))
-    if np.nanmin(data.values) >= 0:
-        figure.axes[0].set_ylim(bottom=0)
-    return figure
+    return curves(lines, (_label(data[leaf]), _label(data)), up=(0, None) if np.nanmin(data.values) >= 0 else None)
 
 
 def _exceedance(data: "xr.DataArray") -> Figure:
@@ -371,47 +339,31 @@ def _exceedance(data: "xr.DataArray") -> Figure:
         np.concatenate([np.linspace(0, count - 1, 1000), np.arange(max(count - 100, 0), count)]).astype(int)
     )
     lines = [(str(name), np.sort(data.sel(shaper=name).values)[rank], 1 - rank / count) for name in data.shaper.values]
-    figure = curves(lines, (_label(data), "share of plants at or above"), up=(1 / count, 1), logarithmic=True)
-    powers(figure.axes[0])
-    return figure
+    return curves(lines, (_label(data), "share of plants at or above"), up=(1 / count, 1), logarithmic=True)
 
 
-class Powers(LogFormatter):
-    """10⁻³ in plain characters: as a formula each such label takes matplotlib ten milliseconds."""
-
-    def __call__(self, x: float, pos: int | None = None) -> str:
-        label = super().__call__(x, pos)
-        if not label or x <= 0:
-            return label
-        exponent = int(np.floor(np.log10(x) + 1e-9))
-        factor = x / 10.0**exponent
-        power = "10" + str(exponent).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
-        if np.isclose(factor, 1):
-            return power
-        return f"{x:g}" if -1 <= exponent <= 2 else f"{factor:g}×{power}"
+def _stacked(names: Iterable[str], sharey: bool = False) -> tuple[Figure, Any]:
+    """A figure with a panel for each name, one under the other."""
+    names = list(names)
+    size = (WIDTH, 0.4 + 1.15 * len(names))
+    figure, axes = plt.subplots(len(names), 1, figsize=size, sharex=True, sharey=sharey, squeeze=False)
+    for axis, name in zip(axes[:, 0], names, strict=True):
+        axis.set_title(name, loc="left")
+    return figure, axes[:, 0]
 
 
-def powers(axes: Any) -> None:
-    """Label the logarithmic ones of the axes by powers of ten."""
-    for axis in (axes.xaxis, axes.yaxis):
-        if axis.get_scale() == "log":
-            axis.set_major_formatter(Powers())
-            axis.set_minor_formatter(Powers(labelOnlyBase=False, minor_thresholds=(1, 0.4)))
+def _legend(figure: Figure, axes: Iterable[Any], **options: Any) -> None:
+    """A legend above the panels, each label of some axes once."""
+    lines = {label: line for axis in axes for line, label in zip(*axis.get_legend_handles_labels(), strict=True)}
+    figure.legend(lines.values(), lines, loc="outside upper center", ncols=len(lines), **options)
 
 
-def labelled_lines(figure: Figure, axis: Any, lines: Sequence[tuple[str, Any, Any]]) -> None:
+def _labelled_lines(figure: Figure, axis: Any, lines: Sequence[tuple[str, Any, Any]]) -> None:
     """One line a shaper, the tuned one heavy, and a legend above."""
     for i, (name, x, y) in enumerate(lines):
-        heavy = name == "tuned"
-        axis.plot(
-            x,
-            y,
-            color="black" if heavy else COLOURS[i % 6],
-            linestyle="-" if heavy else LINES[i % len(LINES)],
-            linewidth=2.0 if heavy else 1.0,
-            label=name,
-            zorder=3 if heavy else 2,
-        )
+        (line,) = axis.plot(x, y, color=COLOURS[i % 6], linestyle=LINES[i % len(LINES)], linewidth=1.0, label=name)
+        if name == "tuned":
+            line.set(color="black", linestyle="-", linewidth=2.0, zorder=3)
     axis.margins(x=0)
     if len(lines) > 1:
         figure.legend(loc="outside upper center", ncols=2)
@@ -429,21 +381,19 @@ def _panels(data: "xr.DataArray", vertical: str, across: str) -> Figure:
     # Shapers differ by orders of magnitude: three decades where nothing is negative, else a plain scale.
     wide = np.min(finite, initial=0.0) >= 0
     norm = LogNorm(greatest / 1000, greatest) if wide else Normalize(finite.min(), greatest)
-    drawn = None
-    for i, axis in enumerate(axes.flat):
-        if i >= len(shapers):
-            axis.set_visible(False)
-            continue
-        values = data.isel(shaper=i).transpose(vertical, across).values
+    for axis in axes.flat[len(shapers) :]:
+        axis.set_visible(False)
+    for axis, name in zip(axes.flat, shapers, strict=False):
+        values = data.sel(shaper=name).transpose(vertical, across).values
         # A plant that diverged stays white.
-        drawn = axis.pcolormesh(
+        axis.pcolormesh(
             data[across], data[vertical], np.where(np.isfinite(values), np.maximum(values, norm.vmin or 0.0), np.nan),
             norm=norm, cmap="cividis", shading="nearest", rasterized=True,
         )  # fmt: skip
-        axis.set_title(str(shapers[i]), loc="left")
+        axis.set_title(str(name), loc="left")
         axis.grid(False)
-    assert drawn is not None
     figure.supxlabel(_label(data[across]), fontsize=8)
     figure.supylabel(_label(data[vertical]), fontsize=8)
+    drawn = axes.flat[0].collections[0]
     figure.colorbar(drawn, ax=axes, label=_label(data), shrink=0.9, aspect=30, extend="min" if wide else "neither")
     return figure

@@ -304,5 +304,5 @@ def _shown(report: Report) -> list[Row]:
     preferred = ["energy 2-impulse", "energy 3-impulse", "energy fast 3-impulse"]
     preferred += ["linear ZV", "linear ZVD", "linear EI"]
     by_name = {row.name: row for row in report.rows}
-    closed = [by_name[name] for name in preferred if name in by_name][: 3 if "tuned" in by_name else 4]
-    return closed + ([by_name["tuned"]] if "tuned" in by_name else [])
+    closed = [name for name in preferred if name in by_name][: 3 if "tuned" in by_name else 4]
+    return [by_name[name] for name in (*closed, "tuned") if name in by_name]

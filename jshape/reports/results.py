@@ -17,13 +17,7 @@ def write_sweep(problem: Problem, found: xr.Dataset, folder: Path) -> list[str]:
         The files' names.
     """
     summaries = {str(metric): summary(found[metric]) for metric in found.data_vars}
-    rows = {
-        metric: {
-            str(name): {str(word): float(part[word].sel(shaper=name)) for word in part.data_vars}
-            for name in part["shaper"].values
-        }
-        for metric, part in summaries.items()
-    }
+    rows = {metric: part.to_dataframe().to_dict("index") for metric, part in summaries.items()}
     write_results(folder, {"problem": problem.name, "sweep": found.attrs, "metrics": rows})
     found.to_netcdf(folder / "sweep.nc", engine="scipy")
     files = ["results.json", "sweep.nc"]

@@ -51,10 +51,8 @@ def show_sweep(problem: Problem, found: "xr.Dataset", left_out: dict[str, str]) 
         unit = "" if data.attrs["units"] == "1" else f" ({data.attrs['units']})"
         title = f"{problem.title}: {data.attrs['long_name']}{unit}, {data.size // data.sizes['shaper']} plants"
         table = new_table("shaper", ["mean", "95 % quantile", "worst"], title)
-        part = summary(data)
-        for name in part["shaper"].values:
-            cells = [number(float(part[word].sel(shaper=name))) for word in ("mean", "quantile_95", "worst")]
-            table.add_row(str(name), *cells)
+        for name, row in summary(data).to_dataframe().iterrows():
+            table.add_row(str(name), *map(number, row))
         console.print(table)
         if "error" in data.attrs:
             console.print(f"finer steps change this by at most {data.attrs['error']:.1e}", highlight=False)
@@ -67,12 +65,10 @@ def show_front(problem: Problem, front: "xr.Dataset") -> None:
     title = f"{problem.title}: {front['objective'].attrs['long_name']} (J) for each duration"
     # Beside the table, which would wrap it to its own width.
     console.print(title, style="italic", highlight=False)
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    table.add_column("duration (s)", justify="right")
-    for name in front["design"].values:
-        table.add_column(str(name), justify="right")
-    for time in front["duration"].values:
-        table.add_row(f"{time:.4f}", *[number(float(v)) for v in front["objective"].sel(duration=time).values])
+    objectives = front["objective"].transpose("duration", "design").to_pandas()
+    table = new_table("duration (s)", objectives.columns)
+    for time, row in objectives.iterrows():
+        table.add_row(f"{time:.4f}", *map(number, row))
     console.print(table)
     for name in front["closed_form"].values:
         value, time = (float(front[key].sel(closed_form=name)) for key in ("closed_objective", "closed_duration"))

@@ -31,6 +31,8 @@ _BLOCK, _BLOCKS, _CHUNKS = 8, 16, 32
 """A differentiable segment has up to ``_CHUNKS`` chunks of ``_BLOCKS`` blocks of ``_BLOCK`` steps, 4096 in all."""
 
 _ORDER = 8
+_KINKED = 5
+"""The order at which error estimates fall; and the one below which the equation is taken to have kinks."""
 
 _PROBE = 1e-3
 """The relative error estimate at which a run is fine enough to predict the next, and to measure amplification by."""
@@ -48,7 +50,7 @@ class Checked(NamedTuple):
     Attributes:
         state: NaN where the tolerance was not met.
         error: estimate of the error of the energy, relative to ``scale``.
-        scale: the greatest energy at the beginning or end of any segment, J.
+        scale: the greatest energy at the beginning or end of any segment, or after the last break, J.
         diverged: whether the plant has left the region from which it returns to rest.
         met: whether the tolerance was met.
         steps: of each segment.
@@ -168,12 +170,13 @@ def _square(values: Any) -> Any:
 
 class _Run(NamedTuple):
     """One run of the pilot: states at the segments' ends, sums of their steps' absolute error estimates, the energies
-    at their beginnings and ends, whether all steps were resolved, and if not, whether the plant had diverged there."""
+    at their beginnings and ends, whether all steps so far were resolved, and if not, whether the plant had diverged
+    there."""
 
     ends: Float[Array, "segments state"]
     errors: Float[Array, "segments state"]
     energies: Float[Array, "segments two"]
-    resolved: Bool[Array, ""]
+    resolved: Bool[Array, " segments"]
     diverged: Bool[Array, ""]
 
 
@@ -206,94 +209,121 @@ def _run(plant: AbstractPlant, segments: Segments, state: State, steps: Int[Arra
         end = jnp.stack(state)
         diverged = diverged | (resolved & ~still & plant.diverged(end, inputs))
         energies = jnp.stack([begin, plant.residual_energy(end, inputs)])
-        return (state, still, diverged), (end, jnp.stack(error), energies)
+        return (state, still, diverged), (end, jnp.stack(error), energies, still)
 
     begin = (tuple(state), jnp.asarray(True), jnp.asarray(False))
-    (_, resolved, diverged), found = jax.lax.scan(advance_segment, begin, (segments, steps))
-    return _Run(*found, resolved, diverged)
+    (_, _, diverged), found = jax.lax.scan(advance_segment, begin, (segments, steps))
+    return _Run(*found, diverged)
 
 
-def _in_energy(plant, segments: Segments, states, changes, scale) -> Float[Array, " segments"]:
+def _in_energy(plant, after: Float[Array, "segments powers"], states, changes, scale) -> Float[Array, " segments"]:
     """What a change of the state at each segment's end can change the energy by, relative to ``scale``.
 
-    At the state's own slope of the energy, or where that is small, at the phase at which it is greatest.
+    At the state's own slope of the energy, or where that is small, at the phase at which it is greatest; with the
+    input that follows the segment, to which it may have jumped. ``after``: its coefficients.
     """
 
-    def one(segment: Segments, state: State, change: State):
-        inputs = inputs_at(plant, segment.coefficients, segment.age + segment.duration)
+    def one(coefficients, state: State, change: State):
+        inputs = inputs_at(plant, coefficients, jnp.zeros_like(scale))
         slope, curved = jax.jvp(jax.grad(lambda y: plant.residual_energy(y, inputs)), (state,), (change,))
         square = jnp.sum(jnp.abs(change * curved))
         return jnp.maximum(jnp.sum(jnp.abs(slope * change)), jnp.sqrt(2 * scale * square)) + square / 2
 
-    change = jax.vmap(one)(segments, states, changes)
+    change = jax.vmap(one)(after, states, changes)
     return jnp.where(scale > 0, change / jnp.where(scale > 0, scale, 1.0), change)
 
 
 class _Pilot(NamedTuple):
+    """The loop's state. ``error`` to ``found`` are of the first run that met the tolerance, or of the last one: in a
+    batch others may need more steps, or reach none of it."""
+
     steps: Int[Array, " segments"]
     before: Int[Array, " segments"]
     ends: Float[Array, "segments state"]
-    estimate: Scalar
+    estimates: Float[Array, " segments"]
     compared: Bool[Array, ""]
     """Whether the last run can serve as the coarser one of a comparison."""
     diverged: Bool[Array, ""]
     error: Scalar
     scale: Scalar
     met: Bool[Array, ""]
+    end: State
+    found: Int[Array, " segments"]
+    spent: Bool[Array, ""]
+    """Whether the most steps were not enough."""
     runs: Int[Array, ""]
     go_on: Bool[Array, ""]
 
 
-def _pilot(plant, segments: Segments, plan: Schedule, state: State, tolerance: Scalar) -> Checked:
-    count, dtype = len(segments.begin), state.dtype
-    end_inputs = plan.final_inputs(plant)
+def _attempt(plant, segments: Segments, plan: Schedule, state: State, tolerance: Scalar, last: _Pilot) -> _Pilot:
+    """One more run: its error, from what it differs by from the last one, and the steps of the next."""
+    count, dtype, end_inputs = len(segments.begin), state.dtype, plan.final_inputs(plant)
     tiny = float(jnp.finfo(dtype).tiny)
+    run = _run(plant, segments, state, last.steps)
+    energies = jnp.append(run.energies, plant.residual_energy(run.ends[-1], end_inputs))
+    scale = jnp.max(jnp.where(jnp.isfinite(energies), jnp.abs(energies), 0.0))
+    measure = lambda changes: _in_energy(plant, plan.coefficients[1:], run.ends, changes, scale)
+    estimates = jnp.nan_to_num(measure(run.errors), nan=jnp.inf)
+    estimate = jnp.sum(estimates)
+    ratio = last.before.astype(dtype) / last.steps.astype(dtype)
+    difference = jnp.max(measure(run.ends - last.ends))
+    # What the sum of local errors grew to in the coarser run, and will have grown to in this one. Where the
+    # estimates fall far more slowly than their order says, the equation has kinks: they are no upper bound then.
+    slower = estimate / (jnp.sum(last.estimates * ratio**_KINKED) + tiny)
+    least = jnp.where(slower > 1, jnp.minimum(slower, 10.0), 0.1)
+    amplification = jnp.maximum(difference / (jnp.sum(last.estimates) + tiny), least)
+    error = amplification * jnp.sum(estimates * ratio)
+    resolved = run.resolved[-1]
+    sound = resolved & jnp.isfinite(estimate)
+    compared = last.compared & sound & (difference <= 1e-2) & jnp.any(last.steps > last.before)
+    diverged = jnp.where(resolved, plant.diverged(run.ends[-1], end_inputs), run.diverged)
+    met = (compared & (error <= tolerance)) | (~resolved & diverged & last.diverged)
+    # The next numbers: from a run that is fine enough everywhere to the tolerance, from another one to such a run.
+    fine = sound & (estimate <= 10 * _PROBE)
+    ready = _batch_maximum((~(fine | met | last.met | last.spent)).astype(dtype)) == 0
+    # The fewest steps whose errors add up to the target: a segment's share grows as the ninth root of its error.
+    target = jnp.where(ready, tolerance, _PROBE)
+    shares = estimates ** (1 / (_ORDER + 1))
+    predicted = shares * (0.3 * jnp.sum(shares) / target) ** (1 / _ORDER)
+    refined = 1.1 * jnp.maximum(error / tolerance, 1.0) ** (1 / _ORDER)
+    idle = estimates <= 1e-3 * target / count
+    # A run with the same numbers everywhere would be compared with itself.
+    idle = idle & ~jnp.all(idle)
+    least = jnp.where(ready & ~idle, 1.5, 1.0)
+    growth = jnp.where(ready & compared & ~idle, refined, jnp.clip(predicted, least, 64.0))
+    # Where the first step was not resolved, four times as many; what comes after is not known yet.
+    before = jnp.concatenate([jnp.ones(1, bool), run.resolved[:-1]])
+    growth = jnp.where(before, jnp.where(run.resolved, jnp.nan_to_num(growth, nan=4.0), 4.0), 1.0)
+    wanted = jnp.minimum(jnp.ceil(last.steps * growth - 1e-6), MOST_STEPS)
+    # A fine branch that waits for the others of its batch does not want to grow either.
+    spent = last.spent | (jnp.all(wanted <= last.steps) & (ready | ~fine))
+    done = met | last.met | spent
+    steps = _batch_maximum(jnp.where(done, 0.0, wanted)).astype(jnp.int32)
+    go_on = (_batch_maximum((~done).astype(dtype)) > 0) & (last.runs + 1 < _RUNS)
+    kept = lambda old, new: jnp.where(last.met, old, new)
+    return _Pilot(
+        jnp.maximum(steps, last.steps), last.steps, run.ends, estimates, fine, kept(last.diverged, diverged),
+        kept(last.error, error), kept(last.scale, scale), last.met | met, kept(last.end, run.ends[-1]),
+        kept(last.found, last.steps), spent, last.runs + 1, go_on,
+    )  # fmt: skip
 
-    def attempt(last: _Pilot) -> _Pilot:
-        run = _run(plant, segments, state, last.steps)
-        energies = jnp.where(jnp.isfinite(run.energies), jnp.abs(run.energies), 0.0)
-        scale = jnp.max(energies)
-        measure = lambda changes: _in_energy(plant, segments, run.ends, changes, scale)
-        estimates = measure(run.errors)
-        estimate = jnp.sum(estimates)
-        ratio = last.before.astype(dtype) / last.steps.astype(dtype)
-        difference = jnp.max(measure(run.ends - last.ends))
-        # What the sum of local errors grew to in the coarser run, and will have grown to in this one.
-        amplification = jnp.maximum(difference / (last.estimate + tiny), 0.1)
-        error = amplification * jnp.sum(estimates * ratio)
-        sound = run.resolved & jnp.isfinite(estimate)
-        compared = last.compared & sound & (difference <= 1e-2)
-        diverged = jnp.where(run.resolved, plant.diverged(run.ends[-1], end_inputs), run.diverged)
-        met = (compared & (error <= tolerance)) | (~run.resolved & diverged & last.diverged)
-        # The next numbers: from a run that is fine enough everywhere to the tolerance, from another one to such a run.
-        fine = sound & (estimate <= 10 * _PROBE)
-        ready = _batch_maximum((~(fine | met)).astype(dtype)) == 0
-        target = jnp.where(ready, tolerance, _PROBE)
-        predicted = (0.75 * count * estimates / target) ** (1 / _ORDER)
-        refined = 1.1 * jnp.maximum(error / tolerance, 1.0) ** (1 / _ORDER)
-        idle = estimates <= 1e-3 * target / count
-        least = jnp.where(ready & ~idle, 1.5, 1.0)
-        growth = jnp.where(ready & compared & ~idle, refined, jnp.clip(predicted, least, 64.0))
-        growth = jnp.where(sound, jnp.nan_to_num(growth, nan=4.0), 4.0)
-        growth = _batch_maximum(jnp.where(met, 0.0, growth))
-        go_on = _batch_maximum((~met).astype(dtype)) > 0
-        steps = jnp.ceil(last.steps * growth - 1e-6).astype(jnp.int32)
-        go_on = go_on & (last.runs + 1 < _RUNS) & (jnp.max(steps) <= MOST_STEPS)
-        return _Pilot(
-            jnp.where(go_on, steps, last.steps), last.steps, run.ends, estimate, fine, diverged, error, scale, met,
-            last.runs + 1, go_on,
-        )  # fmt: skip
 
+def _pilot(plant, segments: Segments, plan: Schedule, state: State, tolerance: Scalar) -> Checked:
+    """Runs with more and more steps until the tolerance is met, in the whole batch or wherever it can be."""
+    count, dtype = len(segments.begin), state.dtype
     first = jnp.full(count, _FIRST, jnp.int32)
     nothing = jnp.zeros((), dtype)
     no = jnp.asarray(False)
     start = _Pilot(
-        first, first, jnp.zeros((count, len(state)), dtype), nothing, no, no, nothing, nothing, no,
-        jnp.zeros((), jnp.int32), jnp.asarray(True),
+        first, first, jnp.zeros((count, len(state)), dtype), jnp.zeros(count, dtype), no, no, nothing, nothing, no,
+        state, first, no, jnp.zeros((), jnp.int32), jnp.asarray(True),
     )  # fmt: skip
+    attempt = lambda last: _attempt(plant, segments, plan, state, tolerance, last)
     last = jax.lax.while_loop(lambda last: last.go_on, attempt, start)
-    end = jnp.where(last.met, last.ends[-1], jnp.nan)
-    return Checked(end, last.error, last.scale, last.diverged, last.met, last.steps)
+    end = jnp.where(last.met, last.end, jnp.nan)
+    # One set of numbers for the batch, without those of branches that are flagged anyway.
+    steps = _batch_maximum(jnp.where(last.met, last.found, 1))
+    return Checked(end, last.error, last.scale, last.diverged, last.met, steps)
 
 
 def _of_batch(axis_size: int, in_batched: list[bool], value: Array):

@@ -97,19 +97,9 @@ def _fastest_modes(plant: AbstractPlant, plan: Schedule, points: Mapping[str, np
         at = np.minimum(np.arange(begin, begin + FEW), count - 1)
         matrices = np.asarray(_jacobians(plant, plan, {name: values[at] for name, values in points.items()}), float)
         known = np.all(np.isfinite(matrices), axis=(1, 2, 3))
-        modes = _eigenvalues(np.where(known[:, None, None, None], matrices, 0.0))
+        modes = np.linalg.eigvals(np.where(known[:, None, None, None], matrices, 0.0))
         found.append(np.where(known, np.max(np.abs(modes), axis=(1, 2)), np.inf))
     return np.concatenate(found)[:count]
-
-
-def _eigenvalues(matrices: np.ndarray) -> np.ndarray:
-    if matrices.shape[-1] != 2:
-        return np.linalg.eigvals(matrices)
-    # Of two states in closed form, ten times as fast.
-    half = np.trace(matrices, axis1=-2, axis2=-1) / 2
-    determinant = matrices[..., 0, 0] * matrices[..., 1, 1] - matrices[..., 0, 1] * matrices[..., 1, 0]
-    root = np.sqrt((half**2 - determinant).astype(complex))
-    return np.stack([half + root, half - root], axis=-1)
 
 
 @kept

@@ -4,6 +4,7 @@ The scheduler gives the calls of a worker that dies to the others. dask is impor
 """
 
 from collections.abc import Callable, Iterable, Iterator
+from itertools import islice
 from typing import Any
 
 
@@ -36,26 +37,21 @@ def on_cluster(
     """
     from distributed import as_completed
 
-    calls = iter(calls)
     indices: dict[Any, int] = {}
 
-    def submit() -> Any:
-        index, arguments = next(calls, (None, ()))
-        if index is None:
-            return None
-        # A name of its own for each: what another sweep computed under the same one must not stand in for it.
-        future = client.submit(function, *arguments, pure=False)
-        indices[future] = index
-        return future
+    def submitted() -> Iterator[Any]:
+        for index, arguments in calls:
+            # A name of its own for each: what another sweep computed under the same one must not stand in for it.
+            future = client.submit(function, *arguments, pure=False)
+            indices[future] = index
+            yield future
 
-    room = 2 + 2 * sum(client.nthreads().values())
-    completed = as_completed([future for _ in range(room) if (future := submit()) is not None])
+    futures = submitted()
+    completed = as_completed(islice(futures, 2 + 2 * sum(client.nthreads().values())))
     try:
         for future in completed:
             result = future.result()
-            following = submit()
-            if following is not None:
-                completed.add(following)
+            completed.update(islice(futures, 1))
             yield indices.pop(future), result
     finally:
         client.cancel(list(indices))

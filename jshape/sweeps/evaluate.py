@@ -72,20 +72,15 @@ class Evaluation(eqx.Module):
                 given = dict(steps=steps) if metric in STEPPED else {}
                 return getattr(metrics, metric)(changed, shaper, self.command, **given)
 
-            if len(self.slopes) in range(1, FORWARD + 1) and isinstance(metric, str):
-                pairs = [
-                    jax.jvp(
-                        lambda x, at=at, n=name: at({**values, n: x}), (values[name],), (jnp.ones_like(values[name]),)
-                    )
-                    for name in self.slopes
-                ]
-                found += [pairs[0][0], *(slope for _, slope in pairs)]
-            elif self.slopes:
+            if not self.slopes:
+                found.append(at(values))
+                continue
+            if len(self.slopes) <= FORWARD and isinstance(metric, str):
+                slopes, value = jax.jacfwd(lambda values, at=at: (at(values),) * 2, has_aux=True)(values)
+            else:
                 # A function of the user's may have no forward mode.
                 value, slopes = jax.value_and_grad(at)(values)
-                found += [value, *(slopes[name] for name in self.slopes)]
-            else:
-                found.append(at(values))
+            found += [value, *(slopes[name] for name in self.slopes)]
         return jnp.stack(found)
 
     @property
@@ -106,18 +101,12 @@ class Study:
     """A set of plants, the moves that they make and what is computed of them.
 
     Attributes:
-        plant: the nominal plant.
-        command: the move.
-        shapers: all of one length, in the order given.
         evaluation: what is computed of a plant.
         absolute: leaf → the values given for it, absolute.
         points: leaf → one absolute value a plant.
         chunks: of the plants.
     """
 
-    plant: AbstractPlant
-    command: AbstractCommand
-    shapers: list[Shaper]
     evaluation: Evaluation
     absolute: dict[str, Array]
     points: dict[str, np.ndarray]
@@ -153,31 +142,17 @@ def study(
     command, plant = as_command(distance), with_arrays(plant)
     absolute = check_over(plant, over, relative)
     points = {name: np.asarray(values) for name, values in (grid(absolute) if combined else absolute).items()}
-    padded = padded_shapers(shapers)
-    asked = evaluation(plant, command, padded, metrics, tuple(absolute) if derivatives else ())
-    count = len(next(iter(points.values())))
-    chunks = cut(plant, command, padded, points) if asked.stepped else slices(np.arange(count))
-    return Study(plant, command, padded, asked, absolute, points, chunks)
-
-
-def evaluation(
-    plant: AbstractPlant,
-    command: AbstractCommand,
-    shapers: list[Shaper],
-    metrics: tuple[str | Metric, ...],
-    slopes: tuple[str, ...] = (),
-) -> Evaluation:
-    """An ``Evaluation`` with NumPy leaves, which any device and any process can take."""
-    stacked = jax.tree.map(lambda *leaves: np.stack(leaves), *shapers)
-    made = Evaluation(plant, command, stacked, metrics, slopes)
-    return jax.tree.map(lambda leaf: np.asarray(leaf) if isinstance(leaf, jax.Array) else leaf, made)
-
-
-def padded_shapers(shapers: Iterable[Shaper | None]) -> list[Shaper]:
-    """All with the same number of impulses, so that one compiled program runs them; ``None`` is the bare command."""
+    # All with the same number of impulses, so that one compiled program runs them.
     some = [Shaper([1.0], [0.0]) if shaper is None else shaper for shaper in shapers]
     longest = max(len(shaper.times) for shaper in some)
-    return [shaper.pad(longest) for shaper in some]
+    padded = [shaper.pad(longest) for shaper in some]
+    stacked = jax.tree.map(lambda *leaves: np.stack(leaves), *padded)
+    asked = Evaluation(plant, command, stacked, metrics, tuple(absolute) if derivatives else ())
+    count = len(next(iter(points.values())))
+    chunks = cut(plant, command, padded, points) if asked.stepped else slices(np.arange(count))
+    # With leaves of NumPy, which any device and any process can take.
+    asked = jax.tree.map(lambda leaf: np.asarray(leaf) if isinstance(leaf, jax.Array) else leaf, asked)
+    return Study(asked, absolute, points, chunks)
 
 
 def evaluate(
@@ -193,36 +168,26 @@ def evaluate(
     """
     of, points, chunks = study.evaluation, study.points, study.chunks
 
-    def filled(chunk: Chunk) -> dict[str, np.ndarray]:
-        # The last chunk of a bucket is filled up with its last plant, so that one program serves all.
-        at = np.append(chunk.at, np.full(chunk.size - len(chunk.at), chunk.at[-1]))
-        return {name: values[at] for name, values in points.items()}
-
     def compute(missing: list[int]) -> Iterator[tuple[int, np.ndarray]]:
         wide = bool(jax.config.jax_enable_x64)  # pyright: ignore[reportAttributeAccessIssue]
-        calls = ((index, (of, filled(chunks[index]), chunks[index].steps, wide)) for index in missing)
+        some = ((index, chunks[index]) for index in missing)
+        calls = ((i, (of, {n: v[at] for n, v in points.items()}, steps, size, wide)) for i, (at, size, steps) in some)
         if client is not None:
-            return on_cluster(client, _side_by_side, calls)
-        return ((index, _side_by_side(*arguments)) for index, arguments in calls)
+            return on_cluster(client, side_by_side, calls)
+        return ((index, side_by_side(*arguments)) for index, arguments in calls)
 
     found: np.ndarray | None = None
     for index, values in in_chunks(compute, len(chunks), store, lambda: _fingerprint(study), progress):
         at = chunks[index].at
         if found is None:
             found = np.empty((*values.shape[:2], len(next(iter(points.values())))), values.dtype)
-        found[:, :, at] = values[..., : len(at)]
+        found[:, :, at] = values
     assert found is not None
     return found
 
 
-def _side_by_side(of: Evaluation, points: dict[str, np.ndarray], steps: int, wide: bool) -> np.ndarray:
-    """``side_by_side`` in a worker, whose JAX has a precision of its own."""
-    with jax.enable_x64(wide):
-        return side_by_side(of, points, steps)
-
-
 def side_by_side(
-    of: Evaluation, points: Mapping[str, np.ndarray], steps: int
+    of: Evaluation, points: Mapping[str, np.ndarray], steps: int, size: int, wide: bool
 ) -> Float[np.ndarray, "values shapers plants"]:
     """The values of some plants, shared out evenly among all local devices.
 
@@ -230,14 +195,15 @@ def side_by_side(
         of: what is computed of a plant.
         points: leaf → one absolute value a plant.
         steps: fixed steps of the metrics in ``STEPPED``.
+        size: how many plants the program takes, at least; those that are missing are filled up with the last one.
+        wide: whether JAX computes with 64 bits; a worker's has a precision of its own.
     """
     count = len(next(iter(points.values())))
     devices = jax.local_devices()
-    lanes = min(of.batch, -(-count // len(devices)))
-    padded = -(-count // (lanes * len(devices))) * lanes * len(devices)
-    at = np.minimum(np.arange(padded), count - 1)
-    filled = {name: values[at] for name, values in points.items()}
-    return np.asarray(_many(of, filled, steps, lanes))[..., :count]
+    lanes = min(of.batch, -(-size // len(devices)))
+    at = np.minimum(np.arange(-(-size // (lanes * len(devices))) * lanes * len(devices)), count - 1)
+    with jax.enable_x64(wide):
+        return np.asarray(_many(of, {name: values[at] for name, values in points.items()}, steps, lanes))[..., :count]
 
 
 @kept

@@ -24,7 +24,7 @@ def leaf_names(plant: AbstractPlant) -> list[str]:
     """The dotted paths of all of a plant's leaves, entries of lists one by one."""
     names = []
     for path, leaf in jax.tree_util.tree_leaves_with_path(plant):
-        name = ".".join(str(getattr(key, "name", getattr(key, "idx", getattr(key, "key", key)))) for key in path)
+        name = jax.tree_util.keystr(path, simple=True, separator=".")
         names += [name] if jnp.ndim(leaf) == 0 else [f"{name}.{i}" for i in range(jnp.shape(leaf)[0])]
     return names
 

@@ -104,8 +104,8 @@ def sensitivity_indices(
         "quantile": ("quantile", list(QUANTILES), dict(long_name="quantile", units="1")),
     }
     attrs = dict(
-        plant=type(plant).__name__, distance=float(of.command.final), metric=name, samples=samples, sampling=sampling,
-        seed=seed, confidence=confidence,
+        plant=type(plant).__name__, distance=float(of.evaluation.command.final), metric=name, samples=samples,
+        sampling=sampling, seed=seed, confidence=confidence,
     )  # fmt: skip
     variables = _shares(_indices(found), draws.confidence_interval) | _spread(found, *METRICS.get(name, (name, "SI")))
     return xr.Dataset(variables, coordinates, attrs)
@@ -113,15 +113,13 @@ def sensitivity_indices(
 
 def _shares(indices: np.ndarray, interval: Any) -> dict[str, Any]:
     """The indices and the ends of their intervals as variables."""
-    variables = {}
-    for i, (index, words) in enumerate((("first_order", "first-order Sobol index"), ("total", "total Sobol index"))):
-        for end, more, data in (
-            ("", "", indices),
-            ("_low", ", lower end", interval.low),
-            ("_high", ", upper end", interval.high),
-        ):
-            variables[index + end] = (("shaper", "leaf"), data[i], dict(long_name=words + more, units="1"))
-    return variables
+    names = {"first_order": "first-order Sobol index", "total": "total Sobol index"}
+    ends = {"": ("", indices), "_low": (", lower end", interval.low), "_high": (", upper end", interval.high)}
+    return {
+        index + end: (("shaper", "leaf"), data[i], dict(long_name=words + more, units="1"))
+        for i, (index, words) in enumerate(names.items())
+        for end, (more, data) in ends.items()
+    }
 
 
 def _spread(found: np.ndarray, long_name: str, unit: str) -> dict[str, Any]:
@@ -129,12 +127,9 @@ def _spread(found: np.ndarray, long_name: str, unit: str) -> dict[str, Any]:
     independent = np.concatenate([found[0], found[1]], axis=-1)
     quantiles = np.quantile(independent, QUANTILES, axis=-1).T
     return {
-        name: (dims, data, dict(long_name=f"{words} of {long_name}", units=unit))
-        for name, words, dims, data in (
-            ("mean", "mean", "shaper", independent.mean(axis=-1)),
-            ("std", "standard deviation", "shaper", independent.std(axis=-1)),
-            ("quantiles", "quantiles", ("shaper", "quantile"), quantiles),
-        )
+        "mean": ("shaper", independent.mean(axis=-1), dict(long_name=f"mean of {long_name}", units=unit)),
+        "std": ("shaper", independent.std(axis=-1), dict(long_name=f"standard deviation of {long_name}", units=unit)),
+        "quantiles": (("shaper", "quantile"), quantiles, dict(long_name=f"quantiles of {long_name}", units=unit)),
     }
 
 

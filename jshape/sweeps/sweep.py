@@ -12,10 +12,12 @@ The result is an ``xarray.Dataset``. All local devices share the work, or with `
 it resumes, and ends with the same bits. ``sensitivity_indices`` computes which leaf the spread comes from.
 """
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import jax
 import numpy as np
 import xarray as xr
 from jaxtyping import Array
@@ -27,7 +29,7 @@ from jshape.shaper import Shaper
 from jshape.simulation.schedule import schedule
 from jshape.simulation.simulate import fastest
 from jshape.sweeps.dask import check_client
-from jshape.sweeps.evaluate import STEPPED, Metric, Study, evaluate, evaluation, side_by_side, study
+from jshape.sweeps.evaluate import STEPPED, Metric, Study, evaluate, side_by_side, study
 from jshape.sweeps.leaves import leaf, with_leaves
 from jshape.sweeps.sampling import draw
 
@@ -118,7 +120,7 @@ def sweep(
         relative=relative, combined=grid, derivatives=derivatives,
     )  # fmt: skip
     values = evaluate(found, None if store is None else Path(store), progress, client)
-    attrs: dict[str, Any] = dict(plant=type(plant).__name__, distance=float(found.command.final))
+    attrs: dict[str, Any] = dict(plant=type(plant).__name__, distance=float(found.evaluation.command.final))
     if found.evaluation.stepped:
         steps = [chunk.steps for chunk in found.chunks]
         attrs |= dict(steps=max(steps), least_steps=min(steps))
@@ -141,7 +143,7 @@ def sweep(
     coordinates: dict[str, Any] = {"shaper": ("shaper", np.array(list(names), object), dict(long_name="shaper"))}
     for leaf_name, given in found.absolute.items():
         along = leaf_name if grid else "sample"
-        coordinates |= _coordinates(found.plant, leaf_name, np.asarray(given), along, relative)
+        coordinates |= _coordinates(found.evaluation.plant, leaf_name, np.asarray(given), along, relative)
     return xr.Dataset(variables, coordinates, attrs)
 
 
@@ -216,11 +218,12 @@ def _errors(found: Study, asked: dict[str, str | Metric], values: np.ndarray, st
         values: metrics × shapers × plants.
         steps: the finer ones of the residual metrics.
     """
-    plant, command, padded = found.plant, found.command, found.shapers
+    of = found.evaluation
     some = slice(None, None, max(1, -(-values.shape[2] // 64)))
     few = {name: v[some] for name, v in found.points.items()}
-    stepped = evaluation(plant, command, padded, tuple(m for m in asked.values() if m in STEPPED))
-    finer: list[Array] = list(side_by_side(stepped, few, steps)) if stepped.metrics else []
+    stepped = dataclasses.replace(of, metrics=tuple(m for m in of.metrics if m in STEPPED), slopes=())
+    size, wide = len(values[0, 0, some]), bool(jax.config.jax_enable_x64)  # pyright: ignore[reportAttributeAccessIssue]
+    finer: list[Array] = list(side_by_side(stepped, few, steps, size, wide)) if stepped.metrics else []
     errors = {}
     for (name, metric), coarse in zip(asked.items(), values[:, :, some], strict=True):
         if callable(metric):
@@ -228,9 +231,10 @@ def _errors(found: Study, asked: dict[str, str | Metric], values: np.ndarray, st
         if metric in STEPPED:
             other = finer.pop(0)
         else:
-            plants = [with_leaves(plant, {n: v[i] for n, v in few.items()}) for i in range(coarse.shape[1])]
-            at = int(np.argmax([fastest(one, schedule(one, command)) for one in plants]))
-            other = np.array([float(getattr(metrics, metric)(plants[at], shaper, command)) for shaper in padded])
+            plants = [with_leaves(of.plant, {n: v[i] for n, v in few.items()}) for i in range(size)]
+            at = int(np.argmax([fastest(one, schedule(one, of.command)) for one in plants]))
+            shapers = [jax.tree.map(lambda leaf, i=i: leaf[i], of.shapers) for i in range(values.shape[1])]
+            other = np.array([float(getattr(metrics, metric)(plants[at], shaper, of.command)) for shaper in shapers])
             coarse = coarse[:, at]
         # Infinite both times is no change.
         with np.errstate(invalid="ignore"):

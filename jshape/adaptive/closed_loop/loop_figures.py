@@ -72,8 +72,7 @@ def spectrogram(
                     axis.plot_surface(
                         time[None, :], omega[:, None], magnitude.T, cmap="viridis", vmax=top, rcount=60, ccount=120
                     )
-                    axis.set_zlim(0, top)
-                    axis.set_zlabel(f"|A$_{letter}$|")
+                    axis.set(zlim=(0, top), zlabel=f"|A$_{letter}$|")
                 else:
                     axis.pcolormesh(time, omega, magnitude.T, vmin=0, vmax=top, rasterized=True)
                     axis.grid(False)
@@ -108,8 +107,7 @@ def adaptation(traces: Mapping[str, Trace], schedule: Schedule, true: Any, sampl
                 axes[1, mode].step(time[::20], trace.zeta[::20, mode], where="post", **line)
             axes[0, mode].set_title(f"mode {mode + 1}", loc="left")
             axes[0, mode].set_ylabel("ω (rad/s)")
-            axes[1, mode].set_ylabel("ζ")
-            axes[1, mode].set_xlabel("time (s)")
+            axes[1, mode].set(ylabel="ζ", xlabel="time (s)")
         axes[0, 1].legend(loc="best")
         return figure
 
@@ -120,9 +118,7 @@ def accumulated(values: Mapping[str, Any]) -> Figure:
         figure, axis = plt.subplots(figsize=(2 * WIDTH, 2.2))
         for name, value in values.items():
             axis.plot(range(1, len(value) + 1), value, color=_colours(values)[name], marker="o", ms=2, label=name)
-        axis.set_yscale("log")
-        axis.set_xlabel("move")
-        axis.set_ylabel("∫ |a$_p$| dt (m/s)")
+        axis.set(yscale="log", xlabel="move", ylabel="∫ |a$_p$| dt (m/s)")
         figure.legend(ncols=len(values), loc="outside upper center")
         return figure
 

@@ -98,11 +98,9 @@ class HoistingMoves(AbstractMoves):
         return jnp.append(swing, plant.cable_length)
 
     def swing(self, state: State, position: Number) -> Swing:
-        del position
         return state[:2]
 
     def signal(self, state: State, position: Number) -> Scalar:
-        del position
         return state[0]
 
     def vibration(self, plant: Any, state: State, position: Number) -> Scalar:
@@ -123,7 +121,6 @@ class HoistingMoves(AbstractMoves):
         return retuned(self, plant, self.command(known), near, self.begin(plant, swing), STEPS)
 
     def starts(self, parameters: Float[Array, " parameters"]) -> Float[Array, "starts parameters"]:
-        del parameters
         return self.lower + jnp.linspace(0.0, 1.0, TRIED)[:, None] * (self.upper - self.lower)
 
 

@@ -22,8 +22,9 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from jshape import _check
+from jshape._check import Argument, Checked, not_negative, positive
 from jshape._types import Number, Scalar, State, Times
-from jshape.adaptive.arguments import check_level, check_positive
+from jshape.adaptive.arguments import check_positive
 from jshape.command import AbstractCommand, polynomial
 from jshape.plants import AbstractPlant
 from jshape.quantisation import quantised
@@ -141,7 +142,7 @@ def along(
     return Along(jax.vmap(task.signal)(states, position), states, position, every[over])
 
 
-class NoisySensor(eqx.Module):
+class NoisySensor(Checked):
     """A sensor with white noise and rounding.
 
     Args:
@@ -152,11 +153,8 @@ class NoisySensor(eqx.Module):
         ValueError: for a noise that is not positive or a negative resolution.
     """
 
-    noise: Scalar
-    resolution: Scalar
-
-    def __init__(self, noise: Any, resolution: Any = 0.0):
-        self.noise, self.resolution = check_positive(noise, "noise"), check_level(resolution, "resolution")
+    noise: Scalar = eqx.field(converter=Argument(positive))
+    resolution: Scalar = eqx.field(default=0.0, converter=Argument(not_negative))
 
     @property
     def std(self) -> Scalar:

@@ -3,12 +3,13 @@
 from collections.abc import Callable
 from typing import Any
 
+import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from jshape import _check
+from jshape._check import Argument, Checked, as_array, positive
 from jshape._types import Scalar, Times
-from jshape.adaptive.arguments import check_each, check_positive
+from jshape.adaptive.arguments import check_each
 from jshape.adaptive.moves.machine import AbstractMoves, AbstractMoveStrategy, NoisySensor, Swing
 from jshape.adaptive.moves.posterior import Posterior, prior, update
 from jshape.shaper import Shaper
@@ -21,7 +22,6 @@ class _Memoryless(AbstractMoveStrategy):
         return ()
 
     def learn(self, memory: Any, known: Any, shaper: Shaper, readings: Times) -> tuple[()]:
-        del memory, known, shaper, readings
         return ()
 
 
@@ -35,7 +35,6 @@ class Rule(_Memoryless):
     rule: Callable[[Any], Shaper]
 
     def shaper(self, memory: Any, known: Any, parameters: Array, swing: Swing) -> Shaper:
-        del memory, parameters, swing
         return self.rule(known)
 
 
@@ -49,11 +48,10 @@ class Oracle(_Memoryless):
     truth: AbstractMoves
 
     def shaper(self, memory: Any, known: Any, parameters: Array, swing: Swing) -> Shaper:
-        del memory
         return self.truth.design(parameters, known, swing)
 
 
-class Adapting(AbstractMoveStrategy):
+class Adapting(AbstractMoveStrategy, Checked):
     """The shaper of the plant and of the swing that fit the samples of the last move best (``posterior.py``).
 
     Args:
@@ -71,27 +69,23 @@ class Adapting(AbstractMoveStrategy):
 
     model: AbstractMoves
     sensor: NoisySensor
-    spread: Float[Array, " parameters"]
-    drift: Float[Array, " parameters"]
-    limit: Scalar
-    cancel: Bool[Array, ""]
+    spread: Float[Array, "..."] = eqx.field(converter=Argument(positive, convert=as_array))
+    drift: Float[Array, "..."] = eqx.field(converter=Argument(positive, convert=as_array))
+    limit: Scalar = eqx.field(default=2.0, converter=Argument(positive))
+    cancel: Bool[Array, ""] = eqx.field(default=True, converter=jnp.asarray)
 
-    def __init__(
-        self, model: AbstractMoves, sensor: NoisySensor, spread: Any, drift: Any, limit: Any = 2.0, cancel: bool = True
-    ):
-        self.model, self.sensor, self.cancel = model, sensor, jnp.asarray(cancel)
-        _check.positive(spread, "spread")
-        _check.positive(drift, "drift")
-        self.spread = check_each(spread, "spread", len(model.lower))
-        self.drift = check_each(drift, "drift", len(model.lower))
-        self.limit = check_positive(limit, "limit")
+    def __check_init__(self):
+        for name in ("spread", "drift"):
+            check_each(getattr(self, name), name, len(self.model.lower))
 
     def start(self) -> Posterior:
-        return prior(self.model.nominal(), self.spread)
+        return prior(self.model.nominal(), self._each(self.spread))
+
+    def _each(self, value: Array) -> Float[Array, " parameters"]:
+        return jnp.broadcast_to(value, self.model.lower.shape)
 
     def shaper(self, memory: Posterior, known: Any, parameters: Array, swing: Swing) -> Shaper:
-        del parameters, swing
         return self.model.design(memory.parameters, known, jnp.where(self.cancel, memory.swing, 0.0))
 
     def learn(self, memory: Posterior, known: Any, shaper: Shaper, readings: Times) -> Posterior:
-        return update(self.model, memory, known, shaper, readings, self.sensor.std, self.drift, self.limit)
+        return update(self.model, memory, known, shaper, readings, self.sensor.std, self._each(self.drift), self.limit)

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from jshape._types import Number, Scalar, State
-from jshape.adaptive.arguments import check_factor, check_leaves
+from jshape.adaptive.arguments import as_names, check_factor, check_leaves
 from jshape.adaptive.moves.design import retuned
 from jshape.adaptive.moves.machine import AbstractMoves, Moves, Swing
 from jshape.command import AbstractCommand, Step
@@ -54,7 +54,8 @@ class TwoMassMoves(AbstractMoves):
         if not isinstance(model, TwoMass):
             raise ValueError(f"model must be a TwoMass, not {model!r}")
         self.model = model
-        self.leaves, self.scale = check_leaves(model, leaves)
+        self.leaves = as_names(leaves)
+        self.scale = check_leaves(model, self.leaves)
         if "m2" in self.leaves and len(self.leaves) > 1:
             others = ", ".join(name for name in self.leaves if name != "m2")
             raise ValueError(f"leaves must not name the mass beside {others}: motion determines their ratios only")
@@ -65,14 +66,12 @@ class TwoMassMoves(AbstractMoves):
         return jnp.zeros_like(self.scale)
 
     def plant(self, parameters: Float[Array, " parameters"], known: Any) -> AbstractPlant:
-        del known
         return with_leaves(self.model, dict(zip(self.leaves, self.scale * jnp.exp(parameters), strict=True)))
 
     def command(self, known: Scalar) -> AbstractCommand:
         return Step(known)
 
     def begin(self, plant: AbstractPlant, swing: Swing) -> State:
-        del plant
         return swing
 
     def swing(self, state: State, position: Number) -> Swing:

@@ -225,7 +225,6 @@ def _advance(numbers: Numbers, own: Any, state: SeekingState, cost: Any) -> Seek
 
 
 def _skip(numbers: Numbers, own: Any, state: SeekingState) -> SeekingState:
-    del numbers
     return state._replace(low=0.0 * state.low, phase=_turned(own, state), begun=state.begun & False)
 
 

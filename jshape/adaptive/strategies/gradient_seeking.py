@@ -20,8 +20,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from jshape import _check
+from jshape._check import Argument, Checked, as_array, choice, positive
 from jshape._types import Scalar, Times
-from jshape.adaptive.arguments import check_each, check_factor, check_leaves, check_positive
+from jshape.adaptive.arguments import as_names, check_each, check_factor, check_leaves
 from jshape.command import AbstractCommand, as_command
 from jshape.compilation_cache import kept
 from jshape.levenberg_marquardt import levenberg_marquardt
@@ -55,7 +56,13 @@ class Fit(NamedTuple):
     """Whether the move counts; otherwise the parameters are the last ones."""
 
 
-class GradientSeeking(eqx.Module):
+def _plant(value: Any, name: str) -> AbstractPlant:
+    if not isinstance(value, AbstractPlant):
+        raise ValueError(f"{name} must be a jshape plant, not {value!r}")
+    return with_arrays(value)
+
+
+class GradientSeeking(Checked):
     """Recursive Bayesian estimation of a plant's parameters by Levenberg–Marquardt fits to one move after another.
 
     What the signal does not determine (m2 and all stiffnesses together change nothing in a displacement-driven pair)
@@ -79,47 +86,29 @@ class GradientSeeking(eqx.Module):
             positive or out of range.
     """
 
-    plant: AbstractPlant
-    nominal: Float[Array, " parameters"]
-    horizon: Scalar
-    noise: Scalar
-    spread: Float[Array, " parameters"]
-    drift: Float[Array, " parameters"]
-    factor: Scalar
-    explained: Scalar
-    leaves: tuple[str, ...] = eqx.field(static=True)
-    samples: int = eqx.field(static=True)
-    signal: str = eqx.field(static=True)
+    plant: AbstractPlant = eqx.field(converter=Argument(convert=_plant))
+    leaves: tuple[str, ...] = eqx.field(static=True, converter=as_names)
+    horizon: Scalar = eqx.field(converter=Argument(positive))
+    noise: Scalar = eqx.field(converter=Argument(positive))
+    samples: int = eqx.field(default=200, static=True, kw_only=True)
+    signal: str = eqx.field(default="deflection", static=True, kw_only=True, converter=choice("deflection", "payload"))
+    spread: Float[Array, "..."] = eqx.field(default=0.3, kw_only=True, converter=Argument(positive, convert=as_array))
+    drift: Float[Array, "..."] = eqx.field(default=0.1, kw_only=True, converter=Argument(positive, convert=as_array))
+    factor: Scalar = eqx.field(default=4.0, kw_only=True, converter=Argument(convert=check_factor))
+    explained: Scalar = eqx.field(default=0.5, kw_only=True, converter=Argument())
 
-    def __init__(
-        self,
-        plant: AbstractPlant,
-        leaves: tuple[str, ...],
-        horizon: Any,
-        noise: Any,
-        *,
-        samples: int = 200,
-        signal: str = "deflection",
-        spread: Any = 0.3,
-        drift: Any = 0.1,
-        factor: Any = 4.0,
-        explained: Any = 0.5,
-    ):
-        if not isinstance(plant, AbstractPlant):
-            raise ValueError(f"plant must be a jshape plant, not {plant!r}")
-        self.plant = with_arrays(plant)
-        self.leaves, self.nominal = check_leaves(self.plant, leaves)
-        self.samples = _check.count(samples, "samples", least=len(self.leaves) + 2)
-        _check.one_of(signal, "signal", ("deflection", "payload"))
-        self.signal = signal
-        _check.positive(spread, "spread")
-        _check.positive(drift, "drift")
-        self.horizon, self.noise = check_positive(horizon, "horizon"), check_positive(noise, "noise")
-        self.spread = check_each(spread, "spread", len(self.leaves))
-        self.drift = check_each(drift, "drift", len(self.leaves))
-        self.factor, self.explained = check_factor(factor, "factor"), _check.scalar(explained, "explained")
+    def __check_init__(self):
+        check_leaves(self.plant, self.leaves)
+        _check.count(self.samples, "samples", least=len(self.leaves) + 2)
+        for name in ("spread", "drift"):
+            check_each(getattr(self, name), name, len(self.leaves))
         if _check.is_concrete(self.explained) and not 0 <= self.explained < 1:
-            raise ValueError(f"explained must be at least 0 and below 1, not {_check.show(explained)}")
+            raise ValueError(f"explained must be at least 0 and below 1, not {_check.show(self.explained)}")
+
+    @property
+    def nominal(self) -> Float[Array, " parameters"]:
+        """The parameters of the start."""
+        return check_leaves(self.plant, self.leaves)
 
     @property
     def times(self) -> Times:
@@ -129,7 +118,7 @@ class GradientSeeking(eqx.Module):
     def start(self) -> GradientState:
         """The prior of the first move."""
         zero = jnp.zeros_like(self.nominal)
-        return GradientState(zero, jnp.diag(self.spread**2), jnp.zeros((), jnp.int32))
+        return GradientState(zero, jnp.diag(jnp.broadcast_to(self.spread**2, zero.shape)), jnp.zeros((), jnp.int32))
 
     def model(self, state: GradientState) -> AbstractPlant:
         """The plant with the posterior parameters: design the next shaper for it."""
@@ -184,7 +173,7 @@ def _fitted(
 ) -> tuple[GradientState, Fit]:
     usable = jnp.isfinite(measured)
     measured = jnp.where(usable, measured, 0.0) / seeking.noise
-    before = state.covariance + jnp.diag(seeking.drift**2)
+    before = state.covariance + jnp.diag(jnp.broadcast_to(seeking.drift**2, state.logs.shape))
     root, limit = jnp.linalg.cholesky(before), jnp.log(seeking.factor)
 
     def residuals(logs: Array) -> tuple[Array, None]:

@@ -102,10 +102,8 @@ class Unshaped(AbstractStrategy):
     sample_time: float = eqx.field(static=True)
 
     def initial(self, reference: Any) -> tuple[()]:
-        del reference
         return ()
 
     def advance(self: Any, numbers: Numbers, state: Any, reference: Any, readings: Readings) -> tuple[Any, Decision]:
-        del readings
         nothing = numbers.xp.zeros(0)
         return state, Decision(reference, nothing, nothing, 0)

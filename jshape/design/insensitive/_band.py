@@ -216,6 +216,12 @@ def sampled_vibration(amplitudes: Vector, times: Vector, region: Region) -> floa
     return None if region.samples is None else float(np.abs(transform(amplitudes, times, region.samples)).max())
 
 
+def proven_vibration(amplitudes: Vector, times: Vector, region: Region, tolerance: float = 1e-12) -> float:
+    """The largest V at the samples, if there are any; otherwise over the whole region, ``certified``."""
+    sampled = sampled_vibration(amplitudes, times, region)
+    return certified(amplitudes, times, region.lines, tolerance) if sampled is None else sampled
+
+
 def _maximise(amplitudes: Vector, times: Vector, line: Line, start: float) -> Peak:
     """The local maximum of V near ``start``, by Newton's method; an end of the line may be one."""
     position = start

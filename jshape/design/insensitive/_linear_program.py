@@ -14,7 +14,7 @@ import dataclasses
 import numpy as np
 from scipy.optimize import linprog
 
-from jshape.design.insensitive._band import Poles, Region, Vector, certified, peaks, sampled_vibration
+from jshape.design.insensitive._band import Poles, Region, Vector, peaks, proven_vibration
 from jshape.design.insensitive._dual import Dual, Kind
 from jshape.vibration import phasors, transform
 
@@ -57,9 +57,7 @@ def relax(
             best = dataclasses.replace(best, lower=lower, dual=dual)
         used = np.union1d(np.flatnonzero(np.abs(amplitudes) > 1e-9), [len(times) - 1])
         amplitudes, at = amplitudes[used], times[used]
-        upper = sampled_vibration(amplitudes, at, region)
-        if upper is None:
-            upper = certified(amplitudes, at, region.lines, 0.01 * tolerance)
+        upper = proven_vibration(amplitudes, at, region, 0.01 * tolerance)
         if upper < best.upper:
             best = dataclasses.replace(best, amplitudes=amplitudes, times=at, upper=upper)
         if best.upper - best.lower < tolerance * max(best.upper, 1e-3) or best.lower > enough:

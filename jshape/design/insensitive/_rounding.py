@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Int
 
 from jshape import _check
-from jshape.design.insensitive._band import Vector, certified, region, sampled_vibration
+from jshape.design.insensitive._band import Vector, proven_vibration, region
 from jshape.shaper import Shaper
 from jshape.vibration import transform
 
@@ -68,10 +68,6 @@ def rounded(shaper: Shaper, sample_time: float, band: Any, zeta: Any = 0.0, *, s
     def vibration(ticks: Any) -> float:
         return float(np.abs(transform(amplitudes, np.asarray(ticks) * sample_time, poles)).max())
 
-    def proven(at: Vector) -> float:
-        sampled = sampled_vibration(amplitudes, at, where)
-        return certified(amplitudes, at, where.lines) if sampled is None else sampled
-
     choices = _choices(times / sample_time)
     if len(times) <= 7:
         ordered = (ticks for ticks in itertools.product(*choices) if np.all(np.diff(ticks) >= 0))
@@ -81,7 +77,8 @@ def rounded(shaper: Shaper, sample_time: float, band: Any, zeta: Any = 0.0, *, s
     if vibration(nearest) <= vibration(best):
         best = nearest
     on_clock = best * sample_time
-    return Rounded(Shaper(amplitudes, on_clock), proven(times), proven(on_clock), proven(nearest * sample_time))
+    proven = [proven_vibration(amplitudes, at, where) for at in (times, on_clock, nearest * sample_time)]
+    return Rounded(Shaper(amplitudes, on_clock), *proven)
 
 
 def _choices(position: Vector) -> list[list[int]]:

@@ -13,85 +13,55 @@ from jshape.design.insensitive._specification import Design, Specification
 from jshape.vibration import phasors, transform
 
 
-@dataclasses.dataclass(frozen=True)
-class _Program:
-    """The nonlinear program in x: the amplitudes (unless they are given), the gaps and, where it is minimised, V."""
+def _solved(specification: Specification, start: Design, poles: Poles) -> tuple[Vector, Vector]:
+    """Amplitudes and times at the solution, or where SLSQP stopped.
 
-    specification: Specification
-    start: Design
-    poles: Poles
+    The unknowns x are the amplitudes (unless they are given), the gaps and, where it is minimised, V.
+    """
+    kind, count = specification.kind, len(start.times)
+    free, last = 0 if kind.name == "unity" else count, int(specification.minimises_vibration)
+    lower = [0.0 if kind.name == "positive" else -kind.limit] * free + [0.0] * (count - 1) + [1e-6] * last
+    upper = [kind.limit] * free + [2 * np.pi / specification.region.low] * (count - 1) + [np.inf] * last
+    # Their products with x are the sum of the amplitudes and the duration. Copied: SLSQP does not heed strides.
+    total, is_gap = np.array([[1.0, 0.0]] * free + [[0.0, 1.0]] * (count - 1) + [[0.0, 0.0]] * last).T.copy()
+    gradient = np.eye(len(lower))[-1] if last else is_gap
 
-    @property
-    def free(self) -> int:
-        """How many amplitudes are unknown: all or none."""
-        return 0 if self.specification.kind.name == "unity" else len(self.start.times)
+    def impulses(x: Vector) -> tuple[Vector, Vector]:
+        amplitudes = x[:free] if free else start.amplitudes
+        return np.array(amplitudes), np.concatenate([[0.0], np.cumsum(x[free : free + count - 1])])
 
-    @property
-    def is_gap(self) -> Vector:
-        """1 for each gap in x, so that its product with x is the duration."""
-        last = [0.0] * self.specification.minimises_vibration
-        return np.concatenate([np.zeros(self.free), np.ones(len(self.start.times) - 1), last])
+    def limit(x: Vector) -> float:
+        return x[-1] if specification.vibration is None else specification.vibration
 
-    def initial(self) -> Vector:
-        """The x of the given design."""
-        amplitudes, times = self.start.amplitudes, self.start.times
-        level = (
-            [np.abs(transform(amplitudes, times, self.poles)).max()] if self.specification.minimises_vibration else []
-        )
-        return np.concatenate([amplitudes[: self.free], np.diff(times), level])
-
-    def impulses(self, x: Vector) -> tuple[Vector, Vector]:
-        """Amplitudes and times."""
-        amplitudes = x[: self.free] if self.free else self.start.amplitudes
-        gaps = x[self.free : self.free + len(self.start.times) - 1]
-        return np.array(amplitudes), np.concatenate([[0.0], np.cumsum(gaps)])
-
-    def level(self, x: Vector) -> float:
-        """The limit on V."""
-        return x[-1] if self.specification.vibration is None else self.specification.vibration
-
-    def slack(self, x: Vector) -> Vector:
+    def slack(x: Vector) -> Vector:
         """How far V is below its limit at each pole, as limit − V²/limit."""
-        return self.level(x) - np.abs(transform(*self.impulses(x), self.poles)) ** 2 / self.level(x)
+        return limit(x) - np.abs(transform(*impulses(x), poles)) ** 2 / limit(x)
 
-    def slack_jacobian(self, x: Vector) -> Matrix:
-        amplitudes, times = self.impulses(x)
-        level, responses = self.level(x), phasors(times, self.poles)
+    def slack_jacobian(x: Vector) -> Matrix:
+        amplitudes, times = impulses(x)
+        responses = phasors(times, poles)
         values = responses @ amplitudes
-        by_gaps = np.cumsum(self.poles[:, None] * responses[:, :-1] * amplitudes[:-1], axis=1)
-        by_impulses = np.hstack([responses[:, : self.free], by_gaps])
-        rows = -2 / level * np.real(np.conj(values)[:, None] * by_impulses)
-        return (
-            np.column_stack([rows, 1 + np.abs(values) ** 2 / level**2])
-            if self.specification.minimises_vibration
-            else rows
-        )
+        by_gaps = np.cumsum(poles[:, None] * responses[:, :-1] * amplitudes[:-1], axis=1)
+        rows = -2 / limit(x) * np.real(np.conj(values)[:, None] * np.hstack([responses[:, :free], by_gaps]))
+        return np.column_stack([rows, 1 + np.abs(values) ** 2 / limit(x) ** 2]) if last else rows
 
-    def solve(self) -> Vector:
-        """x at the solution, or where SLSQP stopped."""
-        kind, duration = self.specification.kind, self.specification.duration
-        count, last, is_gap = len(self.start.times), int(self.specification.minimises_vibration), self.is_gap
-        lowest = 0.0 if kind.name == "positive" else -kind.limit
-        lower = [lowest] * self.free + [0.0] * (count - 1) + [1e-6] * last
-        longest = 2 * np.pi / self.specification.region.low
-        upper = [kind.limit] * self.free + [longest] * (count - 1) + [np.inf] * last
-        gradient = np.eye(len(lower))[-1] if last else is_gap
-        constraints = [{"type": "ineq", "fun": self.slack, "jac": self.slack_jacobian}]
-        if self.free:
-            total = (np.arange(len(lower)) < self.free).astype(float)
-            constraints.append({"type": "eq", "fun": lambda x: total @ x - 1, "jac": lambda x: total})
-        if duration is not None:
-            constraints.append({"type": "ineq", "fun": lambda x: duration - is_gap @ x, "jac": lambda x: -is_gap})
-        with np.errstate(all="ignore"):
-            return minimize(
-                lambda x: gradient @ x,
-                np.clip(self.initial(), lower, upper),
-                jac=lambda x: gradient,
-                bounds=list(zip(lower, upper, strict=True)),
-                constraints=constraints,
-                method="SLSQP",
-                options={"ftol": 1e-13, "maxiter": 100},
-            ).x
+    constraints = [{"type": "ineq", "fun": slack, "jac": slack_jacobian}]
+    if free:
+        constraints.append({"type": "eq", "fun": lambda x: total @ x - 1, "jac": lambda x: total})
+    if (longest := specification.duration) is not None:
+        constraints.append({"type": "ineq", "fun": lambda x: longest - is_gap @ x, "jac": lambda x: -is_gap})
+    level = np.abs(transform(start.amplitudes, start.times, poles)).max()
+    with np.errstate(all="ignore"):
+        x = minimize(
+            lambda x: gradient @ x,
+            np.clip(np.concatenate([start.amplitudes[:free], np.diff(start.times), [level] * last]), lower, upper),
+            jac=lambda x: gradient,
+            bounds=list(zip(lower, upper, strict=True)),
+            constraints=constraints,
+            method="SLSQP",
+            options={"ftol": 1e-13, "maxiter": 100},
+        ).x
+    return impulses(x)
 
 
 def descend(specification: Specification, design: Design, passes: int = 1) -> Design:
@@ -105,11 +75,9 @@ def descend(specification: Specification, design: Design, passes: int = 1) -> De
     region, extra = specification.region, np.zeros(0, complex)
     for _ in range(passes if region.samples is None else 1):
         grid = region.grid(float(max(design.duration, 1.0)), 3.0)
-        program = _Program(specification, design, np.append(grid, extra))
-        x = program.solve()
-        if not np.all(np.isfinite(x)):
+        amplitudes, times = _solved(specification, design, np.append(grid, extra))
+        if not np.all(np.isfinite([amplitudes, times])):
             return dataclasses.replace(design, vibration=np.inf)
-        amplitudes, times = program.impulses(x)
         maxima = np.array([peak.pole for peak in peaks(amplitudes, times, region)])
         design = Design(amplitudes, times, float(np.abs(transform(amplitudes, times, maxima)).max()))
         extra = np.append(extra, maxima)

@@ -20,25 +20,6 @@ A move that begins before the last has settled is designed from the state predic
     both = m.followed_by(late, 0.8)
 """
 
-from jshape.design.switching._design import (
-    digital_filter,
-    digital_rest_to_rest,
-    preloaded,
-    rest_to_rest,
-    time_optimal_filter,
-    transition,
-)
-from jshape.design.switching._switched import Switched
-from jshape.design.switching._tuned import Tuned, tuned
+import lazy_loader
 
-__all__ = [
-    "Switched",
-    "Tuned",
-    "digital_filter",
-    "digital_rest_to_rest",
-    "preloaded",
-    "rest_to_rest",
-    "time_optimal_filter",
-    "transition",
-    "tuned",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

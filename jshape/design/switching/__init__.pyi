@@ -1,0 +1,9 @@
+from ._design import digital_filter as digital_filter
+from ._design import digital_rest_to_rest as digital_rest_to_rest
+from ._design import preloaded as preloaded
+from ._design import rest_to_rest as rest_to_rest
+from ._design import time_optimal_filter as time_optimal_filter
+from ._design import transition as transition
+from ._switched import Switched as Switched
+from ._tuned import Tuned as Tuned
+from ._tuned import tuned as tuned

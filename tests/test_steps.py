@@ -1,0 +1,179 @@
+"""Steps chosen at run time: never silently wrong. Random moves are held against DOP853, see the attack's benchmark."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import jshape as js
+from experiments.benchmarks import attack
+from jshape.simulation.schedule import schedule
+from jshape.simulation.simulate import initial, with_arrays
+from jshape.simulation.steps import TOLERANCE, checked_state
+
+QUICK = ("two mass, hardening", "two mass, far softening", "crane, acceleration")
+TIMES = [0.0, 0.3, 0.6]
+SOFT = js.plants.TwoMass(spring=js.plants.Duffing(10.0, -100.0))
+
+
+def pair(k3=100.0, m2=1.0):
+    return js.plants.TwoMass(m2=m2, spring=js.plants.Duffing(10.0, k3))
+
+
+def truth(k3, levels, breaks, state=(0.0, 0.0)):
+    """Residual energy of the papers' pair after the last break, and its greatest, by SciPy."""
+    state, greatest = np.asarray(state, float), 0.0
+    energy = lambda y, u: y[1] ** 2 / 2 + 5 * (y[0] - u) ** 2 + k3 / 4 * (y[0] - u) ** 4
+    for begin, end, u in zip(breaks[:-1], breaks[1:], levels[:-1], strict=True):
+        field = lambda t, y, u=u: [y[1], -10 * (y[0] - u) - k3 * (y[0] - u) ** 3]
+        greatest = max(greatest, energy(state, u))
+        run = solve_ivp(field, (begin, end), state, "DOP853", rtol=1e-13, atol=1e-13 * np.max(np.abs(levels)))
+        assert run.success
+        state = run.y[:, -1]
+    residual = energy(state, levels[-1])
+    return residual, max(greatest, residual)
+
+
+# Cubic stiffness, shaper, command, initial state; the levels and breaks of the staircase that they make.
+TABLE = {
+    "both signs": (100.0, ([10, -10, 1], TIMES), 1.0, None, [10, 0, 1], TIMES),
+    "both signs, large": (100.0, ([30, -30, 1], TIMES), 1.0, None, [30, 0, 1], TIMES),
+    "pulse": (100.0, None, (2.0, 0.5), None, [2, 0], [0, 0.5]),
+    "tall pulse": (100.0, None, (10.0, 0.5), None, [10, 0], [0, 0.5]),
+    "far start": (100.0, ([0.25, 0.5, 0.25], TIMES), 1.0, [10, 0], [0.25, 0.75, 1], TIMES),
+    "farther start": (100.0, ([0.25, 0.5, 0.25], TIMES), 1.0, [100, 0], [0.25, 0.75, 1], TIMES),
+    "very stiff": (1e6, ([0.5, -0.5, 1], [0, 0.15, 0.3]), 1.0, None, [0.5, 0, 1], [0, 0.15, 0.3]),
+}
+
+
+@pytest.mark.parametrize("name", TABLE)
+def test_moves_that_linearised_frequencies_get_wrong(name):
+    k3, shaper, command, state, levels, breaks = TABLE[name]
+    expected, greatest = truth(k3, levels, breaks, (0.0, 0.0) if state is None else state)
+    shaper = None if shaper is None else js.Shaper(*shaper)
+    command = js.Pulse(*command) if isinstance(command, tuple) else command
+    plain = js.residual_energy(pair(k3), shaper, command, initial_state=state)
+    assert abs(plain - expected) <= 1e-9 * greatest
+    traced = jax.jit(lambda k3: js.residual_energy(pair(k3), shaper, command, initial_state=state))(k3)
+    assert abs(traced - expected) <= 1e-9 * greatest
+
+
+def answers(name, cases, seed):
+    """Words for the answers of random cases, evaluated in batches."""
+    family = attack.FAMILIES[name]
+    rows = attack.rounded(family, family.draw(np.random.default_rng(seed), cases))
+    verdict, doubt = attack.verdicts(family, rows, cases)
+    batch = jax.jit(jax.vmap(attack.answer(family)))
+    size = 20
+    parts = [np.asarray(batch(attack.pick(rows, slice(i, i + size)))) for i in range(0, cases, size)]
+    return attack.classify(family, np.concatenate(parts), verdict, doubt)
+
+
+@pytest.mark.parametrize("name", QUICK)
+def test_random_moves_are_right_or_flagged(name):
+    words = answers(name, 100, 3)
+    assert not np.any(words == "wrong")
+    assert np.sum(words == "flagged") <= 2
+    assert np.sum(words == "right") >= 40
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", attack.FAMILIES)
+def test_ten_thousand_random_moves_are_right_or_flagged(name):
+    assert not np.any(answers(name, 300, 4) == "wrong")
+
+
+def energy(plant, amplitudes, steps=None):
+    return js.residual_energy(plant, js.Shaper(amplitudes, TIMES), 1.0, steps=steps)
+
+
+AMPLITUDES = jnp.asarray([3.0, -3.0, 1.0])
+
+
+@pytest.mark.parametrize("mode", [jax.jacfwd, jax.jacrev])
+def test_gradients_equal_those_of_fixed_steps_and_differences(mode):
+    found = mode(lambda a: energy(pair(), a))(AMPLITUDES)
+    np.testing.assert_allclose(found, mode(lambda a: energy(pair(), a, 512))(AMPLITUDES), rtol=1e-8)
+    step = 1e-5
+    value = jax.jit(lambda a: energy(pair(), a, 512))
+    difference = [(value(AMPLITUDES + s) - value(AMPLITUDES - s)) / 2 / step for s in step * jnp.eye(3)]
+    np.testing.assert_allclose(found, difference, atol=1e-5 * float(jnp.max(jnp.abs(found))))
+
+
+def test_second_derivatives_equal_those_of_fixed_steps():
+    along = jnp.asarray([1.0, -0.5, 0.2])
+    checked, fixed = (
+        jax.hessian(lambda s, steps=steps: energy(pair(), AMPLITUDES + s * along, steps))(0.0) for steps in (None, 512)
+    )
+    np.testing.assert_allclose(checked, fixed, rtol=1e-7)
+
+
+def test_batches_of_plants_shapers_and_both():
+    masses, batch = jnp.linspace(0.5, 2.0, 4), jnp.stack([AMPLITUDES * s for s in (0.1, 1.0)]).at[:, 2].set(1.0)
+    both = jax.vmap(jax.vmap(lambda m, a: energy(pair(m2=m), a), (0, None)), (None, 0))(masses, batch)
+    for i, a in enumerate(batch):
+        for j, m in enumerate(masses):
+            fixed = energy(pair(m2=float(m)), a, 512)
+            np.testing.assert_allclose(both[i, j], fixed, rtol=1e-9)
+
+
+def test_a_hopeless_branch_of_a_batch_flags_itself_alone():
+    def value(height, duration):
+        return js.residual_energy(pair(), None, js.Pulse(height, duration))
+
+    heights, durations = jnp.asarray([1.0, 100.0, 2.0]), jnp.asarray([0.5, 1e4, 0.5])
+    found = jax.vmap(value)(heights, durations)
+    assert jnp.isnan(found[1])
+    slopes = jax.vmap(jax.grad(value))(heights, durations)
+    for i in (0, 2):
+        np.testing.assert_allclose(found[i], value(float(heights[i]), float(durations[i])), rtol=1e-9)
+        np.testing.assert_allclose(slopes[i], jax.grad(value)(heights[i], durations[i]), rtol=1e-8)
+
+
+def test_what_is_not_met_raises_or_is_nan():
+    with pytest.raises(ValueError, match="was not met"):
+        js.residual_energy(pair(), None, js.Pulse(100.0, 1e4))
+    traced = jax.jit(lambda height: js.residual_energy(pair(), None, js.Pulse(height, 1e4)))
+    assert jnp.isnan(traced(100.0))
+
+
+def test_infinite_only_where_the_plant_has_left_for_good():
+    ridge = float(np.sqrt(0.1))
+    for plain in (True, False):
+        run = lambda x: js.residual_energy(SOFT, js.Shaper([0.5, 0.5], [0.0, 3.0]), 1e-9, initial_state=[x, 0.0])
+        run = run if plain else jax.jit(run)
+        assert jnp.isinf(run(1.01 * ridge))
+        assert jnp.isfinite(run(0.99 * ridge))
+        assert jnp.isfinite(run(ridge / 10))
+
+
+@pytest.mark.parametrize("tolerance", [1e-4, 1e-7, 1e-10])
+def test_any_tolerance_is_met(tolerance):
+    expected, greatest = truth(100.0, [3, 0, 1], TIMES)
+    found = jax.jit(lambda t: js.residual_energy(pair(), js.Shaper(AMPLITUDES, TIMES), 1.0, tolerance=t))(tolerance)
+    assert abs(found - expected) <= tolerance * greatest
+
+
+def test_steps_go_where_the_time_is():
+    plan = schedule(pair(), 1.0, js.Shaper([0.2, 0.3, 0.3, 0.2], [0.0, 0.0, 1e-6, 1.0]))
+    plant = with_arrays(pair())
+    found = checked_state(plant, plan, initial(plant))
+    assert found.met
+    assert found.error <= TOLERANCE
+    assert found.steps[-1] > 4 * jnp.max(found.steps[:-1])
+
+
+def test_a_last_jump_that_is_larger_than_the_move_counts():
+    """Errors are measured with the input that follows: a far jump turns a small error of the state into a large one."""
+    shaper = js.Shaper([1e-3, 1e-3, 0.998], TIMES)
+    expected, _ = truth(1e5, [1e-3, 2e-3, 1.0], TIMES)
+    np.testing.assert_allclose(js.residual_energy(pair(1e5), shaper, 1.0), expected, rtol=1e-11)
+
+
+def test_single_precision_keeps_what_it_can():
+    single = lambda tree: jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), tree)
+    found = js.residual_energy(single(with_arrays(pair())), single(js.Shaper(AMPLITUDES, TIMES)), jnp.float32(1.0))
+    expected, greatest = truth(100.0, [3, 0, 1], TIMES)
+    assert found.dtype == jnp.float32
+    assert abs(found - expected) <= 1e-4 * greatest
