@@ -114,7 +114,7 @@ class Step(AbstractCommand):
     smoothness: ClassVar = 0
 
     def pieces(self) -> tuple[Breaks, Coefficients]:
-        return jnp.zeros_like(self.size)[None], self.size[None, None]
+        return jnp.zeros_like(self.size)[None], jnp.asarray(self.size)[None, None]
 
 
 class Pulse(AbstractCommand):
