@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from jshape import _check
-from jshape._types import Scalar, State
+from jshape._types import Number, Scalar, State
 from jshape.compilation_cache import kept
 from jshape.plants import AbstractOscillator, AbstractPlant
 from jshape.shaper import Shaper
@@ -45,7 +45,7 @@ def residual_energy(
     initial_state: Any = None,
     steps: int | None = None,
     method: str = "dopri8",
-    tolerance: float | None = None,
+    tolerance: Number | None = None,
 ) -> Scalar:
     """The residual energy of the plant right after the last impulse, above rest at the destination.
 
@@ -79,7 +79,7 @@ def residual_energy_and_error(
     initial_state: Any = None,
     steps: int | None = None,
     method: str = "dopri8",
-    tolerance: float | None = None,
+    tolerance: Number | None = None,
 ) -> tuple[Scalar, Scalar]:
     """The residual energy and an estimate of its error, J.
 

@@ -1,5 +1,6 @@
 """What the tests share: JAX in 64 bits, checked annotations, programs on disk, the papers' plant, SciPy as a judge."""
 
+import contextlib
 import os
 import resource
 import sys
@@ -44,6 +45,14 @@ MOST_MEMORY = 4.0
 def pytest_collection_modifyitems(items):
     place = {f"test_{name}.py": i for i, name in enumerate(LONGEST)}
     items.sort(key=lambda item: place.get(item.path.name, len(place)))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item):
+    """Annotations are checked in the quick set, which calls everything; not where that would take most of the time."""
+    apart = item.get_closest_marker("slow") or item.get_closest_marker("unchecked")
+    with annotations.unchecked() if apart else contextlib.nullcontext():
+        return (yield)
 
 
 def memory() -> float:

@@ -53,7 +53,7 @@ class Band:
         """s z(0) at each frequency."""
         return pole(omega, self.zeta) * self.state[1] - omega**2 * self.state[0]
 
-    def allowed(self, omega: Any, final: float) -> Real:
+    def allowed(self, omega: Any, final: float) -> Any:
         """The limit on |residual|: of a step to the final level, or to the limit of u where that is 0."""
         return self.vibration * np.abs((final or 1.0) + self.initial(omega))
 
