@@ -35,7 +35,11 @@ pytest.raises = annotations.raises
 settings.register_profile("jshape", deadline=None)
 settings.load_profile("jshape")
 
-LONGEST = ()
+LONGEST = (
+    *("simulate", "linear", "plants", "metrics", "plants_flexible", "command", "insensitive", "adaptive_loop"),
+    *("plants_cranes", "envs_gym", "papers_energy", "adaptive_identifiers", "switching", "adaptive_shaper"),
+    *("envs_core", "envs_learning", "components", "calibration_tuned", "sweep", "envs_baselines", "cli_sweep"),
+)
 """Files that take longest, longest first: begun first, so that no worker is left alone with one at the end."""
 
 MOST_MEMORY = 4.0
