@@ -114,7 +114,8 @@ class Step(AbstractCommand):
     smoothness: ClassVar = 0
 
     def pieces(self) -> tuple[Breaks, Coefficients]:
-        return jnp.zeros_like(self.size)[None], jnp.asarray(self.size)[None, None]
+        size = jnp.asarray(self.size)
+        return jnp.zeros_like(size)[None], size[None, None]
 
 
 class Pulse(AbstractCommand):

@@ -1,5 +1,6 @@
 """What the tests share: JAX in 64 bits, checked annotations, programs on disk, the papers' plant, SciPy as a judge."""
 
+import contextlib
 import os
 import resource
 import sys
@@ -16,10 +17,8 @@ import jax  # noqa: E402
 from jaxtyping import install_import_hook  # noqa: E402
 
 jax.config.update("jax_enable_x64", True)
-# Before jshape is first imported: every annotated shape is checked at run time. Not in the slow set of .ci/run: some
-# annotations are still narrower than what its tests hand over by hand.
-if os.environ.get("JSHAPE_SHAPES") != "unchecked":
-    install_import_hook(["jshape", "jshape_envs"], "annotations.checked")
+# Before jshape is first imported: every annotated shape is checked at run time.
+install_import_hook(["jshape", "jshape_envs"], "annotations.checked")
 
 import annotations  # noqa: E402
 import numpy as np  # noqa: E402
@@ -36,7 +35,11 @@ pytest.raises = annotations.raises
 settings.register_profile("jshape", deadline=None)
 settings.load_profile("jshape")
 
-LONGEST = ()
+LONGEST = (
+    *("simulate", "linear", "plants", "metrics", "plants_flexible", "command", "insensitive", "adaptive_loop"),
+    *("plants_cranes", "envs_gym", "papers_energy", "adaptive_identifiers", "switching", "adaptive_shaper"),
+    *("envs_core", "envs_learning", "components", "calibration_tuned", "sweep", "envs_baselines", "cli_sweep"),
+)
 """Files that take longest, longest first: begun first, so that no worker is left alone with one at the end."""
 
 MOST_MEMORY = 4.0
@@ -46,6 +49,14 @@ MOST_MEMORY = 4.0
 def pytest_collection_modifyitems(items):
     place = {f"test_{name}.py": i for i, name in enumerate(LONGEST)}
     items.sort(key=lambda item: place.get(item.path.name, len(place)))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item):
+    """Annotations are checked in the quick set, which calls everything; not where that would take most of the time."""
+    apart = item.get_closest_marker("slow") or item.get_closest_marker("unchecked")
+    with annotations.unchecked() if apart else contextlib.nullcontext():
+        return (yield)
 
 
 def memory() -> float:

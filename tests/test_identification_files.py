@@ -299,6 +299,7 @@ def _profile(examples):
     return settings(max_examples=examples, deadline=None, suppress_health_check=quiet, derandomize=True)
 
 
+@pytest.mark.unchecked
 @_profile(150)
 @given(edits=st.lists(EDITS, min_size=1, max_size=4))
 def test_corrupt_files_are_told_or_true(tmp_path, edits):
