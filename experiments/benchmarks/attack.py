@@ -552,7 +552,8 @@ def verdicts(family: Family, rows: Row, count: int, chunk: int = 64) -> tuple[Ve
         parts = [batch(pick(double, np.arange(i, i + chunk) % count), rtol) for i in range(0, count, chunk)]
         found.append(Verdict(*(np.concatenate([np.asarray(x) for x in p])[:count] for p in zip(*parts, strict=True))))
     truth, second = found
-    return truth, np.abs(truth.energy - second.energy)
+    with np.errstate(invalid="ignore"):
+        return truth, np.abs(truth.energy - second.energy)
 
 
 def classify(family: Family, values: np.ndarray, truth: Verdict, doubt: np.ndarray) -> np.ndarray:
