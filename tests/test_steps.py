@@ -78,9 +78,18 @@ def test_random_moves_are_right_or_flagged(name):
     assert np.sum(words == "right") >= 40
 
 
+# Those whose 300 cases take a minute at most; the others are for ``experiments.benchmarks.attack``.
+SOON = [
+    name for name in attack.FAMILIES if not name.startswith(("crane", "double", "hoisting", "bridge", "flexible link"))
+]
+SOON = [
+    name for name in SOON if not name.startswith(("modal", "rigid")) and not name.endswith(("a limit", "precision"))
+]
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("name", attack.FAMILIES)
-def test_ten_thousand_random_moves_are_right_or_flagged(name):
+@pytest.mark.parametrize("name", SOON)
+def test_thousands_of_random_moves_are_right_or_flagged(name):
     assert not np.any(answers(name, 300, 4) == "wrong")
 
 
