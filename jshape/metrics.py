@@ -140,6 +140,7 @@ def residual_vibration(
     *,
     initial_state: Any = None,
     steps: int | None = None,
+    tolerance: Number | None = None,
 ) -> Scalar:
     """The residual vibration: its amplitude after the last impulse, over the distance.
 
@@ -152,7 +153,8 @@ def residual_vibration(
         shaper: the shaper; ``None`` for the bare command.
         distance: a number (a step of that size, m) or any command.
         initial_state: at rest at input 0 unless given.
-        steps: fixed steps a segment; chosen from the plant's frequencies unless given.
+        steps: fixed steps a segment; as many as the tolerance takes unless given.
+        tolerance: of the residual energy, as in ``residual_energy``.
 
     Returns:
         A fraction; infinite where the plant diverged.
@@ -162,9 +164,11 @@ def residual_vibration(
     plan, plant, state = _prepare(plant, shaper, distance, initial_state)
     steps = None if steps is None else _check.count(steps, "steps")
     fine = fine_steps(plant, plan, 2.0) if steps is None else 32 * steps
-    value, error, met = _residual_vibration(plant, plan, state, steps, fine, _as_tolerance(None, state))
+    if tolerance is not None:
+        _check_tolerance(tolerance, state)
+    value, error, met = _residual_vibration(plant, plan, state, steps, fine, _as_tolerance(tolerance, state))
     if _check.is_concrete(value):
-        _require_met(plant, plan, met, error, None)
+        _require_met(plant, plan, met, error, tolerance)
     return value
 
 
@@ -407,6 +411,7 @@ def _residual_vibration(plant, plan: Schedule, state, steps: int | None, fine: i
     end = _end(plant, plan, state, steps, "dopri8", tolerance)
     inputs = plan.final_inputs(plant)
     distance = jnp.abs(_target(plant, plan) - _start(plant, state))
+    met = end.met
     if isinstance(plant, AbstractOscillator) and plant.drives()[0] == "displacement":
         amplitude = plant.spring.amplitude(plant.residual_energy(end.state, inputs))
     else:
@@ -415,9 +420,10 @@ def _residual_vibration(plant, plan: Schedule, state, steps: int | None, fine: i
         away = along.value - _target(plant, plan)
         both = [extremes(sign * away, sign * along.slope, along.step) for sign in (1, -1)]
         amplitude = jnp.max(jnp.stack(both))
+        met = met & (along.met | along.diverged)
     diverged = end.diverged | ~jnp.isfinite(amplitude)
-    value = jnp.where(end.met, jnp.where(diverged, jnp.inf, amplitude / distance), jnp.nan)
-    return value, end.error, end.met
+    value = jnp.where(met, jnp.where(diverged, jnp.inf, amplitude / distance), jnp.nan)
+    return value, end.error, met
 
 
 def _target(plant, plan: Schedule) -> Scalar:

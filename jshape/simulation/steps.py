@@ -154,6 +154,24 @@ def replay(plant: AbstractPlant, segments: Segments, state: State, steps: Int[Ar
     return jnp.stack(end)
 
 
+def replay_forward(plant: AbstractPlant, segments: Segments, state: State, steps: Int[Array, " segments"]) -> State:
+    """As ``replay``, however many steps, and for forward mode only: half of what ``replay`` takes to compile."""
+    tableau, field = tableau_of("dopri8"), field_of(plant)
+
+    def advance_segment(state, item):
+        segment, count = item
+        step = segment.duration / count.astype(segment.duration.dtype)
+
+        def advance(index, state):
+            slope = lambda fraction, y: field((index.astype(step.dtype) + fraction) * step, y, segment)
+            return tuple(runge_kutta_step(tableau, slope, jnp.stack(state), step)[0])
+
+        return jax.lax.fori_loop(0, count, advance, state), None
+
+    end, _ = jax.lax.scan(advance_segment, tuple(state), (segments, steps))
+    return jnp.stack(end)
+
+
 def field_of(plant: AbstractPlant) -> Any:
     """The plant's equation on a segment: ``field(time since the segment began, state, segment)``."""
 

@@ -26,6 +26,7 @@ from jshape.compilation_cache import kept
 from jshape.plants import AbstractOscillator, AbstractPlant
 from jshape.shaper import Shaper
 from jshape.simulation.simulate import with_arrays
+from jshape.simulation.steps import TOLERANCE, least_tolerance
 from jshape.sweeps.checkpoint import in_chunks
 from jshape.sweeps.chunks import Chunk, cut, slices
 from jshape.sweeps.dask import on_cluster
@@ -39,8 +40,8 @@ FORWARD = 4
 
 Metric = Callable[[AbstractPlant, Shaper, AbstractCommand], Array]
 
-STEPPED = ("residual_energy", "residual_vibration")
-"""The metrics whose fixed steps are chosen here; the others choose their own."""
+CHECKED = ("residual_energy", "residual_vibration")
+"""The metrics that take a tolerance."""
 
 
 class Evaluation(eqx.Module):
@@ -60,7 +61,7 @@ class Evaluation(eqx.Module):
     metrics: tuple[str | Metric, ...]
     slopes: tuple[str, ...] = eqx.field(static=True)
 
-    def __call__(self, shaper: Shaper, values: dict[str, Array], steps: int) -> Float[Array, " values"]:
+    def __call__(self, shaper: Shaper, values: dict[str, Array], tolerance: Any) -> Float[Array, " values"]:
         """For one shaper and one plant: each metric, followed by its derivatives."""
         found = []
         for metric in self.metrics:
@@ -69,7 +70,7 @@ class Evaluation(eqx.Module):
                 changed = with_leaves(self.plant, values)
                 if callable(metric):
                     return metric(changed, shaper, self.command)
-                given = dict(steps=steps) if metric in STEPPED else {}
+                given = dict(tolerance=tolerance) if metric in CHECKED else {}
                 return getattr(metrics, metric)(changed, shaper, self.command, **given)
 
             if not self.slopes:
@@ -82,11 +83,6 @@ class Evaluation(eqx.Module):
                 value, slopes = jax.value_and_grad(at)(values)
             found += [value, *(slopes[name] for name in self.slopes)]
         return jnp.stack(found)
-
-    @property
-    def stepped(self) -> bool:
-        """Whether the number of fixed steps matters to any of the metrics."""
-        return any(metric in STEPPED for metric in self.metrics if isinstance(metric, str))
 
     @property
     def batch(self) -> int:
@@ -149,7 +145,8 @@ def study(
     stacked = jax.tree.map(lambda *leaves: np.stack(leaves), *padded)
     asked = Evaluation(plant, command, stacked, metrics, tuple(absolute) if derivatives else ())
     count = len(next(iter(points.values())))
-    chunks = cut(plant, command, padded, points) if asked.stepped else slices(np.arange(count))
+    checked = any(metric in CHECKED for metric in metrics if isinstance(metric, str))
+    chunks = cut(plant, command, points) if checked else slices(np.arange(count))
     # With leaves of NumPy, which any device and any process can take.
     asked = jax.tree.map(lambda leaf: np.asarray(leaf) if isinstance(leaf, jax.Array) else leaf, asked)
     return Study(asked, absolute, points, chunks)
@@ -171,7 +168,7 @@ def evaluate(
     def compute(missing: list[int]) -> Iterator[tuple[int, np.ndarray]]:
         wide = bool(jax.config.jax_enable_x64)  # pyright: ignore[reportAttributeAccessIssue]
         some = ((index, chunks[index]) for index in missing)
-        calls = ((i, (of, {n: v[at] for n, v in points.items()}, steps, size, wide)) for i, (at, size, steps) in some)
+        calls = ((i, (of, {n: v[at] for n, v in points.items()}, size, wide)) for i, (at, size) in some)
         if client is not None:
             return on_cluster(client, side_by_side, calls)
         return ((index, side_by_side(*arguments)) for index, arguments in calls)
@@ -187,35 +184,37 @@ def evaluate(
 
 
 def side_by_side(
-    of: Evaluation, points: Mapping[str, np.ndarray], steps: int, size: int, wide: bool
+    of: Evaluation, points: Mapping[str, np.ndarray], size: int, wide: bool, tolerance: float = TOLERANCE
 ) -> Float[np.ndarray, "values shapers plants"]:
     """The values of some plants, shared out evenly among all local devices.
 
     Args:
         of: what is computed of a plant.
         points: leaf → one absolute value a plant.
-        steps: fixed steps of the metrics in ``STEPPED``.
         size: how many plants the program takes, at least; those that are missing are filled up with the last one.
         wide: whether JAX computes with 64 bits; a worker's has a precision of its own.
+        tolerance: of the metrics in ``CHECKED``, relative to the greatest energy of each move.
     """
     count = len(next(iter(points.values())))
     devices = jax.local_devices()
     lanes = min(of.batch, -(-size // len(devices)))
     at = np.minimum(np.arange(-(-size // (lanes * len(devices))) * lanes * len(devices)), count - 1)
     with jax.enable_x64(wide):
-        return np.asarray(_many(of, {name: values[at] for name, values in points.items()}, steps, lanes))[..., :count]
+        # No tighter than this precision can meet.
+        asked = np.asarray(max(tolerance, least_tolerance(jnp.result_type(float))), jnp.result_type(float))
+        return np.asarray(_many(of, {name: values[at] for name, values in points.items()}, asked, lanes))[..., :count]
 
 
 @kept
-def _many(of: Evaluation, points: Mapping[str, Any], steps: int, lanes: int) -> Array:
+def _many(of: Evaluation, points: Mapping[str, Any], tolerance: Array, lanes: int) -> Array:
     mesh = Mesh(np.array(jax.local_devices()), ("plants",))
     arrays, rest = eqx.partition(of, eqx.is_array)
 
-    def share(arrays: Evaluation, points: Mapping[str, Any]) -> Array:
+    def share(arrays: Evaluation, points: Mapping[str, Any], tolerance: Array) -> Array:
         of = eqx.combine(arrays, rest)
 
         def each(shaper: Shaper) -> Array:
-            return jax.lax.map(lambda values: of(shaper, values, steps), points, batch_size=lanes)
+            return jax.lax.map(lambda values: of(shaper, values, tolerance), points, batch_size=lanes)
 
         return jnp.moveaxis(jax.lax.map(each, of.shapers), -1, 0)
 
@@ -224,19 +223,19 @@ def _many(of: Evaluation, points: Mapping[str, Any], steps: int, lanes: int) -> 
     shared = jax.shard_map(
         share,
         mesh=mesh,
-        in_specs=(PartitionSpec(), along),
+        in_specs=(PartitionSpec(), along, PartitionSpec()),
         out_specs=PartitionSpec(None, None, *along),
         check_vma=False,
     )
-    return shared(arrays, points)
+    return shared(arrays, points, tolerance)
 
 
 def _fingerprint(study: Study) -> bytes:
     """Everything that the numbers depend on: the program that is run for a plant, as text, and all that it is given."""
     arrays, rest = eqx.partition(study.evaluation, lambda leaf: isinstance(leaf, np.ndarray))
     first = jax.tree.map(lambda leaf: leaf[0], arrays.shapers), {n: values[0] for n, values in study.points.items()}
-    program = jax.jit(lambda arrays, shaper, values: eqx.combine(arrays, rest)(shaper, values, study.chunks[0].steps))
+    program = jax.jit(lambda arrays, shaper, values: eqx.combine(arrays, rest)(shaper, values, TOLERANCE))
     text = program.lower(arrays, *first).as_text()
-    facts = f"{[(chunk.size, chunk.steps) for chunk in study.chunks]} {list(study.points)} {version('jax')}"
+    facts = f"{[chunk.size for chunk in study.chunks]} {list(study.points)} {version('jax')}"
     leaves = [np.asarray(leaf) for leaf in jax.tree.leaves((arrays, study.points))]
     return b"|".join([text.encode(), facts.encode(), *(leaf.tobytes() for leaf in leaves)])

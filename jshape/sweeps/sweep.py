@@ -28,8 +28,9 @@ from jshape.plants import AbstractPlant
 from jshape.shaper import Shaper
 from jshape.simulation.schedule import schedule
 from jshape.simulation.simulate import fastest
+from jshape.simulation.steps import TOLERANCE
 from jshape.sweeps.dask import check_client
-from jshape.sweeps.evaluate import STEPPED, Metric, Study, evaluate, side_by_side, study
+from jshape.sweeps.evaluate import CHECKED, Metric, Study, evaluate, side_by_side, study
 from jshape.sweeps.leaves import leaf, with_leaves
 from jshape.sweeps.sampling import draw
 
@@ -98,12 +99,10 @@ def sweep(
     Returns:
         A variable for each metric (and ``d_<metric>_d_<leaf>``, per unit of the leaf) over ``shaper`` and the leaves,
         or ``shaper`` and ``sample``. Each leaf's own coordinate holds the values given; the other form stands beside
-        it, ``<leaf>_absolute`` or ``<leaf>_ratio``. Fixed steps are chosen at the corners of the set, or, where their
-        frequencies differ fourfold, for buckets of similar frequency: ``attrs["steps"]``, ``attrs["least_steps"]``.
-        Each variable's ``attrs["error"]`` (with one metric, the dataset's, too) is the largest change of a residual
-        metric, for up to 64 plants and each shaper, when steps are halved (cut by more in the slower buckets); of
-        another metric by name, the change on the fastest of these plants when its steps are chosen for it. The
-        accuracy of a function is not known.
+        it, ``<leaf>_absolute`` or ``<leaf>_ratio``. Residual metrics meet their tolerance or are NaN. Each variable's
+        ``attrs["error"]`` (with one metric, the dataset's, too) is the largest change of a residual metric, for up to
+        64 plants and each shaper, with a tolerance a hundred times tighter; of another metric by name, the change on
+        the fastest of these plants when its steps are chosen for it. The accuracy of a function is not known.
 
     Raises:
         ValueError: for an unknown metric, leaf or sampling, an empty set, shapers that are none, a store that holds
@@ -121,13 +120,10 @@ def sweep(
     )  # fmt: skip
     values = evaluate(found, None if store is None else Path(store), progress, client)
     attrs: dict[str, Any] = dict(plant=type(plant).__name__, distance=float(found.evaluation.command.final))
-    if found.evaluation.stepped:
-        steps = [chunk.steps for chunk in found.chunks]
-        attrs |= dict(steps=max(steps), least_steps=min(steps))
     slopes = found.evaluation.slopes
     shape = tuple(len(given) for given in found.absolute.values()) if grid else (samples,)
     rows = values.reshape(len(asked), 1 + len(slopes), len(names), *shape)
-    errors = _errors(found, asked, values[:: 1 + len(slopes)], 2 * attrs.get("steps", 1)) if estimate_error else {}
+    errors = _errors(found, asked, values[:: 1 + len(slopes)]) if estimate_error else {}
     if len(asked) == 1 and errors:
         attrs["error"] = next(iter(errors.values()))
     dims = ("shaper", *(found.absolute if grid else ("sample",)))
@@ -209,26 +205,25 @@ def _coordinates(plant: AbstractPlant, name: str, given: np.ndarray, along: str,
     return {name: ratio, f"{name}_absolute": absolute} if relative else {name: absolute, f"{name}_ratio": ratio}
 
 
-def _errors(found: Study, asked: dict[str, str | Metric], values: np.ndarray, steps: int) -> dict[str, float]:
-    """What finer steps change in each metric by name.
+def _errors(found: Study, asked: dict[str, str | Metric], values: np.ndarray) -> dict[str, float]:
+    """What a tighter tolerance, or finer steps, change in each metric by name.
 
     Args:
         found: the study.
         asked: its metrics by name.
         values: metrics × shapers × plants.
-        steps: the finer ones of the residual metrics.
     """
     of = found.evaluation
     some = slice(None, None, max(1, -(-values.shape[2] // 64)))
     few = {name: v[some] for name, v in found.points.items()}
-    stepped = dataclasses.replace(of, metrics=tuple(m for m in of.metrics if m in STEPPED), slopes=())
+    checked = dataclasses.replace(of, metrics=tuple(m for m in of.metrics if m in CHECKED), slopes=())
     size, wide = len(values[0, 0, some]), bool(jax.config.jax_enable_x64)  # pyright: ignore[reportAttributeAccessIssue]
-    finer: list[Array] = list(side_by_side(stepped, few, steps, size, wide)) if stepped.metrics else []
+    finer: list[Array] = list(side_by_side(checked, few, size, wide, TOLERANCE / 100)) if checked.metrics else []
     errors = {}
     for (name, metric), coarse in zip(asked.items(), values[:, :, some], strict=True):
         if callable(metric):
             continue
-        if metric in STEPPED:
+        if metric in CHECKED:
             other = finer.pop(0)
         else:
             plants = [with_leaves(of.plant, {n: v[i] for n, v in few.items()}) for i in range(size)]

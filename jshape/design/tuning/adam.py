@@ -26,22 +26,24 @@ PENALTY = 100.0
 """How much a limit that is missed by all of itself counts, in starting objectives."""
 
 
-def descend(problem: DesignProblem, starts: list[Point], iterations: int) -> tuple[list[Point], np.ndarray]:
+def descend(
+    problem: DesignProblem, starts: list[Point], steps: np.ndarray, iterations: int
+) -> tuple[list[Point], np.ndarray]:
     """Minimise the smoothed objective from each start.
 
     The worst case is smoothed as log-sum-exp over all plants, ever sharper as the descent goes on. Limits are kept
-    by a penalty, so that they may be missed a little.
+    by a penalty, so that they may be exceeded a little. ``steps``: in each segment, for all designs.
 
     Returns:
         The designs at the end, and the smoothed objective at every step, J, shape (starts, iterations).
     """
     bounds, time_cost = jax.tree.map(jnp.asarray, (problem.bounds, problem.time_cost))
-    ends, values = _run(problem.scenarios, bounds, problem.objective, stack(starts), iterations, time_cost)
+    ends, values = _run(problem.scenarios, bounds, problem.objective, stack(starts), steps, iterations, time_cost)
     return unstack(ends), np.asarray(values)
 
 
 @kept
-def _run(scenarios: Scenarios, bounds: Bounds, objective: Objective, starts: Point, iterations: int, time_cost: Scalar):
+def _run(scenarios: Scenarios, bounds: Bounds, objective: Objective, starts: Point, steps, iterations: int, time_cost):
     import optax  # Loaded here: half a second that most designs do not need.
 
     optimiser = optax.adam(optax.cosine_decay_schedule(LEARNING_RATE, iterations, alpha=0.01))
@@ -52,11 +54,11 @@ def _run(scenarios: Scenarios, bounds: Bounds, objective: Objective, starts: Poi
 
     def one(start: Point) -> tuple[Point, Array]:
         begin = Point(start.amplitudes, start.gaps / bounds.longest, (start.leaves - bounds.least) / span)
-        scale = jnp.max(energies(scenarios, in_units(begin)))
+        scale = jnp.max(energies(scenarios, in_units(begin), steps))
 
         def loss(x: Point, sharpness: Array) -> Scalar:
             point = in_units(x)
-            smoothed = _smoothed(objective, energies(scenarios, point), scale, sharpness)
+            smoothed = _smoothed(objective, energies(scenarios, point, steps), scale, sharpness)
             penalty = time_cost * jnp.sum(point.gaps) / scale
             if scenarios.limits.any:
                 penalty += PENALTY * jnp.sum(jnp.minimum(slacks(scenarios, point), 0.0) ** 2)

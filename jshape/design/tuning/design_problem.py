@@ -20,7 +20,7 @@ from jshape.design.tuning.objective import Objective, check_objective, objective
 from jshape.design.tuning.scenarios import Limits, Metric, Point, Scenarios
 from jshape.plants import AbstractPlant
 from jshape.simulation.schedule import schedule
-from jshape.simulation.simulate import initial, steps_for, with_arrays
+from jshape.simulation.simulate import initial, with_arrays
 from jshape.sweeps.leaves import check_over, grid
 
 FINEST = 20_000
@@ -37,6 +37,7 @@ class DesignProblem:
         objective: what the energies of all plants come to.
         time_cost: added to the objective for each second of the shaper, J/s.
         uncertain: absolute values of each uncertain leaf.
+        added: how many plants were added to the set between those given.
     """
 
     scenarios: Scenarios
@@ -44,6 +45,12 @@ class DesignProblem:
     objective: Objective
     time_cost: float
     uncertain: dict[str, Array]
+    added: int = 0
+
+    @property
+    def given(self) -> int:
+        """How many plants the set has as it was given; 1 without one."""
+        return int(np.prod([len(values) for values in self.uncertain.values()])) if self.scenarios.samples else 1
 
     @property
     def zero_is_optimal(self) -> bool:
@@ -56,20 +63,20 @@ class DesignProblem:
         """The objective with the cost of the shaper's duration, J."""
         return value_of(self.objective, energies) + self.time_cost * float(np.sum(point.gaps))
 
-    def refined(self) -> Scenarios:
-        """The same moves with four times as many integration steps, and after the given plants those of a finer set.
+    def finer_samples(self) -> dict[str, np.ndarray]:
+        """A finer set: the leaves' values ten times as dense, or as dense as ``FINEST`` plants allow.
 
-        There, the uncertain leaves' values are ten times as dense, or as dense as ``FINEST`` plants allow.
+        Empty where there is no set.
         """
+        if not self.scenarios.samples:
+            return {}
         lengths = np.array([len(values) for values in self.uncertain.values()])
         times = next((n for n in range(10, 1, -1) if np.prod((lengths - 1) * n + 1) <= FINEST), 1)
         finer = {}
         for name, values in self.uncertain.items():
             at = np.arange((len(values) - 1) * times + 1) / times
             finer[name] = np.interp(at, np.arange(len(values)), np.sort(np.asarray(values)))
-        dense, given = grid(finer) if finer else {}, self.scenarios.samples
-        samples = {name: _check.on_device(np.concatenate([given[name], dense[name]])) for name in given}
-        return dataclasses.replace(self.scenarios, steps=4 * self.scenarios.steps, samples=samples)
+        return {name: np.asarray(values) for name, values in grid(finer).items()}
 
 
 def design_problem(
@@ -104,9 +111,6 @@ def design_problem(
     leaves = designed_leaves(plant, also, uncertain)
     bounds = design_bounds(impulses, amplitudes, limit, _durations(plant, impulses, duration), leaves)
     constraints.check(limits, command)
-    # Steps for the whole duration shared evenly and half as much again.
-    gaps = np.full(impulses - 1, 1.5 * bounds.longest / (impulses - 1))
-    longest = Point(np.full(impulses, 1 / impulses), gaps, np.zeros(0)).shaper
     fine_steps = 1
     if limits.peak_deflection is not None:
         fine_steps = constraints.fine_steps(plant, command, bounds.longest, impulses)
@@ -116,7 +120,6 @@ def design_problem(
         samples=grid(uncertain) if uncertain and objective != "nominal" else {},
         state=None if initial_state is None else initial(plant, initial_state),
         limits=limits,
-        steps=steps_for(plant, schedule(plant, command, longest)),
         fine_steps=fine_steps,
         designed=tuple(leaves),
         metric=metric,

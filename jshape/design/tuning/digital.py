@@ -11,9 +11,9 @@ from collections.abc import Callable
 import numpy as np
 
 from jshape.design.tuning.bounds import Bounds
+from jshape.design.tuning.local_search import LocalSearch
 from jshape.design.tuning.objective import value_of
 from jshape.design.tuning.scenarios import Point
-from jshape.design.tuning.slsqp import EpigraphSLSQP
 
 REDESIGNED = 6
 """Of the roundings, so many of the best have their amplitudes designed."""
@@ -29,7 +29,7 @@ def check(sample_time: float, bounds: Bounds) -> None:
 
 
 def on_ticks(
-    search: EpigraphSLSQP, point: Point, sample_time: float, iterations: int, report: Callable[[int, float], None]
+    search: LocalSearch, point: Point, sample_time: float, iterations: int, report: Callable[[int, float], None]
 ) -> tuple[Point, bool]:
     """The best design near a point with all impulses at multiples of the sample time.
 
@@ -54,12 +54,12 @@ def on_ticks(
         return Point(near.amplitudes, np.diff((0, *ticks)) * sample_time, near.leaves)
 
     def energy(ticks: Ticks) -> float:
-        return value_of(search.problem.objective, search.evaluate(search.vector(rounded(ticks, point))).energies)
+        return value_of(search.problem.objective, search.values(search.vector(rounded(ticks, point)), 1e-8).energies)
 
     def design(ticks: Ticks, near: Point) -> float:
         if ticks not in designs:
             found = rounded(ticks, near)
-            if search.free.any() and iterations:
+            if search.space.free.any() and iterations:
                 found, _ = search(found, iterations)
             designs[ticks] = search.merit(found), found
             report(len(designs), min(merit for merit, _ in designs.values()))

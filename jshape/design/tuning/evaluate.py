@@ -1,4 +1,8 @@
-"""Residual energies and limits of one design on many plants, with their derivatives, as compiled programs."""
+"""Residual energies and limits of one design on many plants, with their derivatives, as compiled programs.
+
+``evaluate`` checks itself: its steps are chosen at run time until a tolerance is met. ``linearise`` adds derivatives,
+with steps that are given.
+"""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -8,13 +12,15 @@ import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
+from jshape._types import State
 from jshape.compilation_cache import kept
 from jshape.design.tuning.constraints import command_slack, deflection_slack
 from jshape.design.tuning.scenarios import Point, Scenarios
 from jshape.plants import AbstractPlant
-from jshape.simulation.schedule import schedule
-from jshape.simulation.simulate import final_state, initial
-from jshape.sweeps.leaves import map_plants
+from jshape.simulation.schedule import Schedule, schedule
+from jshape.simulation.simulate import initial
+from jshape.simulation.steps import checked_state, replay, replay_forward
+from jshape.sweeps.leaves import with_leaves
 
 DIVERGED_ENERGY = 1e30
 """Stands for the energy of a plant that diverged, J: finite, so that an optimiser turns round instead of stopping."""
@@ -23,23 +29,48 @@ FORWARD = 16
 """Up to so many variables derivatives come by forward mode, which compiles in half the time of reverse mode."""
 
 
-def energy(scenarios: Scenarios, plant: AbstractPlant, point: Point) -> Array:
-    """Residual energy (or the metric) of one plant, J; ``DIVERGED_ENERGY`` where it diverges."""
-    plant = scenarios.with_design(plant, point)
-    if scenarios.metric is not None:
-        value = jnp.asarray(scenarios.metric(plant, point.shaper, scenarios.command))
-        return jnp.where(jnp.isfinite(value), value, DIVERGED_ENERGY)
-    plan = schedule(plant, scenarios.command, point.shaper)
-    end, _ = final_state(plant, plan, initial(plant, scenarios.state), scenarios.steps)
-    value = plant.residual_energy(end, plan.final_inputs(plant))
-    diverged = plant.diverged(end, plan.final_inputs(plant)) | ~jnp.isfinite(value)
-    return jnp.where(diverged, DIVERGED_ENERGY, value)
+class Values(NamedTuple):
+    """What a design leaves in every plant.
+
+    Attributes:
+        energies: residual energies (or the metric), J, shape (plants,); ``DIVERGED_ENERGY`` where a plant diverged.
+        errors: estimates of their errors, J, shape (plants,); 0 for a metric, which checks itself.
+        greatest: the greatest energy on the way, J, shape (plants,).
+        slacks: of the limits, negative where one is missed, shape (limits,).
+        ends: states after the last break, shape (plants, state).
+        steps: in each segment, enough for the tolerance on all plants, shape (segments,).
+    """
+
+    energies: Any
+    errors: Any
+    greatest: Any
+    slacks: Any
+    ends: Any
+    steps: Any
 
 
 @kept
-def energies(scenarios: Scenarios, point: Point) -> Float[Array, " plants"]:
-    """Residual energies of all plants, J; of the nominal one alone where there are no samples."""
-    return _every_plant(scenarios, lambda plant: energy(scenarios, plant, point))
+def evaluate(scenarios: Scenarios, point: Point, tolerance: Any) -> Values:
+    """Residual energies of all plants (of the nominal one alone where there are no samples) and slacks of the limits.
+
+    Args:
+        scenarios: the moves.
+        point: the design.
+        tolerance: of the energies, relative to the greatest energy of each move.
+    """
+
+    def one(plant: AbstractPlant) -> tuple[Array, ...]:
+        if scenarios.metric is not None:
+            value, zero = _metric(scenarios, plant, point), jnp.zeros(())
+            return value, zero, value, jnp.zeros(1), jnp.ones(1, jnp.int32)
+        plant, plan, state = _move(scenarios, plant, point)
+        found = checked_state(plant, plan, state, tolerance)
+        energy = plant.residual_energy(found.state, plan.final_inputs(plant))
+        energy = jnp.where(found.diverged | ~jnp.isfinite(energy), DIVERGED_ENERGY, energy)
+        return energy, found.error * found.scale, found.scale, found.state, found.steps
+
+    energies, errors, greatest, ends, steps = _every_plant(scenarios, one)
+    return Values(energies, errors, greatest, slacks(scenarios, point), ends, steps[0])
 
 
 class Linearisation(NamedTuple):
@@ -50,74 +81,175 @@ class Linearisation(NamedTuple):
         jacobian: theirs, shape (plants, variables).
         slacks: negative where a limit is missed, 1 where none of it is used, shape (limits,).
         slack_jacobian: theirs, shape (limits, variables).
+        hessians: of the energies, approximately (see ``_hessian``), shape (plants, variables, variables).
     """
 
     energies: Any
     jacobian: Any
     slacks: Any
     slack_jacobian: Any
+    hessians: Any
 
 
 @kept
-def linearise(scenarios: Scenarios, point: Point) -> Linearisation:
-    """Residual energies and slacks of the limits, each with its Jacobian."""
+def linearise(scenarios: Scenarios, point: Point, ends: Any, steps: Any) -> Linearisation:
+    """Residual energies and slacks of the limits, each with its Jacobian.
+
+    Args:
+        scenarios: the moves.
+        point: the design.
+        ends: states after the moves, as ``evaluate`` found them, shape (plants, state).
+        steps: in each segment, for the derivatives of those states.
+    """
     flat, unravel = ravel_pytree(point)
+
+    def one(x: Array, plant: AbstractPlant, end: Array) -> tuple[Array, Array]:
+        return _energy_and_end(scenarios, plant, unravel(x), end, steps, len(flat) <= FORWARD)
 
     if len(flat) <= FORWARD:
         # Derivatives outside, plants inside: the long axis comes last, where arithmetic runs along it.
-        values, jacobian = _with_jacobian(
-            lambda x: _every_plant(scenarios, lambda plant: energy(scenarios, plant, unravel(x))), flat
+        (energies, _), (jacobian, slopes) = _with_jacobian(
+            lambda x: _every_plant(scenarios, lambda plant, end: one(x, plant, end), ends), flat
         )
+        hessian = lambda plant, end, slopes: _hessian(scenarios, plant, point, end, slopes)
+        hessians = _every_plant(scenarios, hessian, ends, slopes)
     else:
         # One pass back for each plant.
-        values, jacobian = _every_plant(
-            scenarios, lambda plant: _with_jacobian(lambda x: energy(scenarios, plant, unravel(x)), flat)
+        energies, jacobian = _every_plant(
+            scenarios, lambda plant, end: _with_jacobian(lambda x: one(x, plant, end)[0], flat), ends
         )
+        hessians = jnp.zeros((*jacobian.shape, len(flat)))
+    slack, slack_jacobian = jnp.zeros(0), jnp.zeros((0, len(flat)))
+    if scenarios.limits.any:
+        slack, slack_jacobian = _with_jacobian(lambda x: slacks(scenarios, unravel(x)), flat)
+    return Linearisation(energies, jacobian, slack, slack_jacobian, hessians)
 
-    if not scenarios.limits.any:
-        return Linearisation(values, jacobian, jnp.zeros(0), jnp.zeros((0, len(flat))))
-    slack, slack_jacobian = _with_jacobian(lambda x: slacks(scenarios, unravel(x)), flat)
-    return Linearisation(values, jacobian, jnp.nan_to_num(slack, nan=-1.0), slack_jacobian)
+
+def _move(scenarios: Scenarios, plant: AbstractPlant, point: Point) -> tuple[AbstractPlant, Schedule, State]:
+    plant = scenarios.with_design(plant, point)
+    return plant, schedule(plant, scenarios.command, point.shaper), initial(plant, scenarios.state)
 
 
-def slacks(scenarios: Scenarios, point: Point) -> Float[Array, " limits"]:
+def _metric(scenarios: Scenarios, plant: AbstractPlant, point: Point) -> Array:
+    assert scenarios.metric is not None
+    value = jnp.asarray(scenarios.metric(scenarios.with_design(plant, point), point.shaper, scenarios.command))
+    return jnp.where(jnp.isfinite(value), value, DIVERGED_ENERGY)
+
+
+def end_of_move(scenarios: Scenarios, plant: AbstractPlant, point: Point, steps: Any, forward: bool = True) -> State:
+    """The state after a move with that many steps in each segment; differentiable in forward mode, or in both."""
+    plant, plan, state = _move(scenarios, plant, point)
+    return (replay_forward if forward else replay)(plant, plan.segments(), state, steps)
+
+
+def energy(scenarios: Scenarios, plant: AbstractPlant, point: Point, steps: Any, forward: bool = True) -> Array:
+    """Residual energy (or the metric) of one plant, J; ``DIVERGED_ENERGY`` where it diverges."""
+    return _energy_and_end(scenarios, plant, point, None, steps, forward)[0]
+
+
+def energies(scenarios: Scenarios, point: Point, steps: Any) -> Float[Array, " plants"]:
+    """Residual energies of all plants, J, with that many steps in each segment; differentiable in both modes."""
+    return _every_plant(scenarios, lambda plant: energy(scenarios, plant, point, steps, forward=False))
+
+
+def _energy_and_end(
+    scenarios: Scenarios, plant: AbstractPlant, point: Point, end: Array | None, steps: Any, forward: bool
+) -> tuple[Array, Array]:
+    """The energy and the state after a move, which is ``end`` where it is known, with their derivatives."""
+    if scenarios.metric is not None:
+        return _metric(scenarios, plant, point), jnp.zeros(1)
+    computed = end_of_move(scenarios, plant, point, steps, forward)
+    end = computed if end is None else end + (computed - jax.lax.stop_gradient(computed))
+    plant, plan, _ = _move(scenarios, plant, point)
+    inputs = plan.final_inputs(plant)
+    value = plant.residual_energy(end, inputs)
+    diverged = plant.diverged(end, inputs) | ~jnp.isfinite(value)
+    return jnp.where(diverged, DIVERGED_ENERGY, value), end
+
+
+def _hessian(scenarios: Scenarios, plant: AbstractPlant, point: Point, end: Array, slopes: Array) -> Array:
+    """The energy's Hessian in the amplitudes, gaps and leaves, from the derivatives of the state at the end.
+
+    The Gauss–Newton part is exact where the energy vanishes. The rest, the state's own second derivatives along the
+    energy's gradient, is that of a plant which is linear after the move: an impulse that comes later by dt has moved
+    the end back by dt along its own trajectory, y″ = −M y′ with the equation's matrix M, and in proportion to its
+    amplitude.
+
+    Args:
+        scenarios: the moves.
+        plant: which one.
+        point: the design.
+        end: the state after the move, shape (state,).
+        slopes: its derivatives, shape (state, variables).
+    """
+    if scenarios.metric is not None:
+        return jnp.zeros((slopes.shape[1],) * 2)
+    plant, plan, _ = _move(scenarios, plant, point)
+    inputs, after = plan.final_inputs(plant), plan.breaks[-1]
+    field = lambda y: plant.vector_field(after, y, inputs)
+    energy = lambda y: plant.residual_energy(y, inputs)
+    values, vectors = jnp.linalg.eigh(jnp.nan_to_num(jax.hessian(energy)(end)))
+    gauss_newton = slopes.T @ ((vectors * jnp.maximum(values, 0.0)) @ (vectors.T @ slopes))
+    gradient, matrix, impulses = jax.grad(energy)(end), jax.jacfwd(field)(end), len(point.amplitudes)
+    gaps = slice(impulses, 2 * impulses - 1)
+    # The move ends with its last impulse: every gap delays the end. First all derivatives at a fixed end.
+    later, away = jnp.zeros(slopes.shape[1]).at[gaps].set(1.0), field(end)
+    fixed = slopes - away[:, None] * later
+    by_times = fixed[:, gaps] - jnp.pad(fixed[:, gaps][:, 1:], ((0, 0), (0, 1)))
+    amplitudes = point.amplitudes[1:]
+    small = jnp.abs(amplitudes) < 1e-3
+    mixed = jnp.where(small, 0.0, gradient @ by_times / jnp.where(small, 1.0, amplitudes))
+    twice = -gradient @ (matrix @ by_times)
+    # From impulse times to gaps: an impulse comes after all gaps before it.
+    order = jnp.tril(jnp.ones((impulses - 1, impulses - 1)))
+    delayed = jnp.outer(later, gradient @ (matrix @ (fixed + away[:, None] * later / 2)))
+    rest = delayed.at[1:impulses, gaps].add(mixed[:, None] * order)
+    rest = (rest + rest.T).at[gaps, gaps].add(order.T @ (twice[:, None] * order))
+    return gauss_newton + jnp.nan_to_num(rest)
+
+
+def slacks(scenarios: Scenarios, point: Point) -> Array:
     """Slacks of the limits of all moves: negative where one is missed."""
+    if not scenarios.limits.any:
+        return jnp.zeros(0)
     found = [command_slack(scenarios, point)]
     if scenarios.limits.peak_deflection is not None:
         found.append(_every_plant(scenarios, lambda plant: deflection_slack(scenarios, plant, point)).reshape(-1))
-    return jnp.concatenate(found)
+    return jnp.nan_to_num(jnp.concatenate(found), nan=-1.0)
 
 
-def _every_plant(scenarios: Scenarios, function: Callable[[AbstractPlant], Any]) -> Any:
-    """A function of every plant, stacked: of the nominal one alone where there are no samples."""
+def _every_plant(scenarios: Scenarios, function: Callable[..., Any], *rows: Any) -> Any:
+    """A function of every plant, stacked: of the nominal one alone where there are no samples.
+
+    ``rows``: further arguments, with a leading axis over the plants.
+    """
     if not scenarios.samples:
-        return jax.tree.map(lambda x: x[None], function(scenarios.plant))
-    return map_plants(function, scenarios.plant, scenarios.samples)
+        return jax.tree.map(lambda x: x[None], function(scenarios.plant, *jax.tree.map(lambda x: x[0], rows)))
+    along = lambda values, rows: function(with_leaves(scenarios.plant, values), *rows)
+    return jax.vmap(along)(dict(scenarios.samples), rows)
 
 
-def _with_jacobian(function: Callable[[Array], Array], x: Array) -> tuple[Array, Array]:
+def _with_jacobian(function: Callable[[Array], Any], x: Array) -> tuple[Any, Any]:
     """A function's value and Jacobian; derivatives that are not finite count as 0."""
 
-    def twice(x: Array) -> tuple[Array, Array]:
+    def twice(x: Array) -> tuple[Any, Any]:
         value = function(x)
         return value, value
 
     mode = jax.jacfwd if len(x) <= FORWARD else jax.jacrev
     jacobian, value = mode(twice, has_aux=True)(x)
-    return value, jnp.nan_to_num(jacobian)
+    return value, jax.tree.map(jnp.nan_to_num, jacobian)
 
 
-def scaled_departure(scenarios: Scenarios, point: Point) -> Array:
+def scaled_departure(scenarios: Scenarios, point: Point, steps: Any) -> Array:
     """The nominal plant's departure from rest at the end of the move, scaled by a root of the energy's curvature.
 
     Close to rest its square is the residual energy over the energy that the bare command leaves. Unlike the energy, it
     has a simple zero at a perfect shaper, which lets Levenberg–Marquardt converge to rounding.
     """
-    plant = scenarios.with_design(scenarios.plant, point)
-    plan = schedule(plant, scenarios.command, point.shaper)
-    inputs, begin = plan.final_inputs(plant), initial(plant, scenarios.state)
-    rest = plant.rest_state(inputs)
-    end, _ = final_state(plant, plan, begin, scenarios.steps)
+    plant, plan, begin = _move(scenarios, scenarios.plant, point)
+    inputs = plan.final_inputs(plant)
+    rest, end = plant.rest_state(inputs), end_of_move(scenarios, scenarios.plant, point, steps)
     curvature = jax.hessian(lambda y: plant.residual_energy(y, inputs))(rest) / 2
     values, vectors = jnp.linalg.eigh(curvature)
     trace, eps = jnp.trace(curvature), jnp.finfo(rest.dtype).eps

@@ -12,11 +12,13 @@ from jshape.design.tuning.evaluate import energy, scaled_departure
 from jshape.design.tuning.scenarios import Point, Scenarios, stack, unstack
 
 
-def levenberg_marquardt(problem: DesignProblem, starts: list[Point], iterations: int) -> tuple[list[Point], np.ndarray]:
+def levenberg_marquardt(
+    problem: DesignProblem, starts: list[Point], steps: np.ndarray, iterations: int
+) -> tuple[list[Point], np.ndarray]:
     """Minimise the residual energy from each start.
 
     The amplitudes keep their sum, and with a fixed duration the gaps keep theirs; other bounds are left to the caller
-    to check.
+    to check. ``steps``: in each segment, for all designs.
 
     Returns:
         The designs at the end, and the energies at the start and after every iteration, J, shape
@@ -24,12 +26,12 @@ def levenberg_marquardt(problem: DesignProblem, starts: list[Point], iterations:
     """
     bounds = problem.bounds
     fixed_amplitudes = bool(np.all(bounds.lower == bounds.upper))
-    ends, values = _run(problem.scenarios, stack(starts), bounds.fixed_duration, fixed_amplitudes, iterations)
+    ends, values = _run(problem.scenarios, stack(starts), steps, bounds.fixed_duration, fixed_amplitudes, iterations)
     return unstack(ends), np.asarray(values)
 
 
 @kept
-def _run(scenarios: Scenarios, starts: Point, fixed_duration: bool, fixed_amplitudes: bool, iterations: int):
+def _run(scenarios: Scenarios, starts: Point, steps, fixed_duration: bool, fixed_amplitudes: bool, iterations: int):
     import lineax as lx
     import optimistix as optx
 
@@ -47,7 +49,7 @@ def _run(scenarios: Scenarios, starts: Point, fixed_duration: bool, fixed_amplit
             return Point(a, g, y[2])
 
         def residuals(y, _):
-            return scaled_departure(scenarios, build(y)), None
+            return scaled_departure(scenarios, build(y), steps), None
 
         structure, aux = jax.eval_shape(lambda: residuals(free, None))
         state = solver.init(residuals, free, None, {}, structure, aux, frozenset())
@@ -56,7 +58,7 @@ def _run(scenarios: Scenarios, starts: Point, fixed_duration: bool, fixed_amplit
         def advance(carry, _):
             y, state = eqx.combine(carry, static)
             y, state, _ = solver.step(residuals, y, None, {}, state, frozenset())
-            return eqx.filter((y, state), eqx.is_array), energy(scenarios, scenarios.plant, build(y))
+            return eqx.filter((y, state), eqx.is_array), energy(scenarios, scenarios.plant, build(y), steps)
 
         # The first step only evaluates the start.
         dynamic, values = jax.lax.scan(advance, dynamic, None, length=iterations + 1)

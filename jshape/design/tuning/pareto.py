@@ -21,14 +21,15 @@ from jshape import _check
 from jshape._types import Progress
 from jshape.design.closed_forms import closed_forms
 from jshape.design.tuning.design_problem import DesignProblem, design_problem, slowest_period
-from jshape.design.tuning.evaluate import energies
+from jshape.design.tuning.evaluate import evaluate
+from jshape.design.tuning.local_search import LocalSearch
 from jshape.design.tuning.objective import Objective, objective_name, value_of
 from jshape.design.tuning.scenarios import Limits, Point
 from jshape.design.tuning.search import Candidate, on_finer_set, status_of
-from jshape.design.tuning.slsqp import EpigraphSLSQP
 from jshape.design.tuning.starts import starts as starting_points
 from jshape.plants import AbstractPlant
 from jshape.simulation.simulate import with_arrays
+from jshape.simulation.steps import TOLERANCE
 from jshape.status import Status
 from jshape.sweeps.checkpoint import in_chunks
 
@@ -74,7 +75,7 @@ def pareto(
         seed: of the random starting points.
         relative: as in ``tune``.
         initial_state: as in ``tune``.
-        iterations: of SLSQP from each point, at most.
+        iterations: of the local search from each point, at most.
         store: a folder that keeps each finished front, so that an interrupted call goes on where it stopped.
         progress: called with the design's name, durations done, of how many, and the least objective so far (J).
 
@@ -135,9 +136,9 @@ def _front(
 ) -> list[Candidate]:
     """Up through the durations, each from the one before and from the best of fresh starts; then down again."""
     front: list[Candidate] = []
-    searches = [EpigraphSLSQP(_within(problem, float(time))) for time in times]
+    searches = [LocalSearch(_within(problem, float(time))) for time in times]
 
-    def best_of(search: EpigraphSLSQP, points: list[Point], known: list[Candidate]) -> Candidate:
+    def best_of(search: LocalSearch, points: list[Point], known: list[Candidate]) -> Candidate:
         """The best of the known candidates and those that the search finds from the points."""
         candidates = list(known)
         for point in points:
@@ -172,9 +173,9 @@ def _row(problem: DesignProblem, candidate: Candidate, most: int) -> np.ndarray:
     """A candidate as numbers: both objectives, optimality, status, duration, amplitudes, times."""
     value, point, optimal = candidate
     duration, n = float(np.sum(point.gaps)), len(point.amplitudes)
-    judge = EpigraphSLSQP(_within(problem, max(duration, 1e-12)))
-    found = judge.evaluate(judge.vector(point))
-    finer, _ = on_finer_set(problem, Point(*map(_check.on_device, point)), found.energies)
+    judge = LocalSearch(_within(problem, max(duration, 1e-12)))
+    found = judge.values(judge.vector(point))
+    finer = on_finer_set(problem, point, found)
     status = STATUSES.index(status_of(found.energies, found.slacks, optimal))
     row = np.full(5 + 2 * most, np.nan)
     row[:5] = value, finer, judge.optimality(point).residual, status, duration
@@ -190,8 +191,9 @@ def _closed(problem: DesignProblem, distance: Any) -> list[tuple[str, float, flo
     found = []
     for name, shaper in shapers.items():
         padded = shaper.pad(longest)
-        values = energies(scenarios, Point(padded.amplitudes, jnp.diff(padded.times), jnp.zeros(0)))
-        found.append((name, float(shaper.duration), value_of(problem.objective, np.asarray(values))))
+        point = Point(padded.amplitudes, jnp.diff(padded.times), jnp.zeros(0))
+        energies = np.asarray(evaluate(scenarios, point, np.float64(TOLERANCE)).energies)
+        found.append((name, float(shaper.duration), value_of(problem.objective, energies)))
     return found
 
 

@@ -98,8 +98,7 @@ class Scenarios(eqx.Module):
         samples: absolute values of the uncertain leaves, one entry a plant; empty for the nominal plant alone.
         state: where every move begins; ``None`` for rest.
         limits: what every move must keep to.
-        steps: fixed integration steps a segment, for the energy.
-        fine_steps: the same for peaks of the deflection between the steps.
+        fine_steps: fixed integration steps a segment, for peaks of the deflection between the steps.
         designed: names of the leaves that are designed with the shaper.
         metric: what takes the residual energy's place; ``None`` for the energy.
     """
@@ -109,7 +108,6 @@ class Scenarios(eqx.Module):
     samples: dict[str, Array]
     state: State | None
     limits: Limits
-    steps: int = eqx.field(static=True)
     fine_steps: int = eqx.field(static=True)
     designed: tuple[str, ...] = eqx.field(static=True)
     metric: Metric | None = eqx.field(static=True)

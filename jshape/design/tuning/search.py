@@ -4,8 +4,10 @@
 sample time if asked to, and judges what it found. An interrupt after the first candidate keeps the best so far.
 """
 
-import dataclasses
 import functools
+import os
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import jax
@@ -14,34 +16,38 @@ import numpy as np
 
 from jshape import _check
 from jshape._types import Progress
-from jshape.design.tuning import digital
+from jshape.design.tuning import digital, interval
 from jshape.design.tuning.adam import descend
 from jshape.design.tuning.design_problem import DesignProblem
-from jshape.design.tuning.evaluate import DIVERGED_ENERGY, energies, linearise
+from jshape.design.tuning.evaluate import DIVERGED_ENERGY, Values
 from jshape.design.tuning.levenberg_marquardt import levenberg_marquardt
+from jshape.design.tuning.local_search import EXCEEDED, LOOSEST, OPTIMAL, Descent, LocalSearch, Optimality
 from jshape.design.tuning.objective import objective_name, value_of
 from jshape.design.tuning.scenarios import Point
-from jshape.design.tuning.slsqp import MISSED, OPTIMAL, RESTART, EpigraphSLSQP, Optimality
 from jshape.design.tuning.solution import Solution
 from jshape.simulation.schedule import schedule
 from jshape.simulation.simulate import initial
 from jshape.status import Status
 
-REFINED = 6
-"""How many of the starts, the best ones, are refined by SLSQP."""
+ROUNDS = ((12, 4), (5, 6), (2, None))
+"""How many of the best starts are refined, and by how many iterations, before the best of those go on; at last to the
+end."""
 
-SURVIVORS = 2
-"""How many of those are refined to the end."""
+EXCHANGES = 20
+"""How often the worst plants between those of the set are looked for, at most."""
 
-CROWD = 64
-"""With more starts than that, all descend side by side before the best are refined."""
+BETWEEN = 12
+"""Iterations of a local search before they are looked for again, at most."""
 
-DESCENT = 100
-"""Steps of that descent."""
+ITERATIONS = 360
+"""Of a local search, at most."""
+
+ON_TICKS = 60
+"""The same, where impulses are moved to the samples."""
 
 
 class Candidate(NamedTuple):
-    """A design with its merit (J; see ``EpigraphSLSQP.merit``) and whether it is an optimum."""
+    """A design with its merit (J; see ``LocalSearch.merit``) and whether it is an optimum."""
 
     merit: float
     point: Point
@@ -57,8 +63,8 @@ class Search:
     """
 
     def __init__(self, problem: DesignProblem, progress: Progress):
-        self.problem, self.progress = problem, progress
-        self.judge = EpigraphSLSQP(problem)
+        self.problem, self.progress = interval.with_places(problem), progress
+        self.judge = LocalSearch(self.problem)
         self.candidates: list[Candidate] = []
         self.history: list[float] = []
         self.summary = ""
@@ -74,76 +80,108 @@ class Search:
         try:
             if method == "first-order":
                 self._first_order(starts, iterations or 1000)
-            elif self.problem.zero_is_optimal:
-                self._nominal(starts, iterations or 40)
+            elif not self.problem.zero_is_optimal:
+                self._descend(starts, iterations or ITERATIONS)
             else:
-                self._robust(starts, iterations or 360)
+                ends = self._nominal(starts, iterations or 40)
+                if not self.best.optimal:
+                    # Zero is out of reach, as far as is known: the least energy is looked for.
+                    self._descend(ends + starts, iterations or ITERATIONS)
         except KeyboardInterrupt:
             if not self.candidates:
                 raise
             self.interrupted = True
         if sample_time is not None:
-            self._digital(sample_time, 0 if self.interrupted else min(iterations or RESTART, RESTART))
+            self._digital(sample_time, 0 if self.interrupted else min(iterations or ON_TICKS, ON_TICKS))
         return self._solution()
 
-    def _nominal(self, starts: list[Point], iterations: int) -> None:
-        """Levenberg–Marquardt, all starts side by side; the first that reaches zero counts."""
+    def _nominal(self, starts: list[Point], iterations: int) -> list[Point]:
+        """Levenberg–Marquardt, all starts side by side; the first that reaches zero counts. Returns the ends."""
         bounds = self.problem.bounds
         self.progress("Levenberg–Marquardt", 0, 1, np.inf)
-        ends, values = levenberg_marquardt(self.problem, starts, iterations)
-        valid = np.isfinite(values[:, -1]) & [bounds.contains(end) for end in ends]
-        final = np.where(valid, values[:, -1], np.inf)
+        ends, history = levenberg_marquardt(self.problem, starts, self._steps(starts), iterations)
+        valid = np.isfinite(history[:, -1]) & [bounds.contains(end) for end in ends]
+        ends = [bounds.clip(end) if inside else start for end, start, inside in zip(ends, starts, valid, strict=True)]
+        # What was found with the steps of the starts is judged by steps of its own.
+        final = np.array([self.judge.merit(end) for end in ends])
         zero = np.flatnonzero(final <= self._zero)
-        if len(zero):
-            best = int(zero[0])
-            settled = int(np.argmax(values[best] <= max(2 * final[best], self._zero)))
-            self.summary = f"no residual energy but rounding after {settled} Levenberg–Marquardt iterations"
-        elif valid.any():
-            best, settled = int(np.argmin(final)), iterations
-            self.summary = (
-                f"{final[best]:.3g} J after {iterations} Levenberg–Marquardt iterations; no shaper with these impulses "
-                "and this duration was found that leaves no residual energy"
-            )
-        else:
-            best, settled = int(np.argmin(values[:, 0])), 0
-            self.summary = "no start stayed within the bounds"
-        self.history = values[best, : settled + 1].tolist()
-        amplitudes, gaps, leaves = ends[best] if valid.any() else starts[best]
-        point = Point(np.clip(amplitudes, bounds.lower, bounds.upper), np.maximum(gaps, 0.0), leaves)
-        self.candidates = [Candidate(self.history[-1], point, len(zero) > 0)]
-        self.progress("Levenberg–Marquardt", 1, 1, self.history[-1])
+        best = int(zero[0]) if len(zero) else int(np.argmin(final))
+        settled = int(np.argmax(history[best] <= max(2 * final[best], self._zero))) if valid[best] else 0
+        self.history = history[best, : settled + 1].tolist()
+        self.summary = f"no residual energy but rounding after {settled} Levenberg–Marquardt iterations"
+        self.candidates = [Candidate(final[best], ends[best], len(zero) > 0)]
+        self.progress("Levenberg–Marquardt", 1, 1, final[best])
+        return [end for end, inside in zip(ends, valid, strict=True) if inside]
 
-    def _robust(self, starts: list[Point], iterations: int) -> None:
-        """SLSQP from the best of the starts; the best of its ends are refined to the end."""
-        count, total, refined = len(starts), min(len(starts), REFINED), 0
-        if count > CROWD:
-            self.progress(f"descent of {count} starts", 0, 1, np.inf)
-            starts = [self.problem.bounds.clip(end) for end in descend(self.problem, starts, DESCENT)[0]]
+    def _steps(self, points: list[Point]) -> np.ndarray:
+        """Steps in each segment that are enough for all of the designs."""
+        return np.max([self.judge.values(self.judge.vector(point)).steps for point in points], axis=0)
+
+    def _descend(self, starts: list[Point], iterations: int) -> None:
+        """Local search from the best of the starts; the best of its ends are refined to the end."""
+        count, done, total = len(starts), 0, sum(min(len(starts), size) for size, _ in ROUNDS)
 
         def report(value: float) -> None:
             self.history.append(min([value, *self.history[-1:]]))
-            self.progress("SLSQP", refined, total, self.history[-1])
+            self.progress("local search", done, total, self.history[-1])
 
-        search = EpigraphSLSQP(self.problem, report=report)
-        ranked = sorted(starts, key=self.judge.merit)
-        self.candidates = [Candidate(self.judge.merit(ranked[0]), ranked[0], False)]
+        self.judge.report = report
+        ranked = sorted(starts, key=lambda start: self.judge.merit(start, LOOSEST))
+        self._add(ranked[0], False)
+        # Each in a search of its own: two run side by side.
+        descents = [Descent(LocalSearch(self.problem, report=report), start) for start in ranked[: ROUNDS[0][0]]]
         try:
-            for start in ranked[:REFINED]:
-                self._add(*search(start, min(iterations, RESTART)))
-                refined += 1
-            for candidate in sorted(self.candidates, key=lambda candidate: candidate.merit)[:SURVIVORS]:
-                if not candidate.optimal and iterations > RESTART:
-                    self._add(*search(candidate.point, iterations - RESTART))
+            for size, most in ROUNDS:
+                descents = self._distinct(descents)[:size]
+                for descent in side_by_side(descents, min(iterations, most or iterations)):
+                    self._add(descent.point, descent.optimal)
+                    done += 1
+            self._exchange(descents, iterations)
+        except KeyboardInterrupt:
+            for descent in descents:
+                self._add(descent.point, False)
+            raise
         finally:
-            self.summary = f"{self._value()}, the best of {refined} refined starts out of {count}"
+            self.judge.report = lambda _: None
+            self.summary = f"{self._value()}, the best of {min(count, ROUNDS[0][0])} refined starts out of {count}"
+            if self.problem.zero_is_optimal:
+                self.summary += "; no shaper with these impulses and this duration was found that leaves none"
         if not self.best.optimal:
             self.summary += f", not optimal after {iterations} iterations"
-        self.progress("SLSQP", refined, total, self.best.merit)
+        self.progress("local search", total, total, self.best.merit)
+
+    def _exchange(self, descents: list[Descent], iterations: int) -> None:
+        """Add the worst plants between those of the set, and go on, until there are none that are worse."""
+        if self.problem.objective != "worst" or not self.problem.scenarios.samples:
+            return
+        for _ in range(EXCHANGES):
+            found = self.judge.values(self.judge.vector(self.best.point))
+            worst = float(found.energies.max())
+            maxima = interval.greatest(self.problem, self.best.point, (1 + interval.NEGLIGIBLE) * worst)
+            if not maxima and self.best.optimal:
+                return
+            if maxima:
+                self.problem = interval.with_plants(self.problem, maxima, found.energies)
+                for search in (self.judge, *descents):
+                    search.pose(self.problem)
+                # Those that were best on fewer plants are no candidates any more.
+                self.candidates = []
+            descents = self._distinct(descents)[:2]
+            for descent in side_by_side(descents, min(iterations, BETWEEN)):
+                self._add(descent.point, descent.optimal)
+
+    def _distinct(self, descents: list[Descent]) -> list[Descent]:
+        """The descents from the best to the worst, one of those that have met."""
+        found: list[Descent] = []
+        for descent in sorted(descents, key=lambda one: self.judge.merit(one.point, one.tolerance)):
+            if all(np.abs(descent.x - other.x).max() > 1e-3 for other in found):
+                found.append(descent)
+        return found
 
     def _first_order(self, starts: list[Point], iterations: int) -> None:
         """Adam, all starts side by side."""
         self.progress("Adam", 0, 1, np.inf)
-        ends, values = descend(self.problem, starts, iterations)
+        ends, values = descend(self.problem, starts, self._steps(starts), iterations)
         merits = [self.judge.merit(end) for end in ends]
         best = int(np.argmin(merits))
         self.history = np.minimum.accumulate(values[best]).tolist()
@@ -155,7 +193,7 @@ class Search:
     def _digital(self, sample_time: float, iterations: int) -> None:
         """The best design near the best candidate whose impulses stand at multiples of the sample time, s."""
         found = self.best
-        search = EpigraphSLSQP(self.problem, fixed_gaps=True)
+        search = LocalSearch(self.problem, fixed_gaps=True)
 
         def report(tried: int, best: float) -> None:
             self.progress("impulses to the samples", tried, 0, best)
@@ -173,25 +211,26 @@ class Search:
     def _value(self) -> str:
         """The best candidate's objective, as messages say it."""
         problem, point = self.problem, self.best.point
-        value = value_of(problem.objective, self.judge.evaluate(self.judge.vector(point)).energies)
+        value = value_of(problem.objective, self.judge.values(self.judge.vector(point)).energies)
         unit = "" if problem.scenarios.metric is not None or callable(problem.objective) else " J"
         cost = f" and {problem.time_cost * point.gaps.sum():.6g} for its time" if problem.time_cost else ""
         return f"{objective_name(problem.objective)} {value:.6g}{unit}{cost}"
 
     def _solution(self) -> Solution:
-        """The best candidate, judged: on a finer set, with finer steps, by the conditions of an optimum."""
+        """The best candidate, judged: to the tightest tolerance, on a finer set, by the conditions of an optimum."""
         problem, scenarios, best = self.problem, self.problem.scenarios, self.best
         amplitudes, gaps, leaves = (np.asarray(part) for part in best.point)
         point = Point(amplitudes, gaps, _check.on_device(leaves))
-        values, _, slacks, _ = (np.asarray(part) for part in linearise(scenarios, point))
-        finer, error = on_finer_set(problem, point, values)
+        found = self.judge.values(self.judge.vector(best.point))
+        values, slacks = found.energies, found.slacks
         status = Status.INTERRUPTED if self.interrupted else status_of(values, slacks, best.optimal)
         slack = float(slacks.min(initial=1.0))
-        missed = f"; a limit is missed by {-100 * slack:.3g} %" if slack < -MISSED else ""
+        missed = f"; a limit is missed by {-100 * slack:.3g} %" if slack < -EXCEEDED else ""
         balance = self._optimality(best.point, values)
         heaviest = np.argsort(-balance.multipliers, kind="stable")
         heaviest = heaviest[balance.multipliers[heaviest] > 1e-6]
-        samples = {name: np.asarray(v) for name, v in scenarios.samples.items()}
+        plants = problem.given + problem.added
+        samples = {name: np.asarray(v)[:plants] for name, v in scenarios.samples.items()}
         active = {name: v[heaviest] for name, v in samples.items()}
         return Solution(
             shaper=Point(amplitudes / amplitudes.sum(), gaps, leaves).shaper,
@@ -199,10 +238,10 @@ class Search:
             status=status,
             message=f"{status.value}: {self.summary}{missed}",
             history=np.array(self.history or [best.merit]),
-            energies=values,
+            energies=values[:plants],
             samples=samples,
-            objective_on_finer_set=finer,
-            error=error,
+            objective_on_finer_set=on_finer_set(problem, best.point, found),
+            error=error_of(problem, found),
             active={**active, "multiplier": balance.multipliers[heaviest]} if active else {},
             optimality=balance.residual,
             plant=scenarios.with_design(scenarios.plant, point),
@@ -220,8 +259,8 @@ class Search:
     def _zero(self) -> float:
         """Zero, to rounding, beside the energy that the bare command leaves, J."""
         scenarios, n = self.problem.scenarios, self.problem.bounds.impulses
-        bare = Point(jnp.eye(n)[0], jnp.zeros(n - 1), jnp.asarray(self.problem.bounds.leaves))
-        energy = float(energies(dataclasses.replace(scenarios, steps=4 * scenarios.steps), bare)[0])
+        bare = Point(np.eye(n)[0], np.zeros(n - 1), self.problem.bounds.leaves)
+        energy = float(self.judge.values(self.judge.vector(bare)).energies[0])
         if energy >= DIVERGED_ENERGY:
             # The bare command makes the plant diverge; what it stores in it at first is the measure then.
             plan, begin = schedule(scenarios.plant, scenarios.command), initial(scenarios.plant, scenarios.state)
@@ -230,18 +269,46 @@ class Search:
         return max(1e-20, (10 * eps) ** 2) * max(energy, 1e-300)
 
 
-def on_finer_set(problem: DesignProblem, point: Point, values: np.ndarray) -> tuple[float, float]:
-    """The objective on a finer set with finer steps, and how much finer steps change it, J."""
-    # The given plants come first, so that one program computes both.
-    again = np.asarray(energies(problem.refined(), point))
-    error = abs(value_of(problem.objective, values) - value_of(problem.objective, again[: len(values)]))
-    return value_of(problem.objective, again[len(values) :] if problem.scenarios.samples else again), error
+def side_by_side(descents: list[Descent], iterations: int) -> Iterator[Descent]:
+    """Go on with local searches, two at a time, and yield them in order as they end.
+
+    Compiled programs leave Python's lock alone, so that two threads keep two cores busy. An interrupt stops all of
+    them after the iteration that they are in.
+    """
+    with ThreadPoolExecutor(min(2, os.cpu_count() or 1)) as pool:
+        futures = [pool.submit(descent.run, iterations) for descent in descents]
+        try:
+            for descent, future in zip(descents, futures, strict=True):
+                future.result()
+                yield descent
+        except BaseException:
+            for descent, future in zip(descents, futures, strict=True):
+                future.cancel()
+                descent.stopped = True
+            raise
+
+
+def on_finer_set(problem: DesignProblem, point: Point, found: Values) -> float:
+    """The objective of a design on the finer set, J; ``found``: what it leaves on the set itself.
+
+    In the worst case the maxima between the plants of the finer set count, too.
+    """
+    if not problem.scenarios.samples:
+        return value_of(problem.objective, found.energies)
+    if problem.objective == "worst":
+        return max(interval.greatest(problem, point)[0].energy, float(np.max(found.energies)))
+    return value_of(problem.objective, interval.energies_of(problem, point, problem.finer_samples()))
+
+
+def error_of(problem: DesignProblem, found: Values) -> float:
+    """How much the errors of the energies can change the objective, J."""
+    return value_of(problem.objective, found.energies + found.errors) - value_of(problem.objective, found.energies)
 
 
 def status_of(values: np.ndarray, slacks: np.ndarray, optimal: bool) -> Status:
     """How a search ended, from the energies and the slacks at its end."""
     if np.any(values >= DIVERGED_ENERGY):
         return Status.DIVERGED
-    if slacks.min(initial=0.0) < -MISSED:
+    if slacks.min(initial=0.0) < -EXCEEDED:
         return Status.INFEASIBLE
     return Status.CONVERGED if optimal else Status.STOPPED

@@ -1,0 +1,200 @@
+"""The epigraph of an objective over many plants, a smooth nonlinear program that SciPy's SLSQP solves.
+
+The greatest of many energies E_i(x) has corners where two of them are equal, and the best shaper sits on one. In its
+epigraph form, ``minimise s subject to E_i(x) ≤ s``, objective and constraints are smooth. Limits on the move are
+further constraints; by how much the worst of them is exceeded is one more variable, at a penalty (an exact ℓ∞ penalty
+function), so that there is always a feasible point.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from scipy.optimize import minimize
+
+from jshape.design.tuning.evaluate import Linearisation
+from jshape.design.tuning.objective import TAIL, Objective, value_of, weights_of
+
+Vector = Float[np.ndarray, " variables"]
+Rows = Float[np.ndarray, "constraints variables"]
+
+
+class Space(NamedTuple):
+    """The set of designs of a program, and which variables are free in it.
+
+    Attributes:
+        free: mask of the variables that may change, shape (variables,).
+        lower: bounds of the variables.
+        upper: the same.
+        equalities: normals and levels, normals · x = levels.
+        inequalities: normals and levels, normals · x ≥ levels.
+    """
+
+    free: np.ndarray
+    lower: Vector
+    upper: Vector
+    equalities: tuple[Rows, np.ndarray]
+    inequalities: tuple[Rows, np.ndarray]
+
+
+class Merit(NamedTuple):
+    """What is minimised: the objective with the cost of time, over a scale, and a penalty for exceeded limits.
+
+    Attributes:
+        objective: of the energies.
+        time_cost: its gradient in the variables, J, shape (variables,).
+        scale: J.
+        penalty: of a limit that is exceeded by all of itself.
+    """
+
+    objective: Objective
+    time_cost: Vector
+    scale: float
+    penalty: float
+
+    def __call__(self, x: Vector, energies: np.ndarray, slacks: np.ndarray) -> float:
+        """The merit of a design."""
+        exceeded = max(0.0, -float(slacks.min(initial=0.0)))
+        total = (value_of(self.objective, energies) + float(self.time_cost @ x)) / self.scale + self.penalty * exceeded
+        return np.inf if np.isnan(total) else total
+
+
+class QuadraticModel:
+    """Energies as quadratics about a design and slacks as linear functions.
+
+    Args:
+        center: the design, shape (variables,).
+        found: energies and slacks there, with their Jacobians.
+        hessians: of the energies, shape (plants, variables, variables).
+    """
+
+    def __init__(self, center: Vector, found: Linearisation, hessians: np.ndarray):
+        self.center, self.found, self.hessians = center, found, hessians
+
+    def __call__(self, x: Vector) -> Linearisation:
+        """The model's energies and slacks at another design, with their Jacobians."""
+        found, step = self.found, x - self.center
+        bend = self.hessians @ step
+        energies = found.energies + (found.jacobian + bend / 2) @ step
+        return Linearisation(
+            energies,
+            found.jacobian + bend,
+            found.slacks + found.slack_jacobian @ step,
+            found.slack_jacobian,
+            self.hessians,
+        )
+
+    def can_be_greatest(self, radius: float) -> np.ndarray:
+        """Mask of the plants whose energy may be the greatest of all somewhere within a distance of the center."""
+        reach = radius * np.abs(self.found.jacobian).sum(axis=1)
+        reach = reach + radius**2 / 2 * np.abs(self.hessians).sum(axis=(1, 2))
+        return self.found.energies + reach >= np.max(self.found.energies - reach)
+
+    def restricted(self, plants: np.ndarray) -> "QuadraticModel":
+        """The model of some of the plants."""
+        found = self.found._replace(energies=self.found.energies[plants], jacobian=self.found.jacobian[plants])
+        return QuadraticModel(self.center, found, self.hessians[plants])
+
+
+def minimise_epigraph(
+    model: Callable[[Vector], Linearisation], space: Space, merit: Merit, start: Vector, iterations: int
+) -> Vector:
+    """Minimise the merit of a smooth model of energies and slacks by SLSQP, from a start within the space."""
+    program = _Program(model, space, merit, start)
+    end = minimize(
+        program.objective, program.start, jac=True, bounds=program.bounds, constraints=program.constraints(),
+        method="SLSQP", options=dict(maxiter=iterations, ftol=1e-11),
+    )  # fmt: skip
+    x, _ = program.split(end.x)
+    return np.clip(x, space.lower, space.upper) if np.all(np.isfinite(x)) else start
+
+
+class _Program:
+    """The nonlinear program, all energies over the merit's scale.
+
+    Its variables are z = (x, a, t): the free variables of a design, the auxiliary ones of the epigraph,
+    ``minimise cost · a subject to E_i ≤ (auxiliary a)_i`` (a smooth objective has none of these), and where there are
+    limits how far the worst is exceeded.
+    """
+
+    def __init__(self, model: Callable[[Vector], Linearisation], space: Space, merit: Merit, begin: Vector):
+        self.model, self.space, self.merit, self.begin = model, space, merit, begin
+        found = self.found = model(begin)
+        self._at = begin.tobytes()
+        cost, self.auxiliary, start, lower = _epigraph(merit.objective, found.energies / merit.scale)
+        self.limits = len(found.slacks)
+        if self.limits:
+            exceeded = max(0.0, -float(found.slacks.min()))
+            cost, start, lower = np.append(cost, merit.penalty), np.append(start, exceeded), np.append(lower, 0.0)
+        self.cost, self.start = cost, np.concatenate([begin[space.free], start])
+        upper = np.append(space.upper[space.free], np.full(len(lower), np.inf))
+        self.bounds = np.stack([np.append(space.lower[space.free], lower), upper], axis=1)
+
+    def split(self, z: Vector) -> tuple[Vector, Vector]:
+        """All variables of the design, and the auxiliary ones."""
+        x = self.begin.copy()
+        x[self.space.free], a = np.split(z, [int(self.space.free.sum())])
+        return x, a
+
+    def evaluate(self, x: Vector) -> Linearisation:
+        """The model; that of the last design is remembered."""
+        if (key := x.tobytes()) != self._at:
+            self._at, self.found = key, self.model(x)
+        return self.found
+
+    def objective(self, z: Vector) -> tuple[float, Vector]:
+        """The objective with the cost of time, and its gradient."""
+        x, a = self.split(z)
+        scale, slope = self.merit.scale, self.merit.time_cost / self.merit.scale
+        value, gradient = self.cost @ a + slope @ x, slope
+        if not len(self.auxiliary):
+            found = self.evaluate(x)
+            value = value + value_of(self.merit.objective, found.energies) / scale
+            gradient = gradient + weights_of(self.merit.objective, found.energies) @ found.jacobian / scale
+        return float(value), np.append(gradient[self.space.free], self.cost)
+
+    def inequalities(self, z: Vector) -> tuple[Vector, Rows]:
+        """What must not be negative (linear constraints, slacks of the limits, the epigraph's), and its Jacobian."""
+        x, a = self.split(z)
+        found, (normals, levels), free = self.evaluate(x), self.space.inequalities, self.space.free
+        plants = slice(None) if len(self.auxiliary) else slice(0)  # A smooth objective has no epigraph.
+        energies, jacobian = found.energies[plants] / self.merit.scale, found.jacobian[plants] / self.merit.scale
+        epigraph = len(a) - bool(self.limits)
+        exceeded = a[-1] if self.limits else 0.0
+        values = [normals @ x - levels, found.slacks + exceeded, self.auxiliary @ a[:epigraph] - energies]
+        design = np.vstack([normals, found.slack_jacobian, -jacobian])[:, free]
+        auxiliary = np.zeros((len(design), len(a)))
+        auxiliary[len(design) - len(energies) :, :epigraph] = self.auxiliary
+        if self.limits:
+            auxiliary[len(levels) : len(levels) + self.limits, -1] = 1.0
+        return np.concatenate(values), np.hstack([design, auxiliary])
+
+    def constraints(self) -> list[dict]:
+        """The constraints as SciPy takes them."""
+        normals, levels = self.space.equalities
+        jacobian = np.hstack([normals[:, self.space.free], np.zeros((len(normals), len(self.cost)))])
+        found = []
+        if len(levels):
+            found.append(dict(type="eq", fun=lambda z: normals @ self.split(z)[0] - levels, jac=lambda _: jacobian))
+        if len(self.inequalities(self.start)[0]):
+            value, slope = lambda z: self.inequalities(z)[0], lambda z: self.inequalities(z)[1]
+            found.append(dict(type="ineq", fun=value, jac=slope))
+        return found
+
+
+def _epigraph(objective: Objective, energies: Vector) -> tuple[Vector, np.ndarray, Vector, Vector]:
+    """Cost, matrix, start and lower bounds of the epigraph's auxiliary variables.
+
+    Source: for the conditional value at risk, Rockafellar and Uryasev (2000): minimise τ + mean(max(E − τ, 0)) / tail,
+    with a slack variable for each plant.
+    """
+    plants = len(energies)
+    if objective == "worst":
+        return np.ones(1), np.ones((plants, 1)), np.array([energies.max()]), np.array([-np.inf])
+    if objective == "cvar":
+        tau = np.quantile(energies, 1 - TAIL)
+        cost = np.append(1.0, np.full(plants, 1 / (TAIL * plants)))
+        matrix = np.hstack([np.ones((plants, 1)), np.eye(plants)])
+        return cost, matrix, np.append(tau, np.maximum(energies - tau, 0.0)), np.append(-np.inf, np.zeros(plants))
+    return np.zeros(0), np.zeros((0, 0)), np.zeros(0), np.zeros(0)

@@ -1,0 +1,323 @@
+"""Local search for a design problem: a trust region around quadratic models of the energies.
+
+In each iteration all energies are modelled by their gradients and Hessians (``evaluate.linearise``; for other metrics
+by symmetric rank-one updates), the epigraph of the models is minimised within a box, and the step is taken if the
+energies themselves agree. Values come before derivatives, at a tolerance that tightens as the search converges.
+``LocalSearch.optimality`` judges any design by the Karush–Kuhn–Tucker conditions.
+
+Source: Fletcher (1985), an ℓ1 penalty method for nonlinear constraints, here with the ℓ∞ norm; Conn, Gould and Toint
+(1991), symmetric rank-one updates.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from scipy.optimize import lsq_linear
+
+from jshape.design.tuning.design_problem import DesignProblem
+from jshape.design.tuning.epigraph import Merit, QuadraticModel, Rows, Space, Vector, minimise_epigraph
+from jshape.design.tuning.evaluate import FORWARD, Linearisation, Values, evaluate, linearise
+from jshape.design.tuning.objective import TAIL, value_of, weights_of
+from jshape.design.tuning.scenarios import Point
+from jshape.simulation.steps import TOLERANCE, least_tolerance
+
+OPTIMAL = 1e-6
+"""An optimality residual that counts as an optimum."""
+
+EXCEEDED = 1e-6
+"""A limit that is exceeded by less, as a fraction of itself, is kept."""
+
+LOOSEST = 1e-5
+"""The tolerance of the energies with which a search may begin."""
+
+DERIVATIVES = 1e-6
+"""The tolerance of derivatives during a search."""
+
+RADIUS = 0.1
+"""Half the width of the first trust region, in units in which the variables are of the order of 1."""
+
+CONVERGED = 1e-10
+"""A predicted gain that is less than this part of the objective ends a search."""
+
+WIDE = 0.01
+"""A search ends where there is no gain within so much of the design, or where the conditions of an optimum hold."""
+
+REMEMBERED = 64
+"""Designs whose values are kept."""
+
+PENALTY = 10.0
+"""Of a limit that is exceeded by all of itself, in objectives at the design from which the search goes on."""
+
+
+class Optimality(NamedTuple):
+    """How far a design is from the first-order conditions of an optimum (Karush, Kuhn and Tucker).
+
+    Attributes:
+        multipliers: of each plant's energy; they sum to 1.
+        residual: norm of the Lagrangian's gradient over that of the steepest energy; 0 at an optimum.
+    """
+
+    multipliers: np.ndarray
+    residual: float
+
+
+class LocalSearch:
+    """Local search for a design problem, in units in which every variable is of the order of 1.
+
+    Args:
+        problem: what is minimised.
+        fixed_gaps: leave the impulse times alone.
+        report: called with the objective's value (J) at every point that is evaluated.
+    """
+
+    def __init__(
+        self, problem: DesignProblem, fixed_gaps: bool = False, report: Callable[[float], Any] = lambda _: None
+    ):
+        self.problem, self.fixed_gaps, self.report = problem, fixed_gaps, report
+        self.tightest = max(TOLERANCE, least_tolerance(jnp.result_type(float)))
+        bounds = problem.bounds
+        sizes = bounds.impulses, bounds.impulses - 1, len(bounds.leaves)
+        span = np.where(bounds.leaves != 0, np.abs(bounds.leaves), bounds.most - bounds.least)
+        self.units = np.concatenate([np.ones(sizes[0]), np.full(sizes[1], bounds.longest), span])
+        lower = np.concatenate([bounds.lower, np.zeros(sizes[1]), bounds.least]) / self.units
+        upper = np.concatenate([bounds.upper, np.full(sizes[1], bounds.longest), bounds.most]) / self.units
+        amplitudes, self.duration = np.repeat([1.0, 0.0, 0.0], sizes), np.repeat([0.0, 1.0, 0.0], sizes)
+        free = (upper > lower) & ((self.duration == 0) | (not fixed_gaps))
+        # Sum of the amplitudes and (negative) duration, as equalities normals · x = levels and inequalities ≥ levels.
+        sums = np.stack([amplitudes, -self.duration])
+        least, most = np.array([1.0, -1.0]), np.array([1.0, -bounds.shortest / bounds.longest])
+        held = sums[:, free].any(axis=1)
+        equal, ranged = held & (least == most), held & (least < most)
+        bounded = ranged & (most < 0)
+        inequalities = np.vstack([sums[ranged], -sums[bounded]]), np.append(least[ranged], -most[bounded])
+        self.space = Space(free, lower, upper, (sums[equal], least[equal]), inequalities)
+        self._values: dict[bytes, tuple[float, Values]] = {}
+        self._linearised: dict[bytes, Linearisation] = {}
+
+    def pose(self, problem: DesignProblem) -> None:
+        """Take the same problem with other plants in its set."""
+        self.problem = problem
+        self._values.clear()
+        self._linearised.clear()
+
+    def vector(self, point: Point) -> Vector:
+        """A design in the search's units."""
+        return np.concatenate([np.asarray(part, float) for part in point]) / self.units
+
+    def point(self, x: Vector) -> Point:
+        """The design of a vector."""
+        n = self.problem.bounds.impulses
+        return Point(*np.split(x * self.units, [n, 2 * n - 1]))
+
+    def values(self, x: Vector, tolerance: float | None = None) -> Values:
+        """Energies, slacks and steps, to a tolerance; those of the last vectors are remembered."""
+        tolerance = self.tightest if tolerance is None else max(tolerance, self.tightest)
+        key = x.tobytes()
+        if key not in self._values or self._values[key][0] > tolerance:
+            point = self.point(x)
+            found = Values(*map(np.asarray, evaluate(self.problem.scenarios, point, np.float64(tolerance))))
+            _remember(self._values, key, (tolerance, found))
+            self.report(self.problem.total(found.energies, point))
+            return found
+        return self._values[key][1]
+
+    def linearise(self, x: Vector, tolerance: float | None = None) -> Linearisation:
+        """Energies, slacks and their derivatives in the search's units; those of the last vectors are remembered.
+
+        Without a tolerance, derivatives are accurate enough for the conditions of an optimum.
+        """
+        known = self.values(x, tolerance)
+        # States by the steps of the tolerance, their derivatives by as many as theirs takes: the method's order is 8.
+        given = self.tightest if tolerance is None else tolerance
+        wanted = 1e-9 if tolerance is None else DERIVATIVES
+        steps = np.ceil(known.steps * min(1.0, (given / wanted) ** (1 / 8)) - 1e-6).astype(known.steps.dtype)
+        key = x.tobytes() + known.ends.tobytes() + steps.tobytes()
+        if key not in self._linearised:
+            found = Linearisation(*map(np.asarray, linearise(self.problem.scenarios, self.point(x), known.ends, steps)))
+            jacobian, slope = found.jacobian * self.units, found.slack_jacobian * self.units
+            hessians = found.hessians * self.units * self.units[:, None]
+            found = Linearisation(found.energies, jacobian, found.slacks, slope, hessians)
+            _remember(self._linearised, key, found)
+            return found
+        return self._linearised[key]
+
+    def merit(self, point: Point, tolerance: float | None = None) -> float:
+        """The objective with the cost of time, J; limits that are exceeded cost more than any objective."""
+        found = self.values(self.vector(point), tolerance)
+        exceeded = max(0.0, -float(found.slacks.min(initial=0.0)) - EXCEEDED)
+        merit = self.problem.total(found.energies, point) + (1e6 * (1 + exceeded) if exceeded else 0.0)
+        return np.inf if np.isnan(merit) else merit
+
+    def __call__(self, start: Point, iterations: int) -> tuple[Point, bool]:
+        """Search for the nearest local optimum.
+
+        Returns:
+            The design at the end, and whether it is an optimum.
+        """
+        descent = Descent(self, start)
+        descent.run(iterations)
+        return descent.point, descent.optimal
+
+    def optimality(self, point: Point, near: float = 1e-4) -> Optimality:
+        """How far a design is from the Karush–Kuhn–Tucker conditions: ∇f + Σ λ_j ∇h_j − Σ μ_k ∇g_k = 0 with μ_k ≥ 0.
+
+        The h_j are the equalities, the g_k ≥ 0 those inequalities whose value is within ``near`` of zero. The epigraph
+        of an objective that is not smooth adds the energies of its active plants, whose multipliers are between 0 and
+        their greatest share, and sum to 1. The multipliers with the least residual are found by bounded least squares.
+        """
+        x, free, objective = self.vector(point), self.space.free, self.problem.objective
+        found = self.linearise(x)
+        energies, plants, scale = found.energies, len(found.energies), _scale(found.energies)
+        slopes = found.jacobian[:, free] / scale
+        gradient = self.time_cost[free] / scale
+        multipliers, active, share = np.zeros(plants), np.arange(0), 1.0
+        if objective == "worst":
+            counted = energies[: self.problem.given + self.problem.added]
+            active = np.flatnonzero(counted >= energies.max() - near * scale)
+        elif objective == "cvar":
+            share = 1 / (TAIL * plants)
+            active = np.flatnonzero(energies >= np.quantile(energies, 1 - TAIL) - near * scale)
+        else:
+            multipliers = np.array(weights_of(objective, energies))
+            gradient = gradient + multipliers @ slopes
+        equalities, inequalities = self.space.equalities[0][:, free], self._active(x, found, near)[:, free]
+        columns = np.vstack([slopes[active], -inequalities, equalities]).T
+        counts = len(active), len(inequalities), len(equalities)
+        lower, upper = np.repeat([0.0, 0.0, -np.inf], counts), np.repeat([share, np.inf, np.inf], counts)
+        steepest = max(np.linalg.norm(slopes, axis=1).max(initial=0.0), float(self.time_cost.max(initial=0.0)) / scale)
+        matrix, target = columns, -gradient
+        if len(active):
+            # The plants' multipliers sum to 1: a row of its own, heavy enough to hold.
+            heavy = 1e3 * max(steepest, 1e-300)
+            matrix = np.vstack([columns, heavy * np.repeat([1.0, 0.0, 0.0], counts)])
+            target = np.append(target, heavy)
+        balance = lsq_linear(matrix, target, (lower, upper), method="bvls").x if len(lower) else lower
+        multipliers[active] = balance[: len(active)]
+        residual = np.linalg.norm(columns @ balance + gradient)
+        return Optimality(multipliers, float(residual / steepest) if steepest > 0 else 0.0)
+
+    @property
+    def time_cost(self) -> Vector:
+        """The gradient of the cost of time, J, in the search's units."""
+        return self.problem.time_cost * self.problem.bounds.longest * self.duration
+
+    def _active(self, x: Vector, found: Linearisation, near: float) -> Rows:
+        """Gradients of the inequality constraints that are active: linear ones, bounds of the variables, limits."""
+        normals, levels = self.space.inequalities
+        unit, free = np.eye(len(x)), self.space.free
+        slacks = [normals @ x - levels, (x - self.space.lower)[free], (self.space.upper - x)[free], found.slacks]
+        gradients = np.vstack([normals, unit[free], -unit[free], found.slack_jacobian])
+        return gradients[np.concatenate(slacks) <= near]
+
+
+class Descent:
+    """One local search, which may be continued.
+
+    Args:
+        search: what is minimised.
+        start: a design within the bounds.
+    """
+
+    def __init__(self, search: LocalSearch, start: Point):
+        self.search, self.x = search, search.vector(start)
+        self.radius, self.penalty, self.widened = RADIUS, PENALTY, 0
+        self.ended = self.optimal = self.stopped = False
+        self.tolerance = LOOSEST
+        found = search.values(self.x, LOOSEST)
+        # The objective is known to a thousandth at least.
+        self._tighten(1e-3 * value_of(search.problem.objective, found.energies) / _scale(found.greatest))
+        self.updates: np.ndarray | None = None
+        if search.problem.scenarios.metric is not None or len(self.x) > FORWARD:
+            self.updates = np.zeros((len(found.energies), len(self.x), len(self.x)))
+
+    @property
+    def point(self) -> Point:
+        """The best design so far."""
+        return self.search.point(self.x)
+
+    def pose(self, problem: DesignProblem) -> None:
+        """Go on with other plants in the set."""
+        self.search.pose(problem)
+        self.ended = self.optimal = False
+        self.radius = max(self.radius, WIDE)
+
+    def run(self, iterations: int) -> None:
+        """So many iterations, or until an optimum."""
+        for _ in range(iterations):
+            if self.ended or self.stopped:
+                return
+            self._iterate()
+
+    def _tighten(self, tolerance: float) -> None:
+        self.tolerance = max(min(self.tolerance, tolerance), self.search.tightest)
+
+    def _iterate(self) -> None:
+        search = self.search
+        known, found = search.values(self.x, self.tolerance), search.linearise(self.x, self.tolerance)
+        merit = Merit(search.problem.objective, search.time_cost, _scale(found.energies), self.penalty)
+        trial, gain = self._propose(found, merit)
+        now = merit(self.x, found.energies, found.slacks)
+        noise = 10 * self.tolerance * _scale(known.greatest) / merit.scale
+        if gain <= max(CONVERGED * now, noise):
+            if gain > CONVERGED * now and self.tolerance > search.tightest:
+                self._tighten(1e-2 * self.tolerance)
+            else:
+                self._end(found)
+            return
+        tried = search.values(trial, self.tolerance)
+        actual = now - merit(trial, tried.energies, tried.slacks)
+        step = np.abs(trial - self.x).max()
+        if actual > 0.01 * gain:
+            if self.updates is not None:
+                self._update(trial - self.x, found, search.linearise(trial, self.tolerance))
+            self.x = trial
+        if actual < 0.25 * gain:
+            self.radius = 0.4 * step
+        elif actual > 0.75 * gain and step > 0.8 * self.radius:
+            self.radius = min(2.0 * self.radius, 1.0)
+
+    def _propose(self, found: Linearisation, merit: Merit) -> tuple[Vector, float]:
+        """The best design of the model in the trust region, and by how much it betters the merit there."""
+        space = self.search.space
+        model = QuadraticModel(self.x, found, found.hessians if self.updates is None else self.updates)
+        if merit.objective == "worst":
+            model = model.restricted(model.can_be_greatest(self.radius))
+        lower, upper = np.maximum(space.lower, self.x - self.radius), np.minimum(space.upper, self.x + self.radius)
+        trial = minimise_epigraph(model, space._replace(lower=lower, upper=upper), merit, self.x, 50)
+        before, after = model(self.x), model(trial)
+        gain = merit(self.x, before.energies, before.slacks) - merit(trial, after.energies, after.slacks)
+        return trial, gain
+
+    def _update(self, step: Vector, before: Linearisation, after: Linearisation) -> None:
+        """Symmetric rank-one update of the Hessian of each plant's metric."""
+        assert self.updates is not None
+        residuals = after.jacobian - before.jacobian - self.updates @ step
+        along = residuals @ step
+        sound = np.abs(along) > 1e-8 * np.linalg.norm(residuals, axis=1) * np.linalg.norm(step)
+        weights = np.where(sound, 1.0, 0.0) / np.where(sound, along, 1.0)
+        self.updates += weights[:, None, None] * residuals[:, :, None] * residuals[:, None, :]
+
+    def _end(self, found: Linearisation) -> None:
+        """No gain is in sight: an optimum, a region that is too small, or limits that need a higher penalty."""
+        if found.slacks.min(initial=0.0) < -EXCEEDED and self.penalty < 1e6:
+            self.penalty *= 10
+            self.radius = max(self.radius, WIDE)
+        elif self.radius < WIDE and self.widened < 3:
+            self.radius, self.widened = WIDE, self.widened + 1
+        else:
+            self.ended = True
+            self.optimal = self.radius >= WIDE or self.search.optimality(self.point).residual < OPTIMAL
+
+
+def _remember(known: dict, key: bytes, value: Any) -> None:
+    """Keep a value with the last ones."""
+    if len(known) >= REMEMBERED:
+        del known[next(iter(known))]
+    known[key] = value
+
+
+def _scale(energies: np.ndarray) -> float:
+    """The greatest energy, which makes energies of the order of 1, J."""
+    return max(float(np.max(energies)), 1e-300)
