@@ -79,11 +79,11 @@ class Bounds(eqx.Module):
         return np.clip(amplitudes - (low + high) / 2, self.lower, self.upper)
 
     def random(self, random: np.random.Generator) -> Point:
-        """A random design within the bounds."""
+        """A random design within the bounds; in every other one, on average, impulses stand close together."""
         spread = np.minimum(self.upper, 2.0) - np.maximum(self.lower, -2.0)
         amplitudes = self.project(np.maximum(self.lower, -2.0) + spread * random.random(self.impulses))
         duration = random.uniform(max(self.shortest, 0.4 * self.longest), self.longest)
-        gaps = duration * random.dirichlet(np.full(self.impulses - 1, 4.0))
+        gaps = duration * random.dirichlet(np.full(self.impulses - 1, random.choice([4.0, 0.5])))
         return Point(amplitudes, gaps, random.uniform(self.least, self.most))
 
     def contains(self, point: Point, tolerance: float = 1e-9) -> bool:

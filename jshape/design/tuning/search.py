@@ -31,7 +31,10 @@ from jshape.status import Status
 
 ROUNDS = ((12, 4), (5, 6), (2, None))
 """How many of the best starts are refined, and by how many iterations, before the best of those go on; at last to the
-end."""
+end. Where derivatives cost little, more of them."""
+
+CHEAP = 60_000
+"""Segments, states, plants and variables, multiplied, above which the first round has no more than those starts."""
 
 EXCHANGES = 20
 """How often the worst plants between those of the set are looked for, at most."""
@@ -119,7 +122,10 @@ class Search:
 
     def _descend(self, starts: list[Point], iterations: int) -> None:
         """Local search from the best of the starts; the best of its ends are refined to the end."""
-        count, done, total = len(starts), 0, sum(min(len(starts), size) for size, _ in ROUNDS)
+        count, done = len(starts), 0
+        more = max(1.0, CHEAP / self._work(starts[0]))
+        rounds = [(min(count, int(size * more)), most) for size, most in ROUNDS]
+        total = sum(size for size, _ in rounds)
 
         def report(value: float) -> None:
             self.history.append(min([value, *self.history[-1:]]))
@@ -129,9 +135,9 @@ class Search:
         ranked = sorted(starts, key=lambda start: self.judge.merit(start, LOOSEST))
         self._add(ranked[0], False)
         # Each in a search of its own: two run side by side.
-        descents = [Descent(LocalSearch(self.problem, report=report), start) for start in ranked[: ROUNDS[0][0]]]
+        descents = [Descent(LocalSearch(self.problem, report=report), start) for start in ranked[: rounds[0][0]]]
         try:
-            for size, most in ROUNDS:
+            for size, most in rounds:
                 descents = self._distinct(descents)[:size]
                 for descent in side_by_side(descents, min(iterations, most or iterations)):
                     self._add(descent.point, descent.optimal)
@@ -143,12 +149,17 @@ class Search:
             raise
         finally:
             self.judge.report = lambda _: None
-            self.summary = f"{self._value()}, the best of {min(count, ROUNDS[0][0])} refined starts out of {count}"
+            self.summary = f"{self._value()}, the best of {rounds[0][0]} refined starts out of {count}"
             if self.problem.zero_is_optimal:
                 self.summary += "; no shaper with these impulses and this duration was found that leaves none"
         if not self.best.optimal:
             self.summary += f", not optimal after {iterations} iterations"
         self.progress("local search", total, total, self.best.merit)
+
+    def _work(self, point: Point) -> int:
+        """Segments × states × plants × variables: what derivatives cost."""
+        found = self.judge.values(self.judge.vector(point), LOOSEST)
+        return max(1, len(found.steps) * found.ends.size * int(self.judge.space.free.sum()))
 
     def _exchange(self, descents: list[Descent], iterations: int) -> None:
         """Add the worst plants between those of the set, and go on, until there are none that are worse."""

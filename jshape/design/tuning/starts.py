@@ -1,4 +1,7 @@
-"""Starting points of a search: closed-form shapers of the literature first, random designs after them."""
+"""Starting points of a search: closed-form shapers of the literature first, random designs after them.
+
+Among the former are those with fewer impulses, filled up with impulses of amplitude 0.
+"""
 
 from collections.abc import Callable
 
@@ -6,6 +9,7 @@ import numpy as np
 
 from jshape.design import energy as energy_shapers
 from jshape.design import linear
+from jshape.design.tuning.bounds import Bounds
 from jshape.design.tuning.design_problem import DesignProblem
 from jshape.design.tuning.scenarios import Point
 from jshape.plants import AbstractOscillator, AbstractPlant, ModalPlant
@@ -15,10 +19,23 @@ from jshape.shaper import Shaper
 def starts(problem: DesignProblem, count: int, seed: int) -> list[Point]:
     """``count`` starting points within the bounds: the closed forms come first, the random ones last."""
     plant, bounds, size = problem.scenarios.plant, problem.bounds, float(problem.scenarios.command.final)
-    shapers = _linear(plant, bounds.impulses) + _energy(plant, size, bounds.impulses)
+    shapers = []
+    for impulses in range(bounds.impulses, 1, -1):
+        fewer = _linear(plant, impulses) + _energy(plant, size, impulses)
+        # One that does not last too long is stretched no further than it must be.
+        shapers += [one for one in fewer if impulses == bounds.impulses or float(one.duration) <= bounds.longest]
     random = np.random.default_rng(seed)
-    closed = [bounds.nearest(shaper) for shaper in shapers[:count]]
+    closed = [_within(bounds, shaper) for shaper in shapers[: max(count // 2, 1)]]
     return closed + [bounds.random(random) for _ in range(count - len(closed))]
+
+
+def _within(bounds: Bounds, shaper: Shaper) -> Point:
+    """The shaper within the bounds; one with fewer impulses waits for the shortest duration with its last ones."""
+    padded = shaper.pad(bounds.impulses)
+    times = np.array(padded.times, float)
+    if len(shaper.times) < bounds.impulses:
+        times[-1] = max(times[-1], float(bounds.shortest))
+    return bounds.nearest(Shaper(padded.amplitudes, times))
 
 
 def _linear(plant: AbstractPlant, impulses: int) -> list[Shaper]:
