@@ -1,16 +1,30 @@
-"""Files of results: which folders may be written to, and how nothing in them is ever half written."""
+"""Files: written whole or not at all, verified when they are read, and which folders may be written to.
 
+What a program reads back is a text of limited size, or arrays in NumPy's npz with a header (JSON) and a digest: what
+``write_arrays`` writes, ``read_arrays`` reads, or says in a line what is wrong.
+"""
+
+import hashlib
 import json
 import math
 import os
 import threading
+import zipfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO
 
+import numpy as np
+
 MARKER = "jshape-results"
 """The format that results.json names; a folder that holds another program's files is not written to."""
+
+PARTIAL = ".partial"
+"""How the name of a file ends that is being written; a process that is killed may leave one."""
+
+LARGEST = 2**30
+"""Bytes of arrays in a file that is read; a small archive may unpack to anything."""
 
 
 def check_writable(folder: Path) -> None:
@@ -61,11 +75,116 @@ def whole(path: Path) -> Iterator[BinaryIO]:
     """A file to write to, under another name until the block ends: a file of the right name is complete.
 
     Others may write the same file meanwhile; the last one stands.
+
+    Raises:
+        OSError: that names the path, where it cannot be written; what stood there before still stands.
     """
-    partial = path.with_name(f"{path.name}.{os.getpid()}-{threading.get_ident()}.partial")
+    partial = path.with_name(f".{os.getpid()}-{threading.get_ident()}{PARTIAL}")
     try:
         with partial.open("wb") as file:
             yield file
         os.replace(partial, path)
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path)) from None
     finally:
         partial.unlink(missing_ok=True)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text in UTF-8, whole."""
+    with whole(path) as file:
+        file.write(text.encode())
+
+
+def read_text(path: Path, most: int = 2**26) -> str:
+    """A text in UTF-8, with or without a byte-order mark.
+
+    Args:
+        path: of the file.
+        most: bytes that are read.
+
+    Raises:
+        ValueError: that names the file, if it cannot be read, is longer, or no such text.
+    """
+    try:
+        with path.open("rb") as file:
+            content = file.read(most + 1)
+        if len(content) > most:
+            raise ValueError(f"it has more than {most} bytes")
+        return content.decode("utf-8-sig")
+    except (OSError, ValueError) as error:
+        raise ValueError(f"{path}: cannot be read as text: {_reason(error)}") from None
+
+
+def write_arrays(path: Path, kind: str, about: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> None:
+    """Write arrays as npz, with a header and a digest.
+
+    Args:
+        path: of the file.
+        kind: format and version.
+        about: plain data for the header.
+        arrays: by name.
+    """
+    header = json.dumps({"format": kind, "about": dict(about), "arrays": _described(arrays)})
+    with whole(path) as file:
+        np.savez_compressed(file, allow_pickle=False, header=header, digest=_digest(header, arrays), **arrays)
+
+
+def read_arrays(path: Path, kind: str) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """What ``write_arrays`` wrote: what the header says, and the arrays.
+
+    Raises:
+        ValueError: that names the file, if any of it is missing or changed, or it is of another format or version.
+    """
+    arrays = read_npz(path)
+    try:
+        text, digest = str(arrays.pop("header")), str(arrays.pop("digest"))
+        header = json.loads(text)
+        if header["format"] != kind:
+            raise ValueError(f"its format is {header['format']!r}, not {kind!r}")
+        if header["arrays"] != _described(arrays) or digest != _digest(text, arrays):
+            raise ValueError("it is damaged: what it holds is not what was written")
+        return dict(header["about"]), arrays
+    except (KeyError, TypeError, ValueError, RecursionError) as error:
+        raise ValueError(f"{path}: cannot be read: {_reason(error)}") from None
+
+
+def read_npz(path: Path) -> dict[str, np.ndarray]:
+    """The arrays of an npz file, by name.
+
+    Raises:
+        ValueError: that names the file, if it is none, or holds more than ``LARGEST`` bytes.
+    """
+    try:
+        with zipfile.ZipFile(path) as archive:
+            size = sum(member.file_size for member in archive.infolist())
+            if size > LARGEST:
+                raise ValueError(f"it holds {size} bytes, more than {LARGEST}")
+            found = {}
+            for name in archive.namelist():
+                with archive.open(name) as member:
+                    found[name.removesuffix(".npy")] = np.lib.format.read_array(member, allow_pickle=False)
+            return found
+    except Exception as error:
+        # A damaged file raises whatever zipfile, zlib and NumPy have.
+        raise ValueError(f"{path}: cannot be read: {_reason(error)}") from None
+
+
+def _described(arrays: Mapping[str, np.ndarray]) -> dict[str, list]:
+    """Type and shape of each array, as JSON has them."""
+    return {name: [value.dtype.str, list(value.shape)] for name, value in sorted(arrays.items())}
+
+
+def _digest(header: str, arrays: Mapping[str, np.ndarray]) -> str:
+    digest = hashlib.sha256(header.encode())
+    for _, value in sorted(arrays.items()):
+        digest.update(np.ascontiguousarray(value).tobytes())
+    return digest.hexdigest()
+
+
+def _reason(error: BaseException) -> str:
+    """What an error says, in one line."""
+    if isinstance(error, KeyError):
+        return f"it has no {error}"
+    words = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+    return " ".join(words.split()) or type(error).__name__
