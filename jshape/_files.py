@@ -8,6 +8,7 @@ import hashlib
 import json
 import math
 import os
+import tempfile
 import threading
 import zipfile
 from collections.abc import Iterator, Mapping
@@ -28,23 +29,59 @@ LARGEST = 2**30
 
 
 def check_writable(folder: Path) -> None:
-    """Check that a folder is empty, new, or holds an earlier result of jshape's.
+    """Check that a folder is empty, new, or holds an earlier result of jshape's, and that it can be written to.
+
+    A new one is made to try, and removed again.
 
     Raises:
-        ValueError: for a file, and for a folder with anything else in it.
+        ValueError: for a file, a folder with anything else in it, and one that cannot be written to.
     """
-    if not folder.exists():
-        return
-    if not folder.is_dir():
-        raise ValueError(f"{folder}: is a file, not a folder")
-    if not any(folder.iterdir()):
-        return
     try:
-        ours = json.loads((folder / "results.json").read_text(encoding="utf-8"))["format"] == MARKER
-    except (OSError, ValueError, KeyError, TypeError):
-        ours = False
-    if not ours:
-        raise ValueError(f"{folder}: holds files that are not jshape's results; name another folder")
+        if folder.exists() and not folder.is_dir():
+            raise ValueError(f"{folder}: is a file, not a folder")
+        if folder.exists() and any(path.suffix != PARTIAL for path in folder.iterdir()) and not _results(folder):
+            raise ValueError(f"{folder}: holds files that are not jshape's results; name another folder")
+        made = [each for each in (folder, *folder.parents) if not each.exists()]
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryFile(dir=folder) as file:
+                file.write(bytes(4096))
+        finally:
+            for each in made:
+                if each.exists():
+                    each.rmdir()
+    except OSError as error:
+        raise ValueError(f"{folder}: cannot be written to: {_reason(error)}") from None
+
+
+def check_unedited(folder: Path, text: str | None = None) -> None:
+    """Check that a folder's problem file, if there is one, is as jshape wrote it, or has that text.
+
+    Raises:
+        ValueError: for one that its user may have edited.
+    """
+    path = folder / "problem.toml"
+    if path.exists() and (found := read_text(path)) != text and digest(found) != _results(folder).get("problem_digest"):
+        raise ValueError(f"{path}: has been edited, and is left as it is; name another folder")
+
+
+def _results(folder: Path) -> dict[str, Any]:
+    """What a folder's ``results.json`` says; nothing where it is not jshape's."""
+    try:
+        found = json.loads(read_text(folder / "results.json"))
+        return found if found["format"] == MARKER else {}
+    except (ValueError, KeyError, TypeError, RecursionError):
+        return {}
+
+
+def digest(text: str) -> str:
+    """The SHA-256 digest of a text."""
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def printable(name: str) -> str:
+    """A name as data: control characters and bytes that are no UTF-8, which a file's name may hold, are replaced."""
+    return "".join(character if character.isprintable() else "\ufffd" for character in name)
 
 
 def write_results(folder: Path, record: Mapping[str, Any]) -> None:
@@ -56,8 +93,7 @@ def write_results(folder: Path, record: Mapping[str, Any]) -> None:
     """
     folder.mkdir(parents=True, exist_ok=True)
     text = json.dumps(_plain({"format": MARKER, "version": 1, **record}), indent=2, allow_nan=False)
-    with whole(folder / "results.json") as file:
-        file.write(f"{text}\n".encode())
+    write_text(folder / "results.json", f"{text}\n")
 
 
 def _plain(value: Any) -> Any:

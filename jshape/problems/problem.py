@@ -12,6 +12,7 @@ import inspect
 import re
 import sys
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from pydantic import ValidationError
 
 from jshape import command as commands
 from jshape import plants
+from jshape._files import printable
 from jshape.plants import AbstractPlant
 from jshape.problems.schema import Adapt, Design, File, Front
 from jshape.sweeps.leaves import check_over
@@ -40,6 +42,10 @@ WORDS = ("drive",)
 """Parameters whose value is a word."""
 
 COMMANDS = {name: getattr(commands, name) for name in ("Step", "Trapezoid", "SCurve", "Sampled")}
+
+
+Announce = Callable[[str], None]
+"""Called with the ``module:Class`` whose code is about to be run."""
 
 
 class ProblemError(ValueError):
@@ -106,8 +112,12 @@ def find(name: str) -> Path:
     raise ProblemError(f"{name}: no such file, nor a shipped problem (there are {', '.join(shipped())})")
 
 
-def load(name: str | Path) -> Problem:
+def load(name: str | Path, announce: Announce = lambda _: None) -> Problem:
     """Read and check a problem file (a path or a shipped name).
+
+    Args:
+        name: of the file.
+        announce: called before code of the problem's own is run.
 
     Raises:
         ProblemError: for whatever is wrong, with line and key.
@@ -127,7 +137,7 @@ def load(name: str | Path) -> Problem:
     except ValidationError as error:
         first = error.errors()[0]
         raise where.error(_keys(raw, first["loc"]), _message(first)) from None
-    plant, foreign = _plant(file.plant, path, where)
+    plant, foreign = _plant(file.plant, path, where, announce)
     distance = _distance(file, where)
     over = {name: spec.multiples() for name, spec in file.uncertainty.items()}
     for leaf, values in over.items():
@@ -138,8 +148,8 @@ def load(name: str | Path) -> Problem:
     if file.design.objective not in (None, "nominal") and not over:
         objective = file.design.objective
         raise where.error(["design", "objective"], f"{objective!r} needs an [uncertainty] table")
-    title = file.title or path.stem
-    return Problem(path.stem, title, plant, distance, over, file.design, file.pareto, file.adapt, text, foreign)
+    name = printable(path.stem)
+    return Problem(name, file.title or name, plant, distance, over, file.design, file.pareto, file.adapt, text, foreign)
 
 
 def _distance(file: File, where: "_Lines") -> Any:
@@ -150,12 +160,13 @@ def _distance(file: File, where: "_Lines") -> Any:
     return _part(file.command, COMMANDS, ["command"], where)
 
 
-def _plant(table: dict[str, Any], path: Path, where: "_Lines") -> tuple[AbstractPlant, str | None]:
+def _plant(table: dict[str, Any], path: Path, where: "_Lines", announce: Announce) -> tuple[AbstractPlant, str | None]:
     kind, known = table.get("type"), _known(AbstractPlant)
     if not isinstance(kind, str):
         raise where.error(["plant", "type"], f"must name a plant or module:Class, not {kind!r}")
     foreign = kind if ":" in kind else None
     if foreign:
+        announce(foreign)
         known = {kind: _imported(kind, path, where)}
     elif kind not in known:
         raise where.error(["plant", "type"], f"unknown plant {kind!r}: there are {', '.join(known)}, or module:Class")
