@@ -21,6 +21,12 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array
 
+MOST_SAMPLES = 10_000_000
+"""Samples that a shaper may last."""
+
+MOST_MEMORY = 2**34
+"""Bytes that the numbers of one call may take."""
+
 
 def is_concrete(*trees: Any) -> bool:
     """Whether no leaf of the trees is traced by JAX."""
@@ -52,7 +58,7 @@ def as_array(value: Any, name: str) -> Array:
         if not isinstance(value, jax.Array) and is_concrete(value) and (plain := np.asarray(value)).dtype.kind in "iuf":
             return on_device(plain.astype(float))
         return jnp.asarray(value, dtype=float)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise ValueError(f"{name} must be numeric, not {value!r}") from None
 
 
@@ -111,11 +117,27 @@ def one_of(value: str, name: str, allowed: tuple[str, ...]) -> None:
         raise ValueError(f"{name} must be one of {', '.join(map(repr, allowed))}, not {value!r}")
 
 
-def count(value: Any, name: str, least: int = 1) -> int:
-    """``value`` as an int; raises ``ValueError`` unless it is a whole number of at least ``least``."""
+def count(value: Any, name: str, least: int = 1, most: int = 2**31 - 1) -> int:
+    """``value`` as an int; raises ``ValueError`` unless it is a whole number from ``least`` to ``most``."""
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
         raise ValueError(f"{name} must be a whole number of at least {least}, not {value!r}")
+    if value > most:
+        raise ValueError(f"{name} must be at most {most}, not {value!r}")
     return int(value)
+
+
+def memory(numbers: int, name: str) -> None:
+    """Raises ``ValueError`` where so many numbers, of 8 bytes, take more than ``MOST_MEMORY``."""
+    if 8 * numbers > MOST_MEMORY:
+        size, most = (value / 2**30 for value in (8 * numbers, MOST_MEMORY))
+        raise ValueError(f"{name} asks for {numbers:.3g} numbers, which take {size:.3g} GiB, more than {most:g}")
+
+
+def samples(duration: float, sample_time: float) -> None:
+    """Raises ``ValueError`` where a duration (s) has more than ten million samples, a filter of which nobody wants."""
+    if duration / sample_time > MOST_SAMPLES:
+        least = duration / MOST_SAMPLES
+        raise ValueError(f"sample_time must be at least {least:.3g} s for {duration:.6g} s, not {sample_time:.6g}")
 
 
 def instants(values: Array, name: str) -> None:

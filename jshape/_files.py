@@ -132,24 +132,37 @@ def write_text(path: Path, text: str) -> None:
         file.write(text.encode())
 
 
-def read_text(path: Path, most: int = 2**26) -> str:
-    """A text in UTF-8, with or without a byte-order mark.
+def read_bytes(path: Path, most: int = 2**28) -> bytes:
+    """A file's content.
 
     Args:
         path: of the file.
         most: bytes that are read.
 
     Raises:
-        ValueError: that names the file, if it cannot be read, is longer, or no such text.
+        ValueError: that names the file, if it cannot be read, or is longer.
     """
     try:
         with path.open("rb") as file:
             content = file.read(most + 1)
-        if len(content) > most:
-            raise ValueError(f"it has more than {most} bytes")
+    except OSError as error:
+        raise ValueError(f"{path}: cannot be read: {_reason(error)}") from None
+    if len(content) > most:
+        raise ValueError(f"{path}: cannot be read: it has more than {most} bytes")
+    return content
+
+
+def read_text(path: Path, most: int = 2**26) -> str:
+    """A text in UTF-8, with or without a byte-order mark.
+
+    Raises:
+        ValueError: as ``read_bytes`` does, and that names the file if it is no such text.
+    """
+    content = read_bytes(path, most)
+    try:
         return content.decode("utf-8-sig")
-    except (OSError, ValueError) as error:
-        raise ValueError(f"{path}: cannot be read as text: {_reason(error)}") from None
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path}: cannot be read as text: {error}") from None
 
 
 def write_arrays(path: Path, kind: str, about: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> None:

@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 
 from jshape import _files
 from jshape.cli import _shared
+from jshape.cli import app as whole_app
 from jshape.cli.identify import identify
 from jshape.identification.files import write
 from jshape.identification.from_csv import identify_csv
@@ -217,10 +218,9 @@ def test_an_error_of_the_disk_is_one_line(tmp_path):
 
 def test_foreign_code_is_announced_before_it_is_imported(tmp_path):
     # A module that ends the process was run without a word.
-    (tmp_path / "module_that_raises.py").write_text("raise SystemExit(7)\n", encoding="utf-8")
+    (tmp_path / "module_that_ends.py").write_text("print('it runs')\nraise SystemExit(7)\n", encoding="utf-8")
     path = tmp_path / "foreign.toml"
-    path.write_text('distance = 1.0\n[plant]\ntype = "module_that_raises:Plant"\n', encoding="utf-8")
-    announced = []
-    with pytest.raises(SystemExit):
-        load(path, announced.append)
-    assert announced == ["module_that_raises:Plant"]
+    path.write_text('distance = 1.0\n[plant]\ntype = "module_that_ends:Plant"\n', encoding="utf-8")
+    result = run(whole_app, ["pareto", str(path), "--out", str(tmp_path / "out")])
+    announced, ran = (result.output.index(words) for words in ("runs code of its own", "it runs"))
+    assert announced < ran

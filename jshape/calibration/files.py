@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from jshape import _check
-from jshape._files import printable
+from jshape._files import printable, read_bytes
 from jshape.calibration.spectrum import Spectrum, normalised, power_spectrum
 
 COMPONENTS = ("xyz", "x", "y", "z")
@@ -71,10 +71,7 @@ def _read(path: Path, component: str) -> list[Spectrum]:
 
 
 def _text(path: Path) -> str:
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise ValueError(f"{path}: cannot be read: {error.strerror or error}") from None
+    data = read_bytes(path)
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:

@@ -9,9 +9,9 @@ import dataclasses
 import importlib
 import importlib.resources
 import inspect
+import math
 import re
 import sys
-import tomllib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,7 @@ from jshape import command as commands
 from jshape import plants
 from jshape._files import printable
 from jshape.plants import AbstractPlant
+from jshape.problems import limits
 from jshape.problems.schema import Adapt, Design, File, Front
 from jshape.sweeps.leaves import check_over
 
@@ -124,14 +125,12 @@ def load(name: str | Path, announce: Announce = lambda _: None) -> Problem:
     """
     path = find(str(name))
     try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ProblemError(f"{path}: cannot be read as text: {error}") from None
-    try:
-        raw = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise ProblemError(f"{path}: malformed TOML: {error}") from None
+        text, raw = limits.parse(path)
+    except ValueError as error:
+        raise ProblemError(str(error)) from None
     where = _Lines(path, text)
+    for keys, message in limits.exceeded(raw):
+        raise where.error(keys, message)
     try:
         file = File.model_validate(raw)
     except ValidationError as error:
@@ -145,6 +144,8 @@ def load(name: str | Path, announce: Announce = lambda _: None) -> Problem:
             check_over(plant, {leaf: values})
         except ValueError as error:
             raise where.error(["uncertainty", leaf], str(error).removeprefix(f"over[{leaf!r}]: ")) from None
+    if (plants := math.prod(map(len, over.values()))) > limits.PLANTS:
+        raise where.error(["uncertainty"], f"makes {plants} plants, more than {limits.PLANTS}; take smaller counts")
     if file.design.objective not in (None, "nominal") and not over:
         objective = file.design.objective
         raise where.error(["design", "objective"], f"{objective!r} needs an [uncertainty] table")
@@ -177,7 +178,7 @@ def _part(table: dict[str, Any], known: dict[str, type], keys: list[str], where:
     """An object from its table, whose ``type`` is one of the known."""
     rest = {key: value for key, value in table.items() if key != "type"}
     kind = table.get("type")
-    if kind not in known:
+    if not isinstance(kind, str) or kind not in known:
         raise where.error([*keys, "type"], f"must be one of {', '.join(known)}, not {kind!r}")
     return _build(known[kind], rest, keys, where)
 
@@ -301,6 +302,8 @@ class _Lines:
 
     def error(self, keys: list[str], message: str) -> ProblemError:
         """The error at that key, or at the nearest table around it that has a line."""
+        if len(message) > limits.LENGTH:
+            message = f"{message[: limits.LENGTH]} ..."
         for length in range(len(keys), 0, -1):
             line = self.lines.get(tuple(".".join(keys[:length]).split("."))) or self.lines.get(tuple(keys[:length]))
             if line is not None:
