@@ -59,7 +59,8 @@ def as_array(value: Any, name: str) -> Array:
             return on_device(plain.astype(float))
         return jnp.asarray(value, dtype=float)
     except (TypeError, ValueError, OverflowError):
-        raise ValueError(f"{name} must be numeric, not {value!r}") from None
+        words = " ".join(repr(value).split())
+        raise ValueError(f"{name} must be numeric, not {words if len(words) < 200 else words[:200] + ' ...'}") from None
 
 
 def scalar(value: Any, name: str) -> Array:
@@ -113,7 +114,7 @@ def damping_ratio(value: Any, name: str = "zeta") -> None:
 
 def one_of(value: str, name: str, allowed: tuple[str, ...]) -> None:
     """Raises ``ValueError`` if ``value`` is not among the allowed words."""
-    if value not in allowed:
+    if not isinstance(value, str) or value not in allowed:
         raise ValueError(f"{name} must be one of {', '.join(map(repr, allowed))}, not {value!r}")
 
 
@@ -153,6 +154,18 @@ def instants(values: Array, name: str) -> None:
 def as_given(value: Any, name: str) -> Any:
     """``value`` unchanged: for fields that are no arrays."""
     del name
+    return value
+
+
+def real(value: Any, name: str) -> Any:
+    """``value`` unchanged, where it is one plain number: for fields that are part of a program.
+
+    Raises:
+        ValueError: for anything else.
+    """
+    if isinstance(value, bool) or not isinstance(value, int | float | np.number):
+        raise ValueError(f"{name} must be a number, not {value!r}")
+    scalar(value, name)
     return value
 
 
@@ -221,7 +234,7 @@ def recheck(module: eqx.Module) -> None:
 
 def show(value: Any) -> str:
     """A value as an error message prints it: at most twelve entries, eight digits."""
-    return np.array2string(np.asarray(value), precision=8, threshold=12, separator=", ")
+    return " ".join(np.array2string(np.asarray(value), precision=8, threshold=12, separator=", ").split())
 
 
 def warn_if_single() -> None:

@@ -27,7 +27,7 @@ from jshape_envs.policy import (
     sizes_of,
 )
 
-from experiments.reliability.mutations import mutated
+from experiments.reliability.damage import damaged
 from jshape._files import write_arrays
 from jshape.status import Status
 
@@ -155,7 +155,7 @@ def test_damaged_policies_and_checkpoints_are_named_in_a_line(params, trained, t
     for file, read in readers.items():
         content, messages = file.read_bytes(), []
         for _ in range(300 if file == path else 20):
-            file.write_bytes(mutated(content, random))
+            file.write_bytes(damaged(content, random))
             try:
                 assert eqx.tree_equal(read(file), trained.policy)
             except ValueError as error:

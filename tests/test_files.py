@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import jshape as js
-from experiments.reliability.mutations import mutated
+from experiments.reliability.damage import damaged
 from jshape import _files
 from jshape._files import read_arrays, read_text, whole, write_arrays
 from jshape.export import read_shaper
@@ -39,7 +39,7 @@ def test_a_damaged_file_is_named_in_a_line_or_changes_nothing(tmp_path):
     write_arrays(path, KIND, {}, ARRAYS)
     content, messages = path.read_bytes(), []
     for _ in range(300):
-        path.write_bytes(mutated(content, random))
+        path.write_bytes(damaged(content, random))
         try:
             _, found = read_arrays(path, KIND)
         except ValueError as error:
@@ -183,7 +183,7 @@ def test_damaged_chunks_change_no_result(tmp_path):
     path = folder / "chunk_000002.npz"
     content = path.read_bytes()
     for _ in range(200):
-        path.write_bytes(mutated(content, random))
+        path.write_bytes(damaged(content, random))
         assert all(np.array_equal(value, RESULTS[index]) for index, value in chunks(folder, []).items())
 
 

@@ -9,7 +9,8 @@ from test_problem import BASE
 from typer.testing import CliRunner
 
 import jshape as js
-from experiments.reliability.mutations import mutated
+from experiments.reliability import fuzz
+from experiments.reliability.damage import damaged
 from jshape.cli import app
 from jshape.problems import problem
 from jshape.sweeps.chunks import corners
@@ -94,12 +95,12 @@ def test_a_byte_order_mark_whole_numbers_and_other_ends_of_lines_are_accepted(lo
 def test_damaged_problem_files_are_refused_in_a_line(load):
     random, content, messages = np.random.default_rng(3), BASE.encode(), []
     for _ in range(150):
-        damaged = mutated(content, random)
+        spoilt = damaged(content, random)
         # The damage may name a module; no other code is run here.
-        if damaged.count(b":"):
+        if spoilt.count(b":"):
             continue
         try:
-            assert isinstance(load(damaged), problem.Problem)
+            assert isinstance(load(spoilt), problem.Problem)
         except problem.ProblemError as error:
             messages.append(str(error))
     assert len(messages) > 80
@@ -198,3 +199,57 @@ def test_arguments_beyond_a_limit_are_refused_in_a_line(arguments, words, tmp_pa
     assert result.exit_code == 2, result.output
     assert words in result.output
     assert "Traceback" not in result.output
+
+
+# --- arbitrary input --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.unchecked
+def test_a_few_hundred_arbitrary_inputs():
+    """``python -m experiments.reliability.fuzz`` tries a hundred thousand."""
+    found = fuzz.run(400, seed=11, names=tuple(name for name in fuzz.TARGETS if name != "arguments, fifty at a time"))
+    assert sum(each.inputs for each in found.values()) >= 390
+    assert {name: each.faults for name, each in found.items() if each.faults} == {}
+    read = {name for name, each in found.items() if each.read}
+    assert {"problem files, damaged", "problem files, altered", "measured records", "chunks of a store"} <= read
+
+
+@pytest.mark.slow
+def test_arbitrary_arguments():
+    found = fuzz.run(40, seed=12, names=("arguments, fifty at a time",))
+    assert found["arguments, fifty at a time"].faults == {}
+
+
+@pytest.mark.parametrize(
+    ("build", "words"),
+    [
+        (lambda: js.plants.ModalPlant([]), "omega, zeta and gains must be lists of the same length, at least 1"),
+        (lambda: js.plants.PowerLawSpring(1.0, "3"), "power must be a number, not '3'"),
+        (lambda: js.plants.PowerLawSpring(1.0, True), "power must be a number, not True"),
+        (lambda: js.plants.PowerDamper(1.0, [3]), r"power must be a number, not \[3\]"),
+        (lambda: js.plants.PowerDamper(1.0, 10**400), "power must be numeric"),
+        (lambda: js.plants.ModalPlant(np.zeros((2, 2, 2))), r"omega must be greater than 0, not \[\[\[0., 0.\], \[0"),
+    ],
+)
+def test_wrong_arguments_that_were_found_so(build, words):
+    with pytest.raises(ValueError, match=words) as caught:
+        build()
+    assert "\n" not in str(caught.value)
+
+
+def test_the_fuzzer_finds_faults(tmp_path):
+    """A reader that lets an error through, gives other numbers, or says too much is reported."""
+
+    def faulty(random, folder):
+        kind = random.integers(4)
+        if kind == 0:
+            raise KeyError("let through")
+        if kind == 1:
+            raise ValueError("two\nlines")
+        if kind == 2:
+            raise fuzz.FaultError("another result")
+        raise ValueError("refused")
+
+    found = fuzz.tried(faulty, 40, np.random.default_rng(0), tmp_path)
+    assert {words.split(":")[0] for words in found.faults} == {"KeyError", "a message of 9 characters", "FaultError"}
+    assert "| faulty | 40 | 0 |" in fuzz.report({"faulty": found}, 40, 0)

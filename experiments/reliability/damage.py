@@ -5,7 +5,7 @@ import numpy as np
 KINDS = ("bit", "byte", "cut", "drop", "insert", "repeat", "zeros", "random", "empty", "swap")
 
 
-def mutated(content: bytes, random: np.random.Generator) -> bytes:
+def damaged(content: bytes, random: np.random.Generator) -> bytes:
     """A file's content with one fault: a bit flipped, an end missing, a block moved, replaced, dropped or repeated.
 
     Args:
