@@ -15,6 +15,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO
+from unicodedata import category
 
 import numpy as np
 
@@ -81,7 +82,8 @@ def digest(text: str) -> str:
 
 def printable(name: str) -> str:
     """A name as data: control characters and bytes that are no UTF-8, which a file's name may hold, are replaced."""
-    return "".join(character if character.isprintable() else "\ufffd" for character in name)
+    # Of the spaces, Python counts that of ASCII alone as printable.
+    return "".join(each if each.isprintable() or category(each) == "Zs" else "\ufffd" for each in name)
 
 
 def write_results(folder: Path, record: Mapping[str, Any]) -> None:

@@ -86,9 +86,10 @@ def test_a_problem_file_beyond_a_limit_is_refused_in_a_line(load, case):
 
 
 def test_a_byte_order_mark_whole_numbers_and_other_ends_of_lines_are_accepted(load):
-    text = BASE.replace("1.0", "1").replace("high = 1.2", "high = 2")
+    text = BASE.replace("1.0", "1").replace("high = 1.2", "high = 2").replace('"test"', '"50\u00a0% \U0001f600"')
     read = load(b"\xef\xbb\xbf" + text.replace("\n", "\r\n").encode())
     assert read.distance == 1
+    assert read.title == "50\u00a0% \U0001f600"
     assert read.over["m2"].tolist() == np.linspace(0.8, 2, 41).tolist()
 
 

@@ -1,1 +1,1 @@
-"""How the project behaves under damaged files, faulty disks and arbitrary input: figures and what computes them."""
+"""How reliable jshape is: figures, each computed by one command."""

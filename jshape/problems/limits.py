@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from jshape._files import read_text
+from jshape._files import printable, read_text
 
 SIZE = 2**20
 """Bytes of a file."""
@@ -62,7 +62,7 @@ def exceeded(value: Any, keys: tuple[str, ...] = ()) -> Iterator[tuple[list[str]
     elif isinstance(value, list):
         for i, inner in enumerate(value):
             yield from exceeded(inner, (*keys, str(i)))
-    elif isinstance(value, str) and not (value.isprintable() and len(value) <= LENGTH):
+    elif isinstance(value, str) and not (printable(value) == value and len(value) <= LENGTH):
         yield list(keys), f"must be at most {LENGTH} printable characters, not {value[:20]!r}"
     elif isinstance(value, int) and abs(value) > GREATEST:
         yield list(keys), f"must be at most {GREATEST:.0e} in size, not a number of {len(str(abs(value)))} digits"
