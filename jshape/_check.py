@@ -59,8 +59,7 @@ def as_array(value: Any, name: str) -> Array:
             return on_device(plain.astype(float))
         return jnp.asarray(value, dtype=float)
     except (TypeError, ValueError, OverflowError):
-        words = " ".join(repr(value).split())
-        raise ValueError(f"{name} must be numeric, not {words if len(words) < 200 else words[:200] + ' ...'}") from None
+        raise ValueError(f"{name} must be numeric, not {' '.join(repr(value).split())[:300]}") from None
 
 
 def scalar(value: Any, name: str) -> Array:

@@ -238,4 +238,10 @@ def _reason(error: BaseException) -> str:
     if isinstance(error, KeyError):
         return f"it has no {error}"
     words = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-    return " ".join(words.split()) or type(error).__name__
+    return in_a_line(words) or type(error).__name__
+
+
+def in_a_line(words: str, most: int = 300) -> str:
+    """A message without line breaks, and no longer than that: what it quotes may be anything."""
+    words = " ".join(words.split())
+    return words if len(words) <= most else f"{words[:most]} ..."

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from jshape._files import read_npz, read_text
+from jshape._files import in_a_line, read_npz, read_text
 from jshape.shaper import Shaper
 
 FORMAT = "jshape-shaper"
@@ -68,5 +68,5 @@ def read_shaper(path: str | Path) -> Shaper:
     except KeyError as error:
         raise ValueError(f"{path}: not a shaper file: {error} is missing") from None
     except (ValueError, TypeError, OverflowError, RecursionError, csv.Error) as error:
-        message = str(error).removeprefix(f"{path}: ")
+        message = in_a_line(str(error).removeprefix(f"{path}: "))
         raise ValueError(f"{path}: not a shaper file: {message}") from None
