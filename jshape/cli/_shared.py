@@ -6,8 +6,10 @@ Nothing here imports JAX before a command runs, so that help comes at once.
 import atexit
 import gc
 import importlib.util
+import io
 import math
 import os
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -30,12 +32,12 @@ Context = Annotated[str, typer.Option(help="Is the payload hidden, observed or n
 def begin(name: str, out: Path | None) -> tuple["Problem", Path]:
     """The problem of that name and the folder for its results; says before it runs code of the problem's own."""
     prepare_jax()
+    from jshape._files import check_unedited
     from jshape.problems.problem import find, load
 
     folder = results_folder(out, f"{find(name).stem}-results")
-    problem = load(name)
-    if problem.foreign:
-        typer.echo(f"{find(name)}: runs code of its own, the plant {problem.foreign}", err=True)
+    problem = load(name, lambda kind: typer.echo(f"{find(name)}: runs code of its own, the plant {kind}", err=True))
+    check_unedited(folder, problem.text)
     return problem, folder
 
 
@@ -43,7 +45,7 @@ def results_folder(out: Path | None, name: str) -> Path:
     """The folder asked for, or the one of that name.
 
     Raises:
-        ValueError: if it holds files that are not jshape's.
+        ValueError: if it holds files that are not jshape's, or cannot be written to.
     """
     from jshape._files import check_writable
 
@@ -81,11 +83,22 @@ def need_environments() -> None:
 
 @contextmanager
 def explained() -> Iterator[None]:
-    """Report what the user did wrong in a line, without a traceback; an interrupt ends quietly."""
+    """Report what the user did wrong, and a file that cannot be written, in a line; an interrupt ends quietly.
+
+    What cannot be printed, such as a file's name that is no UTF-8, is printed as escapes.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
     try:
         yield
-    except ValueError as error:
-        typer.echo(f"jshape: {error}", err=True)
+    except (ValueError, OSError, MemoryError) as error:
+        if isinstance(error, BrokenPipeError):
+            raise
+        words = str(error) or "the memory is full"
+        if isinstance(error, OSError) and error.strerror and error.filename is not None:
+            words = f"{error.filename}: {error.strerror}"
+        typer.echo(f"jshape: {' '.join(words.split())}", err=True)
         raise typer.Exit(2) from None
     except KeyboardInterrupt:
         typer.echo("jshape: interrupted", err=True)
@@ -102,8 +115,8 @@ def progress_line() -> Iterator[tuple[Callable[[str], None], "Progress"]]:
     from rich.console import Console
     from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-    console = Console(stderr=True)
-    columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(20), TimeElapsedColumn())
+    console = Console(stderr=True, markup=False, emoji=False)
+    columns = (SpinnerColumn(), TextColumn("{task.description}", markup=False), BarColumn(20), TimeElapsedColumn())
     with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task("", total=None)
 

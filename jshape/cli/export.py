@@ -33,6 +33,7 @@ def export(
 ) -> None:
     """Write a shaper for a machine: C, Structured Text, a printer's firmware, MATLAB, SciPy, NumPy, JSON, CSV."""
     prepare_jax()
+    from jshape._files import whole
     from jshape.export import FORMATS, as_bytes, read_shaper
     from jshape.export import export as export_as
 
@@ -61,10 +62,8 @@ def export(
         return
     if out.exists() and not force:
         raise ValueError(f"{out}: exists already, and is left as it is; --force writes over it")
-    try:
-        out.write_bytes(as_bytes(made))
-    except OSError as error:
-        raise ValueError(f"{out}: cannot be written: {error.strerror}") from None
+    with whole(out) as file:
+        file.write(as_bytes(made))
     typer.echo(f"{out}: written ({FORMATS[format].what})")
 
 

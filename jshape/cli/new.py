@@ -14,6 +14,8 @@ def new(
     like: Annotated[str, typer.Option(help="The shipped problem to begin from.")] = "paper_001",
 ) -> None:
     """Write a commented problem file to begin from."""
+    from jshape._files import write_text
+
     folder = Path(__file__).parents[1] / "problems"
     names = sorted(file.stem for file in folder.glob("*.toml"))
     if like not in names:
@@ -28,5 +30,5 @@ def new(
         files[path.parent / code.name] = code
     for target, source in files.items():
         if not target.exists():
-            target.write_text(source.read_text(encoding="utf-8"), encoding="utf-8")
+            write_text(target, source.read_text(encoding="utf-8"))
     typer.echo(f"{path}: written. Next: jshape tune {path}")

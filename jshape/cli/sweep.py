@@ -28,6 +28,7 @@ def sweep(
 ) -> None:
     """Sweep a problem's uncertainty: every closed form that applies and shapers of yours, on every plant."""
     read, folder = begin(problem, out)
+    from jshape._files import printable
     from jshape.design.closed_forms import closed_forms
     from jshape.export import read_shaper
     from jshape.reports.results import write_sweep
@@ -47,9 +48,10 @@ def sweep(
         step("closed-form shapers")
         shapers, left_out = closed_forms(read.plant, read.distance)
         for path in shaper:
-            if path.stem in shapers:
-                raise ValueError(f"--shaper {path}: there is a shaper of that name already, {path.stem!r}")
-            shapers[path.stem] = read_shaper(path)
+            name = printable(path.stem)
+            if name in shapers:
+                raise ValueError(f"--shaper {path}: there is a shaper of that name already, {name!r}")
+            shapers[name] = read_shaper(path)
         step("sweep")
         try:
             found = sweep_plants(

@@ -9,9 +9,10 @@ import dataclasses
 import importlib
 import importlib.resources
 import inspect
+import math
 import re
 import sys
-import tomllib
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,9 @@ from pydantic import ValidationError
 
 from jshape import command as commands
 from jshape import plants
+from jshape._files import printable
 from jshape.plants import AbstractPlant
+from jshape.problems import limits
 from jshape.problems.schema import Adapt, Design, File, Front
 from jshape.sweeps.leaves import check_over
 
@@ -40,6 +43,10 @@ WORDS = ("drive",)
 """Parameters whose value is a word."""
 
 COMMANDS = {name: getattr(commands, name) for name in ("Step", "Trapezoid", "SCurve", "Sampled")}
+
+
+Announce = Callable[[str], None]
+"""Called with the ``module:Class`` whose code is about to be run."""
 
 
 class ProblemError(ValueError):
@@ -106,28 +113,30 @@ def find(name: str) -> Path:
     raise ProblemError(f"{name}: no such file, nor a shipped problem (there are {', '.join(shipped())})")
 
 
-def load(name: str | Path) -> Problem:
+def load(name: str | Path, announce: Announce = lambda _: None) -> Problem:
     """Read and check a problem file (a path or a shipped name).
+
+    Args:
+        name: of the file.
+        announce: called before code of the problem's own is run.
 
     Raises:
         ProblemError: for whatever is wrong, with line and key.
     """
     path = find(str(name))
     try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ProblemError(f"{path}: cannot be read as text: {error}") from None
-    try:
-        raw = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise ProblemError(f"{path}: malformed TOML: {error}") from None
+        text, raw = limits.parse(path)
+    except ValueError as error:
+        raise ProblemError(str(error)) from None
     where = _Lines(path, text)
+    for keys, message in limits.exceeded(raw):
+        raise where.error(keys, message)
     try:
         file = File.model_validate(raw)
     except ValidationError as error:
         first = error.errors()[0]
         raise where.error(_keys(raw, first["loc"]), _message(first)) from None
-    plant, foreign = _plant(file.plant, path, where)
+    plant, foreign = _plant(file.plant, path, where, announce)
     distance = _distance(file, where)
     over = {name: spec.multiples() for name, spec in file.uncertainty.items()}
     for leaf, values in over.items():
@@ -135,11 +144,13 @@ def load(name: str | Path) -> Problem:
             check_over(plant, {leaf: values})
         except ValueError as error:
             raise where.error(["uncertainty", leaf], str(error).removeprefix(f"over[{leaf!r}]: ")) from None
+    if (plants := math.prod(map(len, over.values()))) > limits.PLANTS:
+        raise where.error(["uncertainty"], f"makes {plants} plants, more than {limits.PLANTS}; take smaller counts")
     if file.design.objective not in (None, "nominal") and not over:
         objective = file.design.objective
         raise where.error(["design", "objective"], f"{objective!r} needs an [uncertainty] table")
-    title = file.title or path.stem
-    return Problem(path.stem, title, plant, distance, over, file.design, file.pareto, file.adapt, text, foreign)
+    name = printable(path.stem)
+    return Problem(name, file.title or name, plant, distance, over, file.design, file.pareto, file.adapt, text, foreign)
 
 
 def _distance(file: File, where: "_Lines") -> Any:
@@ -150,12 +161,13 @@ def _distance(file: File, where: "_Lines") -> Any:
     return _part(file.command, COMMANDS, ["command"], where)
 
 
-def _plant(table: dict[str, Any], path: Path, where: "_Lines") -> tuple[AbstractPlant, str | None]:
+def _plant(table: dict[str, Any], path: Path, where: "_Lines", announce: Announce) -> tuple[AbstractPlant, str | None]:
     kind, known = table.get("type"), _known(AbstractPlant)
     if not isinstance(kind, str):
         raise where.error(["plant", "type"], f"must name a plant or module:Class, not {kind!r}")
     foreign = kind if ":" in kind else None
     if foreign:
+        announce(foreign)
         known = {kind: _imported(kind, path, where)}
     elif kind not in known:
         raise where.error(["plant", "type"], f"unknown plant {kind!r}: there are {', '.join(known)}, or module:Class")
@@ -166,7 +178,7 @@ def _part(table: dict[str, Any], known: dict[str, type], keys: list[str], where:
     """An object from its table, whose ``type`` is one of the known."""
     rest = {key: value for key, value in table.items() if key != "type"}
     kind = table.get("type")
-    if kind not in known:
+    if not isinstance(kind, str) or kind not in known:
         raise where.error([*keys, "type"], f"must be one of {', '.join(known)}, not {kind!r}")
     return _build(known[kind], rest, keys, where)
 
@@ -290,6 +302,8 @@ class _Lines:
 
     def error(self, keys: list[str], message: str) -> ProblemError:
         """The error at that key, or at the nearest table around it that has a line."""
+        if len(message) > limits.LENGTH:
+            message = f"{message[: limits.LENGTH]} ..."
         for length in range(len(keys), 0, -1):
             line = self.lines.get(tuple(".".join(keys[:length]).split("."))) or self.lines.get(tuple(keys[:length]))
             if line is not None:

@@ -16,6 +16,8 @@ from matplotlib.backends.backend_pdf import FigureCanvasPdf
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 
+from jshape._files import whole
+
 if TYPE_CHECKING:
     import xarray as xr
 
@@ -28,21 +30,13 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#0
 LINES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (3, 1)), (0, (1, 1)))
 
 STYLE: Any = {
-    "font.size": 8,
-    "axes.titlesize": 8,
-    "axes.labelsize": 8,
-    "legend.fontsize": 7,
-    "xtick.labelsize": 7,
-    "ytick.labelsize": 7,
+    **dict.fromkeys(("font.size", "axes.titlesize", "axes.labelsize"), 8),
+    **dict.fromkeys(("legend.fontsize", "xtick.labelsize", "ytick.labelsize"), 7),
+    **dict.fromkeys(("axes.spines.top", "axes.spines.right", "legend.frameon"), False),
+    **dict.fromkeys(("axes.grid", "figure.constrained_layout.use"), True),
+    **dict.fromkeys(("grid.linewidth", "grid.alpha"), 0.4),
     "lines.linewidth": 1.2,
     "axes.linewidth": 0.6,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "grid.linewidth": 0.4,
-    "grid.alpha": 0.4,
-    "legend.frameon": False,
-    "figure.constrained_layout.use": True,
     "savefig.dpi": 300,
 }
 
@@ -58,9 +52,11 @@ def save(figure: Figure, path: Path) -> None:
     if layout is not None:
         layout.execute(figure)
         figure.set_layout_engine("none")
-    FigureCanvasAgg(figure).print_png(path)
+    with whole(path) as file:
+        FigureCanvasAgg(figure).print_png(file)
     figure.set_dpi(72)
-    FigureCanvasPdf(figure).print_pdf(path.with_suffix(".pdf"))
+    with whole(path.with_suffix(".pdf")) as file:
+        FigureCanvasPdf(figure).print_pdf(file)
     plt.close(figure)
 
 
@@ -218,7 +214,7 @@ def regret(intervals: Mapping[str, tuple[float, float, float]]) -> Figure:
             middle, low, high = (1000 * x for x in intervals[name])
             axis.plot([low, high], [place, place], color=COLOURS[0])
             axis.plot(middle, place, "o", color=COLOURS[0], markersize=4)
-        axis.set_yticks(range(len(names)), names)
+        axis.set_yticks(range(len(names)), map(_plain, names))
         axis.set_xlabel("regret against the oracle, 1000 × cost of a move")
     return figure
 
@@ -249,7 +245,7 @@ def prediction(
             above.plot(axis, size(fitted[:, i]), color=COLOURS[0], linewidth=0.8, rasterized=True, label="fit")
             residual = size(measured[:, i] - fitted[:, i])
             below.plot(axis, residual, color=COLOURS[1], linewidth=0.5, rasterized=True, label="residual")
-            above.set_title(names[i], loc="left")
+            above.set_title(_plain(names[i]), loc="left")
             above.margins(x=0)
             if modes is not None:
                 above.set_yscale("log")
@@ -348,8 +344,13 @@ def _stacked(names: Iterable[str], sharey: bool = False) -> tuple[Figure, Any]:
     size = (WIDTH, 0.4 + 1.15 * len(names))
     figure, axes = plt.subplots(len(names), 1, figsize=size, sharex=True, sharey=sharey, squeeze=False)
     for axis, name in zip(axes[:, 0], names, strict=True):
-        axis.set_title(name, loc="left")
+        axis.set_title(_plain(name), loc="left")
     return figure, axes[:, 0]
+
+
+def _plain(name: str) -> str:
+    """A name as data: to matplotlib dollars enclose formulas, and a label that begins with "_" is hidden."""
+    return (" " if name.startswith("_") else "") + name.replace("$", r"\$")
 
 
 def _legend(figure: Figure, axes: Iterable[Any], **options: Any) -> None:
@@ -361,7 +362,7 @@ def _legend(figure: Figure, axes: Iterable[Any], **options: Any) -> None:
 def _labelled_lines(figure: Figure, axis: Any, lines: Sequence[tuple[str, Any, Any]]) -> None:
     """One line a shaper, the tuned one heavy, and a legend above."""
     for i, (name, x, y) in enumerate(lines):
-        (line,) = axis.plot(x, y, color=COLOURS[i % 6], linestyle=LINES[i % len(LINES)], linewidth=1.0, label=name)
+        (line,) = axis.plot(x, y, color=COLOURS[i % 6], linestyle=LINES[i % len(LINES)], lw=1, label=_plain(name))
         if name == "tuned":
             line.set(color="black", linestyle="-", linewidth=2.0, zorder=3)
     axis.margins(x=0)
@@ -390,7 +391,7 @@ def _panels(data: "xr.DataArray", vertical: str, across: str) -> Figure:
             data[across], data[vertical], np.where(np.isfinite(values), np.maximum(values, norm.vmin or 0.0), np.nan),
             norm=norm, cmap="cividis", shading="nearest", rasterized=True,
         )  # fmt: skip
-        axis.set_title(str(name), loc="left")
+        axis.set_title(_plain(str(name)), loc="left")
         axis.grid(False)
     figure.supxlabel(_label(data[across]), fontsize=8)
     figure.supylabel(_label(data[vertical]), fontsize=8)

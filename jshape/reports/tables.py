@@ -84,9 +84,9 @@ def number(value: float) -> str:
 
 
 def new_console() -> Console:
-    """As wide as the terminal; 120 columns where there is none."""
-    console = Console()
-    return console if console.is_terminal else Console(width=120)
+    """As wide as the terminal, 120 columns where there is none; names are printed as they are, never as markup."""
+    width = None if Console().is_terminal else 120
+    return Console(width=width, markup=False, emoji=False)
 
 
 def new_table(first: str, others: Iterable[str], title: str | None = None, second: str | None = None) -> Table:
