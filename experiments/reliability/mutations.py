@@ -1,0 +1,281 @@
+"""The mutation score: which share of faults, seeded one at a time, the quick tests catch.
+
+    python -m experiments.reliability.mutations --count 60 --seed 0       # writes mutations.json and mutations.md
+
+The tree is copied to a temporary folder; there one fault after another is seeded, and the tests that can notice it run
+until one fails. Faults are drawn evenly over ``ROOMS``, and in each over the kinds of faults, in an order that the seed
+decides: a greater count begins with the same ones. A test that fails or a run over ``LIMIT`` catches a fault. What is
+found is kept at once, so that an interrupted run goes on where it stopped; faults that survived are tried again, unless
+``mutations.toml`` says why they are none. With ``--whole`` they meet the whole quick set.
+"""
+
+import argparse
+import hashlib
+import itertools
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+import tomllib
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple, TypeVar
+
+from experiments.markdown import table
+from experiments.reliability.faults import Fault, faults, seeded
+from jshape._files import whole
+
+T = TypeVar("T")
+
+ROOT = Path(__file__).parents[2]
+RECORD = Path(__file__).with_suffix(".json")
+REASONS = Path(__file__).with_suffix(".toml")
+
+COPIED = ("jshape", "envs", "experiments", "tests", "pyproject.toml", "README.md")
+
+LIMIT = 600
+"""Seconds after which a run of tests counts as caught: the fault made something endless."""
+
+ROOMS = {
+    "simulation": "jshape/simulation/*.py",
+    "metrics": "jshape/metrics.py",
+    "shaper": "jshape/shaper.py",
+    "command": "jshape/command.py",
+    "design/energy": "jshape/design/energy.py",
+    "design/linear": "jshape/design/linear/*.py",
+    "export": "jshape/export/*.py",
+    "_files": "jshape/_files.py",
+}
+
+TESTS = {
+    "jshape/simulation/components.py": ("components", "integrate"),
+    "jshape/simulation/integrate.py": ("integrate", "components", "steps", "gradients"),
+    "jshape/simulation/schedule.py": ("simulate", "metrics", "integrate", "steps"),
+    "jshape/simulation/simulate.py": ("simulate", "metrics", "papers_energy"),
+    "jshape/simulation/solver.py": ("integrate", "simulate"),
+    "jshape/simulation/steps.py": ("steps", "metrics", "gradients", "single_precision"),
+    "jshape/simulation/trajectory.py": ("metrics", "simulate", "papers_energy"),
+    "jshape/metrics.py": ("metrics", "papers_energy", "steps", "single_precision"),
+    "jshape/shaper.py": ("shaper", "export", "linear", "export_c99"),
+    "jshape/command.py": ("command", "shaper", "integrate", "simulate"),
+    "jshape/design/energy.py": ("papers_energy", "linear"),
+    "jshape/design/linear": ("linear", "shaper"),
+    "jshape/export/c99.py": ("export_c99", "export", "cli_export"),
+    "jshape/export/firmware.py": ("export_firmware", "export", "cli_export"),
+    "jshape/export/structured_text.py": ("export_structured_text", "export", "cli_export"),
+    "jshape/export": ("export", "export_c99", "export_structured_text", "export_firmware", "cli_export"),
+    "jshape/_files.py": ("export", "cli", "cli_sweep", "cli_identify"),
+}
+"""The quick tests that can notice a fault of a file, most telling first."""
+
+
+class Result(NamedTuple):
+    """A fault that was tried.
+
+    Attributes:
+        room, file, line, kind, name: where and what it is.
+        caught: by which test, or by the limit of time; empty if all tests passed.
+        seconds: that the tests took.
+    """
+
+    room: str
+    file: str
+    line: int
+    kind: str
+    name: str
+    caught: str
+    seconds: float
+
+    @property
+    def key(self) -> str:
+        return key(self.file, self.name)
+
+
+def key(file: str, name: str) -> str:
+    """What a fault is called in the files beside this one: it outlasts other changes of the module."""
+    return f"{file}: {name}"
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--count", type=int, default=200, help="how many faults")
+    parser.add_argument("--seed", type=int, default=0, help="which ones")
+    parser.add_argument("--whole", action="store_true", help="try survivors on the whole quick set")
+    parser.add_argument("--minutes", type=float, default=600.0, help="begin no fault after so long")
+    options = parser.parse_args(arguments)
+    begin, known, reasons = time.monotonic(), read(), reasons_given()
+    drawn = draw(options.count, options.seed)
+    waiting = [(room, file, fault) for room, file, fault in drawn if due(known.get(key(file, fault.name)), reasons)]
+    with tempfile.TemporaryDirectory() as folder:
+        tree = Path(folder)
+        copy_tree(tree)
+        tests = sorted({test for _, file, _ in waiting for test in tests_of(file)})
+        if tests and (caught := try_tests(tree, tests, limit=None).caught):
+            raise SystemExit(f"{caught} fails without any fault")
+        for number, (room, file, fault) in enumerate(waiting, 1):
+            if time.monotonic() - begin > 60 * options.minutes:
+                break
+            run = try_fault(tree, file, fault, tests_of(file))
+            if options.whole and not run.caught:
+                run = try_fault(tree, file, fault, ["tests"])
+            found = Result(room, file, fault.line, fault.kind, fault.name, run.caught, round(run.seconds, 1))
+            known[found.key] = found
+            keep(drawn, known, reasons, options)
+            about = f"{number}/{len(waiting)} {run.seconds:4.0f} s  {file}:{fault.line} {fault.name}"
+            print(f"{about}: {found.caught or 'SURVIVED'}", flush=True)
+    keep(drawn, known, reasons, options)
+
+
+Drawn = list[tuple[str, str, Fault]]
+"""Rooms, files and faults."""
+
+
+def draw(count: int, seed: int) -> Drawn:
+    """So many faults, evenly over the rooms, and within each over the kinds; a change elsewhere draws no other ones."""
+
+    def place(name: str) -> str:
+        return hashlib.sha256(f"{seed} {name}".encode()).hexdigest()
+
+    rooms = []
+    for room, pattern in ROOMS.items():
+        kinds: dict[str, Drawn] = {}
+        for path in sorted(ROOT.glob(pattern)):
+            file = path.relative_to(ROOT).as_posix()
+            for fault in faults(path.read_text(encoding="utf-8")):
+                kinds.setdefault(fault.kind, []).append((room, file, fault))
+        order = lambda drawn: place(key(drawn[1], drawn[2].name))
+        groups = [sorted(kinds[kind], key=order) for kind in sorted(kinds, key=place)]
+        rooms.append(list(in_turn(groups)))
+    return list(itertools.islice(in_turn(rooms), count))
+
+
+def in_turn(groups: Iterable[Iterable[T]]) -> Iterator[T]:
+    """One of each group, then the next of each, and so on."""
+    nothing = object()
+    for row in itertools.zip_longest(*groups, fillvalue=nothing):
+        yield from (item for item in row if item is not nothing)  # pyright: ignore[reportReturnType]
+
+
+def due(known: Result | None, reasons: dict[str, str]) -> bool:
+    return known is None or (not known.caught and known.key not in reasons)
+
+
+def tests_of(file: str) -> list[str]:
+    names = TESTS.get(file) or TESTS[str(Path(file).parent)]
+    return [f"tests/test_{name}.py" for name in names]
+
+
+def copy_tree(target: Path) -> None:
+    """What the tests need of this checkout."""
+    unwanted = shutil.ignore_patterns("__pycache__", ".*_cache", "*.egg-info")
+    for name in COPIED:
+        if (ROOT / name).is_dir():
+            shutil.copytree(ROOT / name, target / name, ignore=unwanted)
+        else:
+            shutil.copy2(ROOT / name, target / name)
+
+
+class Run(NamedTuple):
+    caught: str
+    seconds: float
+
+
+def try_fault(tree: Path, file: str, fault: Fault, tests: list[str]) -> Run:
+    """The tests with the fault in that file of a copy of the tree, which is as before afterwards."""
+    path = tree / file
+    sound = path.read_text(encoding="utf-8")
+    try:
+        write_module(path, seeded(sound, fault))
+        return try_tests(tree, tests)
+    finally:
+        write_module(path, sound)
+
+
+def write_module(path: Path, source: str) -> None:
+    path.write_text(source, encoding="utf-8")
+    # Python knows compiled modules by second and size, which two faults may share.
+    for compiled in (path.parent / "__pycache__").glob(f"{path.stem}.*.pyc"):
+        compiled.unlink()
+
+
+def try_tests(tree: Path, tests: list[str], limit: float | None = LIMIT) -> Run:
+    """Tests of a tree, in the order given, until one fails: its name, or none.
+
+    Raises:
+        RuntimeError: where no test ran.
+    """
+    command = [sys.executable, "-m", "pytest", "-x", "-p", "no:cacheprovider", *tests]
+    paths = os.pathsep.join([str(tree), str(tree / "envs")])
+    begin = time.monotonic()
+    try:
+        run = subprocess.run(
+            command, cwd=tree, env={**os.environ, "PYTHONPATH": paths}, capture_output=True, text=True, timeout=limit
+        )
+    except subprocess.TimeoutExpired:
+        return Run(f"the limit of {limit} s", time.monotonic() - begin)
+    seconds = time.monotonic() - begin
+    if run.returncode == 0:
+        return Run("", seconds)
+    failed = re.search(r"^(?:FAILED|ERROR) (.+?)(?: - .*)?$", run.stdout, re.MULTILINE)
+    if failed:
+        return Run(failed[1], seconds)
+    if run.returncode in (1, 2) or "ImportError while loading conftest" in run.stderr:
+        return Run("the import of jshape", seconds)
+    raise RuntimeError(f"pytest ended with {run.returncode}:\n{run.stdout}\n{run.stderr}")
+
+
+def read() -> dict[str, Result]:
+    """What was found before, by key."""
+    if not RECORD.exists():
+        return {}
+    results = [Result(**row) for row in json.loads(RECORD.read_text(encoding="utf-8"))["results"]]
+    return {result.key: result for result in results}
+
+
+def reasons_given() -> dict[str, str]:
+    """By key, why a fault that survives is none."""
+    return tomllib.loads(REASONS.read_text(encoding="utf-8")) if REASONS.exists() else {}
+
+
+def keep(drawn: Drawn, known: dict[str, Result], reasons: dict[str, str], options: argparse.Namespace) -> None:
+    """Write what is known of the faults that were drawn, as JSON and as a table."""
+    keys = [key(file, fault.name) for _, file, fault in drawn]
+    results = [known[name] for name in keys if name in known]
+    record = {"seed": options.seed, "drawn": len(keys), "results": [result._asdict() for result in results]}
+    with whole(RECORD) as file:
+        file.write(f"{json.dumps(record, indent=1, ensure_ascii=False)}\n".encode())
+    with whole(RECORD.with_suffix(".md")) as file:
+        file.write("\n".join([*report(results, reasons, options.seed), ""]).encode())
+
+
+def report(results: list[Result], reasons: dict[str, str], seed: int) -> list[str]:
+    """The score, by room and by kind, and every fault with what caught it, as lines of Markdown."""
+
+    def outcome(result: Result) -> str:
+        test = result.caught.removeprefix("tests/")
+        return f"`{test}`" if result.caught else reasons.get(result.key, "**survived**")
+
+    def share(about: str, some: list[Result]) -> list[object]:
+        caught = sum(bool(result.caught) for result in some)
+        none = sum(not result.caught and result.key in reasons for result in some)
+        return [about, len(some), caught, none, f"{100 * caught / max(len(some) - none, 1):.1f} %"]
+
+    head = ["", "tried", "caught", "no faults", "score"]
+    rooms = [share(room, [result for result in results if result.room == room]) for room in ROOMS]
+    kinds = [share(kind, [r for r in results if r.kind == kind]) for kind in sorted({r.kind for r in results})]
+    rows = [(f"`{r.file}:{r.line}`", f"`{r.name}`", outcome(r)) for r in sorted(results, key=lambda r: r[1:3])]
+    return [
+        *("# Seeded faults", ""),
+        f"`python -m experiments.reliability.mutations --count {len(results)} --seed {seed}`. The score is the share",
+        "of the faults that the quick tests of the room catch; those that change no result do not count.",
+        *("", *table(head, [*rooms, share("all", results)]), "", *table(head, kinds), ""),
+        *table(["place", "fault", "caught by, or why it is none"], rows),
+    ]
+
+
+if __name__ == "__main__":
+    main()
