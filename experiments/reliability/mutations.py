@@ -75,7 +75,7 @@ TESTS = {
     ),
     "jshape/shaper.py": ("shaper", "export", "export_c99"),
     "jshape/command.py": ("command", "shaper"),
-    "jshape/design/energy.py": ("papers_energy",),
+    "jshape/design/energy.py": ("energy", "papers_energy"),
     "jshape/design/linear": ("linear",),
     "jshape/export/c99.py": ("export_c99", "export", "cli_export"),
     "jshape/export/firmware.py": ("export_firmware", "export", "cli_export"),
