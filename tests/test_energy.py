@@ -13,6 +13,7 @@ PLANT = js.plants.TwoMass(1.0, 1.0, spring=SPRING)
 SHAPERS = {
     "two_impulse": energy.two_impulse,
     "three_impulse": lambda plant, distance: energy.three_impulse(plant, distance, 0.3),
+    "robust": lambda plant, distance: energy.robust(plant, distance, [0.3 * distance, 0.8 * distance]),
     "first_order_robust": energy.first_order_robust,
     "fast_three_impulse": energy.fast_three_impulse,
     "fast_three_impulse, first": lambda plant, distance: energy.fast_three_impulse(plant, distance, first=0.2),
@@ -41,3 +42,35 @@ def test_pull_and_push_differ(name, distance, staircase):
         # Twice the error in the mass leaves 16 times the energy, not 4 times.
         once, twice = (left(staircase, shaper, distance, 1 + error) for error in (1e-4, 2e-4))
         assert twice / once == pytest.approx(16, rel=0.02)
+
+
+PAIR = js.plants.TwoMass(1.0, 1.0, js.plants.Duffing(10.0, 100.0))
+SOFT = js.plants.TwoMass(1.0, 1.0, js.plants.Duffing(1.0, -0.25))
+
+WRONG = {
+    "plant": (lambda: energy.two_impulse(js.plants.ModalPlant(1.0), 1.0), "plant must be .*not ModalPlant"),
+    "drive": (lambda: energy.negative(js.plants.ForcedMass(1.0, PAIR.spring), 1.0), "plant must be .*not ForcedMass"),
+    "distance": (lambda: energy.two_impulse(PAIR, 0.0), "distance must not be 0"),
+    "damping": (lambda: energy.two_impulse(PAIR, 1.0, damping="all"), "damping must be one of .*not 'all'"),
+    "damping, fast": (lambda: energy.fast_three_impulse(PAIR, 1.0, damping="orbit"), "damping must .*not 'orbit'"),
+    "damping, negative": (lambda: energy.negative(PAIR, 1.0, damping="harmonic"), "damping must .*not 'harmonic'"),
+    "alpha": (lambda: energy.three_impulse(PAIR, 1.0, 1.0), "alpha must lie between 0 and 1, not 1"),
+    "alpha, below": (lambda: energy.three_impulse(PAIR, 1.0, 0.0), "alpha must lie between 0 and 1, not 0"),
+    "rests": (lambda: energy.robust(PAIR, 1.0, -1), "rests must be a whole number of at least 0, not -1"),
+    "rests, order": (lambda: energy.robust(PAIR, 1.0, [0.6, 0.4]), "rests must lie in order .*not .*0.6"),
+    "rests, outside": (lambda: energy.robust(PAIR, 1.0, [0.5, 1.0]), "rests must lie in order .*the distance, 1"),
+    "rests, shape": (
+        lambda: energy.robust(PAIR, 1.0, [[0.5]]),
+        r"rests must be .* a list of positions, not of shape \(1, 1\)",
+    ),
+    "impulses": (lambda: energy.first_order_robust(PAIR, 1.0, 2), "impulses must be .* at least 3, not 2"),
+    "first": (lambda: energy.fast_three_impulse(PAIR, 1.0, first=0.6), "first must leave room .* 0.6 does not"),
+    "beyond the summit": (lambda: energy.two_impulse(SOFT, 6.0), "distance: this spring .* over 6.* m that way"),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_wrong_arguments_are_named(case):
+    call, message = WRONG[case]
+    with pytest.raises(ValueError, match=message):
+        call()

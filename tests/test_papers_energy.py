@@ -304,6 +304,11 @@ def test_robust_shaper_with_a_damper_rests_at_the_destination(papers):
     assert np.all(np.cumsum(shaper.amplitudes)[:2] > np.cumsum(papers.shapers["3"].amplitudes)[:2] + 1e-4)
 
 
+def test_a_damper_that_takes_more_than_the_base_can_give():
+    with pytest.raises(ValueError, match=r"distance: this spring .* or the damper takes more than the base can give"):
+        energy.robust(two_mass(c=1e6), 1.0, rests=1)
+
+
 @pytest.mark.parametrize(("first", "second"), [(0.25, 0.3523), (0.40, 0.1823)])
 def test_family_of_fast_shapers(first, second, papers):
     # The two other members that 2025 prints, before its Fig. 9; the root of its Eq. 45 by SciPy.

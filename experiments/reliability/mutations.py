@@ -243,7 +243,7 @@ def try_tests(tree: Path, tests: list[str], limit: int = LIMIT) -> Run:
     if run.returncode == 0:
         return Run("", seconds)
     # A test that is there no longer catches nothing either: it fails without any fault.
-    pattern = rf"^(?:FAILED|ERROR|ERROR: not found:) (?:{re.escape(str(tree))}/)?(.+?)(?: - .*)?$"
+    pattern = rf"^(?:FAILED|ERROR|ERROR: not found:) (?:{re.escape(str(tree))}/)?(tests/.+?)(?: - .*)?$"
     failed = re.search(pattern, run.stdout + run.stderr, re.MULTILINE)
     if failed:
         return Run(failed[1], seconds)
