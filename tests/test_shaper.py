@@ -140,6 +140,10 @@ def test_html_is_a_table_and_a_picture(amplitudes):
     places = np.array([stem["x1"] for stem in stems])
     np.testing.assert_allclose((places - places[0]) / (places[-1] - places[0]), np.array(times) / 1.6, atol=1e-3)
     assert len(list(root.iter(svg + "circle"))) == 3
+    # With the same room on both sides, and above and below.
+    picture, ends = next(root.iter(svg + "svg")), [zero, *(stem["y2"] for stem in stems)]
+    assert 0 < places[0] == pytest.approx(float(picture.get("width", "nan")) - places[-1])
+    assert 0 < min(ends) == pytest.approx(float(picture.get("height", "nan")) - max(ends))
 
 
 @pytest.mark.parametrize("shaper", [Shaper([1.0], [0.0]), jax.tree.map(jnp.zeros_like, Shaper([0.5, 0.5], [0.0, 1.0]))])

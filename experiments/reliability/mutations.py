@@ -71,7 +71,6 @@ TESTS = {
         "metrics",
         "papers_energy::test_energies_along_the_three_impulse_move",
         "steps::test_what_is_not_met_raises_or_is_nan",
-        "single_precision",
     ),
     "jshape/shaper.py": ("shaper", "export", "export_c99"),
     "jshape/command.py": ("command", "shaper"),
