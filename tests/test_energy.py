@@ -8,7 +8,8 @@ import jshape as js
 energy = js.design.energy
 
 SPRING = js.plants.PotentialSpring(lambda x: 5 * x**2 + 2 * x**3 + 3 * x**4)
-PLANT = js.plants.TwoMass(1.0, 1.0, spring=SPRING)
+PLANT = js.plants.TwoMass(1.0, 1.0, SPRING)
+DAMPED = js.plants.TwoMass(1.0, 1.0, SPRING, js.plants.PowerDamper(0.1, 3))
 
 SHAPERS = {
     "two_impulse": energy.two_impulse,
@@ -25,23 +26,33 @@ def potential(x):
     return 5 * x**2 + 2 * x**3 + 3 * x**4
 
 
-def left(staircase, shaper, distance, mass):
+def left(staircase, shaper, distance, mass=1.0, c=0.0):
     """Energy above the destination after the last impulse, by SciPy, J."""
-    field = lambda t, y, u: [y[1], -(10 * (y[0] - u) + 6 * (y[0] - u) ** 2 + 12 * (y[0] - u) ** 3) / mass]
+    force = lambda x, v: 10 * x + 6 * x**2 + 12 * x**3 + c * v**3
     levels = distance * np.cumsum(shaper.amplitudes)
-    (place, speed), *_ = staircase(field, [0.0, 0.0], shaper.times, levels, [float(shaper.duration)])
-    return mass * speed**2 / 2 + potential(place - distance)
+    run = staircase(
+        lambda t, y, u: [y[1], -force(y[0] - u, y[1]) / mass], [0.0, 0.0], shaper.times, levels, [shaper.duration]
+    )
+    return mass * run[0, 1] ** 2 / 2 + potential(run[0, 0] - distance)
 
 
 @pytest.mark.parametrize("distance", [0.8, -0.8])
 @pytest.mark.parametrize("name", SHAPERS)
 def test_pull_and_push_differ(name, distance, staircase):
     shaper = SHAPERS[name](PLANT, distance)
-    assert left(staircase, shaper, distance, 1.0) < 1e-18
+    assert left(staircase, shaper, distance) < 1e-18
     if name == "first_order_robust":
         # Twice the error in the mass leaves 16 times the energy, not 4 times.
         once, twice = (left(staircase, shaper, distance, 1 + error) for error in (1e-4, 2e-4))
         assert twice / once == pytest.approx(16, rel=0.02)
+
+
+@pytest.mark.parametrize("distance", [0.8, -0.8])
+@pytest.mark.parametrize("name", ["fast_three_impulse", "fast_three_impulse, first", "negative"])
+def test_pushes_with_a_damper(name, distance, staircase):
+    shaper = SHAPERS[name](DAMPED, distance)
+    assert left(staircase, shaper, distance, c=0.1) < 1e-18
+    assert left(staircase, shaper, distance) > 1e-8
 
 
 PAIR = js.plants.TwoMass(1.0, 1.0, js.plants.Duffing(10.0, 100.0))

@@ -140,6 +140,15 @@ def test_energy_that_no_deflection_stores():
     assert js.residual_vibration(LOST, None, 1.0, initial_state=state) == np.inf
 
 
+def test_a_force_that_the_spring_cannot_hold():
+    # x + x² is nowhere below −1/4 N: under −2 N there is no rest, and no energy above it, wherever the mass is by then.
+    plant = plants.ForcedMass(1.0, plants.ForceSpring(lambda x: x + x**2))
+    energy = lambda duration: js.residual_energy(plant, js.Shaper([0.5, 0.5], [0.0, duration]), -2.0)
+    for duration in (0.5, 50.0):
+        with pytest.raises(ValueError, match="distance: ForcedMass has no rest at its final input, -2"):
+            energy(duration)
+
+
 def test_residual_energy_of_a_bare_step(plant):
     # Nothing has moved yet: the spring holds k1/2 + k3/4.
     assert float(js.residual_energy(plant, None, 1.0)) == pytest.approx(5 + 25, rel=1e-15)
@@ -333,6 +342,8 @@ def test_tolerance():
         value, error = js.residual_energy_and_error(plant, shaper, 1.0, tolerance=tolerance)
         assert abs(float(value) - exact) <= float(error) + 1e-14
         assert float(error) <= tolerance * 30
+    default, asked = (residual_energy_and_error(plant, shaper, 1.0, **o) for o in ({}, {"tolerance": 1e-11}))
+    assert default == asked
     with pytest.raises(ValueError, match="tolerance 1e-17 cannot be met: it is below rounding"):
         js.residual_energy(plant, shaper, 1.0, tolerance=1e-17)
     with pytest.raises(ValueError, match="tolerance chooses the steps itself"):
