@@ -1,5 +1,6 @@
 """Energy shapers on a spring that is not odd, where pulling and pushing differ: judged by SciPy."""
 
+import jax
 import numpy as np
 import pytest
 
@@ -85,3 +86,12 @@ def test_wrong_arguments_are_named(case):
     call, message = WRONG[case]
     with pytest.raises(ValueError, match=message):
         call()
+
+
+def test_single_precision_is_pointed_out():
+    with (
+        jax.enable_x64(False),
+        pytest.warns(UserWarning, match="32-bit mode"),
+        pytest.raises(ValueError, match="rests"),
+    ):
+        energy.robust(PAIR, 1.0, [0.6, 0.4])

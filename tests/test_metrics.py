@@ -264,6 +264,17 @@ def test_overshoot_of_modes():
     assert float(js.overshoot(plant, js.Shaper(WEIGHTS, DELAYS), 1.0)) == pytest.approx(expected, rel=1e-6)
 
 
+def test_peak_deflection_of_modes():
+    # They bend most at the end of the period after the move, and would further.
+    omega, gains, weights, delays = (1.0, 1.85, 5.0), [1 / 3] * 3, (0.5, 0.5), (0.0, 0.8)
+    at = np.linspace(0, delays[-1] + 2 * np.pi, 400_001)
+    base = [weight * (at >= delay) for weight, delay in zip(weights, delays, strict=True)]
+    modes = [exact_modes(omega, gains, [w], [d], at) + w for w, d in zip(weights, delays, strict=True)]
+    bend = sum(np.where(at >= d, m, 0.0) - b for d, m, b in zip(delays, modes, base, strict=True))
+    found = js.peak_deflection(plants.ModalPlant(omega, 0.0, gains), js.Shaper(weights, delays), 1.0)
+    assert float(found) == pytest.approx(np.max(np.abs(bend)), rel=1e-6)
+
+
 def test_residual_vibration_of_a_forced_mass(staircase):
     # It rests at 1 m under 2 N and swings about that: the greatest departure in two periods of 1 rad/s, by SciPy.
     plant, shaper = plants.ForcedMass(1.0, plants.Duffing(1.0, 1.0)), js.Shaper([0.4, 0.6], [0.0, 2.0])

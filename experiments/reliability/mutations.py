@@ -39,7 +39,7 @@ REASONS = Path(__file__).with_suffix(".toml")
 
 COPIED = ("jshape", "envs", "experiments", "tests", "pyproject.toml", "README.md")
 
-LIMIT = 600
+LIMIT = 300
 """Seconds of the processor after which a run of tests counts as caught: the fault made something endless."""
 
 ROOMS = {
