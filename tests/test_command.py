@@ -241,6 +241,7 @@ def test_sampled():
     np.testing.assert_allclose(command(jnp.asarray(t)), np.where(t < 0, 0, np.interp(t, times, values)), atol=1e-15)
     assert (command.smoothness, float(command.final), float(command.duration)) == (1, 0.9, 1.1)
     assert Sampled([0.0, 1.0], [0.5, 1.0]).smoothness == 0
+    assert PiecewisePolynomial([0.0], [[1.0]]).smoothness == 0
     assert superpose(command, jnp.ones(1), jnp.zeros(1)).smoothness == 1
     # Where values are not known yet, the careful answer.
     assert jax.jit(lambda v: jnp.asarray(Sampled(jnp.array([0.0, 1.0]), v).smoothness))(jnp.array([0.0, 1.0])) == 0

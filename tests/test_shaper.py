@@ -391,8 +391,8 @@ def test_an_impulse_on_a_sample_is_one_tap():
         np.testing.assert_allclose(Shaper([0.5, 0.5], [0.0, 0.3]).digitise(0.1, method), [0.5, 0, 0, 0.5], atol=1e-15)
     np.testing.assert_allclose(Shaper([0.5, 0.5], [0.0, 0.25]).digitise(0.1, "split"), [0.5, 0, 0.25, 0.25], atol=1e-15)
     np.testing.assert_array_equal(Shaper([1.0], [0.0]).digitise(0.1, "split"), [1.0])
-    # 1.1/0.1 is a little above 11.
-    np.testing.assert_array_equal(Shaper([0.5, 0.5], [0.0, 1.1]).digitise(0.1, "split"), [0.5, *[0.0] * 10, 0.5])
+    # 0.07 / 0.01 is a little above 7.
+    np.testing.assert_array_equal(Shaper([0.5, 0.5], [0.0, 0.07]).digitise(0.01, "split"), [0.5, *[0.0] * 6, 0.5])
 
 
 def test_impulses_in_one_sample_add_up():
