@@ -59,19 +59,19 @@ class Fault(NamedTuple):
 
 
 class _Site(NamedTuple):
-    """A node of the tree, where it hangs, and in which function; the node's ``index`` in the parent's list, if any."""
+    """A node of the tree, where it hangs, and in which function; the node's ``place`` in the parent's list, if any."""
 
     node: ast.AST
     parent: ast.AST
     field: str
-    index: int | None
+    place: int | None
     where: str
 
     def put(self, node: ast.AST) -> None:
-        if self.index is None:
+        if self.place is None:
             setattr(self.parent, self.field, node)
         else:
-            getattr(self.parent, self.field)[self.index] = node
+            getattr(self.parent, self.field)[self.place] = node
 
 
 def faults(source: str) -> list[Fault]:
@@ -132,9 +132,9 @@ def _sites(parent: ast.AST, where: str) -> Iterator[_Site]:
             continue
         if isinstance(parent, ast.keyword) and parent.arg in NO_MATTER:
             continue
-        for index, child in enumerate(value) if isinstance(value, list) else [(None, value)]:
+        for place, child in enumerate(value) if isinstance(value, list) else [(None, value)]:
             if isinstance(child, ast.AST):
-                yield _Site(child, parent, field, index, where or "module")
+                yield _Site(child, parent, field, place, where or "module")
                 yield from _sites(child, where)
 
 

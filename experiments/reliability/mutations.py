@@ -113,7 +113,7 @@ def key(file: str, name: str) -> str:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--count", type=int, default=200, help="how many faults")
     parser.add_argument("--seed", type=int, default=0, help="which ones")
     parser.add_argument("--whole", action="store_true", help="try survivors on the whole quick set")
@@ -266,9 +266,9 @@ def reasons_given() -> dict[str, str]:
 
 def keep(drawn: Drawn, known: dict[str, Result], reasons: dict[str, str], options: argparse.Namespace) -> None:
     """Write what is known of the faults that were drawn, as JSON and as a table."""
-    keys = [key(file, fault.name) for _, file, fault in drawn]
-    results = [known[name] for name in keys if name in known]
-    record = {"seed": options.seed, "drawn": len(keys), "results": [result._asdict() for result in results]}
+    lines = {key(file, fault.name): fault.line for _, file, fault in drawn}
+    results = [known[name]._replace(line=line) for name, line in lines.items() if name in known]
+    record = {"seed": options.seed, "drawn": len(drawn), "results": [result._asdict() for result in results]}
     with whole(RECORD) as file:
         file.write(f"{json.dumps(record, indent=1, ensure_ascii=False)}\n".encode())
     with whole(RECORD.with_suffix(".md")) as file:
@@ -293,8 +293,8 @@ def report(results: list[Result], reasons: dict[str, str], seed: int) -> list[st
     rows = [(f"`{r.file}:{r.line}`", f"`{r.name}`", outcome(r)) for r in sorted(results, key=lambda r: r[1:3])]
     return [
         *("# Seeded faults", ""),
-        f"`python -m experiments.reliability.mutations --count {len(results)} --seed {seed}`. The score is the share",
-        "of the faults that the quick tests of the room catch; those that change no result do not count.",
+        f"{len(results)} of those that `python -m experiments.reliability.mutations --seed {seed}` draws.",
+        "The score is the share that the quick tests of the room catch; faults that change no result do not count.",
         *("", *table(head, [*rooms, share("all", results)]), "", *table(head, kinds), ""),
         *table(["place", "fault", "caught by, or why it is none"], rows),
     ]
