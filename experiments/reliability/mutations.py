@@ -79,6 +79,7 @@ TESTS = {
     "jshape/export/c99.py": ("export_c99", "export", "cli_export"),
     "jshape/export/firmware.py": ("export_firmware", "export", "cli_export"),
     "jshape/export/structured_text.py": ("export_structured_text", "export", "cli_export"),
+    "jshape/export/on_off.py": ("export_structured_text", "export"),
     "jshape/export": ("export", "export_c99", "export_structured_text", "export_firmware", "cli_export"),
     "jshape/_files.py": ("files", "cli"),
 }
