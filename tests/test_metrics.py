@@ -264,6 +264,15 @@ def test_overshoot_of_modes():
     assert float(js.overshoot(plant, js.Shaper(WEIGHTS, DELAYS), 1.0)) == pytest.approx(expected, rel=1e-6)
 
 
+def test_overshoot_of_a_crane(staircase):
+    # Its payload is where the trolley is and the swing beside it: two periods after a trapezoid of 2.5 s, by SciPy.
+    field = lambda t, y, u: [y[1], -(9.81 * np.sin(y[0]) + u * np.cos(y[0])), y[3], u]
+    at = np.linspace(0.0, 2.5 + 4 * np.pi / np.sqrt(9.81), 20_001)
+    run = staircase(field, [0.0] * 4, [0.0, 0.5, 2.0, 2.5], [1.0, 0.0, -1.0, 0.0], at)
+    found = js.overshoot(plants.Crane(1.0), None, js.Trapezoid(1.0, 0.5, 1.0))
+    assert float(found) == pytest.approx(np.max(run[:, 2] + np.sin(run[:, 0])) - 1, abs=1e-7)
+
+
 def test_peak_deflection_of_modes():
     # They bend most at the end of the period after the move, and would further.
     omega, gains, weights, delays = (1.0, 1.85, 5.0), [1 / 3] * 3, (0.5, 0.5), (0.0, 0.8)
