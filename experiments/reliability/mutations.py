@@ -81,7 +81,7 @@ TESTS = {
     "jshape/export/structured_text.py": ("export_structured_text", "export", "cli_export"),
     "jshape/export/on_off.py": ("export_structured_text", "export"),
     "jshape/export": ("export", "export_c99", "export_structured_text", "export_firmware", "cli_export"),
-    "jshape/_files.py": ("files", "cli"),
+    "jshape/_files.py": ("files", "kept_files", "cli_outputs", "cli"),
 }
 """The quick tests that can notice a fault of a file, most telling first."""
 
