@@ -23,8 +23,8 @@ MAXIMA = 6
 NEAR = 0.02
 """A maximum of the finer set that is less than the greatest energy by at most this part may exceed it nearby."""
 
-SWEEPS = 5
-"""Line searches along each leaf about a maximum of the finer set."""
+FINENESS = 500
+"""A maximum is found to this part of the spacing of the finer set: its energy to a millionth or so."""
 
 NEGLIGIBLE = 1e-7
 """A relative excess over the worst plant of the set for which no plant is added."""
@@ -95,7 +95,8 @@ def _refined(problem: DesignProblem, point: Point, axes: dict[str, np.ndarray], 
     """A maximum of the finer set, moved to the maximum between its plants by line searches along the leaves."""
     best, plants = start, len(next(iter(problem.scenarios.samples.values())))
     widths = {name: float(np.max(np.diff(axis), initial=0.0)) for name, axis in axes.items()}
-    for _ in range(SWEEPS):
+    # Each line search divides the distance between its points by half their number.
+    for _ in range(int(np.ceil(np.log(FINENESS) / np.log((plants - 1) / 2)))):
         for name, axis in axes.items():
             center, width = best.leaves[name], widths[name]
             along = np.linspace(max(center - width, axis[0]), min(center + width, axis[-1]), plants)

@@ -34,7 +34,7 @@ ROUNDS = ((12, 4), (5, 6), (2, None))
 """How many of the best starts are refined, and by how many iterations, before the best of those go on; at last to the
 end. Where derivatives cost little, more of them."""
 
-CHEAP = 60_000
+CHEAP = 10_000
 """Segments, states, plants and variables, multiplied, above which the first round has no more than those starts."""
 
 EXCHANGES = 20
@@ -330,7 +330,8 @@ def on_finer_set(problem: DesignProblem, point: Point, found: Values) -> float:
     if not problem.scenarios.samples:
         return value_of(problem.objective, found.energies)
     if problem.objective == "worst":
-        return max(interval.greatest(problem, point)[0].energy, float(np.max(found.energies)))
+        worst = float(np.max(found.energies))
+        return max([worst, *(one.energy for one in interval.greatest(problem, point, worst))])
     return value_of(problem.objective, interval.energies_of(problem, point, problem.finer_samples()))
 
 
