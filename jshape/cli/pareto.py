@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from jshape.cli._shared import Out, ProblemFile, begin, explained, progress_line
+from jshape.cli._shared import Out, ProblemFile, checked, explained, made, progress_line
 
 
 @explained()
@@ -17,7 +17,8 @@ def pareto(
     ] = None,
 ) -> None:
     """How much residual a shaper's duration buys: the front for each number of impulses, the closed forms beside it."""
-    read, folder = begin(problem, out)
+    draft, folder = checked(problem, out)
+    read = made(draft)
     from jshape.design.tuning.pareto import pareto as front_of
     from jshape.reports.results import write_front
     from jshape.reports.tables import show_front

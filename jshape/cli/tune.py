@@ -1,13 +1,26 @@
 """``jshape tune`` and ``jshape compare``: a problem's shapers, tuned and in closed form, side by side."""
 
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from jshape.cli._artist import artist
-from jshape.cli._shared import Out, ProblemFile, begin, explained, progress_line
+from jshape.cli._shared import Out, ProblemFile, checked, explained, made, progress_line
+
+if TYPE_CHECKING:
+    from jshape.problems.problem import Problem
+
+
+@contextmanager
+def begun(problem: str, out: Path | None) -> "Iterator[tuple[Problem, Path, Callable[..., None]]]":
+    """The problem, its folder, and ``draw``; the processes that draw start when the file has been found right."""
+    draft, folder = checked(problem, out)
+    with artist() as draw:
+        yield made(draft), folder, draw
 
 
 def tune(
@@ -18,8 +31,7 @@ def tune(
     start: Annotated[Path | None, typer.Option(help="Go on from this shaper (JSON or CSV) alone.")] = None,
 ) -> None:
     """Tune a shaper for a problem and set it beside every closed form that applies."""
-    with explained(), artist() as draw:
-        read, folder = begin(problem, out)
+    with explained(), begun(problem, out) as (read, folder, draw):
         from jshape.design.closed_forms import closed_forms
         from jshape.design.tuning.tune import tune as tune_shaper
         from jshape.export import read_shaper
@@ -54,8 +66,7 @@ def tune(
 
 def compare(problem: ProblemFile, out: Out = None) -> None:
     """Set the closed-form shapers that apply to a problem side by side, without tuning."""
-    with explained(), artist() as draw:
-        read, folder = begin(problem, out)
+    with explained(), begun(problem, out) as (read, folder, draw):
         from jshape.reports import report
         from jshape.reports.tables import show_report
 
