@@ -89,18 +89,14 @@ def _show(found: "Calibration") -> None:
     """The table, why the recommended shaper won, what each other would cost, and what the tuned one brings."""
     from jshape.calibration.recommend import percent
     from jshape.calibration.smoothing import rounded
-    from jshape.reports.tables import new_console, new_table
+    from jshape.reports.tables import new_console, say, show_table
 
     console = new_console()
-
-    def say(words: str) -> None:
-        console.print(words, highlight=False, markup=False)
-
     for spectrum, modes in zip(found.spectra, found.modes, strict=True):
         words = ", ".join(f"{m.frequency:.1f} Hz (ζ {m.zeta:.3f}, {100 * m.share:.0f} %)" for m in modes)
-        say(f"{spectrum.name}: modes at {words}")
+        say(console, f"{spectrum.name}: modes at {words}")
     headings = ["Hz", "vibration\nleft", "smoothing\n(mm)", "max_accel\n(mm/s²)", "duration\n(ms)", "score"]
-    table = new_table("shaper", [*headings, "modes\nleft"])
+    rows = []
     for rated in found.shapers:
         cells = [
             "" if rated.frequency is None else f"{rated.frequency:.1f}",
@@ -112,16 +108,15 @@ def _show(found: "Calibration") -> None:
             percent(found.simulated[rated.name]),
         ]
         best = rated is found.choice.best
-        table.add_row(
-            rated.name + (" *" if best else ""), *cells, style="bold" if best or rated.name == "tuned" else None
-        )
-    console.print(table)
-    say(f"* recommended by Klipper ({found.version}): {found.choice.best.label}: {found.choice.reason}")
+        rows.append((rated.name + (" *" if best else ""), cells))
+    show_table(console, "shaper", [*headings, "modes\nleft"], rows, bold=(f"{found.choice.best.name} *", "tuned"))
+    say(console, f"* recommended by Klipper ({found.version}): {found.choice.best.label}: {found.choice.reason}")
     for name, words in found.choice.costs.items():
-        say(f"  {name} instead: {words}")
-    say(found.message)
+        say(console, f"  {name} instead: {words}")
+    say(console, found.message)
     offer = found.offer
     say(
+        console,
         f"  checked: {percent(offer.finer)} on a grid ten times finer, {percent(offer.simulated)} by simulation in time"
-        f"{'' if offer.worst == offer.rated.vibration else f', {percent(offer.worst)} with the frequency shift'}\n"
+        f"{'' if offer.worst == offer.rated.vibration else f', {percent(offer.worst)} with the frequency shift'}\n",
     )

@@ -77,10 +77,10 @@ def evaluate(
 
 def show(title: str, found: dict[str, dict[str, "Interval"]]) -> None:
     """A row a policy: interquartile mean over the seeds and half its 95 % interval's width."""
-    from jshape.reports.tables import new_console, new_table
+    from jshape.reports.tables import new_console, show_table
 
-    table = new_table("policy", [heading for heading, _ in COLUMNS.values()], title)
+    rows = []
     for name, row in found.items():
         cells = [(row[score], factor) for score, (_, factor) in COLUMNS.items()]
-        table.add_row(name, *(f"{f * v.middle:.2f} ± {f * (v.high - v.low) / 2:.2f}" for v, f in cells))
-    new_console().print(table)
+        rows.append((name, [f"{f * v.middle:.2f} ± {f * (v.high - v.low) / 2:.2f}" for v, f in cells]))
+    show_table(new_console(), "policy", [heading for heading, _ in COLUMNS.values()], rows, title)
