@@ -28,7 +28,7 @@ def folder(tmp_path_factory):
 def result(folder):
     data = folder / "resonances_y_made_up.csv"
     data.write_text(spectrum_text(), encoding="utf-8")
-    return run(data, "--out", folder / "out", "--starts", 4)
+    return run(data, "--out", folder / "out", "--starts", 4, "--reprapfirmware")
 
 
 def test_table_reasons_and_lines(result):
@@ -102,7 +102,7 @@ def test_two_files_that_share_a_shaper(folder):
     rows = [line.split(",") for line in lines[1:]]
     loaded = folder / "loaded_x.csv"
     loaded.write_text("\n".join([lines[0], *(",".join([f"{float(r[0]) / 0.9:.6f}", *r[1:]]) for r in rows)]), "utf-8")
-    outcome = run(RECORD, loaded, "--out", folder / "both", "--shift", 0.02)
+    outcome = run(RECORD, loaded, "--loads", "--out", folder / "both", "--shift", 0.02)
     assert outcome.exit_code == 0, outcome.output
     record = json.loads((folder / "both" / "results.json").read_text(encoding="utf-8"))
     assert record["spectra"] == [RECORD.name, "loaded_x.csv"]

@@ -150,13 +150,14 @@ def calibrate(
     return Calibration(list(spectra), modes, fits, choice, offer, simulated, version, zeta, ceiling)
 
 
-def write(found: Calibration, folder: Path, axis: str) -> list[str]:
+def write(found: Calibration, folder: Path, axis: str, reprap: bool = False) -> list[str]:
     """Write numbers, shapers, lines to paste and figures into a folder.
 
     Args:
         found: what is written.
         folder: of the results.
         axis: of the printer, ``"x"`` or ``"y"``.
+        reprap: whether ``paste.txt`` has RepRapFirmware's line, too.
 
     Returns:
         The files' names.
@@ -164,7 +165,7 @@ def write(found: Calibration, folder: Path, axis: str) -> list[str]:
     (folder / "shapers").mkdir(parents=True, exist_ok=True)
     names = ["results.json", "paste.txt"]
     write_results(folder, numbers(found))
-    (folder / "paste.txt").write_text(lines(found, axis), encoding="utf-8")
+    (folder / "paste.txt").write_text(lines(found, axis, reprap), encoding="utf-8")
     for rated in found.shapers:
         export(rated.shaper, "json", folder / "shapers" / f"{rated.name}.json", name=rated.name)
         export(rated.shaper, "csv", folder / "shapers" / f"{rated.name}.csv")
@@ -200,8 +201,13 @@ def figures(found: Calibration) -> Iterator[tuple[str, Figure]]:
     yield "step", plot.curves(steps, ("time (ms)", "position over the step"))
 
 
-def lines(found: Calibration, axis: str) -> str:
+def lines(found: Calibration, axis: str, reprap: bool = False) -> str:
     """What to paste: Klipper's choice into ``printer.cfg``, the tuned impulses into RepRapFirmware's ``config.g``.
+
+    Args:
+        found: what is written.
+        axis: of the printer, ``"x"`` or ``"y"``.
+        reprap: whether RepRapFirmware's line is asked for.
 
     Raises:
         ValueError: for an axis other than ``"x"`` and ``"y"``.
@@ -209,7 +215,9 @@ def lines(found: Calibration, axis: str) -> str:
     best, tuned = found.choice.best, found.offer.shaper
     firmware = klipper(best.shaper, axis=axis, firmware=found.version)
     parts = [f"{firmware}# and in [printer], at most: max_accel: {rounded(best.max_accel):d}\n"]
-    for version in REPRAP:
+    words = "Paste these lines into printer.cfg. Klipper takes its own shapers alone, not the tuned one"
+    parts.append(f"# {words}{'' if reprap else '; RepRapFirmware does (--reprapfirmware)'}.\n")
+    for version in REPRAP if reprap else ():
         try:
             parts.append(reprapfirmware(tuned, firmware=version))
         except ValueError as error:

@@ -22,6 +22,7 @@ def pareto(
     from jshape.design.tuning.pareto import pareto as front_of
     from jshape.reports.results import write_front
     from jshape.reports.tables import show_front
+    from jshape.status import Status
 
     with progress_line() as (step, progress):
         step("closed-form shapers")
@@ -38,3 +39,6 @@ def pareto(
         files = write_front(read, front, folder)
     show_front(read, front)
     typer.echo(f"results in {folder}: {', '.join(files)}")
+    if Status.INTERRUPTED.value in front["status"].values:
+        typer.echo("interrupted: what was not computed is empty; with --store DIR the same command goes on", err=True)
+        raise typer.Exit(130)

@@ -99,7 +99,7 @@ def show_front(problem: "Problem", front: "xr.Dataset") -> None:
     show_problem(console, problem)
     title = f"{front['objective'].attrs['long_name']} (J) for each duration"
     objectives = front["objective"].transpose("duration", "design").to_pandas()
-    rows = [(f"{time:.4f}", list(map(number, row))) for time, row in objectives.iterrows()]
+    rows = [(f"{time:.4f}", ["" if x != x else number(x) for x in row]) for time, row in objectives.iterrows()]
     show_table(console, "duration (s)", list(objectives.columns), rows, title)
     for name in front["closed_form"].values:
         value, time = (float(front[key].sel(closed_form=name)) for key in ("closed_objective", "closed_duration"))
