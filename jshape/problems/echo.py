@@ -1,10 +1,14 @@
 """A problem as it was understood: every number with its unit, in a few lines."""
 
+import re
 from collections.abc import Mapping
 from typing import Any
 
 from jshape.problems.reading import QUANTITIES, Draft, Part, in_units, turned
 from jshape.problems.units import shown
+
+SYMBOLS = ("omega", "zeta", "gains")
+"""Keys that are named by what they mean, as all of fewer than four letters are."""
 
 
 def understood(draft: Draft, nominal: Mapping[str, float]) -> list[str]:
@@ -29,6 +33,20 @@ def understood(draft: Draft, nominal: Mapping[str, float]) -> list[str]:
         how = f"{_range(multiples, spread.count)} times {shown(middle, spread.unit)}"
         lines.append(f"uncertain: {words} ({how}; {spread.count or len(spread.values)} values)")
     return lines + _design(draft)
+
+
+def label(plant: Part, leaf: str, unit: str | None) -> str:
+    """A leaf in words for an axis of a figure, with its unit: ``payload mass (kg)``, ``linear stiffness (N/m)``."""
+    name, _, rest = leaf.partition(".")
+    value = plant.values.get(name)
+    if isinstance(value, Part):
+        return label(value, rest, unit)
+    key = plant.entry.keys.get(name) if plant.entry else None
+    words = name.replace("_", " ")
+    if key is not None and (len(name) < 4 or name in SYMBOLS):
+        words = re.split(r"[,;:.(]", key.meaning)[0].strip() or words
+    words += f" {int(rest) + 1}" if rest.isdecimal() else ""
+    return f"{words} ({unit})" if unit else words
 
 
 def _design(draft: Draft) -> list[str]:

@@ -19,9 +19,9 @@ from jshape import command as commands
 from jshape import plants
 from jshape.plants import AbstractPlant
 from jshape.problems.catalogue import COMMANDS, PARTS, REQUIRED, Entry, Key, described
-from jshape.problems.echo import understood
+from jshape.problems.echo import label, understood
 from jshape.problems.lines import Lines
-from jshape.problems.reading import Draft, Part, part_values, read
+from jshape.problems.reading import Draft, Part, read, with_class
 from jshape.problems.schema import Adapt, Design, Front
 from jshape.problems.units import printed
 from jshape.sweeps.leaves import check_over, leaf
@@ -45,6 +45,7 @@ class Problem:
         adapt: how ``jshape adapt`` tries strategies, if it does.
         text: of the file.
         foreign: the ``module:Class`` whose code was run to make the plant, if any.
+        labels: leaf → its name and unit, for an axis of a figure.
         understood: the file's numbers with their units, lines of text.
         questions: what may not be meant as it was written.
     """
@@ -59,6 +60,7 @@ class Problem:
     adapt: Adapt | None
     text: str
     foreign: str | None
+    labels: dict[str, str]
     understood: list[str]
     questions: list[str]
 
@@ -80,7 +82,11 @@ def load(name: str | Path | Draft) -> Problem:
     """
     draft = name if isinstance(name, Draft) else read(name)
     file, lines = draft.file, draft.lines
-    plant = _own(draft) if draft.foreign else _object(draft.plant, ["plant"], lines)
+    foreign, kind = draft.foreign, None
+    if foreign is not None:
+        kind = _imported(foreign, draft.path, lines)
+        draft = with_class(draft, _entry(kind))
+    plant = _object(draft.plant, ["plant"], lines, kind)
     distance = file.distance if draft.command is None else _object(draft.command, ["command"], lines)
     over, nominal, questions = {}, {}, list(draft.questions)
     for at, spread in draft.over.items():
@@ -94,10 +100,11 @@ def load(name: str | Path | Draft) -> Problem:
         except ValueError as error:
             raise lines.error(["uncertainty", at], str(error).removeprefix(f"over[{at!r}]: ")) from None
         questions += _question(at, over[at], nominal[at], draft)
+    labels = {at: label(draft.plant, at, spread.unit) for at, spread in draft.over.items()}
     title = file.title or draft.path.stem
     return Problem(
-        draft.path.stem, title, plant, distance, over, file.design, file.pareto, file.adapt, draft.text, draft.foreign,
-        understood(draft, nominal), questions,
+        draft.path.stem, title, plant, distance, over, file.design, file.pareto, file.adapt, draft.text, foreign,
+        labels, understood(draft, nominal), questions,
     )  # fmt: skip
 
 
@@ -115,16 +122,13 @@ def _question(name: str, multiples: np.ndarray, nominal: float, draft: Draft) ->
     return [str(draft.lines.error(["uncertainty", name], words))]
 
 
-def _own(draft: Draft) -> AbstractPlant:
-    """The plant of a class of the user's own, whose code is run."""
-    kind = _imported(draft.plant.kind, draft.path, draft.lines)
+def _entry(kind: type[AbstractPlant]) -> Entry:
+    """The keys of a class of the user's own, with the units that its docstring names."""
     words, keys = described(inspect.getdoc(kind)), {}
     for name, parameter in inspect.signature(kind).parameters.items():
         default = REQUIRED if parameter.default is parameter.empty else parameter.default
         keys[name] = Key(name, words.get(name, ""), printed(words.get(name, "")), default, PARTS.get(name), ())
-    entry = Entry(kind.__name__, "", keys, (), {"unit": kind.unit})
-    values = part_values(entry, draft.plant, ["plant"], draft.lines)
-    return _object(Part(draft.plant.kind, values, entry), ["plant"], draft.lines, kind)
+    return Entry(kind.__name__, "", keys, (), {"unit": kind.unit})
 
 
 def _object(part: Part, keys: list[str], lines: Lines, kind: type | None = None) -> Any:

@@ -165,9 +165,12 @@ def read(name: str | Path) -> Draft:
     return Draft(path, text, file, plant, command, over, reader.unit, reader.command, reader.questions, lines)
 
 
-def part_values(entry: Entry, part: Part, keys: list[str], lines: Lines) -> dict[str, Any]:
-    """The parameters of a part of a file's own class, once that class is known."""
-    return _Reader(lines, "m", "m").values(entry, part.values, keys, {})
+def with_class(draft: Draft, entry: Entry) -> Draft:
+    """The draft of a plant of the user's own, once its class is known: its parameters and their ranges are read."""
+    reader = _Reader(draft.lines, draft.unit, draft.command_unit)
+    plant = Part(draft.plant.kind, reader.values(entry, draft.plant.values, ["plant"], {}), entry)
+    over = {leaf: reader.spread(leaf, uncertain, plant) for leaf, uncertain in draft.file.uncertainty.items()}
+    return dataclasses.replace(draft, plant=plant, over=over, questions=[*draft.questions, *reader.questions])
 
 
 def _units(raw: dict[str, Any]) -> tuple[str, str]:

@@ -1,7 +1,8 @@
 """Figures for papers and reports: column width, units, colours that everybody can tell apart.
 
 Each function draws one figure from numbers and returns it; ``save`` and ``draw`` write it. Nothing here computes, or
-loads JAX or xarray, so that a process of its own can draw.
+loads JAX or xarray, so that a process of its own can draw. ``style`` says how figures look, ``motion`` draws how a
+machine moves.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -11,57 +12,16 @@ from typing import TYPE_CHECKING, Any
 import matplotlib as mpl
 import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.backends.backend_pdf import FigureCanvasPdf
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 
+from jshape.reports.motion import energy as energy
+from jshape.reports.motion import response as response
+from jshape.reports.style import COLOURS, LINES, STYLE, WIDTH, decades, labelled_lines, looks, plain_decades
+from jshape.reports.style import save as save
+
 if TYPE_CHECKING:
     import xarray as xr
-
-    from jshape.metrics import EnergyProfile
-    from jshape.simulation.simulate import Response
-
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-"""Okabe and Ito's palette (2008), which people with any kind of colour vision can tell apart."""
-
-LINES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (3, 1)), (0, (1, 1)))
-
-STYLE: Any = {
-    "font.size": 8,
-    "axes.titlesize": 8,
-    "axes.labelsize": 8,
-    "legend.fontsize": 7,
-    "xtick.labelsize": 7,
-    "ytick.labelsize": 7,
-    "lines.linewidth": 1.2,
-    "axes.linewidth": 0.6,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "grid.linewidth": 0.4,
-    "grid.alpha": 0.4,
-    "legend.frameon": False,
-    "figure.constrained_layout.use": True,
-    "savefig.dpi": 300,
-}
-
-WIDTH = 3.5
-"""A journal's column, inches."""
-
-
-def save(figure: Figure, path: Path) -> None:
-    """The figure as PNG (300 dpi) and, beside it, as PDF; then it is closed."""
-    # Laid out once, what holds for the one holds for the other; ``savefig`` would go through it four times.
-    figure.set_dpi(300)
-    layout = figure.get_layout_engine()
-    if layout is not None:
-        layout.execute(figure)
-        figure.set_layout_engine("none")
-    FigureCanvasAgg(figure).print_png(path)
-    figure.set_dpi(72)
-    FigureCanvasPdf(figure).print_pdf(path.with_suffix(".pdf"))
-    plt.close(figure)
 
 
 def draw(path: Path, kind: str, *values: Any) -> None:
@@ -69,77 +29,38 @@ def draw(path: Path, kind: str, *values: Any) -> None:
     save(globals()[kind](*values), path)
 
 
-def response(
-    nominal: "Mapping[str, Response]",
-    extremes: "Mapping[str, list[Response]] | None" = None,
-    names: tuple[str, str] = ("", ""),
-    label: str = "position (m)",
-) -> Figure:
-    """Command and payload over time, one panel a shaper.
-
-    Args:
-        nominal: shaper → response of the nominal plant.
-        extremes: shaper → responses of plants at the ends of the uncertain set, drawn thin.
-        names: of what the command moves and of the payload.
-        label: of the vertical axis.
-    """
-    words = "payload, ends of the uncertainty"
-    with mpl.rc_context(STYLE):
-        figure, axes = _stacked(nominal, sharey=True)
-        for axis, (name, run) in zip(axes, nominal.items(), strict=True):
-            for other in (extremes or {}).get(name, []):
-                axis.plot(other.times, other.payload, color=COLOURS[5], linewidth=0.7, label=words)
-            axis.step(run.times, run.command, where="post", color="0.35", linewidth=1.0, label=names[0] or "command")
-            axis.plot(run.times, run.payload, color=COLOURS[0], label=names[1] or "payload")
-            axis.set(xlim=(0, float(run.times[-1])), ylabel=label)
-        axes[-1].set_xlabel("time (s)")
-        _legend(figure, axes[:1], handlelength=1.6, columnspacing=1.0)
-    return figure
-
-
-def energy(profiles: "Mapping[str, EnergyProfile]") -> Figure:
-    """Kinetic and potential energy against the payload's position, one panel a shaper."""
-    parts = (("kinetic", COLOURS[0], "-"), ("potential", COLOURS[1], "--"), ("total", "0.35", ":"))
-    with mpl.rc_context(STYLE):
-        figure, axes = _stacked(profiles)
-        for axis, profile in zip(axes, profiles.values(), strict=True):
-            for part, colour, line in parts:
-                axis.plot(profile.position.T, getattr(profile, part).T, color=colour, linestyle=line, label=part)
-            axis.set(ylabel="energy (J)", ylim=(0, None))
-        axes[-1].set_xlabel("payload position (m)")
-        _legend(figure, axes[:1])
-    return figure
-
-
 def sensitivity(
-    leaf: str,
-    ratios: np.ndarray,
+    label: str,
+    values: np.ndarray,
     vibrations: Mapping[str, np.ndarray],
     limit: float | None = 5.0,
     band: tuple[float, float] | None = None,
 ) -> Figure:
-    """Residual vibration of each shaper, %, against a leaf, actual over nominal.
+    """Residual vibration of each shaper, %, against a parameter of the plant; logarithmic where it spans decades.
 
     Args:
-        leaf: its name.
-        ratios: its values over nominal.
+        label: the parameter's name and unit.
+        values: of the parameter.
         vibrations: shaper → fractions.
         limit: a level to mark, %.
-        band: the stated uncertainty, ratios, shaded.
+        band: the stated uncertainty, shaded.
     """
-    percent = {name: 100 * np.asarray(values) for name, values in vibrations.items()}
+    percent = {name: 100 * np.asarray(curve) for name, curve in vibrations.items()}
     with mpl.rc_context(STYLE):
-        figure, axis = plt.subplots(figsize=(WIDTH, 3.0))
-        _labelled_lines(figure, axis, [(name, ratios, values) for name, values in percent.items()])
+        figure, axis = plt.subplots(figsize=(WIDTH, 3.2))
+        labelled_lines(figure, axis, [(name, values, curve) for name, curve in percent.items()])
+        axis.set(xlabel=label, ylabel="residual vibration (%)")
+        if not decades(axis, percent.values(), least=1e-6):
+            finite = np.concatenate([curve[np.isfinite(curve)] for curve in percent.values()])
+            axis.set_ylim(0, 1.05 * np.max(finite, initial=limit or 1.0))
         if limit is not None:
-            axis.axhline(limit, color="0.5", linewidth=0.6)
+            axis.axhline(limit, color="0.3", linewidth=0.8, linestyle=":")
             place = ("axes fraction", "data")
             axis.annotate(f" {limit:g} %", (1, limit), xycoords=place, fontsize=7, va="center", ha="left")
         if band is not None:
             axis.axvspan(*band, color="0.5", alpha=0.12, linewidth=0, zorder=0)
-        finite = [values[np.isfinite(values)] for values in percent.values()]
-        greatest = np.max(np.concatenate(finite), initial=limit or 1.0)
-        axis.set(xlabel=f"{leaf}, actual over nominal", ylabel="residual vibration (%)", ylim=(0, 1.05 * greatest))
+            place = ("data", "axes fraction")
+            axis.annotate("uncertain", (sum(band) / 2, 1.01), xycoords=place, fontsize=7, va="bottom", ha="center")
     return figure
 
 
@@ -152,15 +73,25 @@ def pareto(dataset: "xr.Dataset") -> Figure:
             style: Any = dict(color=COLOURS[i % 7], linestyle=LINES[i % len(LINES)], marker=".", markersize=4)
             axis.plot(front["duration"], front["objective"], label=str(name), **style)
         longest = float(dataset["duration"].max())
-        for i, name in enumerate(dataset["closed_form"].values):
-            value, at = (float(dataset[key].sel(closed_form=name)) for key in ("closed_objective", "closed_duration"))
-            if name == "unshaped" or not np.isfinite(value) or not 0 < at <= 1.05 * longest:
+        best = np.inf
+        closed = zip(
+            dataset["closed_form"].values, dataset["closed_duration"], dataset["closed_objective"], strict=True
+        )
+        for name, at, value in sorted(
+            ((str(n), float(t), float(v)) for n, t, v in closed), key=lambda point: point[1:]
+        ):
+            # The energies of the search's own noise floor say nothing.
+            if not 0 < at <= 1.05 * longest or not 1e-12 < value < np.inf:
                 continue
-            marker = "osD^vP*Xh<>p"[i % 12]
-            axis.plot(at, value, marker=marker, linestyle="", color="0.4", markersize=4.5, label=str(name))
+            axis.plot(at, value, marker="o", linestyle="", color="0.4", markersize=3)
+            # Named are those that no other closed form beats in less time.
+            if value < best:
+                best = value
+                near = dict(xytext=(-3, -3), textcoords="offset points", fontsize=6, ha="right", va="top", color="0.3")
+                axis.annotate(name, (at, value), **near)
         objective = f"{dataset['objective'].attrs['long_name']} (J)"
         axis.set(xlabel="duration of the shaper (s)", ylabel=objective, xlim=(0, None), yscale="log")
-        figure.legend(loc="outside upper center", ncols=2)
+        figure.legend(loc="outside upper center", ncols=3)
     return figure
 
 
@@ -170,7 +101,8 @@ def convergence(history: np.ndarray, objective: str) -> Figure:
         figure, axis = plt.subplots(figsize=(WIDTH, 2.0))
         values = np.maximum(np.asarray(history, float), 1e-32)
         many = len(values) >= 60
-        axis.semilogy(many + np.arange(len(values)), values, color=COLOURS[0], marker="" if many else ".")
+        axis.semilogy(many + np.arange(len(values)), values, **{**looks(["tuned"])["tuned"], "linewidth": 1.4})
+        plain_decades(axis.yaxis, values.max() / values.min())
         words = {"nominal": "residual energy", "worst": "worst residual energy", "mean": "mean residual energy"}
         axis.set(
             xlabel="iteration" if objective == "nominal" else "evaluations",
@@ -179,6 +111,8 @@ def convergence(history: np.ndarray, objective: str) -> Figure:
             xscale="log" if many else "linear",
             xmargin=0.02,
         )
+        if many:
+            plain_decades(axis.xaxis, len(values))
     return figure
 
 
@@ -257,7 +191,8 @@ def prediction(
                 for frequency in modes:
                     above.axvline(frequency, color="0.5", linewidth=0.5, linestyle=":")
         axes[-1, 0].set_xlabel("time (s)" if modes is None else "frequency (Hz)")
-        _legend(figure, axes[:2, 0])
+        drawn = [pair for axis in axes[:2, 0] for pair in zip(*axis.get_legend_handles_labels(), strict=True)]
+        figure.legend(*zip(*drawn, strict=True), loc="outside upper center", ncols=3)
     return figure
 
 
@@ -284,7 +219,7 @@ def curves(
     """
     with mpl.rc_context(STYLE):
         figure, axis = plt.subplots(figsize=(WIDTH, 2.6))
-        _labelled_lines(figure, axis, lines)
+        labelled_lines(figure, axis, lines)
         scale = "log" if logarithmic else "linear"
         axis.set(xlabel=labels[0], ylabel=labels[1], yscale=scale, xlim=across, ylim=up)
         if level is not None:
@@ -329,7 +264,10 @@ def _label(data: "xr.DataArray") -> str:
 
 def _curves(data: "xr.DataArray", leaf: str) -> Figure:
     lines = [(str(name), data[leaf], data.sel(shaper=name)) for name in data["shaper"].values]
-    return curves(lines, (_label(data[leaf]), _label(data)), up=(0, None) if np.nanmin(data.values) >= 0 else None)
+    figure = curves(lines, (_label(data[leaf]), _label(data)))
+    if not decades(figure.axes[0], (values for _, _, values in lines), least=1e-12) and np.nanmin(data.values) >= 0:
+        figure.axes[0].set_ylim(0, None)
+    return figure
 
 
 def _exceedance(data: "xr.DataArray") -> Figure:
@@ -340,33 +278,6 @@ def _exceedance(data: "xr.DataArray") -> Figure:
     )
     lines = [(str(name), np.sort(data.sel(shaper=name).values)[rank], 1 - rank / count) for name in data.shaper.values]
     return curves(lines, (_label(data), "share of plants at or above"), up=(1 / count, 1), logarithmic=True)
-
-
-def _stacked(names: Iterable[str], sharey: bool = False) -> tuple[Figure, Any]:
-    """A figure with a panel for each name, one under the other."""
-    names = list(names)
-    size = (WIDTH, 0.4 + 1.15 * len(names))
-    figure, axes = plt.subplots(len(names), 1, figsize=size, sharex=True, sharey=sharey, squeeze=False)
-    for axis, name in zip(axes[:, 0], names, strict=True):
-        axis.set_title(name, loc="left")
-    return figure, axes[:, 0]
-
-
-def _legend(figure: Figure, axes: Iterable[Any], **options: Any) -> None:
-    """A legend above the panels, each label of some axes once."""
-    lines = {label: line for axis in axes for line, label in zip(*axis.get_legend_handles_labels(), strict=True)}
-    figure.legend(lines.values(), lines, loc="outside upper center", ncols=len(lines), **options)
-
-
-def _labelled_lines(figure: Figure, axis: Any, lines: Sequence[tuple[str, Any, Any]]) -> None:
-    """One line a shaper, the tuned one heavy, and a legend above."""
-    for i, (name, x, y) in enumerate(lines):
-        (line,) = axis.plot(x, y, color=COLOURS[i % 6], linestyle=LINES[i % len(LINES)], linewidth=1.0, label=name)
-        if name == "tuned":
-            line.set(color="black", linestyle="-", linewidth=2.0, zorder=3)
-    axis.margins(x=0)
-    if len(lines) > 1:
-        figure.legend(loc="outside upper center", ncols=2)
 
 
 def _panels(data: "xr.DataArray", vertical: str, across: str) -> Figure:

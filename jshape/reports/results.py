@@ -26,8 +26,8 @@ def write_sweep(problem: Problem, found: xr.Dataset, folder: Path) -> list[str]:
         found.to_dataframe().to_csv(folder / "sweep.csv")
         files.append("sweep.csv")
     for metric, part in summaries.items():
-        # The six shapers with the best worst case; of three leaves and more, the last at their middle.
-        best = sorted(part["worst"].values.argsort()[:6].tolist())
+        # The five shapers with the best worst case; of three leaves and more, the last at their middle.
+        best = sorted(part["worst"].values.argsort()[:5].tolist())
         shown = found.isel({name: found.sizes[name] // 2 for name in leaves[2:]}).isel(shaper=best)
         plot.save(plot.sweep(shown, metric), folder / f"sweep_{metric}.png")
         files += [f"sweep_{metric}.png", f"sweep_{metric}.pdf"]
