@@ -149,15 +149,12 @@ class Shaper(Checked):
             The taps, shape (taps,); they sum to 1.
 
         Raises:
-            ValueError: for a sample time that is not positive or longer than the shaper, an unknown method, ``"zeros"``
-                without modes, or modes too many or too fast for that sample time.
+            ValueError: for a sample time that is not positive, an unknown method, ``"zeros"`` without modes, or modes
+                too many or too fast for that sample time.
         """
         sample_time = _check.scalar(sample_time, "sample_time")
         _check.positive(sample_time, "sample_time")
         _check.one_of(method, "method", ("nearest", "split", "zeros"))
-        duration = float(self.duration)
-        if 0 < duration < float(sample_time):
-            raise ValueError(f"sample_time must not be longer than the shaper, {duration:g} s, not {sample_time:g}")
         amplitudes, position = np.asarray(self.amplitudes, float), np.asarray(self.times, float) / float(sample_time)
         # A time that is a whole number of samples but for rounding is taken as one.
         position = np.where(np.abs(position - np.rint(position)) < 1e-9, np.rint(position), position)

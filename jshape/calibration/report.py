@@ -177,28 +177,29 @@ def write(found: Calibration, folder: Path, axis: str, reprap: bool = False) -> 
 
 
 def figures(found: Calibration) -> Iterator[tuple[str, Figure]]:
-    """Each figure by its name: the spectrum, the spectrum behind each shaper, V(f), the step response."""
+    """Each figure by its name: spectrum and shapers over the frequency, and the step response."""
     modes, zeta = found.modes[0], found.zeta
-    across = (0, found.ceiling)
-    frequency = "frequency (Hz)"
-    densities = [(s.name, s.frequencies, s.density / s.density.max()) for s in found.spectra]
-    labels = (frequency, "power density over its greatest")
-    yield "spectrum", plot.curves(densities, labels, across=across, ticks=[mode.frequency for mode in modes])
-    _, f, p = densities[0]
-    left = [(r.name, f, p * vibration(r.amplitudes, r.times, f, zeta)) for r in found.shapers]
-    labels = (frequency, "power density over the greatest")
-    # Under a twentieth nothing counts.
-    scale: Any = dict(across=across, up=(1e-4, 1.5), logarithmic=True, level=1 / 20)
-    yield "after", plot.curves([("unshaped", f, p), *left], labels, **scale)
+    shown = _shown(found)
+    spectra = [(s.name, s.frequencies, s.density / s.density.max()) for s in found.spectra]
+    _, f, p = spectra[0]
+    best = found.choice.best
+    after = (best.name, f, p * vibration(best.amplitudes, best.times, f, zeta))
     f = np.linspace(1, found.ceiling, 800)
-    left = [(r.name, f, 100 * vibration(r.amplitudes, r.times, f, zeta)) for r in found.shapers]
-    labels = (frequency, f"residual vibration (%), ζ = {zeta:g}")
-    yield "vibration", plot.curves(left, labels, across=across, up=(0, 100))
+    left = [(r.name, f, 100 * vibration(r.amplitudes, r.times, f, zeta)) for r in shown]
+    yield "calibration", plot.calibration(spectra, after, left, [mode.frequency for mode in modes])
     slowest = 1 / min(mode.frequency for mode in modes)
-    t = np.linspace(0, max(r.duration for r in found.shapers) + 2 * slowest, 800)
-    impulses = [("unshaped", [1.0], [0.0]), *((r.name, r.amplitudes, r.times) for r in found.shapers)]
+    t = np.linspace(0, max(r.duration for r in shown) + 2 * slowest, 800)
+    impulses = [("unshaped", [1.0], [0.0]), *((r.name, r.amplitudes, r.times) for r in shown)]
     steps = [(name, 1e3 * t, step_response(a, times, modes, t)) for name, a, times in impulses]
     yield "step", plot.curves(steps, ("time (ms)", "position over the step"))
+
+
+def _shown(found: Calibration) -> list[Rated]:
+    """Five shapers at most: the tuned one, the recommended one and those whose scores are next."""
+    others = sorted(
+        (r for r in found.shapers if r.name != "tuned"), key=lambda r: (r is not found.choice.best, r.score)
+    )
+    return [r for r in found.shapers if r.name == "tuned" or r in others[:4]]
 
 
 def lines(found: Calibration, axis: str, reprap: bool = False) -> str:

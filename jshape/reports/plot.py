@@ -14,10 +14,11 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 
 from jshape.reports.motion import energy as energy
 from jshape.reports.motion import response as response
-from jshape.reports.style import COLOURS, LINES, STYLE, WIDTH, decades, labelled_lines, looks, plain_decades
+from jshape.reports.style import COLOURS, LINES, STYLE, WIDTH, decades, labelled_lines, legend, looks, plain_decades
 from jshape.reports.style import save as save
 
 if TYPE_CHECKING:
@@ -87,10 +88,13 @@ def pareto(dataset: "xr.Dataset") -> Figure:
             # Named are those that no other closed form beats in less time.
             if value < best:
                 best = value
-                near = dict(xytext=(-3, -3), textcoords="offset points", fontsize=6, ha="right", va="top", color="0.3")
+                # Above the point, where no front is.
+                near: Any = dict(textcoords="offset points", fontsize=6, va="bottom", color="0.3")
+                near |= dict(xytext=(-3, 3), ha="right") if at > 0.6 * longest else dict(xytext=(3, 3), ha="left")
                 axis.annotate(name, (at, value), **near)
         objective = f"{dataset['objective'].attrs['long_name']} (J)"
         axis.set(xlabel="duration of the shaper (s)", ylabel=objective, xlim=(0, None), yscale="log")
+        axis.yaxis.set_minor_formatter(NullFormatter())
         figure.legend(loc="outside upper center", ncols=3)
     return figure
 
@@ -196,36 +200,65 @@ def prediction(
     return figure
 
 
+def calibration(
+    spectra: Sequence[tuple[str, Any, Any]],
+    after: tuple[str, Any, Any],
+    vibrations: Sequence[tuple[str, Any, Any]],
+    peaks: Iterable[float],
+) -> Figure:
+    """A printer's measured spectrum, what a shaper leaves of it, and the vibration of every shaper over the frequency.
+
+    Args:
+        spectra: (name, frequencies in Hz, power density over its greatest) of each record.
+        after: the same of the first record after a shaper, with that shaper's name.
+        vibrations: (name, frequencies, residual vibration in %) of each shaper.
+        peaks: frequencies of the modes, Hz, which are written above.
+    """
+    look = looks(name for name, _, _ in vibrations)
+    with mpl.rc_context(STYLE):
+        figure, left = plt.subplots(figsize=(2 * WIDTH, 3.0))
+        right = left.twinx()
+        right.spines["right"].set_visible(True)
+        right.grid(False)
+        parts: dict[str, Any] = {}
+        for i, (name, frequencies, density) in enumerate(spectra):
+            parts[name] = dict(color=("0.45", "0.65", "0.8")[min(i, 2)], linewidth=1.0)
+            left.fill_between(frequencies, density, color=parts[name]["color"], alpha=0.3, linewidth=0)
+            left.plot(frequencies, density, **parts[name])
+        name, frequencies, density = after
+        parts[f"the same after {name}"] = dict(color=look[name]["color"], linewidth=0.8, alpha=0.6)
+        left.fill_between(frequencies, density, color=look[name]["color"], alpha=0.3, linewidth=0)
+        for name, frequencies, values in vibrations:
+            right.plot(frequencies, values, **look[name])
+        for frequency in peaks:
+            place = dict(xycoords=("data", "axes fraction"), fontsize=7, ha="center", va="bottom")
+            left.annotate(f"{frequency:.1f} Hz", (frequency, 1.01), **place)
+            left.axvline(frequency, color="0.5", linewidth=0.5, linestyle=":")
+        left.set(xlabel="frequency (Hz)", ylabel="power density over its greatest", ylim=(0, 1.05))
+        right.set(ylabel="residual vibration of a shaper (%)", ylim=(0, 105), xlim=(0, vibrations[0][1][-1]))
+        legend(figure, parts | look, ncols=4)
+    return figure
+
+
 def curves(
     lines: Sequence[tuple[str, Any, Any]],
     labels: tuple[str, str],
-    *,
-    across: tuple[float, float] | None = None,
-    up: tuple[float, float | None] | None = None,
-    logarithmic: bool = False,
-    level: float | None = None,
-    ticks: Iterable[float] = (),
+    up: tuple[float, float] | None = None,
 ) -> Figure:
-    """Labelled curves over one axis.
+    """Labelled curves in one panel.
 
     Args:
         lines: (name, x, y) of each curve.
         labels: of the horizontal and the vertical axis, with their units.
-        across: limits of the horizontal axis.
-        up: limits of the vertical axis.
-        logarithmic: whether the vertical axis is.
-        level: of y, to mark.
-        ticks: values of x, to write above.
+        up: limits of the vertical axis, which is logarithmic then.
     """
     with mpl.rc_context(STYLE):
         figure, axis = plt.subplots(figsize=(WIDTH, 2.6))
         labelled_lines(figure, axis, lines)
-        scale = "log" if logarithmic else "linear"
-        axis.set(xlabel=labels[0], ylabel=labels[1], yscale=scale, xlim=across, ylim=up)
-        if level is not None:
-            axis.axhline(level, color="0.5", linewidth=0.6)
-        for x in ticks:
-            axis.annotate(f"{x:.0f}", (x, 1), xycoords=("data", "axes fraction"), fontsize=6, ha="center")
+        axis.set(xlabel=labels[0], ylabel=labels[1])
+        if up is not None:
+            axis.set(yscale="log", ylim=up)
+            plain_decades(axis.yaxis, up[1] / up[0])
     return figure
 
 
@@ -265,7 +298,10 @@ def _label(data: "xr.DataArray") -> str:
 def _curves(data: "xr.DataArray", leaf: str) -> Figure:
     lines = [(str(name), data[leaf], data.sel(shaper=name)) for name in data["shaper"].values]
     figure = curves(lines, (_label(data[leaf]), _label(data)))
-    if not decades(figure.axes[0], (values for _, _, values in lines), least=1e-12) and np.nanmin(data.values) >= 0:
+    if (
+        not decades(figure.axes[0], (values for _, _, values in lines), least=1e-12, depth=100.0)
+        and np.nanmin(data.values) >= 0
+    ):
         figure.axes[0].set_ylim(0, None)
     return figure
 
@@ -277,7 +313,7 @@ def _exceedance(data: "xr.DataArray") -> Figure:
         np.concatenate([np.linspace(0, count - 1, 1000), np.arange(max(count - 100, 0), count)]).astype(int)
     )
     lines = [(str(name), np.sort(data.sel(shaper=name).values)[rank], 1 - rank / count) for name in data.shaper.values]
-    return curves(lines, (_label(data), "share of plants at or above"), up=(1 / count, 1), logarithmic=True)
+    return curves(lines, (_label(data), "share of plants at or above"), up=(1 / count, 1))
 
 
 def _panels(data: "xr.DataArray", vertical: str, across: str) -> Figure:

@@ -96,13 +96,14 @@ def labelled_lines(figure: Figure, axis: Any, lines: Sequence[tuple[str, Any, An
         legend(figure, look, ncols=2 if max(map(len, look)) > 12 else 3)
 
 
-def decades(axis: Any, lines: Iterable[Any], least: float) -> bool:
+def decades(axis: Any, lines: Iterable[Any], least: float, depth: float = 10.0) -> bool:
     """Make the vertical axis logarithmic where the lines span a decade and more, so far down that each can be seen.
 
     Args:
         axis: of the figure.
         lines: the values of each.
         least: values below it are not distinguished from 0.
+        depth: how far below its maximum the lowest line is drawn, a ratio.
 
     Returns:
         Whether it is logarithmic now.
@@ -111,8 +112,8 @@ def decades(axis: Any, lines: Iterable[Any], least: float) -> bool:
     values = [line for line in values if line.size]
     if not values or min(map(np.min, values)) < 0:
         return False
-    # To the lowest line's own minimum, at most a decade below its maximum: zeros are cusps without a bottom.
-    bottom = max(min(max(line.min(), line.max() / 10) for line in values), least)
+    # Zeros are cusps without a bottom.
+    bottom = max(min(max(line.min(), line.max() / depth) for line in values), least)
     top = max(map(np.max, values))
     if top < 10 * bottom:
         return False
