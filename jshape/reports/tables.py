@@ -46,6 +46,10 @@ def show_report(report: "Report", folder: Path, figures: list[Path]) -> None:
         for line in report.gains():
             say(console, line)
     say(console, f"results in {folder}, figures {', '.join(path.name for path in figures)}")
+    if report.solution is not None:
+        shaper, time = folder / "shapers" / "tuned.json", report.problem.design.sample_time
+        given = f" --sample-time {time:g}" if time is not None else ""
+        say(console, f"Next: jshape export {shaper} --format structured_text{given} (--list shows the other formats)")
 
 
 def show_problem(console: Console, problem: "Problem") -> None:
