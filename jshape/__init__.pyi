@@ -2,6 +2,7 @@ from . import adaptive as adaptive
 from . import calibration as calibration
 from . import design as design
 from . import plants as plants
+from . import reports as reports
 from .command import Pulse as Pulse
 from .command import Sampled as Sampled
 from .command import SCurve as SCurve

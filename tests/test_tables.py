@@ -1,6 +1,7 @@
 """Tables at any width: no number is cut, no line is too long, nothing in a name is markup."""
 
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -57,3 +58,15 @@ def test_columns_are_asked_for(monkeypatch):
     assert tables.new_console().width == 66
     monkeypatch.delenv("COLUMNS")
     assert tables.new_console().width == 120
+
+
+def test_a_table_for_latex():
+    """Names with LaTeX's own characters, powers of ten and signs as formulas; a row ends with two backslashes."""
+    row = SimpleNamespace(name="a_b & {c} 50%", nominal_energy=3.9e-5, worst_energy=-2.5, worst_vibration=0.1)
+    problem = SimpleNamespace(title="crane #1 \\ $5", over={"m": [1.0]})
+    text = js.reports.latex_table(SimpleNamespace(problem=problem, rows=[row], move_time=lambda _: 1.5))
+    assert r"\caption{crane \#1 \textbackslash{} \$5}" in text
+    assert r"a\_b \& \{c\} 50\% & 1.5000 & $3.9 \times 10^{-5}$ & $-2.5$ & 10 \\" in text
+    body = text[text.index("toprule") : text.index("bottomrule")]
+    assert [line.count(" & ") for line in body.splitlines() if line.endswith(r"\\")] == [4, 4]
+    assert r"\begin{tabular}{lrrrr}" in text

@@ -14,6 +14,8 @@ from jshape.cli._shared import Out, ProblemFile, checked, explained, made, progr
 if TYPE_CHECKING:
     from jshape.problems.problem import Problem
 
+Latex = Annotated[bool, typer.Option("--latex", help="The table for LaTeX (booktabs), too: table.tex.")]
+
 
 @contextmanager
 def begun(problem: str, out: Path | None) -> "Iterator[tuple[Problem, Path, Callable[..., None]]]":
@@ -29,6 +31,7 @@ def tune(
     starts: Annotated[int | None, typer.Option(help="Starting points; the file's unless given.")] = None,
     seed: Annotated[int | None, typer.Option(help="Of the random starting points; the file's unless given.")] = None,
     start: Annotated[Path | None, typer.Option(help="Go on from this shaper (JSON or CSV) alone.")] = None,
+    latex: Latex = False,
 ) -> None:
     """Tune a shaper for a problem and set it beside every closed form that applies."""
     with explained(), begun(problem, out) as (read, folder, draw):
@@ -36,7 +39,7 @@ def tune(
         from jshape.design.tuning.tune import tune as tune_shaper
         from jshape.export import read_shaper
         from jshape.reports import report
-        from jshape.reports.tables import show_report
+        from jshape.reports.tables import latex_table, show_report
         from jshape.status import Status
 
         design = read.design
@@ -59,18 +62,22 @@ def tune(
             )
             result = report.build(read, solution, step, closed.result())
             figures = report.write(result, folder, step, draw)
+        if latex:
+            (folder / "table.tex").write_text(latex_table(result), encoding="utf-8")
         show_report(result, folder, figures)
         if solution.status is Status.INTERRUPTED:
             raise typer.Exit(130)
 
 
-def compare(problem: ProblemFile, out: Out = None) -> None:
+def compare(problem: ProblemFile, out: Out = None, latex: Latex = False) -> None:
     """Set the closed-form shapers that apply to a problem side by side, without tuning."""
     with explained(), begun(problem, out) as (read, folder, draw):
         from jshape.reports import report
-        from jshape.reports.tables import show_report
+        from jshape.reports.tables import latex_table, show_report
 
         with progress_line() as (step, _):
             result = report.build(read, None, step)
             figures = report.write(result, folder, step, draw)
+        if latex:
+            (folder / "table.tex").write_text(latex_table(result), encoding="utf-8")
         show_report(result, folder, figures)

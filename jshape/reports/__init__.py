@@ -6,4 +6,6 @@
 
 import lazy_loader
 
-__getattr__, __dir__, __all__ = lazy_loader.attach(__name__, ["motion", "plot", "report", "results", "style", "tables"])
+__getattr__, __dir__, __all__ = lazy_loader.attach(
+    __name__, ["motion", "plot", "report", "results", "style", "tables"], {"tables": ["latex_table"]}
+)

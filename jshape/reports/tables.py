@@ -1,6 +1,7 @@
 """What the command line prints: tables of reports, sweeps and fronts, at any width; names and titles as they are."""
 
 import os
+import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -29,16 +30,7 @@ def show_report(report: "Report", folder: Path, figures: list[Path]) -> None:
     """The problem as understood, every shaper in a row, its impulses, what tuning gained, where the results lie."""
     console = new_console()
     show_problem(console, report.problem)
-    uncertain = bool(report.problem.over)
-    headings = ["move\ntime\n(s)", "nominal\nenergy\n(J)"]
-    headings += ["worst\nenergy\n(J)", "worst\nvibration\n(%)"] if uncertain else []
-    rows = []
-    for row in report.rows:
-        cells = [f"{report.move_time(row):.4f}", number(row.nominal_energy)]
-        if row.worst_energy is not None and row.worst_vibration is not None:
-            cells += [number(row.worst_energy), number(100 * row.worst_vibration)]
-        rows.append((row.name, cells))
-    show_table(console, "shaper", headings, rows, bold=("tuned",))
+    show_table(console, "shaper", *_cells(report), bold=("tuned",))
     show_impulses(console, [(row.name, row.shaper) for row in report.rows])
     _show_left_out(console, report.left_out)
     if report.solution is not None:
@@ -50,6 +42,50 @@ def show_report(report: "Report", folder: Path, figures: list[Path]) -> None:
         shaper, time = folder / "shapers" / "tuned.json", report.problem.design.sample_time
         given = f" --sample-time {time:g}" if time is not None else ""
         say(console, f"Next: jshape export {shaper} --format structured_text{given} (--list shows the other formats)")
+
+
+def _cells(report: "Report") -> tuple[list[str], list[tuple[str, list[str]]]]:
+    """The headings and the rows of a report's table."""
+    headings = ["move\ntime\n(s)", "nominal\nenergy\n(J)"]
+    headings += ["worst\nenergy\n(J)", "worst\nvibration\n(%)"] if report.problem.over else []
+    rows = []
+    for row in report.rows:
+        cells = [f"{report.move_time(row):.4f}", number(row.nominal_energy)]
+        if row.worst_energy is not None and row.worst_vibration is not None:
+            cells += [number(row.worst_energy), number(100 * row.worst_vibration)]
+        rows.append((row.name, cells))
+    return headings, rows
+
+
+def latex_table(report: "Report") -> str:
+    """The table of a report for LaTeX, with the package booktabs: every shaper in a row, the problem as its caption."""
+    headings, rows = _cells(report)
+    lines = [
+        "% needs \\usepackage{booktabs}",
+        "\\begin{table}",
+        f"\\caption{{{_latex(report.problem.title)}}}",
+        f"\\begin{{tabular}}{{l{'r' * len(headings)}}}",
+        "\\toprule",
+        " & ".join(["shaper", *(_latex(heading.replace("\n", " ")) for heading in headings)]) + r" \\",
+        "\\midrule",
+        *(" & ".join(map(_latex, [name, *cells])) + r" \\" for name, cells in rows),
+        "\\bottomrule",
+        "\\end{tabular}",
+        "\\end{table}",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _latex(text: str) -> str:
+    """A name or a number as LaTeX writes it: its special characters escaped, powers of ten as such."""
+    power = re.fullmatch(r"(-?[\d.]+)e([+-]\d+)", text)
+    if power:
+        return rf"${power[1]} \times 10^{{{int(power[2])}}}$"
+    if re.fullmatch(r"-[\d.]+", text):
+        return f"${text}$"
+    special = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
+    special |= {character: f"\\{character}" for character in "&%$#_{}"}
+    return "".join(special.get(character, character) for character in text)
 
 
 def show_problem(console: Console, problem: "Problem") -> None:
