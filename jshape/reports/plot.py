@@ -51,7 +51,8 @@ def sensitivity(
         figure, axis = plt.subplots(figsize=(WIDTH, 3.2))
         labelled_lines(figure, axis, [(name, values, curve) for name, curve in percent.items()])
         axis.set(xlabel=label, ylabel="residual vibration (%)")
-        if not decades(axis, percent.values(), least=1e-6):
+        level = [] if limit is None else [np.array([limit])]
+        if not decades(axis, [*percent.values(), *level], least=1e-6):
             finite = np.concatenate([curve[np.isfinite(curve)] for curve in percent.values()])
             axis.set_ylim(0, 1.05 * np.max(finite, initial=limit or 1.0))
         if limit is not None:
