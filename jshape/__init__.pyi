@@ -36,3 +36,5 @@ from .sweeps.sobol import sensitivity_indices as sensitivity_indices
 from .sweeps.sweep import sweep as sweep
 from .vibration import insensitivity as insensitivity
 from .vibration import percentage_vibration as percentage_vibration
+
+__version__: str

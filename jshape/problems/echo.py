@@ -29,9 +29,9 @@ def understood(draft: Draft, nominal: Mapping[str, float]) -> list[str]:
         middle = nominal[leaf]
         absolute = [value if spread.absolute else value * middle for value in spread.values]
         multiples = [value / middle if spread.absolute else value for value in spread.values]
-        words = f"{leaf} {_range(absolute, spread.count)}{f' {spread.unit}' if spread.unit else ''}"
-        how = f"{_range(multiples, spread.count)} times {shown(middle, spread.unit)}"
-        lines.append(f"uncertain: {words} ({how}; {spread.count or len(spread.values)} values)")
+        words = f"{leaf} {_range(absolute, spread.between)}{f' {spread.unit}' if spread.unit else ''}"
+        how = f"{_range(multiples, spread.between)} times {shown(middle, spread.unit)}"
+        lines.append(f"uncertain: {words} ({how}; {spread.between or len(spread.values)} values)")
     return lines + _design(draft)
 
 

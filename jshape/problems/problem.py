@@ -90,7 +90,9 @@ def load(name: str | Path | Draft) -> Problem:
     distance = file.distance if draft.command is None else _object(draft.command, ["command"], lines)
     over, nominal, questions = {}, {}, list(draft.questions)
     for at, spread in draft.over.items():
-        values = np.linspace(*spread.values, spread.count) if spread.count else np.array(spread.values)
+        values = np.array(spread.values)
+        if spread.between:
+            values = np.linspace(values[0], values[1], spread.between)
         try:
             nominal[at] = float(leaf(plant, at))
             if spread.absolute and nominal[at] == 0:
@@ -133,18 +135,18 @@ def _entry(kind: type[AbstractPlant]) -> Entry:
 
 def _object(part: Part, keys: list[str], lines: Lines, kind: type | None = None) -> Any:
     """An object as a file describes it: parts first, then the constructor, whose errors are raised with the line."""
-    kind = kind or getattr(commands if part.kind in COMMANDS else plants, part.kind)
+    made: Any = kind or getattr(commands if part.kind in COMMANDS else plants, part.kind)
     values = {
         name: _object(value, [*keys, name], lines) if isinstance(value, Part) else value
         for name, value in part.values.items()
     }
     try:
-        return kind(**values)
+        return made(**values)
     except (TypeError, ValueError) as error:
         message = str(error)
         blamed = next((name for name in values if re.match(rf"{name}\b", message)), None)
         if isinstance(error, TypeError):
-            message = message.replace(f"{kind.__name__}.__init__() ", "")
+            message = message.replace(f"{made.__name__}.__init__() ", "")
         elif blamed:
             message = message.removeprefix(blamed).lstrip()
         raise lines.error([*keys, blamed] if blamed else keys, message) from None

@@ -60,13 +60,13 @@ class Spread(NamedTuple):
 
     Attributes:
         values: all of them, or the ends of a range.
-        count: how many there are in the range; ``None`` for a list of all values.
+        between: how many evenly from the first to the last end; ``None`` for a list of all values.
         absolute: whether they are in ``unit``, not multiples of nominal.
         unit: of the leaf; ``None`` where it is not known.
     """
 
     values: list[float]
-    count: int | None
+    between: int | None
     absolute: bool
     unit: str | None
 

@@ -232,7 +232,7 @@ def calibration(
         for name, frequencies, values in vibrations:
             right.plot(frequencies, values, **look[name])
         for frequency in peaks:
-            place = dict(xycoords=("data", "axes fraction"), fontsize=7, ha="center", va="bottom")
+            place: Any = dict(xycoords=("data", "axes fraction"), fontsize=7, ha="center", va="bottom")
             left.annotate(f"{frequency:.1f} Hz", (frequency, 1.01), **place)
             left.axvline(frequency, color="0.5", linewidth=0.5, linestyle=":")
         left.set(xlabel="frequency (Hz)", ylabel="power density over its greatest", ylim=(0, 1.05))

@@ -71,7 +71,7 @@ def looks(names: Iterable[str]) -> dict[str, dict[str, Any]]:
     return found
 
 
-def stacked(names: Sequence[str], columns: int = 1, sharey: str | bool = False) -> tuple[Figure, Any]:
+def stacked(names: Sequence[str], columns: int = 1, sharey: Any = False) -> tuple[Figure, Any]:
     """A figure with a row of panels for each name, one under the other; the name stands above the first."""
     size = (columns * WIDTH, 0.5 + 1.15 * len(names))
     figure, axes = plt.subplots(len(names), columns, figsize=size, sharex=True, sharey=sharey, squeeze=False)
