@@ -189,6 +189,7 @@ UNITS = {
     "time in metres": ("impulses = 3", 'duration = "4 m"', 17, "design.duration: must be in s or a multiple"),
     "leaf in metres": ("low = 0.8, high = 1.2", 'low = "1 m", high = "2 m"', 14, "uncertainty.m2: must be in kg"),
     "both kinds": ("low = 0.8", 'low = "800 g"', 14, "give all with a unit, absolute, or all without"),
+    "no word for a part": ('"Duffing"', '["Duffing"]', 9, "plant.spring.type: must be one of Duffing"),
     "misspelt plant": ('"TwoMass"', '"TwoMas"', 5, "; did you mean TwoMass?"),
     "misspelt parameter": ("k3 = 100.0", "K3 = 100.0", 11, "; did you mean k3?"),
     "zero that has no multiples": (

@@ -87,6 +87,7 @@ def load(name: str | Path | Draft) -> Problem:
         kind = _imported(foreign, draft.path, lines)
         draft = with_class(draft, _entry(kind))
     plant = _object(draft.plant, ["plant"], lines, kind)
+    draft = dataclasses.replace(draft, unit=plant.unit, command_unit=plant.command_unit())
     distance = file.distance if draft.command is None else _object(draft.command, ["command"], lines)
     over, nominal, questions = {}, {}, list(draft.questions)
     for at, spread in draft.over.items():

@@ -205,7 +205,7 @@ class _Reader:
             table = raw.get(name) if name else raw
             if not isinstance(table, dict):
                 continue
-            for key in units.keys() & table.keys():
+            for key in [key for key in units if key in table]:
                 length = self.unit if key == "peak_deflection" else self.command
                 unit = units[key] if name == "adapt" else in_units(units[key], {"m": length})
                 table[key] = self.quantity(table[key], unit, [name, key] if name else [key])
@@ -243,7 +243,7 @@ class _Reader:
             raise self.lines.error(keys, f"must be a table with a type, not {table!r}")
         known = catalogue.known(base)
         kind = table.get("type", next(iter(known)) if len(known) == 1 else None)
-        if kind not in known:
+        if not isinstance(kind, str) or kind not in known:
             near = suggestion(kind, known) if isinstance(kind, str) else ""
             raise self.lines.error([*keys, "type"], f"must be one of {', '.join(known)}, not {kind!r}{near}")
         rest = {key: value for key, value in table.items() if key != "type"}
