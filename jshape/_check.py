@@ -23,6 +23,12 @@ from jaxtyping import Array
 
 from jshape._rules import RULES
 
+MOST_SAMPLES = 10_000_000
+"""Samples that a shaper may last."""
+
+MOST_MEMORY = 2**34
+"""Bytes that the numbers of one call may take."""
+
 
 def is_concrete(*trees: Any) -> bool:
     """Whether no leaf of the trees is traced by JAX."""
@@ -54,8 +60,8 @@ def as_array(value: Any, name: str) -> Array:
         if not isinstance(value, jax.Array) and is_concrete(value) and (plain := np.asarray(value)).dtype.kind in "iuf":
             return on_device(plain.astype(float))
         return jnp.asarray(value, dtype=float)
-    except (TypeError, ValueError):
-        raise ValueError(f"{name} must be numeric, not {value!r}") from None
+    except (TypeError, ValueError, OverflowError):
+        raise ValueError(f"{name} must be numeric, not {' '.join(repr(value).split())[:300]}") from None
 
 
 def scalar(value: Any, name: str) -> Array:
@@ -108,15 +114,31 @@ def damping_ratio(value: Any, name: str = "zeta") -> None:
 
 def one_of(value: str, name: str, allowed: tuple[str, ...]) -> None:
     """Raises ``ValueError`` if ``value`` is not among the allowed words."""
-    if value not in allowed:
+    if not isinstance(value, str) or value not in allowed:
         raise ValueError(f"{name} must be one of {', '.join(map(repr, allowed))}, not {value!r}")
 
 
-def count(value: Any, name: str, least: int = 1) -> int:
-    """``value`` as an int; raises ``ValueError`` unless it is a whole number of at least ``least``."""
+def count(value: Any, name: str, least: int = 1, most: int = 2**31 - 1) -> int:
+    """``value`` as an int; raises ``ValueError`` unless it is a whole number from ``least`` to ``most``."""
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
         raise ValueError(f"{name} must be a whole number of at least {least}, not {value!r}")
+    if value > most:
+        raise ValueError(f"{name} must be at most {most}, not {value!r}")
     return int(value)
+
+
+def memory(numbers: int, name: str) -> None:
+    """Raises ``ValueError`` where so many numbers, of 8 bytes, take more than ``MOST_MEMORY``."""
+    if 8 * numbers > MOST_MEMORY:
+        size, most = (value / 2**30 for value in (8 * numbers, MOST_MEMORY))
+        raise ValueError(f"{name} asks for {numbers:.3g} numbers, which take {size:.3g} GiB, more than {most:g}")
+
+
+def samples(duration: float, sample_time: float) -> None:
+    """Raises ``ValueError`` where a duration (s) has more than ten million samples, a filter of which nobody wants."""
+    if duration / sample_time > MOST_SAMPLES:
+        least = duration / MOST_SAMPLES
+        raise ValueError(f"sample_time must be at least {least:.3g} s for {duration:.6g} s, not {sample_time:.6g}")
 
 
 def instants(values: Array, name: str) -> None:
@@ -132,6 +154,18 @@ def instants(values: Array, name: str) -> None:
 def as_given(value: Any, name: str) -> Any:
     """``value`` unchanged: for fields that are no arrays."""
     del name
+    return value
+
+
+def real(value: Any, name: str) -> Any:
+    """``value`` unchanged, where it is one plain number: for fields that are part of a program.
+
+    Raises:
+        ValueError: for anything else.
+    """
+    if isinstance(value, bool) or not isinstance(value, int | float | np.number):
+        raise ValueError(f"{name} must be a number, not {value!r}")
+    scalar(value, name)
     return value
 
 
@@ -200,7 +234,7 @@ def recheck(module: eqx.Module) -> None:
 
 def show(value: Any) -> str:
     """A value as an error message prints it: at most twelve entries, eight digits."""
-    return np.array2string(np.asarray(value), precision=8, threshold=12, separator=", ")
+    return " ".join(np.array2string(np.asarray(value), precision=8, threshold=12, separator=", ").split())
 
 
 def warn_if_single() -> None:

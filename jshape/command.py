@@ -10,6 +10,10 @@ piecewise polynomial again, and every derivative is exact::
 
 Before its first break (always 0) a command is 0; after its last one it continues its last piece, for a move the
 constant ``distance``.
+
+At a tie, where a move just reaches one of its limits, a derivative is one of the two one-sided ones, in forward and in
+reverse mode the same, and so the derivative wherever both sides agree: one comparison chooses the profile, that which
+reaches the limit where both are equal, and all numbers of the move follow from it.
 """
 
 import abc
@@ -18,6 +22,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from typing import ClassVar as AbstractVar
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -157,8 +162,9 @@ class Trapezoid(AbstractCommand):
 
     def pieces(self) -> tuple[Breaks, Coefficients]:
         length, a = jnp.abs(self.distance), self.acceleration
-        peak = jnp.minimum(self.speed, jnp.sqrt(length * a))
-        ramp, cruise = peak / a, jnp.maximum(length / peak - peak / a, 0.0)
+        cruises = self.speed**2 <= length * a
+        peak = jnp.where(cruises, self.speed, jnp.sqrt(length * a))
+        ramp, cruise = peak / a, _unless(~cruises, length / peak - peak / a)
         return _from_derivatives(self.distance, [ramp, cruise, ramp], jnp.stack([a, 0 * a, -a]), order=2)
 
 
@@ -189,10 +195,14 @@ class SCurve(AbstractCommand):
         # (v²/a + v a/j = length) or, where that speed lies below a²/j, without it (2 v sqrt(v/j) = length).
         full = (jnp.sqrt((a / j) ** 2 + 4 * length / a) - a / j) * a / 2
         brief = jnp.cbrt(length**2 * j / 4)
-        peak = jnp.minimum(self.speed, jnp.where(full >= a**2 / j, full, brief))
-        rise = jnp.minimum(a / j, jnp.sqrt(peak / j))
-        hold = jnp.maximum(peak / (j * rise) - rise, 0.0)
-        cruise = jnp.maximum(length / peak - (2 * rise + hold), 0.0)
+        fast = full >= a**2 / j
+        top = jnp.where(fast, full, brief)
+        cruises = self.speed <= top
+        peak = jnp.where(cruises, self.speed, top)
+        holds = jnp.where(cruises, self.speed >= a**2 / j, fast)
+        rise = jnp.where(holds, a / j, jnp.sqrt(peak / j))
+        hold = _unless(~holds, peak / a - a / j)
+        cruise = _unless(~cruises, length / peak - (2 * rise + hold))
         signs = jnp.asarray([1, 0, -1, 0, -1, 0, 1], dtype=j.dtype)
         return _from_derivatives(self.distance, [rise, hold, rise, cruise, rise, hold, rise], j * signs, order=3)
 
@@ -274,6 +284,11 @@ def taylor_shift(coefficients: Float[Array, "... powers"], shift: Float[Array, "
     """Coefficients of ``p(t + shift)``."""
     powers = range(coefficients.shape[-1])
     return jnp.stack([polynomial(coefficients, shift, k) / math.factorial(k) for k in powers], axis=-1)
+
+
+def _unless(none: Array, duration: Array) -> Array:
+    """A piece's duration, 0 where it has none; one that rounding makes negative is 0 and keeps its derivative."""
+    return jnp.where(none, 0.0, duration - jax.lax.stop_gradient(jnp.minimum(duration, 0.0)))
 
 
 def _from_derivatives(distance: Any, durations: list[Any], highest: Array, order: int):

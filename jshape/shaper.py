@@ -155,6 +155,7 @@ class Shaper(Checked):
         sample_time = _check.scalar(sample_time, "sample_time")
         _check.positive(sample_time, "sample_time")
         _check.one_of(method, "method", ("nearest", "split", "zeros"))
+        _check.samples(float(self.duration), float(sample_time))
         amplitudes, position = np.asarray(self.amplitudes, float), np.asarray(self.times, float) / float(sample_time)
         # A time that is a whole number of samples but for rounding is taken as one.
         position = np.where(np.abs(position - np.rint(position)) < 1e-9, np.rint(position), position)

@@ -78,7 +78,7 @@ def test_mistakes(file, tmp_path):
         ([file, "--format", "scipy", "--sample-time", "0.1", "--mode", "9"], "--mode must be OMEGA,ZETA"),
         ([file, "--format", "numpy"], "is no text; name a file with --out"),
         ([file, "--format", "on_off", "--sample-time", "0.001", "--mode", "9,0"], "amplitudes must be 1, -1, ..., 1"),
-        ([file, "--format", "json", "--out", str(tmp_path / "no" / "s.json")], "cannot be written"),
+        ([file, "--format", "json", "--out", str(tmp_path / "no" / "s.json")], "s.json: No such file or directory"),
     ]:
         result = run(app, given)
         assert result.exit_code == 2, (given, result.output)

@@ -15,8 +15,20 @@ from jshape_envs.baselines import Oracle
 from jshape_envs.core import reset, step
 from jshape_envs.evaluate import evaluate
 from jshape_envs.export_c import policy_to_c
-from jshape_envs.policy import POLICIES, GRUPolicy, Sizes, load_policy, rollout, save_policy, sizes_of
+from jshape_envs.policy import (
+    FORMAT,
+    POLICIES,
+    GRUPolicy,
+    Sizes,
+    load_policy,
+    named_arrays,
+    rollout,
+    save_policy,
+    sizes_of,
+)
 
+from experiments.reliability.damage import damaged
+from jshape._files import write_arrays
 from jshape.status import Status
 
 RECIPE = Recipe(moves=64 * (EVERY + 12), environments=16, window=4, hidden=16)
@@ -115,15 +127,41 @@ def test_a_policy_is_kept_and_read_back_whole(trained, tmp_path):
 def test_what_is_no_policy_is_refused(trained, tmp_path):
     np.savez(tmp_path / "other.npz", numbers=np.zeros(3))
     (tmp_path / "broken.npz").write_bytes(b"PK")
-    save_policy(trained.policy, tmp_path / "mine.npz", {})
-    with np.load(tmp_path / "mine.npz") as stored:
-        arrays = dict(stored)
-    np.savez(tmp_path / "cut.npz", **{**arrays, ".cell.bias_n": np.zeros(3)})
-    for name, words in (("other", "holds no policy"), ("broken", "holds no policy"), ("cut", "has shape")):
-        with pytest.raises(ValueError, match=words):
+    (tmp_path / "empty.npz").write_bytes(b"")
+    header = dict(sizes=trained.policy.sizes._asdict(), made=dict(hidden=16, width=64, gain=20.0), about={})
+    arrays = named_arrays(trained.policy)
+    write_arrays(tmp_path / "cut.npz", FORMAT, header, {**arrays, ".cell.bias_n": np.zeros(3)})
+    write_arrays(tmp_path / "nan.npz", FORMAT, header, {**arrays, ".cell.bias_n": np.full(16, np.nan, np.float32)})
+    write_arrays(tmp_path / "old.npz", "jshape-policy 1", header, arrays)
+    for name, words in {
+        **dict.fromkeys(("other", "broken", "empty"), "cannot be read"),
+        "cut": "has shape",
+        "nan": "'.cell.bias_n' is not finite",
+        "old": "its format is 'jshape-policy 1'",
+    }.items():
+        with pytest.raises(ValueError, match=words) as caught:
             load_policy(tmp_path / f"{name}.npz")
+        assert str(caught.value).startswith(f"{tmp_path / name}.npz: ")
     with pytest.raises(ValueError, match="there is no policy 'DuffingPayload_paper_noisy'"):
         load_policy("DuffingPayload", context="noisy")
+
+
+def test_damaged_policies_and_checkpoints_are_named_in_a_line(params, trained, tmp_path):
+    random = np.random.default_rng(0)
+    path, checkpoint = tmp_path / "mine.npz", tmp_path / "checkpoint.npz"
+    save_policy(trained.policy, path, {"environment": "DuffingPayload"})
+    write_arrays(checkpoint, "jshape-training 1", {"training": "another"}, {"records": np.zeros((1, 3))})
+    readers = {path: load_policy, checkpoint: lambda path: train(params, RECIPE, checkpoint=path)}
+    for file, read in readers.items():
+        content, messages = file.read_bytes(), []
+        for _ in range(300 if file == path else 20):
+            file.write_bytes(damaged(content, random))
+            try:
+                assert eqx.tree_equal(read(file), trained.policy)
+            except ValueError as error:
+                messages.append(str(error))
+        assert len(messages) >= 20
+        assert all(str(file) in words and "\n" not in words for words in messages)
 
 
 @pytest.mark.parametrize("path", sorted(POLICIES.glob("*.npz")), ids=lambda path: path.stem)
@@ -217,11 +255,11 @@ def test_a_training_that_diverges_ends_with_the_policy_before(params, tmp_path):
 
 def test_another_trainings_checkpoint_is_refused(params, tmp_path):
     path = tmp_path / "checkpoint.npz"
-    np.savez(path, digest="another")
+    write_arrays(path, "jshape-training 1", {"training": "another"}, {"records": np.zeros((1, 3))})
     with pytest.raises(ValueError, match="is of another training"):
         train(params, RECIPE, checkpoint=path)
     path.write_bytes(b"nothing")
-    with pytest.raises(ValueError, match="is of another training"):
+    with pytest.raises(ValueError, match=r"checkpoint\.npz: cannot be read: "):
         train(params, RECIPE, checkpoint=path)
     assert path.read_bytes() == b"nothing"
 

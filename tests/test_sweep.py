@@ -136,8 +136,8 @@ def test_an_interrupted_sweep_goes_on_and_ends_with_the_same_bits(tmp_path, monk
     with pytest.raises(KeyboardInterrupt):
         call(store=tmp_path / "store", progress=stop)
     assert seen == [(0, 5), (1, 5), (2, 5)]
-    kept = sorted(p.name for p in (tmp_path / "store").glob("chunk_*.npy"))
-    assert kept == ["chunk_000000.npy", "chunk_000001.npy"]
+    kept = sorted(p.name for p in (tmp_path / "store").glob("chunk_*.npz"))
+    assert kept == ["chunk_000000.npz", "chunk_000001.npz"]
     before = (tmp_path / "store" / kept[0]).stat().st_mtime_ns
     again = call(store=tmp_path / "store")
     assert (tmp_path / "store" / kept[0]).stat().st_mtime_ns == before
@@ -220,7 +220,7 @@ def test_plants_of_like_frequency_run_together(monkeypatch, tmp_path):
     again = call(store=tmp_path / "store", progress=lambda stage, *at: seen.append(at))
     np.testing.assert_array_equal(again.residual_energy, ds.residual_energy)
     assert seen[0][0] == 3
-    assert seen[-1][0] == seen[-1][1] == len(list((tmp_path / "store").glob("*.npy")))
+    assert seen[-1][0] == seen[-1][1] == len(list((tmp_path / "store").glob("*.npz")))
 
 
 def test_a_store_knows_a_function_by_what_it_computes(tmp_path):

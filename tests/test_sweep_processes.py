@@ -70,8 +70,8 @@ sweep(store=sys.argv[1], progress=report)
         assert "3\n" in process.stdout
         process.send_signal(signal.SIGKILL)
     assert process.returncode == -signal.SIGKILL
-    kept = sorted((tmp_path / "store").glob("*.npy"))
-    assert [path.name for path in kept] == [f"chunk_{i:06d}.npy" for i in range(3)]
+    kept = sorted((tmp_path / "store").glob("*.npz"))
+    assert [path.name for path in kept] == [f"chunk_{i:06d}.npz" for i in range(3)]
     before = [path.stat().st_mtime_ns for path in kept]
     run(SAVE, str(tmp_path / "values.npz"), str(tmp_path / "store"))
     assert [path.stat().st_mtime_ns for path in kept] == before
@@ -137,7 +137,7 @@ def test_a_cluster_loses_a_worker_half_way(whole, tmp_path):
     store = tmp_path / "store"
     arguments = [str(tmp_path / "values.npz"), str(tmp_path), str(store)]
     subprocess.run([sys.executable, str(program), *arguments], check=True, timeout=300)
-    assert len(list(store.glob("chunk_*.npy"))) == 8
+    assert len(list(store.glob("chunk_*.npz"))) == 8
     for name, found in values(tmp_path / "values.npz").items():
         assert found.dtype == np.float64
         np.testing.assert_array_equal(found, whole[name])

@@ -62,7 +62,8 @@ def test_nominal_with_force(id):
     first, final, t2 = ANSWERS[id].value
     plant = plants.ForcedMass(1.0, plants.Duffing(1.0, final - 1.0))
     solution = js.tune(plant, final, impulses=2, starts=2)
-    assert solution.objective <= 1e-20
+    # Energies of a softening spring, of some 0.2 J, are differences: two units of their last place.
+    assert solution.objective <= 1e-16
     assert float(solution.shaper.amplitudes[0] * final) == pytest.approx(first, abs=1e-10)
     assert float(solution.shaper.times[1]) == pytest.approx(t2, abs=1e-10)
 
@@ -108,8 +109,15 @@ def test_nominal_with_a_given_duration(plant):
     missed = js.tune(plant, 1.0, impulses=3, duration=0.5, starts=4, iterations=20)
     assert missed.objective > 0.1
     assert obeys(missed.shaper, 0, 1, duration=0.5)
-    assert missed.status is js.Status.STOPPED
-    assert not missed.converged
+    # The least energy there is: no other positive shaper of that duration leaves less (9,000 of them).
+    assert missed.converged
+    assert "no shaper" in missed.message
+    first, second, middle = (part.reshape(-1) for part in np.meshgrid(*[np.linspace(0, 1, 21)] * 3))
+    some = first + second <= 1
+    amplitudes = np.stack([first, second, 1 - first - second], 1)[some]
+    times = np.stack([0 * middle, 0.5 * middle, 0 * middle + 0.5], 1)[some]
+    others = jax.jit(jax.vmap(lambda shaper: js.residual_energy(plant, shaper, 1.0)))(js.Shaper(amplitudes, times))
+    assert missed.objective <= float(jnp.min(others)) * (1 + 1e-9)
     assert missed.objective == pytest.approx(float(js.residual_energy(plant, missed.shaper, 1.0)), rel=1e-9)
 
 
@@ -131,7 +139,7 @@ def solutions(plant):
 def test_worst_case_of_the_papers_plant(solutions, plant, staircase):
     solution = solutions["worst"]
     assert solution.status is js.Status.CONVERGED
-    assert solution.message.startswith("converged: worst case 0.00593969 J, the best of 4 refined starts")
+    assert solution.message.startswith("converged: worst case 0.00593977 J, the best of 4 refined starts")
     assert solution.objective == pytest.approx(0.00593987, rel=1e-3)
     assert obeys(solution.shaper, 0, 1, DURATION)
     # Against the paper's shaper of that duration, 0.0413 J in its worst case.
@@ -181,7 +189,7 @@ def test_no_neighbour_is_better(objective, solutions):
 @pytest.mark.slow
 def test_objectives_are_consistent(solutions):
     values = {
-        (tuned, judged): value_of(judged, solution.energies)
+        (tuned, judged): value_of(judged, solution.energies[:41] if judged != "worst" else solution.energies)
         for tuned, solution in solutions.items()
         for judged in solutions
     }
@@ -192,7 +200,7 @@ def test_objectives_are_consistent(solutions):
         assert all(values[tuned, tuned] < 0.999 * values[other, tuned] for other in solutions if other != tuned)
         assert falling(solution.history)
         assert solution.history[-1] == pytest.approx(solution.objective, rel=1e-6)
-        np.testing.assert_allclose(solution.samples["m2"], OVER["m2"], rtol=1e-15)
+        np.testing.assert_allclose(solution.samples["m2"][:41], OVER["m2"], rtol=1e-15)
 
 
 ROBUST = {
@@ -241,7 +249,7 @@ def test_progress_and_interruption(plant):
     assert solution.status is js.Status.INTERRUPTED
     assert solution.message.startswith("interrupted: worst case ")
     assert obeys(solution.shaper, 0, 1, DURATION)
-    assert all(stage == "SLSQP" and done <= total == 4 for stage, done, total, _ in reports)
+    assert all(stage == "local search" and done <= total for stage, done, total, _ in reports)
     assert falling([best for *_, best in reports[:5]])
     # An interrupt does not undo what was asked for: the impulses are at multiples of the sample time.
     reports.clear()
@@ -257,7 +265,7 @@ def test_an_interrupt_before_the_first_candidate_passes(objective, plant, monkey
     def interrupt(*_):
         raise KeyboardInterrupt
 
-    name = "levenberg_marquardt" if objective == "nominal" else "descend"
+    name = "levenberg_marquardt" if objective == "nominal" else "LocalSearch.merit"
     monkeypatch.setattr(f"jshape.design.tuning.search.{name}", interrupt)
     with pytest.raises(KeyboardInterrupt):
         robustly(plant, objective=objective, starts=65)
@@ -267,9 +275,9 @@ def test_an_interrupt_before_the_first_candidate_passes(objective, plant, monkey
 def test_a_solution_is_shown_in_five_lines_and_as_html(solutions, plant):
     lines = repr(solutions["worst"]).splitlines()
     assert len(lines) == 5
-    assert lines[0].startswith("Solution(converged: worst case 0.00593969 J, ")
+    assert lines[0].startswith("Solution(converged: worst case 0.00593977 J, ")
     assert lines[1].strip() == f"shaper: {solutions['worst'].shaper!r}"
-    assert "0.00593969" in lines[2]
+    assert "0.00593977" in lines[2]
     assert "m2 = " in lines[3]
     assert "multiplier = " in lines[3]
     nominal = js.tune(plant, 1.0, impulses=2, start=linear.zv(jnp.sqrt(10.0)), iterations=15)

@@ -29,7 +29,7 @@ import optax
 from jaxtyping import Array, Float, Int, PRNGKeyArray, UInt32
 
 from jshape import _check
-from jshape._files import whole
+from jshape._files import read_arrays, write_arrays
 from jshape._types import Progress
 from jshape.status import Result, Status
 from jshape_envs.core import EnvState, Params, reset
@@ -40,6 +40,9 @@ FALL = 0.02
 
 EVERY = 50
 """Number of updates between two checkpoints."""
+
+FORMAT = "jshape-training 1"
+"""Of the checkpoints."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -252,9 +255,7 @@ def _digest(params: Params, recipe: Recipe) -> str:
 
 def _save(path: Path, training: Training, records: list[np.ndarray], digest: str) -> None:
     """Write a checkpoint."""
-    with whole(path) as file:
-        arrays: dict[str, Any] = named_arrays(training)
-        np.savez(file, allow_pickle=False, digest=digest, records=np.reshape(records, (-1, 3)), **arrays)
+    write_arrays(path, FORMAT, {"training": digest}, named_arrays(training) | {"records": np.reshape(records, (-1, 3))})
 
 
 def _load(path: Path, like: Training, digest: str) -> tuple[Training, list[np.ndarray]]:
@@ -263,12 +264,8 @@ def _load(path: Path, like: Training, digest: str) -> tuple[Training, list[np.nd
     Raises:
         ValueError: unless the file is a checkpoint of this very training.
     """
-    try:
-        with np.load(path) as stored:
-            found = {name: stored[name] for name in stored.files}
-    except (OSError, ValueError):
-        found = {}
-    if str(found.get("digest")) != digest:
+    about, found = read_arrays(path, FORMAT)
+    if about != {"training": digest}:
         raise ValueError(
             f"checkpoint: {path} is of another training (its environment or recipe differ); name another file"
         )

@@ -52,6 +52,8 @@ class MoveEnv(gym.Env):
         self._renderer: Renderer | None = None
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None):
+        if options:
+            raise ValueError(f"options must be empty: this environment's reset has none, not {options!r}")
         super().reset(seed=seed)
         if self._lanes is None or seed is not None:
             base = base_keys([self.np_random])

@@ -7,8 +7,8 @@ A seed is a set of episodes of its own, the same for every policy: payloads, mov
 policy does (but where the plant diverges, which ends the episode).
 """
 
-import json
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -22,7 +22,7 @@ from jshape import _check
 from jshape_envs.baselines import baseline
 from jshape_envs.core import EnvState, Info, Params
 from jshape_envs.parameters import parameters
-from jshape_envs.policy import AbstractPolicy, Choice, Observation, load_policy, rollout
+from jshape_envs.policy import AbstractPolicy, Choice, Observation, read_policy, rollout
 
 LIMIT = 0.05
 """The normalised residual energy under which a machine has recovered from a change."""
@@ -234,8 +234,9 @@ def named_policy(name: str, params: Params) -> AbstractPolicy:
     """
     if not name.endswith(".npz"):
         return baseline(name, params)
-    policy = load_policy(name)
-    with np.load(name) as stored:
-        about = json.loads(str(stored["header"]))["about"]
-    home = parameters(about["environment"], about["preset"], context=about["context"], action=about["action"])
+    policy, about = read_policy(Path(name))
+    try:
+        home = parameters(about["environment"], about["preset"], context=about["context"], action=about["action"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise ValueError(f"{name}: does not say which environment it is for ({error})") from None
     return Transferred(policy, home)

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jshape import Shaper, _check
+from jshape._files import read_arrays
 from jshape._types import Scalar
 from jshape.design.linear import multi_mode
 from jshape.plants import AbstractPlant
@@ -28,6 +29,8 @@ ACTIONS = ("modal", "impulses", "residual")
 
 TABLES = Path(__file__).parent / "tables"
 """The oracles of the presets, made by experiments/learning/oracles.py."""
+
+TABLE_FORMAT = "jshape-oracle 1"
 
 _TOLERANCE = 1e-5
 """Relative error of the energy after ten periods that the steps for a machine of one's own are chosen for."""
@@ -207,8 +210,8 @@ def _shipped(environment: Any, preset: str, chosen: Preset, energy_weight: float
     path = table_file(environment, preset)
     if (own.payload, own.distance) != (tuple(chosen.payload), tuple(chosen.distance)) or not path.exists():
         return None
-    with np.load(path) as stored:
-        return ShaperTable(**{name: jnp.asarray(stored[name]) for name in ShaperTable.__dataclass_fields__})
+    _, stored = read_arrays(path, TABLE_FORMAT)
+    return ShaperTable(**{name: jnp.asarray(values) for name, values in stored.items()})
 
 
 def _action(

@@ -7,7 +7,6 @@ A policy has a memory, a pytree of arrays that begins anew with every episode::
 """
 
 import abc
-import json
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,13 +17,13 @@ import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from jshape import Shaper, _check
-from jshape._files import whole
+from jshape._files import read_arrays, write_arrays
 from jshape_envs.core import EnvState, Info, Params, move, observation_names, reset
 
 POLICIES = Path(__file__).parent / "policies"
 """Trained policies that come with the package, made by experiments/learning/train.py."""
 
-FORMAT = "jshape-policy"
+FORMAT = "jshape-policy 2"
 
 
 Observation = Float[Array, " observation"]
@@ -192,9 +191,8 @@ def save_policy(policy: GRUPolicy, path: str | Path, about: dict[str, Any]) -> N
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     made = dict(hidden=policy.cell.hidden_size, width=policy.head.width_size, gain=policy.gain)
-    header = json.dumps(dict(format=FORMAT, version=1, sizes=policy.sizes._asdict(), made=made, about=about))
-    with whole(path) as file:
-        np.savez_compressed(file, allow_pickle=False, header=np.asarray(header), **named_arrays(policy))
+    header = dict(sizes=policy.sizes._asdict(), made=made, about=about)
+    write_arrays(path, FORMAT, header, named_arrays(policy))
 
 
 def load_policy(name: str | Path, preset: str = "paper", context: str = "hidden") -> GRUPolicy:
@@ -214,16 +212,25 @@ def load_policy(name: str | Path, preset: str = "paper", context: str = "hidden"
         raise ValueError(
             f"name: there is no policy {path if path == Path(name) else repr(path.stem)}; there are {there}"
         )
+    return read_policy(path)[0]
+
+
+def read_policy(path: Path) -> tuple[GRUPolicy, dict[str, Any]]:
+    """A policy from its file, and what it is for, as ``save_policy`` was given it.
+
+    Raises:
+        ValueError: that names the file, if it holds no policy, or weights that are not finite.
+    """
+    header, found = read_arrays(path, FORMAT)
     try:
-        with np.load(path) as stored:
-            found = {key: stored[key] for key in stored.files}
-        header = json.loads(str(found["header"]))
-        if header["format"] != FORMAT:
-            raise KeyError("format")
         blank = eqx.filter_eval_shape(GRUPolicy, Sizes(**header["sizes"]), jax.random.key(0), **header["made"])
-        return with_arrays(blank, found)
-    except (OSError, KeyError, TypeError, ValueError) as error:
-        raise ValueError(f"name: {path} holds no policy ({error})") from None
+        policy, about = with_arrays(blank, found), dict(header["about"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise ValueError(f"{path}: holds no policy ({error})") from None
+    for name, value in found.items():
+        if not np.all(np.isfinite(value)):
+            raise ValueError(f"{path}: holds no policy ({name!r} is not finite)")
+    return policy, about
 
 
 def policy_file(environment: str, preset: str = "paper", context: str = "hidden") -> Path:

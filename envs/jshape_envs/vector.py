@@ -78,9 +78,11 @@ class MoveVectorEnv(gym.vector.VectorEnv):
     def _mask(self, options: dict[str, Any] | None) -> np.ndarray:
         """The lanes that a reset begins anew."""
         mask = np.ones(self.num_envs, bool)
-        if options and "reset_mask" in options:
-            mask = np.asarray(options["reset_mask"], bool)
-            if mask.shape != (self.num_envs,) or not mask.any():
+        if options and (not isinstance(options, dict) or set(options) != {"reset_mask"}):
+            raise ValueError(f"options must hold reset_mask alone, or nothing, not {options!r}")
+        if options:
+            mask = np.asarray(options["reset_mask"])
+            if mask.shape != (self.num_envs,) or mask.dtype != bool or not mask.any():
                 raise ValueError(f"reset_mask must have {self.num_envs} entries, one a lane, and one true at least")
             if self._lanes is None and not mask.all():
                 raise gym.error.ResetNeeded("the lanes that reset_mask leaves out have not begun: call reset first")

@@ -18,9 +18,9 @@ jax.config.update("jax_enable_x64", True)
 
 from jshape_envs import ENVIRONMENTS, parameters  # noqa: E402
 from jshape_envs.design import design_table  # noqa: E402
-from jshape_envs.parameters import TABLES, table_file  # noqa: E402
+from jshape_envs.parameters import TABLE_FORMAT, TABLES, table_file  # noqa: E402
 
-from jshape._files import whole  # noqa: E402
+from jshape._files import write_arrays  # noqa: E402
 
 
 def main(names: list[str]) -> None:
@@ -35,8 +35,7 @@ def main(names: list[str]) -> None:
             # Single precision keeps the file small and loses nothing: the costs are flat about the shapers.
             arrays: Any = {key: np.asarray(getattr(table, key), np.float32) for key in table.__dataclass_fields__}
             path = table_file(name, preset)
-            with whole(path) as file:
-                np.savez_compressed(file, **arrays)
+            write_arrays(path, TABLE_FORMAT, {"environment": name, "preset": preset}, arrays)
             took, size = time.perf_counter() - begin, path.stat().st_size / 1024
             print(f"{name}, {preset}: {took:.1f} s, {size:.0f} kB", flush=True)
 

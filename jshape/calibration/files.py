@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from jshape import _check
+from jshape._files import printable, read_bytes
 from jshape.calibration.spectrum import Spectrum, normalised, power_spectrum
 
 COMPONENTS = ("xyz", "x", "y", "z")
@@ -70,10 +71,7 @@ def _read(path: Path, component: str) -> list[Spectrum]:
 
 
 def _text(path: Path) -> str:
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise ValueError(f"{path}: cannot be read: {error.strerror or error}") from None
+    data = read_bytes(path)
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -124,7 +122,7 @@ def _spectra(path: Path, header: int, heading: list[str], rows: Iterable[Row], c
         raise _problem(path, header, f"has no column psd_{component}: the sets are sums of all directions")
     with _located(path, lines[-1]):
         return [
-            Spectrum(name, frequencies, density if done else normalised(frequencies, density))
+            Spectrum(printable(name), frequencies, density if done else normalised(frequencies, density))
             for name, density in chosen.items()
         ]
 
@@ -157,7 +155,7 @@ def _record(path: Path, rows: Iterable[Row], component: str) -> Spectrum:
     with _located(path, lines[-1]):
         frequencies, densities = power_spectrum(values[:, 0], values[:, 1:])
         density = densities.sum(axis=1) if component == "xyz" else densities[:, "xyz".index(component)]
-        return Spectrum(path.name, frequencies, normalised(frequencies, density))
+        return Spectrum(printable(path.name), frequencies, normalised(frequencies, density))
 
 
 def _table(path: Path, rows: Iterable[Row], width: int, blank: int | None = None) -> tuple[np.ndarray, list[int]]:

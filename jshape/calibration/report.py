@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from jshape import _check
-from jshape._files import write_results
+from jshape._files import write_results, write_text
 from jshape._types import Progress
 from jshape.calibration.fit import HIGHEST, fit_all
 from jshape.calibration.modes import Mode, identify, remaining_of, step_response
@@ -162,10 +162,10 @@ def write(found: Calibration, folder: Path, axis: str, reprap: bool = False) -> 
     Returns:
         The files' names.
     """
-    (folder / "shapers").mkdir(parents=True, exist_ok=True)
     names = ["results.json", "paste.txt"]
     write_results(folder, numbers(found))
-    (folder / "paste.txt").write_text(lines(found, axis, reprap), encoding="utf-8")
+    write_text(folder / "paste.txt", lines(found, axis, reprap))
+    (folder / "shapers").mkdir(exist_ok=True)
     for rated in found.shapers:
         export(rated.shaper, "json", folder / "shapers" / f"{rated.name}.json", name=rated.name)
         export(rated.shaper, "csv", folder / "shapers" / f"{rated.name}.csv")

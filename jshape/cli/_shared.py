@@ -6,8 +6,10 @@ Nothing here imports JAX before a command runs, so that help comes at once.
 import atexit
 import gc
 import importlib.util
+import io
 import math
 import os
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -33,10 +35,12 @@ def checked(name: str, out: Path | None) -> tuple["Draft", Path]:
 
     Code of the problem's own is named before it runs.
     """
+    from jshape._files import check_unedited
     from jshape.problems.reading import read
 
     draft = read(name)
     folder = results_folder(out, f"{draft.path.stem}-results")
+    check_unedited(folder, draft.text)
     if draft.foreign:
         typer.echo(f"{draft.path}: runs code of its own, the plant {draft.foreign}", err=True)
     return draft, folder
@@ -57,7 +61,7 @@ def results_folder(out: Path | None, name: str) -> Path:
     """The folder asked for, or the one of that name.
 
     Raises:
-        ValueError: if it holds files that are not jshape's.
+        ValueError: if it holds files that are not jshape's, or cannot be written to.
     """
     from jshape._files import check_writable
 
@@ -97,11 +101,22 @@ def need_environments() -> None:
 
 @contextmanager
 def explained() -> Iterator[None]:
-    """Report what the user did wrong in a line, without a traceback; an interrupt ends quietly."""
+    """Report what the user did wrong, and a file that cannot be written, in a line; an interrupt ends quietly.
+
+    What cannot be printed, such as a file's name that is no UTF-8, is printed as escapes.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
     try:
         yield
-    except ValueError as error:
-        typer.echo(f"jshape: {error}", err=True)
+    except (ValueError, OSError, MemoryError) as error:
+        if isinstance(error, BrokenPipeError):
+            raise
+        words = str(error) or "the memory is full"
+        if isinstance(error, OSError) and error.strerror and error.filename is not None:
+            words = f"{error.filename}: {error.strerror}"
+        typer.echo(f"jshape: {' '.join(words.split())}", err=True)
         raise typer.Exit(2) from None
     except KeyboardInterrupt:
         typer.echo("jshape: interrupted", err=True)
@@ -118,8 +133,8 @@ def progress_line() -> Iterator[tuple[Callable[[str], None], "Progress"]]:
     from rich.console import Console
     from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-    console = Console(stderr=True)
-    columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(20), TimeElapsedColumn())
+    console = Console(stderr=True, markup=False, emoji=False)
+    columns = (SpinnerColumn(), TextColumn("{task.description}", markup=False), BarColumn(20), TimeElapsedColumn())
     with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task("", total=None)
 

@@ -47,7 +47,7 @@ def evaluate(
     from jshape_envs.policy import shipped_policy
 
     from jshape import _check
-    from jshape._files import write_results
+    from jshape._files import printable, write_results
     from jshape.problems.catalogue import suggestion
     from jshape.reports import plot
 
@@ -75,7 +75,8 @@ def evaluate(
             # What is judged is kept, whatever happens to the others.
             write_results(folder, {**chosen, "policies": found})
         step("figure")
-        regrets = {Path(name).stem if name.endswith(".npz") else name: row["regret"] for name, row in found.items()}
+        shown = {name: printable(Path(name).stem) if name.endswith(".npz") else name for name in found}
+        regrets = {shown[name]: row["regret"] for name, row in found.items()}
         plot.save(plot.regret(regrets), folder / "regret.png")
     show(f"{environment}, {preset}, payload {context}: {seeds} seeds of {episodes} episodes", found)
     typer.echo(f"results in {folder}: results.json, regret.png, regret.pdf")

@@ -37,6 +37,7 @@ def export(
 ) -> None:
     """Write a shaper for a machine: C, Structured Text, a printer's firmware, MATLAB, SciPy, NumPy, JSON, CSV."""
     prepare_jax()
+    from jshape._files import whole
     from jshape.export import FORMATS, as_bytes, read_shaper
     from jshape.export import export as export_as
 
@@ -65,10 +66,8 @@ def export(
         return
     if out.exists() and not force:
         raise ValueError(f"{out}: exists already, and is left as it is; --force writes over it")
-    try:
-        out.write_bytes(as_bytes(made))
-    except OSError as error:
-        raise ValueError(f"{out}: cannot be written: {error.strerror}") from None
+    with whole(out) as file:
+        file.write(as_bytes(made))
     typer.echo(f"{out}: written ({FORMATS[format].what})")
 
 
@@ -79,9 +78,17 @@ def seconds(text: str, name: str) -> float:
         ValueError: if it is no such time.
     """
     try:
-        return float(quantity(text, "s"))
+        return in_unit(text, "s")
     except ValueError as error:
         raise ValueError(f"{name} {error}") from None
+
+
+def in_unit(text: str, unit: str) -> float:
+    """A number, in that unit unless it has one of its own."""
+    try:
+        return float(text)
+    except ValueError:
+        return float(quantity(text, unit))
 
 
 def pair(text: str) -> tuple[float, float]:
@@ -91,7 +98,7 @@ def pair(text: str) -> tuple[float, float]:
         ValueError: if it is no such pair.
     """
     try:
-        omega, zeta = (float(quantity(part, unit)) for part, unit in zip(text.split(","), ("rad/s", ""), strict=True))
+        omega, zeta = (in_unit(part, unit) for part, unit in zip(text.split(","), ("rad/s", ""), strict=True))
     except ValueError:
         raise ValueError(f"--mode must be OMEGA,ZETA such as 9.0,0.017, not {text!r}") from None
     return omega, zeta

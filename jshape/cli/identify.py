@@ -34,11 +34,13 @@ def identify(
 ) -> None:
     """Find a machine's frequencies and damping ratios, with their uncertainty, and write a problem file for them."""
     prepare_jax()
+    from jshape._files import check_unedited
     from jshape.identification.files import write
     from jshape.identification.from_csv import identify_csv
     from jshape.reports.tables import new_console, show_table
 
     folder = results_folder(out, f"{data.stem}-results")
+    check_unedited(folder)
     with progress_line() as (step, progress):
         step("reading")
         found = identify_csv(

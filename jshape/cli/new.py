@@ -27,6 +27,7 @@ def new(
     ] = None,
 ) -> None:
     """Write a commented problem file to begin from; on a terminal, without arguments, three questions are asked."""
+    from jshape._files import write_text
     from jshape.problems import starters
     from jshape.problems.reading import shipped
 
@@ -44,7 +45,7 @@ def new(
     elif plant is not None:
         starter = starters.find(plant)
     if starter is not None:
-        path.write_text(starters.text(starter), encoding="utf-8")
+        write_text(path, starters.text(starter))
     else:
         _copy(shipped(), like or "paper_001", path)
     typer.echo(f"{path}: written. Next: jshape tune {path}")
@@ -52,6 +53,7 @@ def new(
 
 def _copy(files: dict[str, Path], like: str, path: Path) -> None:
     """A shipped problem, and the code beside it, if it has some."""
+    from jshape._files import write_text
     from jshape.problems.catalogue import suggestion
 
     if like not in files:
@@ -61,7 +63,7 @@ def _copy(files: dict[str, Path], like: str, path: Path) -> None:
     code = files[like].with_suffix(".py")
     for source, target in ((files[like], path), (code, path.parent / code.name)):
         if source.exists() and not target.exists():
-            target.write_text(source.read_text(encoding="utf-8"), encoding="utf-8")
+            write_text(target, source.read_text(encoding="utf-8"))
 
 
 def _on_terminal() -> bool:

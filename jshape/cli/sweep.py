@@ -31,6 +31,7 @@ def sweep(
     if not draft.over:
         raise ValueError(f"{problem}: nothing is uncertain; it needs an [uncertainty] table")
     read = made(draft)
+    from jshape._files import printable
     from jshape.design.closed_forms import closed_forms
     from jshape.export import read_shaper
     from jshape.reports.results import write_sweep
@@ -48,9 +49,10 @@ def sweep(
         step("closed-form shapers")
         shapers, left_out = closed_forms(read.plant, read.distance)
         for path in shaper:
-            if path.stem in shapers:
-                raise ValueError(f"--shaper {path}: there is a shaper of that name already, {path.stem!r}")
-            shapers[path.stem] = read_shaper(path)
+            name = printable(path.stem)
+            if name in shapers:
+                raise ValueError(f"--shaper {path}: there is a shaper of that name already, {name!r}")
+            shapers[name] = read_shaper(path)
         step("sweep")
         try:
             found = sweep_plants(

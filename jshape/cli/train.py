@@ -34,7 +34,7 @@ def train(
     from jshape_envs.parameters import parameters
     from jshape_envs.policy import save_policy
 
-    from jshape._files import write_results
+    from jshape._files import whole, write_results
     from jshape.reports import plot
     from jshape.status import Status
 
@@ -67,9 +67,10 @@ def train(
     save_policy(found.policy, folder / "policy.npz", about)
     columns = found.history._asdict()
     rows = np.stack(list(columns.values()), axis=1)
-    np.savetxt(folder / "history.csv", rows, fmt="%.9g", delimiter=",", header=",".join(columns), comments="")
-    plot.save(plot.learning(columns["moves"], columns["reward"], columns["regret"]), folder / "learning.png")
+    with whole(folder / "history.csv") as file:
+        np.savetxt(file, rows, fmt="%.9g", delimiter=",", header=",".join(columns), comments="")
     write_results(folder, {**about, "ended": True, "scores": scores})
+    plot.save(plot.learning(columns["moves"], columns["reward"], columns["regret"]), folder / "learning.png")
     typer.echo(
         f"mean reward {scores['reward']:.4f}, regret against the oracle {scores['regret']:.4f}, "
         f"residual {100 * scores['residual']:.2f} %, under 5 % within two moves after "

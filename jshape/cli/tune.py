@@ -35,6 +35,7 @@ def tune(
 ) -> None:
     """Tune a shaper for a problem and set it beside every closed form that applies."""
     with explained(), begun(problem, out) as (read, folder, draw):
+        from jshape._files import write_text
         from jshape.design.closed_forms import closed_forms
         from jshape.design.tuning.tune import tune as tune_shaper
         from jshape.export import read_shaper
@@ -63,7 +64,7 @@ def tune(
             result = report.build(read, solution, step, closed.result())
             figures = report.write(result, folder, step, draw)
         if latex:
-            (folder / "table.tex").write_text(latex_table(result), encoding="utf-8")
+            write_text(folder / "table.tex", latex_table(result))
         show_report(result, folder, figures)
         if solution.status is Status.INTERRUPTED:
             raise typer.Exit(130)
@@ -72,6 +73,7 @@ def tune(
 def compare(problem: ProblemFile, out: Out = None, latex: Latex = False) -> None:
     """Set the closed-form shapers that apply to a problem side by side, without tuning."""
     with explained(), begun(problem, out) as (read, folder, draw):
+        from jshape._files import write_text
         from jshape.reports import report
         from jshape.reports.tables import latex_table, show_report
 
@@ -79,5 +81,5 @@ def compare(problem: ProblemFile, out: Out = None, latex: Latex = False) -> None
             result = report.build(read, None, step)
             figures = report.write(result, folder, step, draw)
         if latex:
-            (folder / "table.tex").write_text(latex_table(result), encoding="utf-8")
+            write_text(folder / "table.tex", latex_table(result))
         show_report(result, folder, figures)

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jshape import _check
+from jshape._files import whole
 from jshape.export.c99 import c99
 from jshape.export.firmware import klipper, marlin, reprapfirmware
 from jshape.export.matlab import matlab
@@ -114,7 +115,8 @@ def export(shaper: Shaper, format: str, path: str | Path | None = None, **option
         )
     made = FORMATS[format].make(shaper, **options)
     if path is not None:
-        Path(path).write_bytes(as_bytes(made))
+        with whole(Path(path)) as file:
+            file.write(as_bytes(made))
     return made
 
 

@@ -42,6 +42,7 @@ def on_off(
     checked = pairs(modes)
     if not checked:
         raise ValueError("modes is empty: at least one (omega, zeta) is needed, to judge the rounding by")
+    _check.samples(float(times[-1]), sample_time)
     cycles = switching_cycles(amplitudes, times, sample_time, checked)
     rounded = Shaper(amplitudes, cycles * sample_time)
     table = [f"    {'cycle':>8} {'s':>12}"]

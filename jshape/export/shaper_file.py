@@ -5,16 +5,19 @@
 
 import csv
 import json
-import zipfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from jshape._files import in_a_line, read_npz, read_text
 from jshape.shaper import Shaper
 
 FORMAT = "jshape-shaper"
 VERSION = 1
+
+_MOST = 2**24
+"""Bytes of a shaper file that are read."""
 
 
 def as_record(shaper: Shaper, name: str = "") -> dict[str, Any]:
@@ -50,9 +53,9 @@ def read_shaper(path: str | Path) -> Shaper:
     path = Path(path)
     try:
         if path.suffix.lower() == ".npz":
-            with np.load(path, allow_pickle=False) as arrays:
-                return Shaper(arrays["amplitudes"], arrays["times"])
-        text = path.read_text(encoding="utf-8")
+            arrays = read_npz(path)
+            return Shaper(arrays["amplitudes"], arrays["times"])
+        text = read_text(path, _MOST)
         if path.suffix.lower() == ".csv":
             rows = list(csv.DictReader(text.splitlines()))
             times, amplitudes = [float(row["time_s"]) for row in rows], [float(row["amplitude"]) for row in rows]
@@ -64,5 +67,6 @@ def read_shaper(path: str | Path) -> Shaper:
         return Shaper(amplitudes, times)
     except KeyError as error:
         raise ValueError(f"{path}: not a shaper file: {error} is missing") from None
-    except (OSError, ValueError, TypeError, zipfile.BadZipFile) as error:
-        raise ValueError(f"{path}: not a shaper file: {error}") from None
+    except (ValueError, TypeError, OverflowError, RecursionError, csv.Error) as error:
+        message = in_a_line(str(error).removeprefix(f"{path}: "))
+        raise ValueError(f"{path}: not a shaper file: {message}") from None

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from jshape._files import printable, read_bytes
 from jshape.identification.records import Record, RecordError
 
 MISSING_WORDS = ("", "nan", "na", "n/a", "null", "none", "-", "--", "#n/a", "missing")
@@ -68,7 +69,7 @@ def read_csv(
                 name = header[column] if header else f"column {column + 1}"
                 raise RecordError(f"{path}:{line}: {name}: {row[column][:40]!r} is no number")
             data[i, j] = value
-    names = [header[j].strip() if header and header[j].strip() else f"column {j + 1}" for j in chosen]
+    names = [printable(header[j].strip()) if header and header[j].strip() else f"column {j + 1}" for j in chosen]
     driven = None
     if inputs is not None:
         driven, data, names = data[:, -1], data[:, :-1], names[:-1]
@@ -84,9 +85,9 @@ def read_csv(
 
 def _text(path: Path) -> str:
     try:
-        raw = path.read_bytes()
-    except OSError as error:
-        raise RecordError(f"{path}: cannot be read: {error.strerror or error}") from None
+        raw = read_bytes(path)
+    except ValueError as error:
+        raise RecordError(str(error)) from None
     for encoding in ("utf-16",) if raw[:2] in (b"\xff\xfe", b"\xfe\xff") else ("utf-8-sig", "cp1252", "latin-1"):
         try:
             text = raw.decode(encoding)

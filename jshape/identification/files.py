@@ -1,12 +1,13 @@
 """The files of an identification: plain numbers, the fit beside the record, a problem to tune, a figure."""
 
 import csv
+import io
 import json
 from pathlib import Path
 
 import numpy as np
 
-from jshape._files import write_results
+from jshape._files import digest, printable, write_results, write_text
 from jshape.identification.result import Identified
 from jshape.reports import plot
 
@@ -23,8 +24,10 @@ def write(found: Identified, folder: Path, name: str) -> list[str]:
         The files' names.
     """
     lower, upper = found.interval()
+    name, text = printable(name), problem(found, name)
     record = {
         "identified": name,
+        "problem_digest": digest(text),
         "kind": found.kind,
         "status": found.status.value,
         "message": found.message,
@@ -36,7 +39,7 @@ def write(found: Identified, folder: Path, name: str) -> list[str]:
     }
     arrays = ("omega", "zeta", "covariance", "gains", "noise", "criteria")
     write_results(folder, record | {name: getattr(found, name).tolist() for name in arrays})
-    (folder / "problem.toml").write_text(problem(found, name), encoding="utf-8")
+    write_text(folder / "problem.toml", text)
     _write_prediction(found, folder / "prediction.csv")
     spectrum = found.kind == "spectrum"
     axis, modes = (found.axis / (2 * np.pi), found.omega / (2 * np.pi)) if spectrum else (found.axis, None)
@@ -55,9 +58,10 @@ def problem(found: Identified, name: str) -> str:
         for i, r in enumerate(reach.tolist())
         if r > 1e-6
     )
-    return f"""# Modes identified from {json.dumps(name)}.
-# {found.message}
-title = {json.dumps(f"Identified from {name}")}
+    # Of what JSON escapes, TOML knows all but the two halves of a character.
+    title = json.dumps(f"Identified from {printable(name)}", ensure_ascii=False)
+    return f"""# {printable(found.message)}
+title = {title}
 distance = 1.0   # m; put the move of your machine here
 
 [plant]
@@ -87,7 +91,8 @@ def _write_prediction(found: Identified, path: Path) -> None:
             )
             head += [f"{channel} {word} {part}".strip() for part, _ in parts]
             columns += [part for _, part in parts]
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(head)
-        writer.writerows([repr(float(value)) for value in row] for row in zip(*columns, strict=True))
+    file = io.StringIO()
+    writer = csv.writer(file)
+    writer.writerow(head)
+    writer.writerows([repr(float(value)) for value in row] for row in zip(*columns, strict=True))
+    write_text(path, file.getvalue())

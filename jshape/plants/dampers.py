@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import equinox as eqx
 
-from jshape._check import Argument, Checked, as_array, as_given, not_negative, positive
+from jshape._check import Argument, Checked, as_array, not_negative, positive, real
 from jshape._types import Scalar
 from jshape.plants.springs import as_leaf, signed_power
 
@@ -48,7 +48,7 @@ class PowerDamper(AbstractDamper):
     """
 
     c: Scalar = eqx.field(converter=Argument(not_negative))
-    power: float = eqx.field(default=3, static=True, converter=Argument(positive, convert=as_given))
+    power: float = eqx.field(default=3, static=True, converter=Argument(positive, convert=real))
 
     def force(self, velocity: Scalar) -> Scalar:
         return self.c * signed_power(velocity, self.power)

@@ -5,8 +5,8 @@ from typing import Any, ClassVar
 import jax
 import jax.numpy as jnp
 import jax.scipy.linalg
-import numpy as np
 
+from jshape._check import as_array
 from jshape._types import Inputs, Number, Scalar, State
 from jshape.plants._swing import swing
 from jshape.plants.base import Coast
@@ -33,7 +33,8 @@ class ModalPlant(AbstractModes):
     drive: ClassVar = "displacement"
 
     def __init__(self, omega: Any, zeta: Any = 0.0, gains: Any = None):
-        super().__init__(omega, zeta, 1 / np.size(omega) if gains is None else gains)
+        omega = jnp.atleast_1d(as_array(omega, "omega"))
+        super().__init__(omega, zeta, 1 / max(omega.size, 1) if gains is None else gains)
 
     def vector_field(self, t: Number, state: State, inputs: Inputs) -> State:
         n = len(self.omega)

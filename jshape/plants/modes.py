@@ -25,9 +25,9 @@ class AbstractModes(AbstractPlant):
         )
 
     def __check_init__(self):
-        if not self.omega.shape == self.zeta.shape == self.gains.shape or self.omega.ndim != 1:
+        if not self.omega.shape == self.zeta.shape == self.gains.shape or self.omega.ndim != 1 or not self.omega.size:
             raise ValueError(
-                "omega, zeta and gains must be lists of the same length, not of shapes "
+                "omega, zeta and gains must be lists of the same length, at least 1, not of shapes "
                 f"{self.omega.shape}, {self.zeta.shape} and {self.gains.shape}"
             )
 

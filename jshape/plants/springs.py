@@ -19,7 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jshape import _check
-from jshape._check import Argument, Checked, as_given, finite, positive
+from jshape._check import Argument, Checked, finite, positive, real
 from jshape._roots import bracketed_root, integral, safe_sqrt
 from jshape._types import Scalar
 
@@ -153,7 +153,7 @@ class PowerLawSpring(AbstractSpring):
     """
 
     k: Scalar = eqx.field(converter=Argument(positive))
-    power: float = eqx.field(static=True, converter=Argument(positive, convert=as_given))
+    power: float = eqx.field(static=True, converter=Argument(positive, convert=real))
     odd: ClassVar = True
 
     def potential(self, x: Scalar) -> Scalar:

@@ -3,6 +3,8 @@
 import re
 from pathlib import Path
 
+from jshape.problems.limits import LENGTH
+
 
 class ProblemError(ValueError):
     """A problem file that cannot be used; the message names the file, the line and the key."""
@@ -30,6 +32,8 @@ class Lines:
 
     def error(self, keys: list[str], message: str) -> ProblemError:
         """The error at that key, or at the nearest table around it that has a line."""
+        if len(message) > LENGTH:
+            message = f"{message[:LENGTH]} ..."
         for length in range(len(keys), 0, -1):
             line = self.lines.get(tuple(".".join(keys[:length]).split("."))) or self.lines.get(tuple(keys[:length]))
             if line is not None:

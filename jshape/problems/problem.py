@@ -17,10 +17,12 @@ import numpy as np
 
 from jshape import command as commands
 from jshape import plants
+from jshape._files import printable
 from jshape.plants import AbstractPlant
 from jshape.problems.catalogue import COMMANDS, PARTS, REQUIRED, Entry, Key, described
 from jshape.problems.echo import label, understood
 from jshape.problems.lines import Lines
+from jshape.problems.lines import ProblemError as ProblemError
 from jshape.problems.reading import Draft, Part, read, with_class
 from jshape.problems.schema import Adapt, Design, Front
 from jshape.problems.units import printed
@@ -104,9 +106,9 @@ def load(name: str | Path | Draft) -> Problem:
             raise lines.error(["uncertainty", at], str(error).removeprefix(f"over[{at!r}]: ")) from None
         questions += _question(at, over[at], nominal[at], draft)
     labels = {at: label(draft.plant, at, spread.unit) for at, spread in draft.over.items()}
-    title = file.title or draft.path.stem
+    name = printable(draft.path.stem)
     return Problem(
-        draft.path.stem, title, plant, distance, over, file.design, file.pareto, file.adapt, draft.text, foreign,
+        name, file.title or name, plant, distance, over, file.design, file.pareto, file.adapt, draft.text, foreign,
         labels, understood(draft, nominal), questions,
     )  # fmt: skip
 

@@ -7,14 +7,13 @@ know, such as a load that leaves a frequency negative, is found then.
 import dataclasses
 import math
 import re
-import tomllib
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from pydantic import BaseModel, ValidationError
 
 from jshape._rules import RULES
-from jshape.problems import catalogue
+from jshape.problems import catalogue, limits
 from jshape.problems.catalogue import WORDS, Entry, Key, suggestion
 from jshape.problems.lines import Lines, ProblemError
 from jshape.problems.schema import Adapt, Design, File, Front, Range
@@ -135,14 +134,12 @@ def read(name: str | Path) -> Draft:
     """
     path = find(str(name))
     try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ProblemError(f"{path}: cannot be read as text: {error}") from None
-    try:
-        raw = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise ProblemError(f"{path}: malformed TOML: {error}") from None
+        text, raw = limits.parse(path)
+    except ValueError as error:
+        raise ProblemError(str(error)) from None
     lines = Lines(path, text)
+    for keys, message in limits.exceeded(raw):
+        raise lines.error(keys, message)
     reader = _Reader(lines, *_units(raw))
     reader.quantities(raw)
     try:
@@ -159,6 +156,8 @@ def read(name: str | Path) -> Draft:
     if file.distance is not None:
         reader.question(file.distance, reader.command, ["distance"], raw["distance"])
     over = {leaf: reader.spread(leaf, uncertain, plant) for leaf, uncertain in file.uncertainty.items()}
+    if (number := math.prod(spread.between or len(spread.values) for spread in over.values())) > limits.PLANTS:
+        raise lines.error(["uncertainty"], f"makes {number} plants, more than {limits.PLANTS}; take smaller counts")
     if file.design.objective not in (None, "nominal") and not over:
         objective = file.design.objective
         raise lines.error(["design", "objective"], f"{objective!r} needs an [uncertainty] table")

@@ -13,9 +13,8 @@ class Strict(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 
 
-Positive = Annotated[float, Field(gt=0, strict=False)]
-_Number = Annotated[float, Field(strict=False)]
-_Pair = Annotated[tuple[_Number, _Number], Field(strict=False)]
+Positive = Annotated[float, Field(gt=0)]
+_Pair = Annotated[tuple[float, float], Field(strict=False)]
 
 
 class Range(Strict):
@@ -27,7 +26,7 @@ class Range(Strict):
     low: float | str | None = None
     high: float | str | None = None
     count: int = Field(default=41, ge=2, le=100_000)
-    values: list[float | str] | None = None
+    values: Annotated[list[float | str], Field(max_length=100_000)] | None = None
 
     @model_validator(mode="after")
     def _either(self) -> "Range":
@@ -62,7 +61,7 @@ class Design(Strict):
 
     impulses: int = Field(default=3, ge=2, le=64)
     duration: Positive | list[float] | None = None
-    time_cost: Annotated[float, Field(ge=0, strict=False)] = 0.0
+    time_cost: Annotated[float, Field(ge=0)] = 0.0
     sample_time: Positive | None = None
     amplitudes: Literal["positive", "bounded", "unity", "free"] = "positive"
     limit: Positive | None = None
@@ -70,7 +69,7 @@ class Design(Strict):
     also: list[str] | dict[str, Any] = []
     peak_deflection: Positive | None = None
     speed_limit: Positive | None = None
-    command_overshoot: Annotated[float, Field(ge=0, strict=False)] | None = None
+    command_overshoot: Annotated[float, Field(ge=0)] | None = None
     starts: int = Field(default=32, ge=1, le=100_000)
     seed: int = Field(default=0, ge=0)
 
@@ -116,12 +115,19 @@ class Adapt(Strict):
     schedules: int = Field(default=0, ge=0, le=100_000)
     seed: int = Field(default=0, ge=0)
 
+    @model_validator(mode="after")
+    def _bounded(self) -> "Adapt":
+        for name, length, most in (("sample_time", self.sample_time, 1_000_000), ("period", self.period, 100_000)):
+            if self.duration / length > most:
+                raise ValueError(f"duration must be at most {most} times {name}, not {self.duration / length:.3g}")
+        return self
+
 
 class File(Strict):
     """A whole problem file."""
 
     title: str = ""
-    distance: float | None = Field(default=None, strict=False)
+    distance: float | None = None
     command: dict[str, Any] | None = None
     plant: dict[str, Any]
     uncertainty: dict[str, Range] = {}

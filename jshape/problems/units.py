@@ -97,6 +97,8 @@ def quantity(value: Any, unit: str | None) -> Any:
     if not found or len(value) > LONGEST or not math.isfinite(float(found[1])):
         raise ValueError(f"must be a number, or a quantity such as {example!r}, not {value[:LONGEST]!r}")
     number, given = float(found[1]), found[2] or ""
+    if not given and unit:
+        raise ValueError(f"must be a number, or a text with a unit such as {example!r}, not {value!r}")
     if given == unit or not given:
         return number
     if unit is not None and "^p" in unit:

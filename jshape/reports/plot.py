@@ -18,7 +18,18 @@ from matplotlib.ticker import NullFormatter
 
 from jshape.reports.motion import energy as energy
 from jshape.reports.motion import response as response
-from jshape.reports.style import COLOURS, LINES, STYLE, WIDTH, decades, labelled_lines, legend, looks, plain_decades
+from jshape.reports.style import (
+    COLOURS,
+    LINES,
+    STYLE,
+    WIDTH,
+    decades,
+    labelled_lines,
+    legend,
+    looks,
+    plain,
+    plain_decades,
+)
 from jshape.reports.style import save as save
 
 if TYPE_CHECKING:
@@ -92,7 +103,7 @@ def pareto(dataset: "xr.Dataset") -> Figure:
                 # Above the point, where no front is.
                 near: Any = dict(textcoords="offset points", fontsize=6, va="bottom", color="0.3")
                 near |= dict(xytext=(-3, 3), ha="right") if at > 0.6 * longest else dict(xytext=(3, 3), ha="left")
-                axis.annotate(name, (at, value), **near)
+                axis.annotate(plain(name), (at, value), **near)
         objective = f"{dataset['objective'].attrs['long_name']} (J)"
         axis.set(xlabel="duration of the shaper (s)", ylabel=objective, xlim=(0, None), yscale="log")
         axis.yaxis.set_minor_formatter(NullFormatter())
@@ -157,7 +168,7 @@ def regret(intervals: Mapping[str, tuple[float, float, float]]) -> Figure:
             middle, low, high = (1000 * x for x in intervals[name])
             axis.plot([low, high], [place, place], color=COLOURS[0])
             axis.plot(middle, place, "o", color=COLOURS[0], markersize=4)
-        axis.set_yticks(range(len(names)), names)
+        axis.set_yticks(range(len(names)), map(plain, names))
         axis.set_xlabel("regret against the oracle, 1000 × cost of a move")
     return figure
 
@@ -188,7 +199,7 @@ def prediction(
             above.plot(axis, size(fitted[:, i]), color=COLOURS[0], linewidth=0.8, rasterized=True, label="fit")
             residual = size(measured[:, i] - fitted[:, i])
             below.plot(axis, residual, color=COLOURS[1], linewidth=0.5, rasterized=True, label="residual")
-            above.set_title(names[i], loc="left")
+            above.set_title(plain(names[i]), loc="left")
             above.margins(x=0)
             if modes is not None:
                 above.set_yscale("log")
@@ -338,7 +349,7 @@ def _panels(data: "xr.DataArray", vertical: str, across: str) -> Figure:
             data[across], data[vertical], np.where(np.isfinite(values), np.maximum(values, norm.vmin or 0.0), np.nan),
             norm=norm, cmap="cividis", shading="nearest", rasterized=True,
         )  # fmt: skip
-        axis.set_title(str(name), loc="left")
+        axis.set_title(plain(str(name)), loc="left")
         axis.grid(False)
     figure.supxlabel(_label(data[across]), fontsize=8)
     figure.supylabel(_label(data[vertical]), fontsize=8)

@@ -5,6 +5,7 @@
 
 import csv
 import dataclasses
+import io
 from collections.abc import Callable, Iterator
 from importlib.metadata import version
 from pathlib import Path
@@ -13,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from jshape._files import write_results
+from jshape._files import digest, write_results, write_text
 from jshape.command import as_command
 from jshape.design.closed_forms import closed_forms
 from jshape.design.tuning.solution import Solution
@@ -168,7 +169,7 @@ def _wide(values: Any) -> np.ndarray:
 
 
 def write(report: Report, folder: Path, step: Step = lambda _: None, draw: Draw | None = None) -> list[Path]:
-    """Write the shapers, the numbers, the problem and the figures into a folder.
+    """Write the numbers, the shapers, the problem and the figures into a folder, each whole, what took longest first.
 
     Args:
         report: what is written.
@@ -182,21 +183,22 @@ def write(report: Report, folder: Path, step: Step = lambda _: None, draw: Draw 
     step("files")
     if draw is None:
         from jshape.reports.plot import draw
-    (folder / "shapers").mkdir(parents=True, exist_ok=True)
+    write_results(folder, numbers(report))
+    (folder / "shapers").mkdir(exist_ok=True)
     (folder / "figures").mkdir(exist_ok=True)
     for row in report.rows:
         stem = row.name.replace(",", "").replace(" ", "_").replace("-", "_")
         export(row.shaper, "json", folder / "shapers" / f"{stem}.json", name=row.name)
         export(row.shaper, "csv", folder / "shapers" / f"{stem}.csv")
-    (folder / "problem.toml").write_text(report.problem.text, encoding="utf-8")
+    write_text(folder / "problem.toml", report.problem.text)
     for name, curves in report.curves.items():
-        with (folder / f"sensitivity_{name}.csv").open("w", newline="", encoding="utf-8") as file:
-            table = csv.writer(file, lineterminator="\n")
-            table.writerow(["shaper", name, f"{name}_absolute", "residual_vibration"])
-            for shaper, values in curves.vibrations.items():
-                columns = (part.tolist() for part in (curves.ratios, curves.values, values))
-                table.writerows([shaper, *row] for row in zip(*columns, strict=True))
-    write_results(folder, numbers(report))
+        file = io.StringIO()
+        table = csv.writer(file, lineterminator="\n")
+        table.writerow(["shaper", name, f"{name}_absolute", "residual_vibration"])
+        for shaper, values in curves.vibrations.items():
+            columns = (part.tolist() for part in (curves.ratios, curves.values, values))
+            table.writerows([shaper, *row] for row in zip(*columns, strict=True))
+        write_text(folder / f"sensitivity_{name}.csv", file.getvalue())
     paths = []
     for name, kind, values in figures(report, step):
         path = folder / "figures" / f"{name}.png"
@@ -232,6 +234,7 @@ def numbers(report: Report) -> dict[str, Any]:
         }
     return {
         "problem": report.problem.name,
+        "problem_digest": digest(report.problem.text),
         "title": report.problem.title,
         "units": {"times": "s", "energies": "J", "vibrations": "fraction of the distance"},
         "shapers": rows,

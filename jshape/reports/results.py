@@ -4,7 +4,7 @@ from pathlib import Path
 
 import xarray as xr
 
-from jshape._files import write_results
+from jshape._files import whole, write_results, write_text
 from jshape.problems.problem import Problem
 from jshape.reports import plot
 from jshape.sweeps.sweep import summary
@@ -19,11 +19,11 @@ def write_sweep(problem: Problem, found: xr.Dataset, folder: Path) -> list[str]:
     summaries = {str(metric): summary(found[metric]) for metric in found.data_vars}
     rows = {metric: part.to_dataframe().to_dict("index") for metric, part in summaries.items()}
     write_results(folder, {"problem": problem.name, "sweep": found.attrs, "metrics": rows})
-    found.to_netcdf(folder / "sweep.nc", engine="scipy")
+    write_netcdf(found, folder / "sweep.nc")
     files = ["results.json", "sweep.nc"]
     leaves = [name for name in found.dims if name not in ("shaper", "sample")]
     if len(leaves) == 1:
-        found.to_dataframe().to_csv(folder / "sweep.csv")
+        write_text(folder / "sweep.csv", found.to_dataframe().to_csv(lineterminator="\n"))
         files.append("sweep.csv")
     for metric, part in summaries.items():
         # The five shapers with the best worst case; of three leaves and more, the last at their middle.
@@ -44,6 +44,12 @@ def write_front(problem: Problem, front: xr.Dataset, folder: Path) -> list[str]:
         The files' names.
     """
     write_results(folder, {"problem": problem.name, "pareto": front.to_dict()})
-    front.to_netcdf(folder / "pareto.nc", engine="scipy")
+    write_netcdf(front, folder / "pareto.nc")
     plot.save(plot.pareto(front), folder / "pareto.png")
     return ["results.json", "pareto.nc", "pareto.png", "pareto.pdf"]
+
+
+def write_netcdf(data: xr.Dataset, path: Path) -> None:
+    """Write a dataset as netCDF, whole."""
+    with whole(path) as file:
+        file.write(data.to_netcdf(engine="scipy"))

@@ -12,6 +12,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
+from jshape._files import whole
+
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 """Okabe and Ito's palette (2008), which people with any kind of colour vision can tell apart."""
 
@@ -48,10 +50,17 @@ def save(figure: Figure, path: Path) -> None:
     if layout is not None:
         layout.execute(figure)
         figure.set_layout_engine("none")
-    FigureCanvasAgg(figure).print_png(path)
+    with whole(path) as file:
+        FigureCanvasAgg(figure).print_png(file)
     figure.set_dpi(72)
-    FigureCanvasPdf(figure).print_pdf(path.with_suffix(".pdf"))
+    with whole(path.with_suffix(".pdf")) as file:
+        FigureCanvasPdf(figure).print_pdf(file)
     plt.close(figure)
+
+
+def plain(name: str) -> str:
+    """A name as data: to matplotlib dollars enclose formulas, and a label that begins with "_" is hidden."""
+    return (" " if name.startswith("_") else "") + name.replace("$", r"\$")
 
 
 def looks(names: Iterable[str]) -> dict[str, dict[str, Any]]:
@@ -76,21 +85,21 @@ def stacked(names: Sequence[str], columns: int = 1, sharey: Any = False) -> tupl
     size = (columns * WIDTH, 0.5 + 1.15 * len(names))
     figure, axes = plt.subplots(len(names), columns, figsize=size, sharex=True, sharey=sharey, squeeze=False)
     for axis, name in zip(axes[:, 0], names, strict=True):
-        axis.set_title(name, loc="left")
+        axis.set_title(plain(name), loc="left")
     return figure, axes
 
 
 def legend(figure: Figure, lines: Mapping[str, dict[str, Any]], **options: Any) -> None:
     """A legend above the panels, in one row where it is not said otherwise."""
     handles = [Line2D([], [], **line) for line in lines.values()]
-    figure.legend(handles, list(lines), loc="outside upper center", **{"ncols": len(lines), **options})
+    figure.legend(handles, list(map(plain, lines)), loc="outside upper center", **{"ncols": len(lines), **options})
 
 
 def labelled_lines(figure: Figure, axis: Any, lines: Sequence[tuple[str, Any, Any]]) -> None:
     """A line for each name, and a legend above."""
     look = looks(name for name, _, _ in lines)
     for name, x, y in lines:
-        axis.plot(x, y, label=name, **look[name])
+        axis.plot(x, y, label=plain(name), **look[name])
     axis.margins(x=0)
     if len(lines) > 1:
         legend(figure, look, ncols=2 if max(map(len, look)) > 12 else 3)

@@ -156,8 +156,8 @@ def number(value: float) -> str:
 
 def new_console() -> Console:
     """As wide as the terminal; where there is none as COLUMNS says, or 120 columns."""
-    console = Console()
-    return console if console.is_terminal or "COLUMNS" in os.environ else Console(width=120)
+    width = None if Console().is_terminal or "COLUMNS" in os.environ else 120
+    return Console(width=width, markup=False, emoji=False)
 
 
 def say(console: Console, words: str, style: str = "") -> None:

@@ -1,4 +1,8 @@
-"""Checkpoints of long computations: finished chunks are kept on disk, so that an interrupted computation resumes."""
+"""Checkpoints of long computations: finished chunks are kept on disk, so that an interrupted computation resumes.
+
+Each chunk's file says which computation and which chunk it is of, and is verified when it is read; one that is damaged,
+or another's, is computed again.
+"""
 
 import hashlib
 import json
@@ -8,10 +12,11 @@ from pathlib import Path
 
 import numpy as np
 
-from jshape._files import whole
+from jshape._files import PARTIAL, read_arrays, write_arrays, write_text
 from jshape._types import Progress
 
 MARKER = "jshape-checkpoint"
+_CHUNK = "jshape-chunk 1"
 
 
 def in_chunks(
@@ -34,13 +39,18 @@ def in_chunks(
     Raises:
         ValueError: for a folder that holds the chunks of another computation, or other files.
     """
-    missing = list(range(count))
+    missing, digest = list(range(count)), ""
     if folder is not None:
-        _claim(folder, hashlib.sha256(fingerprint()).hexdigest(), count)
-        finished = [index for index in missing if _path(folder, index).exists()]
-        missing = sorted({*missing} - {*finished})
-        for index in finished:
-            yield index, np.load(_path(folder, index), allow_pickle=False)
+        digest = hashlib.sha256(fingerprint()).hexdigest()
+        _claim(folder, digest, count)
+        for index in list(missing):
+            try:
+                about, arrays = read_arrays(_path(folder, index), _CHUNK)
+            except ValueError:
+                continue
+            if about == _about(digest, index):
+                missing.remove(index)
+                yield index, arrays["result"]
 
     def report(done: int) -> None:
         if progress is not None:
@@ -50,30 +60,34 @@ def in_chunks(
     report(done)
     for index, result in compute(missing) if missing else ():
         if folder is not None:
-            with whole(_path(folder, index)) as file:
-                np.save(file, result, allow_pickle=False)
+            write_arrays(_path(folder, index), _CHUNK, _about(digest, index), {"result": result})
         yield index, result
         done += 1
         report(done)
 
 
 def _path(folder: Path, index: int) -> Path:
-    return folder / f"chunk_{index:06d}.npy"
+    return folder / f"chunk_{index:06d}.npz"
+
+
+def _about(digest: str, index: int) -> dict[str, str | int]:
+    """What a chunk's file says of it."""
+    return {"computation": digest, "index": index}
 
 
 def _claim(folder: Path, digest: str, count: int) -> None:
     """Write the folder's manifest, or compare it with the one that is there."""
     manifest = folder / "checkpoint.json"
-    record = {"format": MARKER, "version": 1, "digest": digest, "chunks": count}
+    record = {"format": MARKER, "version": 2, "digest": digest, "chunks": count}
     if manifest.exists():
         try:
             found = json.loads(manifest.read_text(encoding="utf-8"))
-        except ValueError:
+        except (OSError, ValueError, RecursionError):
             found = None
         if found != record:
             raise ValueError(f"store: {folder} holds the chunks of another computation; name another folder")
         return
-    if folder.exists() and any(folder.iterdir()):
+    if folder.exists() and any(path.suffix != PARTIAL for path in folder.iterdir()):
         raise ValueError(f"store: {folder} holds files that are not jshape's; name another folder")
     folder.mkdir(parents=True, exist_ok=True)
-    manifest.write_text(json.dumps(record) + "\n", encoding="utf-8")
+    write_text(manifest, json.dumps(record) + "\n")

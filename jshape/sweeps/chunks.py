@@ -17,7 +17,7 @@ from jshape.compilation_cache import kept
 from jshape.plants import AbstractPlant
 from jshape.simulation.schedule import Schedule, schedule
 from jshape.simulation.simulate import fastest, state_jacobians
-from jshape.sweeps.leaves import grid, with_leaves
+from jshape.sweeps.leaves import with_leaves
 
 CHUNK = 65536
 """Plants in a chunk, and the most that an interrupted sweep computes again."""
@@ -53,13 +53,22 @@ def cut(plant: AbstractPlant, command: AbstractCommand, points: Mapping[str, np.
     if count < FEW:
         return slices(np.arange(count))
     bare = schedule(plant, command)
-    corners = grid({name: _check.on_device(np.array([values.min(), values.max()])) for name, values in points.items()})
-    number = min(2 ** len(points), _CORNERS)
-    plants = [plant, *(with_leaves(plant, {name: v[i] for name, v in corners.items()}) for i in range(number))]
+    ends = corners(points)
+    number = len(next(iter(ends.values())))
+    plants = [plant, *(with_leaves(plant, {name: v[i] for name, v in ends.items()}) for i in range(number))]
     omega = np.array([fastest(one, bare) for one in plants])
     if not np.isfinite(omega).all() or omega.max() < 4 * omega.min() or not omega.min() > 0:
         return slices(np.arange(count))
     return slices(np.argsort(_fastest_modes(plant, bare, points), kind="stable"))
+
+
+def corners(points: Mapping[str, np.ndarray]) -> dict[str, Array]:
+    """The first 64 corners of a set, leaf → a value each; of many leaves, all would be more than any memory holds."""
+    number, places = np.arange(min(2 ** len(points), _CORNERS)), reversed(range(len(points)))
+    return {
+        name: _check.on_device(np.where((number >> place) & 1, values.max(), values.min()))
+        for (name, values), place in zip(points.items(), places, strict=True)
+    }
 
 
 def slices(at: np.ndarray) -> list[Chunk]:

@@ -19,7 +19,7 @@ import numpy as np
 from jax.sharding import Mesh, PartitionSpec
 from jaxtyping import Array, Float
 
-from jshape import metrics
+from jshape import _check, metrics
 from jshape._types import Progress
 from jshape.command import AbstractCommand, as_command
 from jshape.compilation_cache import kept
@@ -141,6 +141,8 @@ def study(
     # All with the same number of impulses, so that one compiled program runs them.
     some = [Shaper([1.0], [0.0]) if shaper is None else shaper for shaper in shapers]
     longest = max(len(shaper.times) for shaper in some)
+    values = len(metrics) * (1 + len(absolute) * derivatives)
+    _check.memory(len(some) * values * len(next(iter(points.values()))), "over, with the shapers and metrics,")
     padded = [shaper.pad(longest) for shaper in some]
     stacked = jax.tree.map(lambda *leaves: np.stack(leaves), *padded)
     asked = Evaluation(plant, command, stacked, metrics, tuple(absolute) if derivatives else ())

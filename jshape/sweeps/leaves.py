@@ -7,6 +7,7 @@ grid::
     over = {"m2": jnp.linspace(0.8, 1.2, 41), "spring.k1": [0.9, 1.0, 1.1]}     # 123 plants
 """
 
+import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -84,7 +85,12 @@ def check_over(plant: AbstractPlant, over: Mapping[str, Any], relative: bool = T
 
 
 def grid(absolute: Mapping[str, Array]) -> dict[str, Array]:
-    """All combinations of the leaves' values, one entry a plant, the last leaf changing fastest."""
+    """All combinations of the leaves' values, one entry a plant, the last leaf changing fastest.
+
+    Raises:
+        ValueError: for more than the memory holds.
+    """
+    _check.memory(len(absolute) * math.prod(map(len, absolute.values())), "over")
     xp = _check.numerics(absolute)
     mesh = xp.meshgrid(*(xp.asarray(values) for values in absolute.values()), indexing="ij")
     return {name: _check.on_device(values.reshape(-1)) for name, values in zip(absolute, mesh, strict=True)}

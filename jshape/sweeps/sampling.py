@@ -36,6 +36,8 @@ def draw_sets(
         ValueError: for an unknown sampling, a range that is no pair of finite numbers, or one the wrong way round.
     """
     count = _check.count(count, "samples")
+    _check.count(seed, "seed", least=0)
+    _check.memory(count * sets * max(len(ranges), 1), "samples")
     _check.one_of(sampling, "sampling", SAMPLING)
     if not isinstance(ranges, Mapping) or not ranges:
         raise ValueError(f"over must name at least one leaf and its range, not {ranges!r}")

@@ -24,6 +24,7 @@ from jshape.adaptive.strategies.paper_cases import case
 from jshape.plants import FlexibleLink
 from jshape.problems.problem import Problem
 from jshape.reports import plot
+from jshape.reports.results import write_netcdf
 
 
 @dataclasses.dataclass(frozen=True)
@@ -98,7 +99,6 @@ def write(experiment: Experiment, folder: Path) -> list[str]:
     """Write the numbers of every move and the figures into a folder; returns the files' names."""
     settings, schedule, traces = experiment.problem.adapt, experiment.schedule, experiment.traces
     assert settings is not None
-    folder.mkdir(parents=True, exist_ok=True)
     metrics = {
         "residual": experiment.residual,
         "settling_time_s": experiment.settling,
@@ -106,13 +106,14 @@ def write(experiment: Experiment, folder: Path) -> list[str]:
     }
     moves = {name: {metric: values[name].tolist() for metric, values in metrics.items()} for name in traces}
     record: dict[str, Any] = {"problem": experiment.problem.name, "moves": moves}
-    drawn = {"accumulated": figures.accumulated(experiment.accumulated)}
     if experiment.study is not None:
         below = recovered(experiment.study)
         record["recovered"] = {str(n): below.sel(strategy=n).values.tolist() for n in below.strategy.values}
-        experiment.study.to_netcdf(folder / "study.nc", engine="scipy")
-        drawn["recovery"] = recovery(experiment.study, "residual", "residual (% of move)", 100.0)
     write_results(folder, record)
+    drawn = {"accumulated": figures.accumulated(experiment.accumulated)}
+    if experiment.study is not None:
+        write_netcdf(experiment.study, folder / "study.nc")
+        drawn["recovery"] = recovery(experiment.study, "residual", "residual (% of move)", 100.0)
     time, points, bands = settings.sample_time, settings.points, settings.bands
     shaped = {name: trace for name, trace in traces.items() if name != "unshaped"} or traces
     drawn["spectra"] = figures.spectrogram(shaped, time, points, bands)

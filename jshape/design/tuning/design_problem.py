@@ -71,7 +71,7 @@ class DesignProblem:
         if not self.scenarios.samples:
             return {}
         lengths = np.array([len(values) for values in self.uncertain.values()])
-        times = next((n for n in range(10, 1, -1) if np.prod((lengths - 1) * n + 1) <= FINEST), 1)
+        times = next((n for n in range(10, 1, -1) if np.prod((lengths - 1.0) * n + 1) <= FINEST), 1)
         finer = {}
         for name, values in self.uncertain.items():
             at = np.arange((len(values) - 1) * times + 1) / times

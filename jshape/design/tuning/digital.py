@@ -10,6 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from jshape import _check
 from jshape.design.tuning.bounds import Bounds
 from jshape.design.tuning.local_search import LocalSearch
 from jshape.design.tuning.objective import value_of
@@ -23,7 +24,8 @@ Ticks = tuple[int, ...]
 
 
 def check(sample_time: float, bounds: Bounds) -> None:
-    """*Raises* ``ValueError`` if no number of samples gives a duration within the bounds."""
+    """*Raises* ``ValueError`` if no number of samples, or one of many millions, gives a duration within the bounds."""
+    _check.samples(bounds.longest, sample_time)
     if np.floor(bounds.longest / sample_time + 1e-9) * sample_time < bounds.shortest * (1 - 1e-9):
         raise ValueError(f"duration {bounds.longest:.9g} s is no multiple of sample_time {sample_time:.9g} s")
 

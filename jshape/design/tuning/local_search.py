@@ -156,7 +156,7 @@ class LocalSearch:
         Returns:
             The design at the end, and whether it is an optimum.
         """
-        descent = Descent(self, start)
+        descent = Descent(self, start, iterations)
         descent.run(iterations)
         return descent.point, descent.optimal
 
@@ -218,10 +218,11 @@ class Descent:
     Args:
         search: what is minimised.
         start: a design within the bounds.
+        limit: iterations, at most.
     """
 
-    def __init__(self, search: LocalSearch, start: Point):
-        self.search, self.x = search, search.vector(start)
+    def __init__(self, search: LocalSearch, start: Point, limit: int):
+        self.search, self.x, self.left = search, search.vector(start), limit
         self.radius, self.penalty, self.widened = RADIUS, PENALTY, 0
         self.ended = self.optimal = self.stopped = False
         self.tolerance = LOOSEST
@@ -246,8 +247,9 @@ class Descent:
     def run(self, iterations: int) -> None:
         """So many iterations, or until an optimum."""
         for _ in range(iterations):
-            if self.ended or self.stopped:
+            if self.ended or self.stopped or not self.left:
                 return
+            self.left -= 1
             self._iterate()
 
     def _tighten(self, tolerance: float) -> None:

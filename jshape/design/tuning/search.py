@@ -19,7 +19,7 @@ from jshape._types import Progress
 from jshape.design.tuning import digital, interval
 from jshape.design.tuning.adam import descend
 from jshape.design.tuning.design_problem import DesignProblem
-from jshape.design.tuning.evaluate import DIVERGED_ENERGY, Values
+from jshape.design.tuning.evaluate import DIVERGED_ENERGY, Values, evaluate
 from jshape.design.tuning.levenberg_marquardt import levenberg_marquardt
 from jshape.design.tuning.local_search import EXCEEDED, LOOSEST, OPTIMAL, Descent, LocalSearch, Optimality
 from jshape.design.tuning.objective import objective_name, value_of
@@ -27,6 +27,7 @@ from jshape.design.tuning.scenarios import Point
 from jshape.design.tuning.solution import Solution
 from jshape.simulation.schedule import schedule
 from jshape.simulation.simulate import initial
+from jshape.simulation.steps import TOLERANCE
 from jshape.status import Status
 
 ROUNDS = ((12, 4), (5, 6), (2, None))
@@ -107,7 +108,9 @@ class Search:
         ends = [bounds.clip(end) if inside else start for end, start, inside in zip(ends, starts, valid, strict=True)]
         # What was found with the steps of the starts is judged by steps of its own.
         final = np.array([self.judge.merit(end) for end in ends])
-        zero = np.flatnonzero(final <= self._zero)
+        # Where energies are differences, they are zero to rounding only.
+        rounded = (history[:, -1] <= self._zero) & (final <= 4 * self._eps * self._bare)
+        zero = np.flatnonzero((final <= self._zero) | rounded)
         best = int(zero[0]) if len(zero) else int(np.argmin(final))
         settled = int(np.argmax(history[best] <= max(2 * final[best], self._zero))) if valid[best] else 0
         self.history = history[best, : settled + 1].tolist()
@@ -134,12 +137,17 @@ class Search:
         self.judge.report = report
         ranked = sorted(starts, key=lambda start: self.judge.merit(start, LOOSEST))
         self._add(ranked[0], False)
-        # Each in a search of its own: two run side by side.
-        descents = [Descent(LocalSearch(self.problem, report=report), start) for start in ranked[: rounds[0][0]]]
+        descents: list[Descent] = []
         try:
+            # Here, so that two threads do not compile the same program twice.
+            self.judge.linearise(self.judge.vector(ranked[0]))
+            # Each in a search of its own: two run side by side.
+            descents = [
+                Descent(LocalSearch(self.problem, report=report), start, iterations) for start in ranked[: rounds[0][0]]
+            ]
             for size, most in rounds:
                 descents = self._distinct(descents)[:size]
-                for descent in side_by_side(descents, min(iterations, most or iterations)):
+                for descent in side_by_side(descents, most or iterations):
                     self._add(descent.point, descent.optimal)
                     done += 1
             self._exchange(descents, iterations)
@@ -149,6 +157,8 @@ class Search:
             raise
         finally:
             self.judge.report = lambda _: None
+            # Values on the set before plants were added to it are no achievement.
+            self.history = np.maximum(self.history, self.best.merit).tolist()
             self.summary = f"{self._value()}, the best of {rounds[0][0]} refined starts out of {count}"
             if self.problem.zero_is_optimal:
                 self.summary += "; no shaper with these impulses and this duration was found that leaves none"
@@ -177,8 +187,10 @@ class Search:
                     search.pose(self.problem)
                 # Those that were best on fewer plants are no candidates any more.
                 self.candidates = []
-            descents = self._distinct(descents)[:2]
-            for descent in side_by_side(descents, min(iterations, BETWEEN)):
+            descents = [one for one in self._distinct(descents)[:2] if one.left]
+            if not descents:
+                return
+            for descent in side_by_side(descents, BETWEEN):
                 self._add(descent.point, descent.optimal)
 
     def _distinct(self, descents: list[Descent]) -> list[Descent]:
@@ -252,7 +264,7 @@ class Search:
             energies=values[:plants],
             samples=samples,
             objective_on_finer_set=on_finer_set(problem, best.point, found),
-            error=error_of(problem, found),
+            error=error_of(problem, best.point, found),
             active={**active, "multiplier": balance.multipliers[heaviest]} if active else {},
             optimality=balance.residual,
             plant=scenarios.with_design(scenarios.plant, point),
@@ -261,23 +273,31 @@ class Search:
         )
 
     def _optimality(self, point: Point, values: np.ndarray) -> Optimality:
-        if self.problem.zero_is_optimal and float(values[0]) <= self._zero:
+        if self.problem.zero_is_optimal and float(values[0]) <= 4 * self._eps * self._bare and self.best.optimal:
             # Zero is the least energy there is; the slope of rounding says no more.
             return Optimality(np.ones(1), 0.0)
         return self.judge.optimality(point)
 
     @functools.cached_property
-    def _zero(self) -> float:
-        """Zero, to rounding, beside the energy that the bare command leaves, J."""
+    def _bare(self) -> float:
+        """The energy that the bare command leaves, J."""
         scenarios, n = self.problem.scenarios, self.problem.bounds.impulses
         bare = Point(np.eye(n)[0], np.zeros(n - 1), self.problem.bounds.leaves)
         energy = float(self.judge.values(self.judge.vector(bare)).energies[0])
         if energy >= DIVERGED_ENERGY:
-            # The bare command makes the plant diverge; what it stores in it at first is the measure then.
+            # It makes the plant diverge; what it stores in it at first is the measure then.
             plan, begin = schedule(scenarios.plant, scenarios.command), initial(scenarios.plant, scenarios.state)
             energy = float(scenarios.plant.residual_energy(begin, plan.final_inputs(scenarios.plant)))
-        eps = float(jnp.finfo(jax.tree.leaves(scenarios.plant)[0].dtype).eps)
-        return max(1e-20, (10 * eps) ** 2) * max(energy, 1e-300)
+        return max(energy, 1e-300)
+
+    @property
+    def _eps(self) -> float:
+        return float(jnp.finfo(jax.tree.leaves(self.problem.scenarios.plant)[0].dtype).eps)
+
+    @property
+    def _zero(self) -> float:
+        """Zero, to rounding, beside the energy that the bare command leaves, J."""
+        return max(1e-20, (10 * self._eps) ** 2) * self._bare
 
 
 def side_by_side(descents: list[Descent], iterations: int) -> Iterator[Descent]:
@@ -286,17 +306,18 @@ def side_by_side(descents: list[Descent], iterations: int) -> Iterator[Descent]:
     Compiled programs leave Python's lock alone, so that two threads keep two cores busy. An interrupt stops all of
     them after the iteration that they are in.
     """
-    with ThreadPoolExecutor(min(2, os.cpu_count() or 1)) as pool:
-        futures = [pool.submit(descent.run, iterations) for descent in descents]
-        try:
-            for descent, future in zip(descents, futures, strict=True):
-                future.result()
-                yield descent
-        except BaseException:
-            for descent, future in zip(descents, futures, strict=True):
-                future.cancel()
-                descent.stopped = True
-            raise
+    pool = ThreadPoolExecutor(min(2, os.cpu_count() or 1))
+    futures = [pool.submit(descent.run, iterations) for descent in descents]
+    try:
+        for descent, future in zip(descents, futures, strict=True):
+            future.result()
+            yield descent
+    except BaseException:
+        for descent in descents:
+            descent.stopped = True
+        raise
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
 
 
 def on_finer_set(problem: DesignProblem, point: Point, found: Values) -> float:
@@ -311,9 +332,10 @@ def on_finer_set(problem: DesignProblem, point: Point, found: Values) -> float:
     return value_of(problem.objective, interval.energies_of(problem, point, problem.finer_samples()))
 
 
-def error_of(problem: DesignProblem, found: Values) -> float:
-    """How much the errors of the energies can change the objective, J."""
-    return value_of(problem.objective, found.energies + found.errors) - value_of(problem.objective, found.energies)
+def error_of(problem: DesignProblem, point: Point, found: Values) -> float:
+    """How much a tolerance a hundred times tighter changes the objective, J."""
+    again = evaluate(problem.scenarios, point, np.float64(TOLERANCE / 100))
+    return abs(value_of(problem.objective, np.asarray(again.energies)) - value_of(problem.objective, found.energies))
 
 
 def status_of(values: np.ndarray, slacks: np.ndarray, optimal: bool) -> Status:

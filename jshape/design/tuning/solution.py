@@ -24,11 +24,11 @@ class Solution(Result):
         message: how the search ended, a sentence.
         history: the objective, with the cost of time if it has one, after each iteration (nominal: of the best start)
             or at each design evaluated (others), the least so far.
-        energies: of every plant of the set, J.
+        energies: of every plant of the set, J; in the worst case after those given come the worst plants between them.
         samples: the leaves of those plants, absolute, one entry a plant.
         objective_on_finer_set: the objective on a set ten times finer along each leaf (as far as that stays under
-            20,000 plants), with four times as many integration steps, J.
-        error: how much the objective changes with four times as many integration steps, J.
+            20,000 plants), J; in the worst case with the maxima between its plants.
+        error: how much the objective changes with a tolerance of the integration that is a hundred times tighter, J.
         active: leaves of the active plants, whose energies define the optimum, and under ``"multiplier"`` their
             multipliers, the greatest first; empty without an uncertain set.
         optimality: residual of the Karush–Kuhn–Tucker conditions, relative to the steepest slope; 0 at an optimum.

@@ -1,0 +1,1 @@
+"""How reliable jshape is: figures, each computed by one command."""

@@ -1,0 +1,342 @@
+"""Arbitrary input: files damaged at random, values that nobody means, arguments of any kind.
+
+    python -m experiments.reliability.fuzz --inputs 100000      # writes fuzz.md beside itself; some of an hour
+
+Each input must be read, or refused by a ``ValueError`` of one line (on the command line: by one line and status 2). A
+file with a digest must be refused or give the very same numbers. Everything else is a fault and is listed.
+"""
+
+import argparse
+import math
+import os
+import tempfile
+import time
+import warnings
+from collections import Counter
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+
+jax.config.update("jax_enable_x64", True)
+
+import hypothesis  # noqa: E402
+import numpy as np  # noqa: E402
+from hypothesis import strategies as st  # noqa: E402
+
+import jshape as js  # noqa: E402
+from experiments import markdown  # noqa: E402
+from experiments.reliability.damage import damaged  # noqa: E402
+from experiments.reliability.literals import altered, arguments, literal  # noqa: E402
+from experiments.reliability.records import accelerations, vibration  # noqa: E402
+from jshape.calibration.files import read as read_accelerometer  # noqa: E402
+from jshape.export import read_shaper  # noqa: E402
+from jshape.identification.csv_file import read_csv  # noqa: E402
+from jshape.identification.from_csv import identify_csv  # noqa: E402
+from jshape.problems.problem import load  # noqa: E402
+from jshape.problems.reading import shipped  # noqa: E402
+from jshape.sweeps.checkpoint import in_chunks  # noqa: E402
+
+LONGEST = 5000
+"""Characters that a message may have."""
+
+REAL = 0.002
+"""Share of the command line's inputs that compute something, which takes seconds each; the others end before that."""
+
+Target = Callable[[np.random.Generator, Path], bool]
+"""Makes an input and tries it in a folder; whether it was read. *Raises* ``ValueError`` where it was refused."""
+
+
+class Found(NamedTuple):
+    """What a target did.
+
+    Attributes:
+        inputs: how many were tried.
+        read: how many were taken.
+        faults: messages of those that were neither taken nor refused, and how often.
+        seconds: that it took.
+    """
+
+    inputs: int
+    read: int
+    faults: Counter
+    seconds: float
+
+
+class FaultError(Exception):
+    """An input that was taken and gave something else than it should."""
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--inputs", type=int, default=100_000)
+    parser.add_argument("--seed", type=int, default=0)
+    given = parser.parse_args()
+    found = run(given.inputs, given.seed)
+    text = report(found, given.inputs, given.seed)
+    Path(__file__).with_suffix(".md").write_text(text, encoding="utf-8")
+    print(text)
+
+
+def run(inputs: int, seed: int = 0, names: tuple[str, ...] = ()) -> dict[str, Found]:
+    """Try so many inputs, shared out among the targets.
+
+    Args:
+        inputs: of all targets together.
+        seed: of all random numbers.
+        names: of the targets; all unless given.
+    """
+    chosen = {name: TARGETS[name] for name in names or TARGETS}
+    total = sum(share for share, _ in chosen.values())
+    found = {}
+    with tempfile.TemporaryDirectory() as folder:
+        for i, (name, (share, target)) in enumerate(chosen.items()):
+            place = Path(folder) / str(i)
+            place.mkdir()
+            count = max(1, round(inputs * share / total))
+            found[name] = tried(target, count, np.random.default_rng([seed, i]), place)
+            print(f"{name}: {found[name].inputs} inputs, {len(found[name].faults)} faults", flush=True)
+    return found
+
+
+def tried(target: Target, count: int, random: np.random.Generator, folder: Path) -> Found:
+    """Give a target so many inputs."""
+    begin, read, faults = time.perf_counter(), 0, Counter()
+    here = os.getcwd()
+    os.chdir(folder)
+    try:
+        for _ in range(count):
+            # What is printed besides an answer is a fault, too.
+            with warnings.catch_warnings():
+                warnings.simplefilter("error")
+                try:
+                    read += target(random, folder)
+                except ValueError as error:
+                    message = str(error)
+                    if "\n" in message or not 0 < len(message) < LONGEST:
+                        faults[f"a message of {len(message)} characters: {message[:80]!r}"] += 1
+                except (Exception, SystemExit) as error:
+                    faults[f"{type(error).__name__}: {str(error)[:200]}"] += 1
+    finally:
+        os.chdir(here)
+    return Found(count, read, faults, time.perf_counter() - begin)
+
+
+# --- files ------------------------------------------------------------------------------------------------------------
+
+
+def problem_damaged(random: np.random.Generator, folder: Path) -> bool:
+    """A problem file with one fault of a disk."""
+    return _problem(damaged(_a_problem(random).encode(), random), folder)
+
+
+def problem_altered(random: np.random.Generator, folder: Path) -> bool:
+    """A problem file with one to three values or keys that nobody means."""
+    return _problem(altered(_a_problem(random), random).encode(errors="surrogateescape"), folder)
+
+
+def _a_problem(random: np.random.Generator) -> str:
+    paths = [path for name, path in shipped().items() if name != "own_plant"]
+    text = paths[random.integers(len(paths))].read_text(encoding="utf-8")
+    return "\n".join(line.partition(" #")[0] for line in text.split("\n") if not line.startswith("#"))
+
+
+def _problem(content: bytes, folder: Path) -> bool:
+    if b":" in content:
+        # It may name a module; no code but jshape's is run here.
+        raise ValueError("left out")
+    path = folder / "problem.toml"
+    path.write_bytes(content)
+    read = load(path)
+    if not all(np.all(np.isfinite(leaf)) for leaf in jax.tree.leaves(read.plant)):
+        raise FaultError("a plant that is not finite")
+    return True
+
+
+def shaper_file(random: np.random.Generator, folder: Path) -> bool:
+    """A shaper's file, damaged or altered."""
+    shaper = js.Shaper([0.25, 0.5, 0.25], [0.0, 0.5, 1.0])
+    kind, ending = [("json", ".json"), ("csv", ".csv"), ("numpy", ".npz")][random.integers(3)]
+    path = folder / f"shaper{ending}"
+    js.export(shaper, kind, path)
+    content = path.read_bytes()
+    if kind == "numpy" or random.random() < 0.5:
+        path.write_bytes(damaged(content, random))
+    else:
+        number = str([0.25, 0.5, 1.0][random.integers(3)])
+        path.write_bytes(content.replace(number.encode(), literal(random).encode(errors="surrogateescape"), 1))
+    read = read_shaper(path)
+    if not np.all(np.isfinite(read.amplitudes)) or not np.all(np.isfinite(read.times)):
+        raise FaultError("a shaper that is not finite")
+    return True
+
+
+def record_file(random: np.random.Generator, folder: Path) -> bool:
+    """A measured record, damaged or altered, as it is read."""
+    path = _spoilt_record(random, folder)
+    return bool(np.size(read_csv(path).values))
+
+
+def record_identified(random: np.random.Generator, folder: Path) -> bool:
+    """The same, identified."""
+    found = identify_csv(_spoilt_record(random, folder), modes=1)
+    if not (np.all(np.isfinite(found.omega)) and np.all(found.omega > 0)):
+        raise FaultError("a frequency that is none")
+    return True
+
+
+def _spoilt_record(random: np.random.Generator, folder: Path) -> Path:
+    path, text = folder / "record.csv", vibration(random)
+    if random.random() < 0.5:
+        path.write_bytes(damaged(text.encode(), random))
+    else:
+        lines = text.split("\n")
+        lines[random.integers(len(lines))] = "".join(literal(random) for _ in range(random.integers(1, 4)))
+        path.write_bytes("\n".join(lines).encode(errors="surrogateescape"))
+    return path
+
+
+def accelerometer_file(random: np.random.Generator, folder: Path) -> bool:
+    """A printer's record of its accelerometer, damaged or altered."""
+    lines = accelerations()
+    if random.random() < 0.5:
+        lines[random.integers(len(lines))] = literal(random)
+    content = "\n".join(lines).encode(errors="surrogateescape")
+    path = folder / "raw_data_x.csv"
+    path.write_bytes(damaged(content, random) if random.random() < 0.7 else content)
+    return bool(read_accelerometer(path))
+
+
+def chunk_file(random: np.random.Generator, folder: Path) -> bool:
+    """A chunk of a sweep's store, damaged: the results are the same, whatever was done to it."""
+    store, results = folder / "store", {i: np.full((2, 3), float(i)) for i in range(3)}
+
+    def stored() -> dict[int, np.ndarray]:
+        return dict(in_chunks(lambda missing: [(i, results[i]) for i in missing], 3, store, lambda: b"one"))
+
+    stored()
+    path = store / f"chunk_{random.integers(3):06d}.npz"
+    path.write_bytes(damaged(path.read_bytes(), random))
+    found = stored()
+    if set(found) != set(results) or any(not np.array_equal(found[i], results[i]) for i in results):
+        raise FaultError("another result")
+    return True
+
+
+def policy_file(random: np.random.Generator, folder: Path) -> bool:
+    """A shipped policy's file, damaged: refused, or the very same policy."""
+    from jshape_envs.policy import POLICIES, load_policy, named_arrays
+
+    original = sorted(POLICIES.glob("*.npz"))[0]
+    path = folder / "policy.npz"
+    path.write_bytes(damaged(original.read_bytes(), random))
+    found, expected = (named_arrays(load_policy(each)) for each in (path, original))
+    if any(not np.array_equal(found[name], value) for name, value in expected.items()):
+        raise FaultError("another policy")
+    return True
+
+
+# --- arguments --------------------------------------------------------------------------------------------------------
+
+
+def constructors() -> Iterator[tuple[str, Any]]:
+    """What is called with arbitrary arguments: shapers, commands, springs, dampers, plants."""
+    yield "Shaper", js.Shaper
+    for name in ("Step", "Pulse", "Trapezoid", "SCurve", "Sampled", "PiecewisePolynomial"):
+        yield name, getattr(js.command, name)
+    for name in ("Duffing", "LinearSpring", "PowerLawSpring", "SaturatingSpring", "LinearDamper", "PowerDamper"):
+        yield name, getattr(js.plants, name)
+    for name in ("ModalPlant", "Crane", "Trolley", "PDController"):
+        yield name, getattr(js.plants, name)
+
+
+def called(random: np.random.Generator, folder: Path) -> bool:
+    """A constructor with arbitrary arguments, as Hypothesis finds them: one batch of fifty, of which all are tried."""
+    del folder
+    known = list(constructors())
+    name, kind = known[random.integers(len(known))]
+    faults: list[str] = []
+
+    @hypothesis.settings(
+        max_examples=50, database=None, deadline=None, suppress_health_check=list(hypothesis.HealthCheck)
+    )
+    @hypothesis.seed(int(random.integers(2**31)))
+    @hypothesis.given(st.data())
+    def one(data: st.DataObject) -> None:
+        given = data.draw(arguments(kind))
+        try:
+            made = kind(**given)
+            if not all(np.all(np.isfinite(leaf)) for leaf in jax.tree.leaves(made)):
+                faults.append(f"{name}({given}) is not finite")
+        except ValueError as error:
+            if "\n" in str(error):
+                faults.append(f"{name}: a message of several lines")
+        except Exception as error:
+            faults.append(f"{name}({given}): {type(error).__name__}: {error}")
+
+    one()
+    if faults:
+        raise FaultError(min(faults, key=len))
+    return True
+
+
+# --- the command line -------------------------------------------------------------------------------------------------
+
+
+def command_line(random: np.random.Generator, folder: Path) -> bool:
+    """A command with arbitrary arguments and files."""
+    from typer.testing import CliRunner
+
+    from experiments.reliability.commands import command
+    from jshape.cli import app
+
+    given = command(random, folder, random.random() < REAL)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        result = CliRunner().invoke(app, given)
+    if result.exception is not None and not isinstance(result.exception, SystemExit):
+        raise FaultError(f"{' '.join(given)[:120]!r}: {type(result.exception).__name__}: {result.exception}")
+    if result.exit_code not in (0, 2):
+        raise FaultError(f"{' '.join(given)[:120]!r}: status {result.exit_code}")
+    said = [line for line in result.output.splitlines() if line.startswith("jshape: ")]
+    if result.exit_code == 2 and len(said) != 1 and "Usage:" not in result.output:
+        raise FaultError(f"{' '.join(given)[:120]!r}: {len(said)} lines of error")
+    if result.exit_code == 2:
+        raise ValueError("refused")
+    return True
+
+
+TARGETS: dict[str, tuple[float, Target]] = {
+    "problem files, damaged": (15.0, problem_damaged),
+    "problem files, altered": (15.0, problem_altered),
+    "shaper files": (15.0, shaper_file),
+    "measured records": (15.0, record_file),
+    "measured records, identified": (1.0, record_identified),
+    "accelerometer files": (10.0, accelerometer_file),
+    "chunks of a store": (10.0, chunk_file),
+    "policies": (8.0, policy_file),
+    "arguments, fifty at a time": (1.0, called),
+    "command line": (10.0, command_line),
+}
+"""What is tried, and its share of the inputs."""
+
+
+def report(found: dict[str, Found], inputs: int, seed: int) -> str:
+    """The figures as Markdown."""
+    lines = [f"# {sum(each.inputs for each in found.values())} arbitrary inputs", ""]
+    lines += [f"`python -m experiments.reliability.fuzz --inputs {inputs} --seed {seed}`", ""]
+    rows = [
+        [name, each.inputs, each.read, each.inputs - each.read - sum(each.faults.values()), sum(each.faults.values()),
+         f"{math.ceil(each.seconds)} s"]
+        for name, each in found.items()
+    ]  # fmt: skip
+    lines += markdown.table(["input", "tried", "read", "refused in a line", "faults", "time"], rows)
+    faults = [[name, words, count] for name, each in found.items() for words, count in each.faults.items()]
+    if faults:
+        lines += ["", *markdown.table(["input", "fault", "times"], faults)]
+    return "\n".join(lines) + "\n"
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,68 @@
+"""What a problem file may hold at most: one that is damaged or hostile is refused at once, in a line.
+
+``parse`` gives the text and the tables; ``exceeded`` finds the keys whose values are beyond a limit.
+"""
+
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from jshape._files import printable, read_text
+
+SIZE = 2**20
+"""Bytes of a file."""
+
+DEPTH = 16
+"""Tables and lists inside of each other."""
+
+LENGTH = 1000
+"""Characters of a word, and of a key."""
+
+GREATEST = 10**18
+"""Size of a whole number."""
+
+PLANTS = 10**7
+"""Plants that the counts of an uncertainty multiply to."""
+
+
+def parse(path: Path) -> tuple[str, dict[str, Any]]:
+    """A file's text and its tables.
+
+    Raises:
+        ValueError: that says what is wrong, for one that is too long, no text or no TOML.
+    """
+    text = read_text(path, SIZE)
+    try:
+        return text, tomllib.loads(text)
+    except RecursionError:
+        raise ValueError(f"{path}: more than {DEPTH} tables and lists are inside of each other") from None
+    except tomllib.TOMLDecodeError as error:
+        raise ValueError(f"{path}: malformed TOML: {error}") from None
+    except ValueError:
+        # Python's own limit to the digits of a number, which says neither file nor key.
+        raise ValueError(f"{path}: a whole number has more digits than {GREATEST:.0e}") from None
+
+
+def exceeded(value: Any, keys: tuple[str, ...] = ()) -> Iterator[tuple[list[str], str]]:
+    """The keys whose values are beyond a limit, and what is said of each.
+
+    Args:
+        value: a file's tables, or a part of them.
+        keys: of that part.
+    """
+    if isinstance(value, dict | list) and len(keys) > DEPTH:
+        yield list(keys), f"more than {DEPTH} tables and lists are inside of each other"
+    elif isinstance(value, dict):
+        for key, inner in value.items():
+            if len(key) > LENGTH:
+                yield [*keys, key[:20]], f"a key has {len(key)} characters, more than {LENGTH}"
+            else:
+                yield from exceeded(inner, (*keys, key))
+    elif isinstance(value, list):
+        for i, inner in enumerate(value):
+            yield from exceeded(inner, (*keys, str(i)))
+    elif isinstance(value, str) and not (printable(value) == value and len(value) <= LENGTH):
+        yield list(keys), f"must be at most {LENGTH} printable characters, not {value[:20]!r}"
+    elif isinstance(value, int) and abs(value) > GREATEST:
+        yield list(keys), f"must be at most {GREATEST:.0e} in size, not a number of {len(str(abs(value)))} digits"

@@ -1,0 +1,131 @@
+"""Derivatives of commands, and of residual energies, where a move just reaches one of its limits.
+
+Judged by differences to either side: those of the commands are of the textbook's positions in ``test_command``, which
+share nothing with jshape.
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from test_command import s_curve, s_curve_pieces, trapezoid
+
+import jshape as js
+from jshape.command import Pulse, Sampled, SCurve, Step, Trapezoid
+
+TIES = {
+    "trapezoid: full speed": (Trapezoid, (1.0, 1.0, 1.0)),
+    "trapezoid: backwards": (Trapezoid, (-2.25, 1.5, 1.0)),
+    "trapezoid: rounded": (Trapezoid, (0.3, 0.3, 0.3)),
+    "s-curve: full speed, held": (SCurve, (3.75, 1.5, 1.0, 1.0)),
+    "s-curve: full speed, not held": (SCurve, (-2.0, 1.0, 2.0, 1.0)),
+    "s-curve: full acceleration, cruising": (SCurve, (5.0, 1.0, 1.0, 1.0)),
+    "s-curve: full acceleration, not cruising": (SCurve, (2.0, 10.0, 1.0, 1.0)),
+    "s-curve: all at once": (SCurve, (2.0, 1.0, 1.0, 1.0)),
+    "s-curve: all at once, rounded": (SCurve, (0.6, 0.3, 0.3, 0.3)),
+}
+"""Kind and parameters of the moves at a tie."""
+
+PLACES = np.array([0.11, 0.31, 0.47, 0.62, 0.83, 0.97])
+"""Instants at which a move is looked at, as fractions of its duration."""
+
+STEP = 1e-4
+"""Of the differences, as a fraction of the parameter."""
+
+
+def textbook(kind, values, times):
+    """Positions and duration of a move."""
+    if kind is Trapezoid:
+        distance, speed, acceleration = values
+        top = min(speed, np.sqrt(abs(distance) * acceleration))
+        positions = [trapezoid(t, *values) for t in times]
+        return np.array([*positions, abs(distance) / top + top / acceleration])
+    pieces = s_curve_pieces(*values)
+    return np.array([*(s_curve(t, pieces) for t in times), sum(duration for duration, _ in pieces)])
+
+
+def one_sided(function, values):
+    """Derivatives from below and from above, of second order, a row a parameter."""
+    values, middle = np.array(values), function(values)
+    sides = []
+    for sign in (-1, 1):
+        rows = []
+        for i, value in enumerate(values):
+            h = sign * STEP * abs(value) * np.eye(len(values))[i]
+            rows.append((4 * function(values + h) - function(values + 2 * h) - 3 * middle) / (2 * h[i]))
+        sides.append(np.array(rows))
+    return sides
+
+
+def is_one_of(found, sides, tolerance):
+    """Whether each parameter's derivatives are, all together, those of one side, within a share of the greatest."""
+    near = [np.max(np.abs(found - side), axis=-1) <= tolerance * np.max(np.abs(side)) for side in sides]
+    return np.all(near[0] | near[1])
+
+
+def moved(kind, x, times):
+    command = kind(*x)
+    return jnp.append(command(times), command.duration)
+
+
+POSITIONS, FORWARD, BACKWARD = (
+    jax.jit(function, static_argnums=0) for function in (moved, jax.jacfwd(moved, 1), jax.jacrev(moved, 1))
+)
+
+
+@pytest.mark.parametrize("case", TIES)
+def test_a_derivative_at_a_tie_is_one_sided(case):
+    kind, values = TIES[case]
+    times = PLACES * textbook(kind, values, [])[-1]
+    x = jnp.array(values)
+    forward, backward = FORWARD(kind, x, times), BACKWARD(kind, x, times)
+    np.testing.assert_allclose(forward, backward, rtol=1e-12, atol=1e-14)
+    np.testing.assert_allclose(POSITIONS(kind, x, times), textbook(kind, values, times), rtol=1e-12, atol=1e-14)
+    # The differences' own error is of second order in their step.
+    assert is_one_of(np.asarray(forward).T, one_sided(lambda v: textbook(kind, v, times), values), 1e-6)
+
+
+def test_where_both_sides_agree_the_derivative_is_theirs():
+    # A trapezoid's duration is stationary in speed where it just reaches it: 2 sqrt(distance / acceleration).
+    durations = FORWARD(Trapezoid, jnp.ones(3), 2.0 * PLACES)[-1]
+    np.testing.assert_allclose(durations, [1.0, 0.0, -1.0], atol=1e-14)
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        lambda x: Step(x[0]),
+        lambda x: Pulse(x[0], x[1]),
+        lambda x: Sampled(jnp.stack([0 * x[1], x[1], 2 * x[1]]), jnp.stack([0 * x[0], x[0], x[0]])),
+        lambda x: Trapezoid(x[0], x[1], 1.0),
+    ],
+)
+def test_a_shaped_command_at_a_tie(command):
+    # The second copy begins where a piece of the first ends, in the middle of a move at a tie.
+    def positions(x):
+        shaped = js.Shaper([0.25, 0.75], jnp.stack([0 * x[2], x[2]])).shape(command(x))
+        return jnp.append(shaped(jnp.array([0.4, 1.3, 2.2, 7.0])), shaped.duration)
+
+    x = jnp.ones(3)
+    forward, backward = jax.jit(jax.jacfwd(positions))(x), jax.jit(jax.jacrev(positions))(x)
+    np.testing.assert_allclose(forward, backward, rtol=1e-12, atol=1e-14)
+    run = jax.jit(positions)
+    assert is_one_of(np.asarray(forward).T, one_sided(lambda v: np.asarray(run(jnp.array(v))), x), 1e-6)
+    assert np.max(np.abs(forward)) > 0.5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", TIES)
+def test_residual_energy_of_a_crane_at_a_tie(case):
+    kind, values = TIES[case]
+    crane = js.plants.Crane(1.0)
+
+    def left(x):
+        return js.residual_energy(crane, None, kind(*x), steps=32, method="tsit5")
+
+    x = jnp.array(values)
+    forward, backward = jax.jit(jax.jacfwd(left))(x), jax.jit(jax.grad(left))(x)
+    np.testing.assert_allclose(forward, backward, rtol=1e-11, atol=1e-12)
+    run = jax.jit(left)
+    sides = one_sided(lambda v: np.asarray(run(jnp.array(v))), values)
+    assert is_one_of(np.asarray(forward)[:, None], [side[:, None] for side in sides], 1e-5)

@@ -1,0 +1,256 @@
+"""Problem files, arguments and options that are damaged or hostile: one line, at once, that names the limit."""
+
+import time
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from test_problem import BASE
+from typer.testing import CliRunner
+
+import jshape as js
+from experiments.reliability import fuzz
+from experiments.reliability.damage import damaged
+from jshape.cli import app
+from jshape.problems import problem
+from jshape.sweeps.chunks import corners
+from jshape.sweeps.leaves import grid
+from jshape.sweeps.sampling import draw
+
+run = CliRunner().invoke
+
+M2, BAND = "m2 = 1.0", "m2 = { low = 0.8, high = 1.2 }"
+LEAVES = "\n".join(
+    f"{name} = {{ low = 0.8, high = 1.2, count = 1000 }}" for name in ("m1", "m2", "spring.k1", "spring.k3")
+)
+
+# (old, new, the line if there is one, what is said)
+BEYOND = {
+    "deep lists": (M2, "m2 = " + "[" * 5000 + "]" * 5000, None, "more than 16 tables and lists"),
+    "less deep lists": (M2, "m2 = " + "[" * 90 + "]" * 90, 6, "more than 16 tables and lists"),
+    "deep tables": (
+        "[design]",
+        f"[design]\n[design{'.a' * 5000}]",
+        16,
+        "more than 16 tables and lists are inside of each",
+    ),
+    "400 digits": (M2, f"m2 = 1{'0' * 400}", 6, "plant.m2: must be at most 1e+18 in size, not a number of 401 digits"),
+    "5000 digits": (M2, f"m2 = 1{'0' * 5000}", None, "a whole number has more digits than 1e+18"),
+    "a seed of 400 digits": ("impulses = 3", f"seed = 1{'0' * 400}", 17, "design.seed: must be at most 1e+18"),
+    "a huge file": ("[design]", "# " + "x" * 2**20 + "\n[design]", None, "it has more than 1048576 bytes"),
+    "a huge key": ("[design]", "[design]\n" + "k" * 10**5 + " = 1", 16, "a key has 100000 characters, more than 1000"),
+    "a huge title": ('"test"', f'"{"x" * 10**5}"', 1, "title: must be at most 1000 printable characters"),
+    "a title of control characters": ('"test"', '"\\u001b[2J"', 1, "title: must be at most 1000 printable characters"),
+    "a list for a word": ('"Duffing"', '["Duffing"]', 9, "plant.spring.type: must be one of"),
+    "many plants": (BAND, LEAVES, 13, "uncertainty: makes 1000000000000 plants, more than 10000000"),
+    "many values": (BAND, f"m2 = {{ values = [{'1.0,' * 100_001}] }}", 14, "at most 100000 items"),
+    "true for a distance": (
+        "distance = 1.0",
+        "distance = true",
+        2,
+        "distance: input should be a valid number",
+    ),
+    "a word for a distance": ("distance = 1.0", 'distance = "1"', 2, "distance: must be a number, or a text with"),
+    "true for a factor": (
+        "low = 0.8",
+        "low = true",
+        14,
+        "m2.low: input should be a valid number, not True",
+    ),
+    "true for a duration": ("impulses = 3", "duration = true", 17, "design.duration: input should be a valid number"),
+}
+
+
+@pytest.fixture
+def load(tmp_path):
+    def load(text):
+        path = tmp_path / "problem.toml"
+        path.write_bytes(text if isinstance(text, bytes) else text.encode())
+        return problem.load(path)
+
+    return load
+
+
+@pytest.mark.parametrize("case", BEYOND)
+def test_a_problem_file_beyond_a_limit_is_refused_in_a_line(load, case):
+    old, new, line, words = BEYOND[case]
+    assert old in BASE
+    begin = time.process_time()
+    with pytest.raises(problem.ProblemError) as caught:
+        load(BASE.replace(old, new, 1))
+    assert time.process_time() - begin < 5
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 3000
+    assert (f"problem.toml:{line}: " if line else "problem.toml: ") in str(caught.value)
+
+
+def test_a_byte_order_mark_whole_numbers_and_other_ends_of_lines_are_accepted(load):
+    text = BASE.replace("1.0", "1").replace("high = 1.2", "high = 2").replace('"test"', '"50\u00a0% \U0001f600"')
+    read = load(b"\xef\xbb\xbf" + text.replace("\n", "\r\n").encode())
+    assert read.distance == 1
+    assert read.title == "50\u00a0% \U0001f600"
+    assert read.over["m2"].tolist() == np.linspace(0.8, 2, 41).tolist()
+
+
+def test_damaged_problem_files_are_refused_in_a_line(load):
+    random, content, messages = np.random.default_rng(3), BASE.encode(), []
+    for _ in range(150):
+        spoilt = damaged(content, random)
+        # The damage may name a module; no other code is run here.
+        if spoilt.count(b":"):
+            continue
+        try:
+            assert isinstance(load(spoilt), problem.Problem)
+        except problem.ProblemError as error:
+            messages.append(str(error))
+    assert len(messages) > 80
+    assert not [words for words in messages if "\n" in words or "problem.toml" not in words]
+
+
+def test_an_experiment_of_too_many_samples_is_refused(load):
+    text = BASE + "[adapt]\nchanges = [[0.0, 1.0]]\nomega = [1.0, 2.0]\nzeta = [0.1, 0.1]\nbands = [[1, 2], [3, 4]]\n"
+    load(text)
+    for given, words in (
+        ("sample_time = 1e-12", "duration must be at most 1000000 times sample_time, not 4e"),
+        ("period = 1e-3", "duration must be at most 100000 times period, not 4e"),
+    ):
+        with pytest.raises(problem.ProblemError, match=words):
+            load(f"{text}{given}\n")
+
+
+# --- memory -----------------------------------------------------------------------------------------------------------
+
+
+PLANT = js.plants.ModalPlant([4.0, 9.0], [0.05, 0.05])
+
+
+def test_sets_that_no_memory_holds_are_refused():
+    over = {f"omega.{i}": np.linspace(0.8, 1.2, 1000) for i in range(2)} | {
+        f"zeta.{i}": np.linspace(0.8, 1.2, 1000) for i in range(2)
+    }
+    with pytest.raises(ValueError, match=r"over asks for 4e\+12 numbers, which take 2.98e\+04 GiB, more than 16"):
+        js.sweep(PLANT, js.Shaper([1.0], [0.0]), 1.0, over)
+    with pytest.raises(ValueError, match=r"over asks for 4e\+12 numbers"):
+        js.tune(PLANT, 1.0, 3, 1.0, over=over, objective="worst")
+    with pytest.raises(ValueError, match=r"samples asks for 8e\+09 numbers"):
+        draw({str(i): (0.8, 1.2) for i in range(4)}, 2 * 10**9)
+    with pytest.raises(ValueError, match="samples must be at most 2147483647"):
+        draw({"omega.0": (0.8, 1.2)}, 2**31)
+    with pytest.raises(ValueError, match="over asks for"):
+        grid({str(i): jnp.zeros(2) for i in range(31)})
+
+
+def test_many_uncertain_leaves_have_no_more_corners_than_are_looked_at():
+    few = {"a": np.array([1.0, 3.0, 2.0]), "b": np.array([5.0, 4.0, 4.5]), "c": np.array([7.0, 8.0, 9.0])}
+    expected = grid({name: jnp.array([values.min(), values.max()]) for name, values in few.items()})
+    for name, values in corners(few).items():
+        np.testing.assert_array_equal(values, expected[name])
+    # All 2^70 corners would take some zettabytes.
+    found = corners({str(i): np.array([0.0, 1.0]) for i in range(70)})
+    assert {len(values) for values in found.values()} == {64}
+    assert float(found["0"].max()) == 0.0
+    np.testing.assert_array_equal(found["69"], np.arange(64) % 2)
+
+
+SHAPER = js.Shaper([1.0, -1.0, 1.0], [0.0, 0.5, 1.0])
+
+
+@pytest.mark.parametrize("sample_time", [1e-12, 1e-300, 5e-324])
+def test_a_filter_of_too_many_taps_is_refused(sample_time):
+    for options in ({"format": "scipy"}, {"format": "c99"}, {"format": "on_off", "modes": [(9.0, 0.0)]}):
+        with pytest.raises(ValueError, match="sample_time must be at least 1e-07 s for 1 s, not"):
+            js.export(SHAPER, options.pop("format"), sample_time=sample_time, **options)
+    with pytest.raises(ValueError, match="sample_time must be at least"):
+        js.tune(PLANT, 1.0, 3, 1.0, sample_time=sample_time)
+
+
+@pytest.mark.parametrize("value", [10**400, [10**400], "1", True, None])
+def test_numbers_that_are_none_are_refused(value):
+    with pytest.raises(ValueError, match="times must"):
+        js.Shaper([1.0], value)
+
+
+# --- options and arguments --------------------------------------------------------------------------------------------
+
+
+def test_options_of_a_reset_that_mean_nothing_are_refused():
+    envs = pytest.importorskip("jshape_envs")
+    single, several = envs.MoveEnv("DuffingPayload"), envs.MoveVectorEnv(2, "DuffingPayload")
+    for options in ({"payload": 3.0}, ["reset_mask"], "all"):
+        with pytest.raises(ValueError, match="options must be empty"):
+            single.reset(seed=0, options=options)
+        with pytest.raises(ValueError, match="options must hold reset_mask alone, or nothing, not"):
+            several.reset(seed=0, options=options)
+    for mask in (["no", "yes"], [1, 0], [True], [[True, True]], None):
+        with pytest.raises(ValueError, match="reset_mask must have 2 entries"):
+            several.reset(seed=0, options={"reset_mask": mask})
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["sweep", "paper_001", "--samples", "1000000000000"], "samples must be at most 2147483647"),
+        (["sweep", "paper_001", "--samples", "8", "--seed", "-1"], "seed must be"),
+        (["sweep", "paper_001", "--samples", "0"], "samples must be"),
+    ],
+)
+def test_arguments_beyond_a_limit_are_refused_in_a_line(arguments, words, tmp_path):
+    result = run(app, [*arguments, "--out", str(tmp_path / "out")])
+    assert result.exit_code == 2, result.output
+    assert words in result.output
+    assert "Traceback" not in result.output
+
+
+# --- arbitrary input --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.unchecked
+def test_a_few_hundred_arbitrary_inputs():
+    """``python -m experiments.reliability.fuzz`` tries a hundred thousand."""
+    found = fuzz.run(400, seed=11, names=tuple(name for name in fuzz.TARGETS if name != "arguments, fifty at a time"))
+    assert sum(each.inputs for each in found.values()) >= 390
+    assert {name: each.faults for name, each in found.items() if each.faults} == {}
+    read = {name for name, each in found.items() if each.read}
+    assert {"problem files, damaged", "problem files, altered", "measured records", "chunks of a store"} <= read
+
+
+@pytest.mark.slow
+def test_arbitrary_arguments():
+    found = fuzz.run(40, seed=12, names=("arguments, fifty at a time",))
+    assert found["arguments, fifty at a time"].faults == {}
+
+
+@pytest.mark.parametrize(
+    ("build", "words"),
+    [
+        (lambda: js.plants.ModalPlant([]), "omega, zeta and gains must be lists of the same length, at least 1"),
+        (lambda: js.plants.PowerLawSpring(1.0, "3"), "power must be a number, not '3'"),
+        (lambda: js.plants.PowerLawSpring(1.0, True), "power must be a number, not True"),
+        (lambda: js.plants.PowerDamper(1.0, [3]), r"power must be a number, not \[3\]"),
+        (lambda: js.plants.PowerDamper(1.0, 10**400), "power must be numeric"),
+        (lambda: js.plants.ModalPlant(np.zeros((2, 2, 2))), r"omega must be greater than 0, not \[\[\[0., 0.\], \[0"),
+    ],
+)
+def test_wrong_arguments_that_were_found_so(build, words):
+    with pytest.raises(ValueError, match=words) as caught:
+        build()
+    assert "\n" not in str(caught.value)
+
+
+def test_the_fuzzer_finds_faults(tmp_path):
+    """A reader that lets an error through, gives other numbers, or says too much is reported."""
+
+    def faulty(random, folder):
+        kind = random.integers(4)
+        if kind == 0:
+            raise KeyError("let through")
+        if kind == 1:
+            raise ValueError("two\nlines")
+        if kind == 2:
+            raise fuzz.FaultError("another result")
+        raise ValueError("refused")
+
+    found = fuzz.tried(faulty, 40, np.random.default_rng(0), tmp_path)
+    assert {words.split(":")[0] for words in found.faults} == {"KeyError", "a message of 9 characters", "FaultError"}
+    assert "| faulty | 40 | 0 |" in fuzz.report({"faulty": found}, 40, 0)
