@@ -46,7 +46,10 @@ MOST_MEMORY = 4.0
 """GB of a process beyond which its compiled programs are dropped."""
 
 
-def pytest_collection_modifyitems(items):
+def pytest_collection_modifyitems(config, items):
+    if not hasattr(config, "workerinput"):
+        # Without workers files come in the order in which they are named.
+        return
     place = {f"test_{name}.py": i for i, name in enumerate(LONGEST)}
     items.sort(key=lambda item: place.get(item.path.name, len(place)))
 

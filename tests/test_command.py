@@ -241,6 +241,7 @@ def test_sampled():
     np.testing.assert_allclose(command(jnp.asarray(t)), np.where(t < 0, 0, np.interp(t, times, values)), atol=1e-15)
     assert (command.smoothness, float(command.final), float(command.duration)) == (1, 0.9, 1.1)
     assert Sampled([0.0, 1.0], [0.5, 1.0]).smoothness == 0
+    assert PiecewisePolynomial([0.0], [[1.0]]).smoothness == 0
     assert superpose(command, jnp.ones(1), jnp.zeros(1)).smoothness == 1
     # Where values are not known yet, the careful answer.
     assert jax.jit(lambda v: jnp.asarray(Sampled(jnp.array([0.0, 1.0]), v).smoothness))(jnp.array([0.0, 1.0])) == 0
@@ -417,6 +418,7 @@ def test_a_number_is_a_step():
         (lambda: PiecewisePolynomial([0.0, 1.0], [1.0, 2.0]), "coefficients must have one row for each of the breaks"),
         (lambda: PiecewisePolynomial([0.0, 2.0, 1.0], np.ones((3, 1))), "breaks must not decrease, not"),
         (lambda: PiecewisePolynomial([0.5, 1.0], np.ones((2, 1))), "breaks must begin at 0, not 0.5"),
+        (lambda: PiecewisePolynomial([0.0, np.nan], np.ones((2, 1))), r"breaks must be finite, not \[ 0., nan\]"),
         (lambda: PiecewisePolynomial([0.0], [[np.nan]]), "coefficients must be finite, not"),
         (lambda: PiecewisePolynomial([0.0], "x"), "coefficients must be a number, not 'x'"),
         (lambda: Step(1.0)("now"), "t must be a number, not 'now'"),

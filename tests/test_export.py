@@ -69,6 +69,9 @@ def test_wrong_files(tmp_path):
     (tmp_path / "bad.npz").write_bytes(b"PK no archive")
     with pytest.raises(ValueError, match=r"bad.npz: not a shaper file"):
         read_shaper(tmp_path / "bad.npz")
+    np.savez(tmp_path / "objects.npz", amplitudes=np.array([0.5, 0.5], dtype=object), times=np.array([0.0, 1.0]))
+    with pytest.raises(ValueError, match=r"objects.npz: not a shaper file: .*pickle"):
+        read_shaper(tmp_path / "objects.npz")
     np.savez(tmp_path / "other.npz", b=np.ones(3))
     with pytest.raises(ValueError, match=r"other.npz: not a shaper file: .*amplitudes"):
         read_shaper(tmp_path / "other.npz")

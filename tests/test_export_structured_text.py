@@ -3,6 +3,7 @@
 The interpreter knows the statements that the blocks use and is strict where controllers are: types, array bounds.
 """
 
+import itertools
 import math
 import re
 from typing import Any
@@ -325,10 +326,13 @@ def test_on_off_says_what_rounding_costs(table):
         assert (float(w), float(z)) == (omega, zeta)
         assert float(exact) == pytest.approx(100 * float(js.percentage_vibration(ON_OFF, omega, zeta)), rel=1e-3)
         assert float(shown) == pytest.approx(100 * float(js.percentage_vibration(rounded, omega, zeta)), rel=1e-3)
-    worst = lambda shaper: max(float(js.percentage_vibration(shaper, *mode)) for mode in MODES)
-    nearest = js.Shaper(ON_OFF.amplitudes, 0.04 * np.rint(np.asarray(ON_OFF.times) / 0.04))
-    assert worst(rounded) <= worst(nearest) + 1e-12
-    assert np.abs(cycles * 0.04 - np.asarray(ON_OFF.times)).max() < 0.04
+    # Of all choices of the cycle before or after each instant it is the one whose worst vibration is least.
+    omega, signs = np.array([mode[0] for mode in MODES]), np.asarray(ON_OFF.amplitudes)
+    worst = lambda chosen: np.max(np.abs(np.exp(1j * np.outer(omega, 0.04 * np.asarray(chosen))) @ signs))
+    place = np.asarray(ON_OFF.times) / 0.04
+    choices = itertools.product(*({*np.floor([p]), *np.ceil([p])} for p in place))
+    assert worst(cycles) == pytest.approx(min(map(worst, choices)), rel=1e-12)
+    assert np.abs(cycles - place).max() < 1
     for cycle in cycles:
         assert f"{cycle * 0.04:.6g}" in table
 
@@ -339,6 +343,8 @@ def test_on_off_cannot_carry():
         (ON_OFF, dict(sample_time=0.5, modes=MODES), "two of the switches .* fall together"),
         (ON_OFF, dict(sample_time=0.01, modes=[]), "modes is empty"),
         (ON_OFF, dict(sample_time=0.01, modes=[9.0]), "modes must be pairs"),
+        (ON_OFF, dict(sample_time=0.01, modes=[(-9.0, 0.0)]), "modes: omega must be greater than 0"),
+        (ON_OFF, dict(sample_time=0.01, modes=[(9.0, 1.5)]), "modes: zeta must be at least 0"),
         (ON_OFF, dict(sample_time=0.01), "format 'on_off' needs modes"),
         (ON_OFF, dict(sample_time=0.0, modes=MODES), "sample_time must be greater than 0"),
     ]:

@@ -12,6 +12,7 @@ from scipy.optimize import brentq, linprog, minimize_scalar
 import jshape as js
 from jshape import _check
 from jshape.design import energy, insensitive, linear
+from jshape.design.linear.extra_insensitive import _undamped
 from jshape.plants import ModalPlant
 from jshape.vibration import insensitivity, percentage_vibration
 
@@ -178,6 +179,21 @@ def test_extra_insensitive_without_damping_is_the_closed_form(vibration):
     for name, humps in HUMPS.items():
         expected = np.pi * np.arange(humps + 2)
         np.testing.assert_allclose(linear.KINDS[name](1.0, 0.0, v).times, expected, rtol=1e-13)
+
+
+@pytest.mark.parametrize("humps", [1, 2, 3, 4])
+def test_where_zeros_and_humps_are_without_damping(humps):
+    """Where the search with damping begins: V is 0 at all zeros and the limit at all tops but those at 1 rad/s."""
+    half = (humps + 1) // 2
+    ends = np.cumsum([humps + 1, humps + 1, half, half])
+    free, phases, lower, upper, tops = np.split(np.asarray(_undamped(humps, jnp.asarray(0.05))), ends)
+    shaper = js.Shaper([*free, 1 - sum(free)], [0, *phases])
+    zeros = np.concatenate([lower, 1 / upper])
+    np.testing.assert_allclose(curve(shaper, zeros, 0.0), 0.0, atol=1e-14)
+    np.testing.assert_allclose(curve(shaper, tops, 0.0), 0.05, rtol=1e-12)
+    assert (len(zeros), len(tops)) == (humps + humps % 2, humps - humps % 2)
+    assert np.all(np.diff(zeros) > 0)
+    assert np.all(np.diff(tops) > 0)
 
 
 @pytest.mark.parametrize(

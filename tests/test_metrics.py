@@ -11,8 +11,19 @@ import jshape as js
 from jshape import plants
 from jshape.metrics import residual_energy_and_error
 
+
+class Displaced(plants.TwoMass):
+    """A mass on a spring whose payload is measured from 0.3 m behind the start, which changes no metric."""
+
+    def payload(self, state, position):
+        return state[0] + 0.3
+
+    def deflection(self, state, position):
+        return state[0] - position
+
+
 # The papers' two-impulse shaper on a payload 20 % too heavy, with a damper: overshoots, rings and settles.
-PLANT = plants.TwoMass(1.0, 1.2, plants.Duffing(10.0, 100.0), plants.LinearDamper(0.5))
+PLANT = Displaced(1.0, 1.2, plants.Duffing(10.0, 100.0), plants.LinearDamper(0.5))
 SHAPER = js.Shaper([0.5, 0.5], [0.0, 0.59])
 PERIOD = 2 * np.pi * np.sqrt(1.2 / 10)
 
@@ -48,11 +59,11 @@ def test_overshoot(place, track):
     assert float(js.overshoot(PLANT, SHAPER, 1.0)) == pytest.approx(refined(place, at[near], x[near], 1) - 1, abs=1e-8)
     # The same move to the other side, and twice as far on a plant that is the same but for its scale.
     assert float(js.overshoot(PLANT, SHAPER, -1.0)) == pytest.approx(float(js.overshoot(PLANT, SHAPER, 1.0)), abs=1e-14)
-    scaled = plants.TwoMass(1.0, 1.2, plants.Duffing(10.0, 25.0), plants.LinearDamper(0.5))
+    scaled = Displaced(1.0, 1.2, plants.Duffing(10.0, 25.0), plants.LinearDamper(0.5))
     assert float(js.overshoot(scaled, SHAPER, 2.0)) == pytest.approx(float(js.overshoot(PLANT, SHAPER, 1.0)), abs=1e-9)
 
 
-SLOW = plants.TwoMass(1.0, 1.0, plants.Duffing(1.0, 0.0), plants.LinearDamper(9.0))
+SLOW = Displaced(1.0, 1.0, plants.Duffing(1.0, 0.0), plants.LinearDamper(9.0))
 
 
 def test_no_overshoot():
@@ -88,7 +99,7 @@ def test_rise_that_does_not_come():
     assert js.rise_time(SLOW, SHAPER, 1.0, 0.1, 0.5) == pytest.approx(np.log(0.9 / 0.5) / pole, rel=1e-4)
 
 
-BARE = plants.TwoMass(1.0, 1.2, plants.Duffing(10.0, 100.0), plants.LinearDamper(0.0))
+BARE = Displaced(1.0, 1.2, plants.Duffing(10.0, 100.0), plants.LinearDamper(0.0))
 
 
 @pytest.mark.parametrize("band", [0.05, 0.1])
@@ -109,7 +120,7 @@ def test_settling_that_does_not_come():
 
 
 # Of the same kind and about as fast as the other plant, so that the same compiled programs serve both.
-LOST = plants.TwoMass(1.0, 1.0, plants.Duffing(1.0, -0.25), plants.LinearDamper(0.0))
+LOST = Displaced(1.0, 1.0, plants.Duffing(1.0, -0.25), plants.LinearDamper(0.0))
 
 
 @pytest.mark.parametrize(
@@ -127,6 +138,15 @@ def test_energy_that_no_deflection_stores():
     state = [1.0, 1.9]
     assert js.residual_energy(LOST, None, 1.0, initial_state=state) == pytest.approx(1.9**2 / 2)
     assert js.residual_vibration(LOST, None, 1.0, initial_state=state) == np.inf
+
+
+def test_a_force_that_the_spring_cannot_hold():
+    # x + x² is nowhere below −1/4 N: under −2 N there is no rest, and no energy above it, wherever the mass is by then.
+    plant = plants.ForcedMass(1.0, plants.ForceSpring(lambda x: x + x**2))
+    shaper = js.Shaper([0.5, 0.5], [0.0, 50.0])
+    for steps in (None, 4):
+        with pytest.raises(ValueError, match="distance: ForcedMass has no rest at its final input, -2"):
+            js.residual_energy(plant, shaper, -2.0, steps=steps)
 
 
 def test_residual_energy_of_a_bare_step(plant):
@@ -216,27 +236,52 @@ def exact_modes(omega, gains, weights, delays, at):
     )
 
 
-@pytest.mark.parametrize("fast", [60.0, *(pytest.param(w, marks=pytest.mark.slow) for w in (1.0, 7.3))])
-def test_residual_vibration_of_modes(fast):
+BEATING = (1.0, 1.3, 60.0)
+"""Modes, rad/s, of which two still rise together two slow periods after the shaper below; the last rides on them."""
+
+WEIGHTS, DELAYS = (0.6, 0.4), (0.0, 3.3)
+
+
+@pytest.mark.parametrize("omega", [BEATING, *(pytest.param((1.0, w), marks=pytest.mark.slow) for w in (1.0, 7.3))])
+def test_residual_vibration_of_modes(omega):
     # The greatest departure in two periods of the slow mode after the last impulse, by a dense sum of cosines. The fast
     # mode decides how finely one must look.
-    weights, delays, omega = (0.4, 0.6), (0.0, 0.7), (1.0, fast)
-    plant = plants.ModalPlant(omega, 0.0, [0.5, 0.5])
-    at = 0.7 + np.linspace(0, 4 * np.pi, 400_001)
-    expected = np.max(np.abs(exact_modes(omega, (0.5, 0.5), weights, delays, at)))
-    found = float(js.residual_vibration(plant, js.Shaper(weights, delays), 1.0))
+    gains = [1 / len(omega)] * len(omega)
+    at = DELAYS[-1] + np.linspace(0, 4 * np.pi, 400_001)
+    expected = np.max(np.abs(exact_modes(omega, gains, WEIGHTS, DELAYS, at)))
+    found = float(js.residual_vibration(plants.ModalPlant(omega, 0.0, gains), js.Shaper(WEIGHTS, DELAYS), 1.0))
     assert found == pytest.approx(expected, rel=1e-6)
-    if fast == 1.0:
-        assert found == pytest.approx(float(js.percentage_vibration(js.Shaper(weights, delays), 1.0)), rel=1e-6)
+    if set(omega) == {1.0}:
+        assert found == pytest.approx(float(js.percentage_vibration(js.Shaper(WEIGHTS, DELAYS), 1.0)), rel=1e-6)
 
 
 def test_overshoot_of_modes():
-    # The fast mode rides on the slow one's crest.
-    omega, weights, delays = (1.0, 60.0), (0.4, 0.6), (0.0, 0.7)
-    at = 0.7 + np.linspace(0, 4 * np.pi, 400_001)
-    expected = np.max(exact_modes(omega, (0.5, 0.5), weights, delays, at))
-    plant = plants.ModalPlant(omega, 0.0, [0.5, 0.5])
-    assert float(js.overshoot(plant, js.Shaper(weights, delays), 1.0)) == pytest.approx(expected, rel=1e-6)
+    # The fast mode rides on the slow ones' crest.
+    gains = [1 / 3] * 3
+    at = DELAYS[-1] + np.linspace(0, 4 * np.pi, 400_001)
+    expected = np.max(exact_modes(BEATING, gains, WEIGHTS, DELAYS, at))
+    plant = plants.ModalPlant(BEATING, 0.0, gains)
+    assert float(js.overshoot(plant, js.Shaper(WEIGHTS, DELAYS), 1.0)) == pytest.approx(expected, rel=1e-6)
+
+
+def test_overshoot_of_a_crane(staircase):
+    # Its payload is where the trolley is and the swing beside it: two periods after a trapezoid of 2.5 s, by SciPy.
+    field = lambda t, y, u: [y[1], -(9.81 * np.sin(y[0]) + u * np.cos(y[0])), y[3], u]
+    at = np.linspace(0.0, 2.5 + 4 * np.pi / np.sqrt(9.81), 20_001)
+    run = staircase(field, [0.0] * 4, [0.0, 0.5, 2.0, 2.5], [1.0, 0.0, -1.0, 0.0], at)
+    found = js.overshoot(plants.Crane(1.0), None, js.Trapezoid(1.0, 0.5, 1.0))
+    assert float(found) == pytest.approx(np.max(run[:, 2] + np.sin(run[:, 0])) - 1, abs=1e-7)
+
+
+def test_peak_deflection_of_modes():
+    # They bend most at the end of the period after the move, and would further.
+    omega, gains, weights, delays = (1.0, 1.85, 5.0), [1 / 3] * 3, (0.5, 0.5), (0.0, 0.8)
+    at = np.linspace(0, delays[-1] + 2 * np.pi, 400_001)
+    base = [weight * (at >= delay) for weight, delay in zip(weights, delays, strict=True)]
+    modes = [exact_modes(omega, gains, [w], [d], at) + w for w, d in zip(weights, delays, strict=True)]
+    bend = sum(np.where(at >= d, m, 0.0) - b for d, m, b in zip(delays, modes, base, strict=True))
+    found = js.peak_deflection(plants.ModalPlant(omega, 0.0, gains), js.Shaper(weights, delays), 1.0)
+    assert float(found) == pytest.approx(np.max(np.abs(bend)), rel=1e-6)
 
 
 def test_residual_vibration_of_a_forced_mass(staircase):
@@ -317,6 +362,8 @@ def test_tolerance():
         value, error = js.residual_energy_and_error(plant, shaper, 1.0, tolerance=tolerance)
         assert abs(float(value) - exact) <= float(error) + 1e-14
         assert float(error) <= tolerance * 30
+    default, asked = (residual_energy_and_error(plant, shaper, 1.0, **o) for o in ({}, {"tolerance": 1e-11}))
+    assert default == asked
     with pytest.raises(ValueError, match="tolerance 1e-17 cannot be met: it is below rounding"):
         js.residual_energy(plant, shaper, 1.0, tolerance=1e-17)
     with pytest.raises(ValueError, match="tolerance chooses the steps itself"):

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from problems import ANSWERS, ids, two_mass
+from scipy.integrate import quad
 from scipy.optimize import brentq, minimize_scalar
 
 import jshape as js
@@ -297,11 +298,26 @@ def test_damped_shapers_leave_what_their_estimate_of_the_loss_misses(papers):
     assert exact < orbit < (17.5 * 0.002) ** 2 / 2 < 1.0 < harmonic
 
 
+def test_estimates_of_the_loss(papers):
+    # What the base's place gives a swing over 1 m more than it takes is the loss: along the undamped orbit by SciPy's
+    # quadrature, in a harmonic quarter cycle c ω³ 3π/16.
+    given = lambda base: potential(base) - potential(1 - base)
+    orbit, _ = quad(lambda x: 0.1 * (2 * (potential(0.5) - potential(x))) ** 1.5, -0.5, 0.5, epsabs=1e-13)
+    harmonic = 0.1 * (np.pi / 0.591240537428156) ** 3 * 3 * np.pi / 16
+    for name, loss in [("orbit", orbit), ("harmonic", harmonic)]:
+        assert given(float(papers.approximate[name].amplitudes[0])) == pytest.approx(loss, rel=1e-9)
+
+
 def test_robust_shaper_with_a_damper_rests_at_the_destination(papers):
     shaper = energy.robust(papers.damped, 1.0, rests=1)
     assert js.residual_energy(papers.damped, padded(shaper), 1.0) < 1e-20
     # It pushes further than without a damper at every swing.
     assert np.all(np.cumsum(shaper.amplitudes)[:2] > np.cumsum(papers.shapers["3"].amplitudes)[:2] + 1e-4)
+
+
+def test_a_damper_that_takes_more_than_the_base_can_give():
+    with pytest.raises(ValueError, match=r"distance: this spring .* or the damper takes more than the base can give"):
+        energy.robust(two_mass(c=1e6), 1.0, rests=1)
 
 
 @pytest.mark.parametrize(("first", "second"), [(0.25, 0.3523), (0.40, 0.1823)])

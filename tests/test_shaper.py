@@ -140,6 +140,10 @@ def test_html_is_a_table_and_a_picture(amplitudes):
     places = np.array([stem["x1"] for stem in stems])
     np.testing.assert_allclose((places - places[0]) / (places[-1] - places[0]), np.array(times) / 1.6, atol=1e-3)
     assert len(list(root.iter(svg + "circle"))) == 3
+    # With the same room on both sides, and above and below.
+    picture, ends = next(root.iter(svg + "svg")), [zero, *(stem["y2"] for stem in stems)]
+    assert 0 < places[0] == pytest.approx(float(picture.get("width", "nan")) - places[-1])
+    assert 0 < min(ends) == pytest.approx(float(picture.get("height", "nan")) - max(ends))
 
 
 @pytest.mark.parametrize("shaper", [Shaper([1.0], [0.0]), jax.tree.map(jnp.zeros_like, Shaper([0.5, 0.5], [0.0, 1.0]))])
@@ -387,6 +391,8 @@ def test_an_impulse_on_a_sample_is_one_tap():
         np.testing.assert_allclose(Shaper([0.5, 0.5], [0.0, 0.3]).digitise(0.1, method), [0.5, 0, 0, 0.5], atol=1e-15)
     np.testing.assert_allclose(Shaper([0.5, 0.5], [0.0, 0.25]).digitise(0.1, "split"), [0.5, 0, 0.25, 0.25], atol=1e-15)
     np.testing.assert_array_equal(Shaper([1.0], [0.0]).digitise(0.1, "split"), [1.0])
+    # 0.07 / 0.01 is a little above 7.
+    np.testing.assert_array_equal(Shaper([0.5, 0.5], [0.0, 0.07]).digitise(0.01, "split"), [0.5, *[0.0] * 6, 0.5])
 
 
 def test_impulses_in_one_sample_add_up():

@@ -116,7 +116,7 @@ def test_nominal_with_a_given_duration(plant):
     some = first + second <= 1
     amplitudes = np.stack([first, second, 1 - first - second], 1)[some]
     times = np.stack([0 * middle, 0.5 * middle, 0 * middle + 0.5], 1)[some]
-    others = jax.jit(jax.vmap(lambda shaper: js.residual_energy(plant, shaper, 1.0)))(js.Shaper(amplitudes, times))
+    others = jax.jit(jax.vmap(lambda a, t: js.residual_energy(plant, js.Shaper(a, t), 1.0)))(amplitudes, times)
     assert missed.objective <= float(jnp.min(others)) * (1 + 1e-9)
     assert missed.objective == pytest.approx(float(js.residual_energy(plant, missed.shaper, 1.0)), rel=1e-9)
 

@@ -11,6 +11,8 @@ import multiprocessing
 import os
 import signal
 import tempfile
+import threading
+import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import contextmanager
@@ -37,6 +39,7 @@ def artist() -> Iterator[Callable[..., None]]:
 
 
 def _begin() -> None:
+    threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
     # An interrupt is the other process's business, and so is most of the machine.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(os, "nice"):
@@ -44,6 +47,13 @@ def _begin() -> None:
     os.environ["MPLBACKEND"] = "Agg"
     # A process that ends after a few figures has nothing to collect.
     gc.disable()
+
+
+def _end_with(parent: int) -> None:
+    """End when the command has ended, whatever ended it."""
+    while os.getppid() == parent:
+        time.sleep(0.5)
+    os._exit(1)
 
 
 def _warm_up() -> None:

@@ -25,28 +25,37 @@ def prompt_interrupts() -> Iterator[None]:
     ours, theirs = socket.socketpair()
     theirs.setblocking(False)
     before = signal.set_wakeup_fd(theirs.fileno(), warn_on_full_buffer=False)
-    threading.Thread(target=_watch, args=(ours,), daemon=True).start()
+    interrupted = threading.Event()
+    threading.Thread(target=_watch, args=(ours, interrupted), daemon=True).start()
     try:
         yield
     finally:
         signal.set_wakeup_fd(before)
-        theirs.close()
+        # After an interrupt the rest of the process, too, has to end in time: threads and processes that it waits for.
+        if not interrupted.is_set():
+            theirs.close()
+        else:
+            _kept.append(theirs)
 
 
-def _watch(ours: socket.socket) -> None:
-    interrupts = 0
+_kept: list[socket.socket] = []
+"""Sockets that stay open until the process ends."""
+
+
+def _watch(ours: socket.socket, interrupted: threading.Event) -> None:
+    """End the process at a second interrupt, or some time after the first."""
     while received := ours.recv(1):
-        interrupts += received == bytes([signal.SIGINT])
-        if interrupts:
-            ours.settimeout(PATIENCE)
-        if interrupts > 1:
-            break
-        try:
-            again = ours.recv(1, socket.MSG_PEEK)
-        except TimeoutError:
-            break
-        if not again:
-            return
-    if interrupts:
-        os.write(2, b"jshape: interrupted\n")
-        os._exit(130)
+        if received[0] != signal.SIGINT:
+            continue
+        if not interrupted.is_set():
+            interrupted.set()
+            timer = threading.Timer(PATIENCE, _end)
+            timer.daemon = True
+            timer.start()
+        else:
+            _end()
+
+
+def _end() -> None:
+    os.write(2, b"jshape: interrupted\n")
+    os._exit(130)

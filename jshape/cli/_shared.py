@@ -10,12 +10,15 @@ import io
 import math
 import os
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+from jshape.cli._interrupt import prompt_interrupts
 
 if TYPE_CHECKING:
     from jshape._types import Progress
@@ -99,9 +102,13 @@ def need_environments() -> None:
         raise ValueError("this command needs the environments: pip install 'jshape[envs]'")
 
 
+PLAIN = 5.0
+"""Seconds between lines of progress where the stream is no terminal."""
+
+
 @contextmanager
 def explained() -> Iterator[None]:
-    """Report what the user did wrong, and a file that cannot be written, in a line; an interrupt ends quietly.
+    """Report what the user did wrong, and a file that cannot be written, in a line; an interrupt ends within seconds.
 
     What cannot be printed, such as a file's name that is no UTF-8, is printed as escapes.
     """
@@ -109,7 +116,8 @@ def explained() -> Iterator[None]:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
     try:
-        yield
+        with prompt_interrupts():
+            yield
     except (ValueError, OSError, MemoryError) as error:
         if isinstance(error, BrokenPipeError):
             raise
@@ -125,7 +133,9 @@ def explained() -> Iterator[None]:
 
 @contextmanager
 def progress_line() -> Iterator[tuple[Callable[[str], None], "Progress"]]:
-    """A line on the error stream that says what is being done, how far it is and the best value so far.
+    """A line on the error stream: what is being done, how far it is, the time left and the best value so far.
+
+    Where the stream is no terminal, a plain line every ``PLAIN`` seconds.
 
     Yields:
         ``step(stage)`` for what has no end in sight, and ``progress(stage, done, total, best)``.
@@ -134,13 +144,32 @@ def progress_line() -> Iterator[tuple[Callable[[str], None], "Progress"]]:
     from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
     console = Console(stderr=True, markup=False, emoji=False)
+    began: dict[str, float] = {}
+    printed = time.monotonic()
+
+    def described(stage: str, done: int, total: int, best: float) -> str:
+        elapsed = time.monotonic() - began.setdefault(stage, time.monotonic())
+        words = f"{stage} {done}/{total}" if total else stage
+        if 0 < done < total:
+            words += f" ({done / total:.0%}), about {elapsed * (total - done) / done:.0f} s left"
+        return words + (f", best {best:.6g}" if best < math.inf else "")
+
+    if not console.is_terminal:
+
+        def plain(stage: str, done: int, total: int, best: float) -> None:
+            nonlocal printed
+            words = described(stage, done, total, best)
+            if time.monotonic() - printed >= PLAIN:
+                printed = time.monotonic()
+                typer.echo(words, err=True)
+
+        yield lambda stage: plain(stage, 0, 0, math.inf), plain
+        return
     columns = (SpinnerColumn(), TextColumn("{task.description}", markup=False), BarColumn(20), TimeElapsedColumn())
     with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task("", total=None)
 
         def progress(stage: str, done: int, total: int, best: float) -> None:
-            words = f"{stage} {done}/{total}" if total else stage
-            words += f", best {best:.6g}" if best < math.inf else ""
-            bar.update(task, description=words, total=total or None, completed=done)
+            bar.update(task, description=described(stage, done, total, best), total=total or None, completed=done)
 
         yield lambda stage: progress(stage, 0, 0, math.inf), progress

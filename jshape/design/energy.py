@@ -91,9 +91,11 @@ def robust(plant: AbstractOscillator, distance: Any, rests: Any = 1, *, damping:
         count = _check.count(rests, "rests", least=0)
         return _swings(plant, distance, jnp.full(count + 1, 1 / (count + 1)), damping)
     positions = _check.as_array(rests, "rests")
+    if positions.ndim != 1:
+        raise ValueError(f"rests must be a whole number or a list of positions, not of shape {positions.shape}")
     size = _check_arguments(plant, distance, damping)
     ends = jnp.concatenate([jnp.zeros(1), positions / size, jnp.ones(1)])
-    if positions.ndim != 1 or (_check.is_concrete(ends) and np.any(np.diff(np.asarray(ends)) <= 0)):
+    if _check.is_concrete(ends) and np.any(np.diff(np.asarray(ends)) <= 0):
         given = _check.show(positions)
         raise ValueError(f"rests must lie in order between 0 and the distance, {_check.show(size)}, not {given}")
     return _swings(plant, distance, jnp.diff(ends), damping)

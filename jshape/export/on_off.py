@@ -37,7 +37,8 @@ def on_off(
     amplitudes, times = numbers(shaper)
     sample_time = float(_check.scalar(sample_time, "sample_time"))
     _check.positive(sample_time, "sample_time")
-    if np.abs(amplitudes - (-1.0) ** np.arange(len(times))).max() > 1e-6 or len(times) % 2 == 0:
+    # They sum to 1, so that their number is odd.
+    if np.abs(amplitudes - (-1.0) ** np.arange(len(times))).max() > 1e-6:
         raise ValueError(f"amplitudes must be 1, -1, ..., 1 for an on-off output, not {_check.show(amplitudes)}")
     checked = pairs(modes)
     if not checked:

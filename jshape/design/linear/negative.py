@@ -87,7 +87,6 @@ def _shaper(name: str, gaps: tuple[float, ...], order: int, omega: Any, zeta: An
     """The shaper with that negative amplitude and a zero of that order; ``gaps``: over the period, without damping."""
     omega, zeta = mode(omega, zeta)
     negative = _check.scalar(negative, "negative")
-    _check.finite(negative, "negative")
     if _check.is_concrete(negative) and not 0 < float(negative) <= 1:
         raise ValueError(f"negative must be greater than 0 and at most 1, not {_check.show(negative)}")
     amplitudes, phases, solved = _negative_phases(gaps, order, zeta, negative.astype(omega.dtype))

@@ -23,7 +23,7 @@ MAXIMA = 6
 NEAR = 0.02
 """A maximum of the finer set that is less than the greatest energy by at most this part may exceed it nearby."""
 
-SWEEPS = 3
+SWEEPS = 5
 """Line searches along each leaf about a maximum of the finer set."""
 
 NEGLIGIBLE = 1e-7
@@ -104,7 +104,7 @@ def _refined(problem: DesignProblem, point: Point, axes: dict[str, np.ndarray], 
             at = int(np.argmax(energies))
             if energies[at] > best.energy:
                 best = Maximum(best.leaves | {name: float(along[at])}, float(energies[at]))
-            widths[name] = 2 * float(along[1] - along[0])
+            widths[name] = float(along[1] - along[0])
     return best
 
 

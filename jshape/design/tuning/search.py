@@ -185,8 +185,10 @@ class Search:
                 self.problem = interval.with_plants(self.problem, maxima, found.energies)
                 for search in (self.judge, *descents):
                     search.pose(self.problem)
-                # Those that were best on fewer plants are no candidates any more.
-                self.candidates = []
+                # All candidates are judged again, on more plants.
+                points, self.candidates = [candidate.point for candidate in self.candidates], []
+                for point in points:
+                    self._add(point, False)
             descents = [one for one in self._distinct(descents)[:2] if one.left]
             if not descents:
                 return
