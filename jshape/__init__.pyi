@@ -2,6 +2,7 @@ from . import adaptive as adaptive
 from . import calibration as calibration
 from . import design as design
 from . import plants as plants
+from . import reports as reports
 from .command import Pulse as Pulse
 from .command import Sampled as Sampled
 from .command import SCurve as SCurve
@@ -35,3 +36,5 @@ from .sweeps.sobol import sensitivity_indices as sensitivity_indices
 from .sweeps.sweep import sweep as sweep
 from .vibration import insensitivity as insensitivity
 from .vibration import percentage_vibration as percentage_vibration
+
+__version__: str

@@ -21,6 +21,8 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array
 
+from jshape._rules import RULES
+
 MOST_SAMPLES = 10_000_000
 """Samples that a shaper may last."""
 
@@ -88,27 +90,26 @@ def finite(value: Any, name: str) -> None:
 def positive(value: Any, name: str) -> None:
     """Raises ``ValueError`` unless every concrete value is finite and greater than 0."""
     finite(value, name)
-    _require(value, name, lambda x: x > 0, "be greater than 0")
+    _require(value, name, *RULES["positive"])
 
 
 def not_negative(value: Any, name: str) -> None:
     """Raises ``ValueError`` unless every concrete value is finite and at least 0."""
     finite(value, name)
-    _require(value, name, lambda x: x >= 0, "not be negative")
+    _require(value, name, *RULES["not_negative"])
 
 
 def not_zero(value: Any, name: str) -> None:
     """Raises ``ValueError`` if a concrete value is 0 or not finite."""
     finite(value, name)
-    if is_concrete(value) and np.any(np.asarray(value) == 0):
-        raise ValueError(f"{name} must not be 0: there is nothing to shape")
+    if is_concrete(value) and not np.all(RULES["not_zero"][0](np.asarray(value))):
+        raise ValueError(f"{name} must {RULES['not_zero'][1]}")
 
 
 def damping_ratio(value: Any, name: str = "zeta") -> None:
     """Raises ``ValueError`` unless every concrete value lies in [0, 1)."""
     finite(value, name)
-    words = "be at least 0 and below 1 (an overdamped mode needs no shaper)"
-    _require(value, name, lambda x: (x >= 0) & (x < 1), words)
+    _require(value, name, *RULES["damping_ratio"])
 
 
 def one_of(value: str, name: str, allowed: tuple[str, ...]) -> None:

@@ -109,7 +109,7 @@ class Step(AbstractCommand):
     """A jump at time 0.
 
     Attributes:
-        size: m (rad, N: the unit of the plant's drive).
+        size: of the jump, m (rad, N: the unit of the plant's drive).
 
     Raises:
         ValueError: for a size that is 0 or not finite.
@@ -147,7 +147,7 @@ class Trapezoid(AbstractCommand):
     """A move with a trapezoidal speed profile; a triangular one where it is too short for the full speed.
 
     Attributes:
-        distance: m, may be negative.
+        distance: of the move, m, may be negative.
         speed: the greatest, m/s.
         acceleration: at both ends, m/s².
 
@@ -174,10 +174,10 @@ class SCurve(AbstractCommand):
     Pieces that a short move does not need have no length.
 
     Attributes:
-        distance: m, may be negative.
+        distance: of the move, m, may be negative.
         speed: the greatest, m/s.
         acceleration: the greatest, m/s².
-        jerk: m/s³.
+        jerk: the greatest, m/s³.
 
     Raises:
         ValueError: for a zero distance or limits that are not positive.
@@ -211,8 +211,8 @@ class Sampled(AbstractCommand):
     """Straight lines through measured or planned points; constant after the last one.
 
     Attributes:
-        times: s, strictly increasing, the first is 0; shape (breaks,).
-        values: at those times; the first is where the motion begins (a jump to it, if it is not 0).
+        times: of the points, s, strictly increasing, the first is 0; shape (breaks,).
+        values: at those times, m; the first is where the motion begins (a jump to it, if it is not 0).
 
     Raises:
         ValueError: for unequal lengths, fewer than two points, unsorted times or values that are not finite.

@@ -4,14 +4,17 @@ import json
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 import jshape as js
+from jshape._files import write_results
 from jshape.cli import app
 from jshape.cli._artist import artist
+from jshape.cli._shared import results_folder
 from jshape.export import read_shaper
 
 run = CliRunner().invoke
@@ -46,6 +49,14 @@ def test_foreign_files_are_not_written_over(tmp_path):
     assert result.exit_code == 2
     assert "holds files that are not jshape's" in result.output
     assert [p.name for p in tmp_path.iterdir()] == ["precious.txt"]
+
+
+def test_an_earlier_result_is_named(tmp_path, capsys):
+    write_results(tmp_path, {})
+    assert results_folder(tmp_path, "unused") == tmp_path
+    assert f"{tmp_path}: holds an earlier result, which is overwritten" in capsys.readouterr().err
+    assert results_folder(None, "other-results") == Path("other-results")
+    assert capsys.readouterr().err == ""
 
 
 @pytest.mark.slow

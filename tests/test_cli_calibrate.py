@@ -1,6 +1,7 @@
 """``jshape calibrate`` as its user meets it: the table, the reasons, the files, the lines to paste, mistakes."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ import typer
 from calibration_data import RECORD, sets_text, spectrum_text
 from typer.testing import CliRunner
 
-from jshape.cli.calibrate import _axis, calibrate
+from jshape.cli.calibrate import _axes, _axis, calibrate
 from jshape.export import read_shaper
 
 app = typer.Typer()
@@ -28,7 +29,7 @@ def folder(tmp_path_factory):
 def result(folder):
     data = folder / "resonances_y_made_up.csv"
     data.write_text(spectrum_text(), encoding="utf-8")
-    return run(data, "--out", folder / "out", "--starts", 4)
+    return run(data, "--out", folder / "out", "--starts", 4, "--reprapfirmware")
 
 
 def test_table_reasons_and_lines(result):
@@ -54,7 +55,7 @@ def test_files(result, folder):
             shaper = read_shaper(out / "shapers" / f"{name}.{ending}")
             np.testing.assert_array_equal(shaper.times, row["times"])
             np.testing.assert_array_equal(shaper.amplitudes, row["amplitudes"])
-    for name in ("spectrum", "after", "vibration", "step"):
+    for name in ("calibration", "step"):
         assert (out / f"{name}.png").stat().st_size > 10_000
         assert (out / f"{name}.pdf").read_bytes().startswith(b"%PDF")
     pasted = (out / "paste.txt").read_text(encoding="utf-8")
@@ -85,6 +86,30 @@ def test_mistakes_end_with_a_line(folder):
     assert not (folder / "n").exists()
 
 
+def test_two_files_are_two_axes_or_two_loads():
+    """Told apart by their names; loads are asked for."""
+    x, y, other = Path("resonances_x_1.csv"), Path("resonances_y_1.csv"), Path("loaded.csv")
+    assert _axes([x, y], None, False) == {"x": [x], "y": [y]}
+    assert _axes([x, other], None, True) == {"x": [x, other]}
+    assert _axes([x, y], "y", True) == {"y": [x, y]}
+    with pytest.raises(ValueError, match=r"resonances_x_1.csv and loaded.csv: are all of axis x; --loads"):
+        _axes([x, other], None, False)
+
+
+@pytest.mark.slow
+def test_two_axes(folder):
+    files = [folder / f"two_{axis}.csv" for axis in "xy"]
+    for file in files:
+        file.write_text(spectrum_text(), encoding="utf-8")
+    outcome = run(*files, "--out", folder / "axes", "--starts", 2)
+    assert outcome.exit_code == 0, outcome.output
+    for axis in "xy":
+        assert f"shaper_freq_{axis}: " in outcome.output
+        assert f"shaper_type_{axis}" in (folder / "axes" / axis / "paste.txt").read_text(encoding="utf-8")
+    assert "RepRapFirmware does (--reprapfirmware)" in outcome.output
+    assert "M593" not in outcome.output
+
+
 def test_axis_from_the_name(tmp_path):
     for name, axis in [
         ("raw_data_y_20250101.csv", "y"),
@@ -102,7 +127,7 @@ def test_two_files_that_share_a_shaper(folder):
     rows = [line.split(",") for line in lines[1:]]
     loaded = folder / "loaded_x.csv"
     loaded.write_text("\n".join([lines[0], *(",".join([f"{float(r[0]) / 0.9:.6f}", *r[1:]]) for r in rows)]), "utf-8")
-    outcome = run(RECORD, loaded, "--out", folder / "both", "--shift", 0.02)
+    outcome = run(RECORD, loaded, "--loads", "--out", folder / "both", "--shift", 0.02)
     assert outcome.exit_code == 0, outcome.output
     record = json.loads((folder / "both" / "results.json").read_text(encoding="utf-8"))
     assert record["spectra"] == [RECORD.name, "loaded_x.csv"]

@@ -41,6 +41,8 @@ def test_to_the_terminal_it_is_the_text_alone(file):
     result = run(app, [file, "--format", "c99", "--sample-time", "0.001", "--method", "zeros", "--mode", "300,0.1"])
     assert result.exit_code == 0
     assert result.stdout == js.export(SHAPER, "c99", sample_time=0.001, method="zeros", modes=[(300.0, 0.1)])
+    by_unit = run(app, [file, "--format", "matlab", "--sample-time", "1 ms"])
+    assert by_unit.stdout == js.export(SHAPER, "matlab", sample_time=0.001)
     result = run(app, [file, "--format", "reprapfirmware", "--firmware", "3.4"])
     assert result.stdout == js.export(SHAPER, "reprapfirmware", firmware="3.4")
 
@@ -70,10 +72,12 @@ def test_mistakes(file, tmp_path):
         ([file, "--format", "cobol"], "format must be one of"),
         ([file, "--format", "c99"], "format 'c99' needs sample_time"),
         ([file, "--format", "c99", "--sample-time", "-1"], "sample_time must be greater than 0"),
+        ([file, "--format", "c99", "--sample-time", "1 s"], "sample_time must not be longer than the shaper, 0.0105"),
+        ([file, "--format", "c99", "--sample-time", "1 m"], "--sample-time must be in s or a multiple of it"),
         ([file, "--format", "marlin", "--firmware", "3.4"], "firmware is no option of format 'marlin'"),
         ([file, "--format", "scipy", "--sample-time", "0.1", "--mode", "9"], "--mode must be OMEGA,ZETA"),
         ([file, "--format", "numpy"], "is no text; name a file with --out"),
-        ([file, "--format", "on_off", "--sample-time", "0.1", "--mode", "9,0"], "amplitudes must be 1, -1, ..., 1"),
+        ([file, "--format", "on_off", "--sample-time", "0.001", "--mode", "9,0"], "amplitudes must be 1, -1, ..., 1"),
         ([file, "--format", "json", "--out", str(tmp_path / "no" / "s.json")], "s.json: No such file or directory"),
     ]:
         result = run(app, given)

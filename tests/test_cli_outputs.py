@@ -41,11 +41,9 @@ def data(tmp_path):
 
 @pytest.mark.parametrize("words", MARKUP)
 def test_names_are_never_markup(words, capsys):
-    table = tables.new_table(words, [words], words, second=words)
-    table.add_row(words, words, words)
     console = tables.new_console()
-    console.print(table)
-    console.print(words)
+    tables.show_table(console, words, [words, words], [(words, [words, words])], words, left=[words])
+    tables.say(console, words)
     assert capsys.readouterr().out.count(words) == 8
     with _shared.progress_line() as (step, progress):
         step(words)

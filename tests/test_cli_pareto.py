@@ -38,7 +38,8 @@ def test_front(tmp_path):
     problem.write_text(PROBLEM, encoding="utf-8")
     result = run("pareto", problem, "--out", out)
     assert result.exit_code == 0, result.output
-    assert "A front: residual energy, worst case (J)" in result.output
+    assert "A front\n" in result.output
+    assert "residual energy, worst case (J) for each duration" in result.output
     assert "energy 2-impulse: 0.6609 J in 0.5912 s" in result.output
     with xr.open_dataset(out / "pareto.nc") as saved:
         assert float(saved.objective[0, 1]) < 0.660925

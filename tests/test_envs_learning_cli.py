@@ -8,6 +8,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+from jshape.cli.evaluate import evaluate
 from jshape.cli.train import train
 
 app = typer.Typer()
@@ -71,3 +72,14 @@ def test_mistakes_are_told_in_a_line(tmp_path):
         assert found.exit_code == 2
         assert words in found.stderr.replace("\n", " ")
     assert not (tmp_path / "x").exists()
+
+
+def test_a_wrong_policy_lists_what_there_is(tmp_path):
+    other = typer.Typer()
+    other.command()(evaluate)
+    given = ["DuffingPayload", "--policy", "best-fxed", "--out", str(tmp_path / "x")]
+    found = CliRunner().invoke(other, given)
+    assert found.exit_code == 2
+    words = "--policy must be a policy's file (.npz), trained or one of zv, zvd, ei, best-fixed"
+    assert words in found.stderr
+    assert "did you mean best-fixed?" in found.stderr

@@ -50,7 +50,7 @@ BEYOND = {
         2,
         "distance: input should be a valid number",
     ),
-    "a word for a distance": ("distance = 1.0", 'distance = "1"', 2, "distance: input should be a valid number"),
+    "a word for a distance": ("distance = 1.0", 'distance = "1"', 2, "distance: must be a number, or a text with"),
     "true for a factor": (
         "low = 0.8",
         "low = true",

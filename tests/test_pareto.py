@@ -72,9 +72,12 @@ def test_front_is_kept_and_resumed(both, plant, tmp_path):
         if design == "3 positive" and done == 1:
             raise KeyboardInterrupt
 
-    with pytest.raises(KeyboardInterrupt):
-        front(plant, store=tmp_path / "front", progress=stop)
+    found = front(plant, store=tmp_path / "front", progress=stop)
     assert seen[0] == "2 positive"
+    # What was found before the interrupt is returned: one front, and the first duration of the other.
+    np.testing.assert_array_equal(found.objective[0], both.objective[0])
+    assert np.isfinite(found.objective[1]).values.tolist() == [True, *[False] * (len(TIMES) - 1)]
+    assert set(found.status[1, 1:].values) == {js.Status.INTERRUPTED.value}
     again = []
     resumed = front(plant, store=tmp_path / "front", progress=lambda design, *_: again.append(design))
     assert set(again) == {"3 positive"}

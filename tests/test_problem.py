@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from jshape import plants
-from jshape.problems import problem
+from jshape.problems import problem, reading
+from jshape.problems.lines import ProblemError
 
 BASE = """\
 title = "test"
@@ -59,7 +60,7 @@ def test_commands(load):
     assert float(read.distance.final) == 2.0
 
 
-@pytest.mark.parametrize("name", problem.shipped())
+@pytest.mark.parametrize("name", reading.shipped())
 def test_shipped(name):
     read = problem.load(name)
     assert float(np.min(read.plant.natural_frequency())) > 0
@@ -70,12 +71,17 @@ def test_shipped(name):
 WRONG = {
     "negative mass": ("m2 = 1.0", "m2 = -1.0", 6, "plant.m2: must be greater than 0, not -1"),
     "zero mass": ("m2 = 1.0", "m2 = 0", 6, "plant.m2: must be greater than 0, not 0"),
-    "text for a number": ("m2 = 1.0", 'm2 = "heavy"', 6, "plant.m2: must be a number, not 'heavy'"),
+    "text for a number": (
+        "m2 = 1.0",
+        'm2 = "heavy"',
+        6,
+        "plant.m2: must be a number, or a quantity such as",
+    ),
     "true for a number": ("m2 = 1.0", "m2 = true", 6, "plant.m2: must be a number, not True"),
     "NaN": ("k3 = 100.0", "k3 = nan", 11, "plant.spring.k3: must be finite, not nan"),
     "infinity": ("m2 = 1.0", "m2 = inf", 6, "plant.m2: must be finite, not inf"),
     "unknown key": ("k3 = 100.0", "k5 = 100.0", 11, "plant.spring.k5: unknown key; Duffing takes k1, k3"),
-    "missing key": ("k3 = 100.0", "", 8, "plant.spring: missing 1 required positional argument: 'k3'"),
+    "missing key": ("k3 = 100.0", "", 8, "plant.spring: k3 is missing: cubic stiffness, N/m³"),
     "unknown spring": ('"Duffing"', '"Dufing"', 9, "plant.spring.type: must be one of Duffing"),
     "unknown plant": ('"TwoMass"', '"ThreeMass"', 5, "unknown plant 'ThreeMass'"),
     "no such module": ('"TwoMass"', '"no_such_module_at_all:A"', 5, "cannot import 'no_such_module_at_all'"),
@@ -85,10 +91,10 @@ WRONG = {
     "no impulses": ("impulses = 3", "impulses = 0", 17, "design.impulses: input should be greater than or equal to 2"),
     "one impulse": ("impulses = 3", "impulses = 1", 17, "design.impulses: input should be greater than or equal to 2"),
     "half an impulse": ("impulses = 3", "impulses = 2.5", 17, "design.impulses: input should be a valid integer"),
-    "misspelt key": ("impulses = 3", "impulse = 3", 17, "design.impulse: unknown key"),
-    "misspelt table": ("[uncertainty]", "[uncertanty]", 13, "uncertanty: unknown key"),
+    "misspelt key": ("impulses = 3", "impulse = 3", 17, "; did you mean impulses?"),
+    "misspelt table": ("[uncertainty]", "[uncertanty]", 13, "uncertanty: unknown key; there are title, distance"),
     "unknown objective": ('"worst"', '"best"', 18, "design.objective: input should be 'nominal', 'worst'"),
-    "unknown leaf": ("m2 = {", "m3 = {", 14, "uncertainty.m3: unknown leaf 'm3': TwoMass has m1, m2"),
+    "unknown leaf": ("m2 = {", "m3 = {", 14, "uncertainty.m3: unknown leaf 'm3': TwoMass has m1, m2, spring"),
     "band the wrong way round": ("low = 0.8", "low = 1.8", 14, "uncertainty.m2: low must be below high"),
     "uncertain to below zero": ("low = 0.8", "low = -0.8", 14, "uncertainty.m2: m2 must be greater than 0"),
     "half a band": ("low = 0.8, ", "", 14, "uncertainty.m2: give both low and high"),
@@ -100,28 +106,122 @@ WRONG = {
 @pytest.mark.parametrize("case", WRONG)
 def test_wrong_is_told_with_line_and_key(load, case):
     old, new, line, words = WRONG[case]
-    with pytest.raises(problem.ProblemError) as caught:
+    with pytest.raises(ProblemError) as caught:
         load(old, new)
     assert f"problem.toml:{line}: " in str(caught.value)
     assert words in str(caught.value)
 
 
 def test_file_errors(tmp_path, load):
-    with pytest.raises(problem.ProblemError, match="is a directory"):
+    with pytest.raises(ProblemError, match="is a directory"):
         problem.load(tmp_path)
-    with pytest.raises(problem.ProblemError, match="no such file, nor a shipped problem"):
+    with pytest.raises(ProblemError, match="no such file, nor a shipped problem"):
         problem.load(tmp_path / "missing.toml")
-    with pytest.raises(problem.ProblemError, match=r"malformed TOML.*line 4"):
+    with pytest.raises(ProblemError, match=r"malformed TOML.*line 4"):
         load("distance = 1.0", "distance = [")
-    with pytest.raises(problem.ProblemError, match="give either distance"):
+    with pytest.raises(ProblemError, match="give either distance"):
         load("distance = 1.0", "")
     binary = tmp_path / "binary.toml"
     binary.write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(problem.ProblemError, match="cannot be read as text"):
+    with pytest.raises(ProblemError, match="cannot be read as text"):
         problem.load(binary)
 
 
 def test_code_that_fails_on_import_is_told(tmp_path, load):
     (tmp_path / "broken_plant_module.py").write_text("1 / 0\n", encoding="utf-8")
-    with pytest.raises(problem.ProblemError, match="cannot import 'broken_plant_module': ZeroDivisionError"):
+    with pytest.raises(ProblemError, match="cannot import 'broken_plant_module': ZeroDivisionError"):
         load('"TwoMass"', '"broken_plant_module:A"')
+
+
+def test_quantities_with_units(load):
+    read = load(
+        "distance = 1.0",
+        'command = { type = "Trapezoid", distance = "500 mm", speed = "1 m/s", acceleration = "4 m/s²" }',
+        BASE.replace("m2 = 1.0", 'm2 = "4 t"')
+        .replace("k1 = 10.0", 'k1 = "1.5 kN/m"')
+        .replace("low = 0.8, high = 1.2", 'low = "1 t", high = "8 t", count = 9')
+        .replace("impulses = 3", 'impulses = 3\nduration = "800 ms"\nsample_time = "10 ms"'),
+    )
+    assert float(read.distance.final) == 0.5
+    assert float(read.plant.m2) == 4000
+    assert float(read.plant.spring.k1) == 1500
+    np.testing.assert_allclose(read.over["m2"] * 4000, np.linspace(1000, 8000, 9))
+    assert (read.design.duration, read.design.sample_time) == (0.8, 0.01)
+    assert read.questions == []
+    assert "move: Trapezoid, distance 0.5 m, speed 1 m/s, acceleration 4 m/s²" in read.understood
+    assert "uncertain: m2 1000 … 8000 kg (0.25 … 2 times 4000 kg; 9 values)" in read.understood
+
+
+def test_a_multiple_and_an_absolute_value_are_the_same(load):
+    by_multiple, by_value = load(), load("low = 0.8, high = 1.2", 'low = "800 g", high = "1.2 kg"')
+    np.testing.assert_allclose(by_multiple.over["m2"], by_value.over["m2"], rtol=1e-15)
+    assert by_multiple.understood == by_value.understood
+    listed = load("low = 0.8, high = 1.2", 'values = ["80 %", 1.0]')
+    np.testing.assert_array_equal(listed.over["m2"], [0.8, 1.0])
+
+
+QUESTIONED = {
+    "a mass as a multiple": (
+        "low = 0.8, high = 1.2",
+        "low = 1.0, high = 8000",
+        "8000 is read as 8000 times the",
+    ),
+    "a nominal value forgotten": (
+        "low = 0.8, high = 1.2",
+        'low = "1 t", high = "8 t"',
+        "8000 kg is 8000 times",
+    ),
+    "millimetres": ("distance = 1.0", "distance = 1000.0", "distance: 1000 is read as 1000 m"),
+    "grams": ("m2 = 1.0", "m2 = 1e7", "plant.m2: 1e+07 is read as 1e+07 kg"),
+}
+
+
+@pytest.mark.parametrize("case", QUESTIONED)
+def test_odd_sizes_are_questioned(load, case):
+    old, new, words = QUESTIONED[case]
+    (question,) = load(old, new).questions
+    assert "problem.toml:" in question
+    assert words in question
+
+
+UNITS = {
+    "mass in metres": ("m2 = 1.0", 'm2 = "4 m"', 6, "plant.m2: must be in kg or a multiple of it, not '4 m'"),
+    "time in metres": ("impulses = 3", 'duration = "4 m"', 17, "design.duration: must be in s or a multiple"),
+    "leaf in metres": ("low = 0.8, high = 1.2", 'low = "1 m", high = "2 m"', 14, "uncertainty.m2: must be in kg"),
+    "both kinds": ("low = 0.8", 'low = "800 g"', 14, "give all with a unit, absolute, or all without"),
+    "no word for a part": ('"Duffing"', '["Duffing"]', 9, "plant.spring.type: must be one of Duffing"),
+    "misspelt plant": ('"TwoMass"', '"TwoMas"', 5, "; did you mean TwoMass?"),
+    "misspelt parameter": ("k3 = 100.0", "K3 = 100.0", 11, "; did you mean k3?"),
+    "zero that has no multiples": (
+        "m2 = {",
+        'base_damping = { values = ["1 N s/m"] } #',
+        14,
+        "nominal value is 0",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", UNITS)
+def test_wrong_units_and_names(load, case):
+    old, new, line, words = UNITS[case]
+    with pytest.raises(ProblemError) as caught:
+        load(old, new)
+    assert f"problem.toml:{line}: " in str(caught.value)
+    assert words in str(caught.value)
+
+
+def test_a_plant_of_ones_own_has_units(tmp_path):
+    """They stand in the docstring of its class."""
+    for ending in ("toml", "py"):
+        source = reading.shipped()["own_plant"].with_suffix(f".{ending}")
+        (tmp_path / f"own_plant.{ending}").write_text(source.read_text(encoding="utf-8"), encoding="utf-8")
+    path = tmp_path / "own_plant.toml"
+    text = path.read_text(encoding="utf-8")
+    path.write_text(
+        text.replace("m = 2.0", 'm = "2500 g"').replace("scale = 0.2 ", 'scale = "20 cm" '), encoding="utf-8"
+    )
+    plant = problem.load(path).plant
+    assert (float(plant.m), float(plant.scale)) == (2.5, 0.2)
+    path.write_text(text.replace("m = 2.0", 'm = "2 m"'), encoding="utf-8")
+    with pytest.raises(ProblemError, match=r"plant\.m: must be in kg"):
+        problem.load(path)

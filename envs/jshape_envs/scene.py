@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Circle, FancyBboxPatch, Rectangle
 
 from jshape.plants import AbstractCrane, AbstractPlant, BobRodPendulum, FlexibleLink
-from jshape.reports.plot import COLOURS
+from jshape.reports.style import COLOURS
 from jshape_envs.core import Params
 
 

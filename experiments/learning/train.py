@@ -31,7 +31,7 @@ from jshape_envs.policy import load_policy, policy_file, save_policy
 from experiments.learning.record import keep, read
 from experiments.markdown import table
 from jshape._types import Progress
-from jshape.reports.plot import COLOURS, STYLE
+from jshape.reports.style import COLOURS, STYLE
 
 HERE = Path(__file__).parent
 RECORD, PPO = HERE / "learning.json", HERE / "ppo.json"

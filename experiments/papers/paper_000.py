@@ -19,7 +19,7 @@ import jshape as js
 from experiments.papers import frame
 from experiments.papers.frame import Paper, Picture, Row, Surpassed, cannot, compare, figure, words
 from experiments.papers.judge import K1, K3, TWENTY, after, duffing, potential, residual, worst, worst_case
-from jshape.reports.plot import COLOURS
+from jshape.reports.style import COLOURS
 
 C = 0.1
 SPRING = js.plants.Duffing(K1, K3)

@@ -9,7 +9,7 @@ import jshape as js
 from experiments.papers import frame
 from experiments.papers.frame import Picture, figure
 from experiments.papers.paper_001_designs import DAMPINGS, LONGEST, MASSES, PLANT, PRESENTED, RATIOS, at
-from jshape.reports.plot import COLOURS, LINES
+from jshape.reports.style import COLOURS, LINES
 
 
 def pictures(

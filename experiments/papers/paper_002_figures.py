@@ -11,7 +11,7 @@ from experiments.papers.paper_002_judge import STEP, ZETAS, modes
 from experiments.papers.paper_002_link import BANDS, TICK, fixed, gain, link
 from jshape.adaptive.closed_loop import loop_figures as figures
 from jshape.adaptive.closed_loop import report
-from jshape.reports.plot import COLOURS, LINES
+from jshape.reports.style import COLOURS, LINES
 
 
 def pictures(paper: js.Shaper, robust: js.Shaper, rounded: js.Shaper, run: report.Experiment) -> list[Picture]:

@@ -7,7 +7,7 @@ from experiments.papers.frame import Picture, draw, figure
 from experiments.papers.paper_003_judge import WIDTH, G, L
 from experiments.papers.paper_003_pendulum import BAND, DISTANCE, HERTZ, bob_at, on_off, pendulum, ride
 from jshape.design import insensitive
-from jshape.reports.plot import COLOURS
+from jshape.reports.style import COLOURS
 
 FREQUENCY = dict(xlabel="bob position x (m)", ylabel="natural frequency (Hz)")
 

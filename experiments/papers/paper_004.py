@@ -15,7 +15,7 @@ from experiments.papers.frame import Paper, Picture, Row, Surpassed, cannot, com
 from experiments.papers.judge import after
 from jshape.design import switching
 from jshape.design.switching import Switched
-from jshape.reports.plot import COLOURS, LINES
+from jshape.reports.style import COLOURS, LINES
 
 X0 = [0.1, -0.1]
 CABLE, GRAVITY, WAY = 1.15, 9.81, 0.30

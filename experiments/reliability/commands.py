@@ -9,7 +9,8 @@ from experiments.reliability.literals import altered, literal
 from experiments.reliability.records import vibration
 from jshape.calibration.files import read
 from jshape.identification.csv_file import read_csv
-from jshape.problems.problem import load, shipped
+from jshape.problems.problem import load
+from jshape.problems.reading import shipped
 
 NUMBERS = ("0", "-1", "1", "2", "1e400", "nan", "inf", "1e-12", "1e12", "10" * 12, "", "x", "1,2", "0x10", "٣", "-0.0")
 

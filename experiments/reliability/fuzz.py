@@ -34,7 +34,8 @@ from jshape.calibration.files import read as read_accelerometer  # noqa: E402
 from jshape.export import read_shaper  # noqa: E402
 from jshape.identification.csv_file import read_csv  # noqa: E402
 from jshape.identification.from_csv import identify_csv  # noqa: E402
-from jshape.problems.problem import load, shipped  # noqa: E402
+from jshape.problems.problem import load  # noqa: E402
+from jshape.problems.reading import shipped  # noqa: E402
 from jshape.sweeps.checkpoint import in_chunks  # noqa: E402
 
 LONGEST = 5000

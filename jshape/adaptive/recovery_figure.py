@@ -7,7 +7,7 @@ import matplotlib.pyplot as plt
 import xarray as xr
 from matplotlib.figure import Figure
 
-from jshape.reports.plot import COLOURS, STYLE, WIDTH
+from jshape.reports.style import COLOURS, STYLE, WIDTH
 
 
 def recovery(found: xr.Dataset, variable: str, label: str, factor: float = 1.0, *, quantile: float = 0.95) -> Figure:

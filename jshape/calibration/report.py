@@ -150,20 +150,21 @@ def calibrate(
     return Calibration(list(spectra), modes, fits, choice, offer, simulated, version, zeta, ceiling)
 
 
-def write(found: Calibration, folder: Path, axis: str) -> list[str]:
+def write(found: Calibration, folder: Path, axis: str, reprap: bool = False) -> list[str]:
     """Write numbers, shapers, lines to paste and figures into a folder.
 
     Args:
         found: what is written.
         folder: of the results.
         axis: of the printer, ``"x"`` or ``"y"``.
+        reprap: whether ``paste.txt`` has RepRapFirmware's line, too.
 
     Returns:
         The files' names.
     """
     names = ["results.json", "paste.txt"]
     write_results(folder, numbers(found))
-    write_text(folder / "paste.txt", lines(found, axis))
+    write_text(folder / "paste.txt", lines(found, axis, reprap))
     (folder / "shapers").mkdir(exist_ok=True)
     for rated in found.shapers:
         export(rated.shaper, "json", folder / "shapers" / f"{rated.name}.json", name=rated.name)
@@ -176,32 +177,38 @@ def write(found: Calibration, folder: Path, axis: str) -> list[str]:
 
 
 def figures(found: Calibration) -> Iterator[tuple[str, Figure]]:
-    """Each figure by its name: the spectrum, the spectrum behind each shaper, V(f), the step response."""
+    """Each figure by its name: spectrum and shapers over the frequency, and the step response."""
     modes, zeta = found.modes[0], found.zeta
-    across = (0, found.ceiling)
-    frequency = "frequency (Hz)"
-    densities = [(s.name, s.frequencies, s.density / s.density.max()) for s in found.spectra]
-    labels = (frequency, "power density over its greatest")
-    yield "spectrum", plot.curves(densities, labels, across=across, ticks=[mode.frequency for mode in modes])
-    _, f, p = densities[0]
-    left = [(r.name, f, p * vibration(r.amplitudes, r.times, f, zeta)) for r in found.shapers]
-    labels = (frequency, "power density over the greatest")
-    # Under a twentieth nothing counts.
-    scale: Any = dict(across=across, up=(1e-4, 1.5), logarithmic=True, level=1 / 20)
-    yield "after", plot.curves([("unshaped", f, p), *left], labels, **scale)
+    shown = _shown(found)
+    spectra = [(s.name, s.frequencies, s.density / s.density.max()) for s in found.spectra]
+    _, f, p = spectra[0]
+    best = found.choice.best
+    after = (best.name, f, p * vibration(best.amplitudes, best.times, f, zeta))
     f = np.linspace(1, found.ceiling, 800)
-    left = [(r.name, f, 100 * vibration(r.amplitudes, r.times, f, zeta)) for r in found.shapers]
-    labels = (frequency, f"residual vibration (%), ζ = {zeta:g}")
-    yield "vibration", plot.curves(left, labels, across=across, up=(0, 100))
+    left = [(r.name, f, 100 * vibration(r.amplitudes, r.times, f, zeta)) for r in shown]
+    yield "calibration", plot.calibration(spectra, after, left, [mode.frequency for mode in modes])
     slowest = 1 / min(mode.frequency for mode in modes)
-    t = np.linspace(0, max(r.duration for r in found.shapers) + 2 * slowest, 800)
-    impulses = [("unshaped", [1.0], [0.0]), *((r.name, r.amplitudes, r.times) for r in found.shapers)]
+    t = np.linspace(0, max(r.duration for r in shown) + 2 * slowest, 800)
+    impulses = [("unshaped", [1.0], [0.0]), *((r.name, r.amplitudes, r.times) for r in shown)]
     steps = [(name, 1e3 * t, step_response(a, times, modes, t)) for name, a, times in impulses]
     yield "step", plot.curves(steps, ("time (ms)", "position over the step"))
 
 
-def lines(found: Calibration, axis: str) -> str:
+def _shown(found: Calibration) -> list[Rated]:
+    """Five shapers at most: the tuned one, the recommended one and those whose scores are next."""
+    others = sorted(
+        (r for r in found.shapers if r.name != "tuned"), key=lambda r: (r is not found.choice.best, r.score)
+    )
+    return [r for r in found.shapers if r.name == "tuned" or r in others[:4]]
+
+
+def lines(found: Calibration, axis: str, reprap: bool = False) -> str:
     """What to paste: Klipper's choice into ``printer.cfg``, the tuned impulses into RepRapFirmware's ``config.g``.
+
+    Args:
+        found: what is written.
+        axis: of the printer, ``"x"`` or ``"y"``.
+        reprap: whether RepRapFirmware's line is asked for.
 
     Raises:
         ValueError: for an axis other than ``"x"`` and ``"y"``.
@@ -209,7 +216,9 @@ def lines(found: Calibration, axis: str) -> str:
     best, tuned = found.choice.best, found.offer.shaper
     firmware = klipper(best.shaper, axis=axis, firmware=found.version)
     parts = [f"{firmware}# and in [printer], at most: max_accel: {rounded(best.max_accel):d}\n"]
-    for version in REPRAP:
+    words = "Paste these lines into printer.cfg. Klipper takes its own shapers alone, not the tuned one"
+    parts.append(f"# {words}{'' if reprap else '; RepRapFirmware does (--reprapfirmware)'}.\n")
+    for version in REPRAP if reprap else ():
         try:
             parts.append(reprapfirmware(tuned, firmware=version))
         except ValueError as error:

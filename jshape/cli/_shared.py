@@ -23,6 +23,7 @@ from jshape.cli._interrupt import prompt_interrupts
 if TYPE_CHECKING:
     from jshape._types import Progress
     from jshape.problems.problem import Problem
+    from jshape.problems.reading import Draft
 
 ProblemFile = Annotated[str, typer.Argument(help="A problem file (TOML), or the name of one that comes with jshape.")]
 Out = Annotated[Path | None, typer.Option(help="Folder for the results; NAME-results unless given.")]
@@ -32,16 +33,31 @@ Preset = Annotated[str, typer.Option(help="easy, paper, hard or out-of-distribut
 Context = Annotated[str, typer.Option(help="Is the payload hidden, observed or noisy?")]
 
 
-def begin(name: str, out: Path | None) -> tuple["Problem", Path]:
-    """The problem of that name and the folder for its results; says before it runs code of the problem's own."""
-    prepare_jax()
-    from jshape._files import check_unedited
-    from jshape.problems.problem import find, load
+def checked(name: str, out: Path | None) -> tuple["Draft", Path]:
+    """The problem file of that name and the folder for its results, checked before JAX is loaded.
 
-    folder = results_folder(out, f"{find(name).stem}-results")
-    problem = load(name, lambda kind: typer.echo(f"{find(name)}: runs code of its own, the plant {kind}", err=True))
-    check_unedited(folder, problem.text)
-    return problem, folder
+    Code of the problem's own is named before it runs.
+    """
+    from jshape._files import check_unedited
+    from jshape.problems.reading import read
+
+    draft = read(name)
+    folder = results_folder(out, f"{draft.path.stem}-results")
+    check_unedited(folder, draft.text)
+    if draft.foreign:
+        typer.echo(f"{draft.path}: runs code of its own, the plant {draft.foreign}", err=True)
+    return draft, folder
+
+
+def made(draft: "Draft") -> "Problem":
+    """The plant and the command of a problem file; what is questioned is said."""
+    prepare_jax()
+    from jshape.problems.problem import load
+
+    problem = load(draft)
+    for question in problem.questions:
+        typer.echo(f"warning: {question}", err=True)
+    return problem
 
 
 def results_folder(out: Path | None, name: str) -> Path:
@@ -54,6 +70,8 @@ def results_folder(out: Path | None, name: str) -> Path:
 
     folder = out or Path(name)
     check_writable(folder)
+    if (folder / "results.json").exists():
+        typer.echo(f"{folder}: holds an earlier result, which is overwritten", err=True)
     return folder
 
 

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from jshape.cli._shared import Out, ProblemFile, begin, explained, progress_line
+from jshape.cli._shared import Out, ProblemFile, checked, explained, made, progress_line
 
 if TYPE_CHECKING:
     from jshape.adaptive.closed_loop.report import Experiment
@@ -20,7 +20,8 @@ def adapt(
     seed: Annotated[int | None, typer.Option(min=0, help="Of noise and schedules; the file's unless given.")] = None,
 ) -> None:
     """Try adaptive strategies on a problem whose load changes unannounced, as its adapt table says."""
-    read, folder = begin(problem, out)
+    draft, folder = checked(problem, out)
+    read = made(draft)
     from jshape.adaptive.closed_loop.report import experiment, write
 
     given = {"schedules": schedules, "seed": seed}
@@ -36,25 +37,26 @@ def adapt(
 def _show(found: "Experiment") -> None:
     """Every strategy in a row, a block of columns for each load; then how soon it recovers in random schedules."""
     from jshape.adaptive.closed_loop.monte_carlo import recovered
-    from jshape.reports.tables import new_console, new_table
+    from jshape.reports.tables import new_console, say, show_problem, show_table
 
     console = new_console()
-    title = f"{found.problem.title}: residual (% of move) and settling time (s) of the last move, ∫|a| dt a move (m/s)"
+    show_problem(console, found.problem)
+    title = "residual (% of move) / settling time (s) of the last move / ∫|a| dt a move (m/s)"
     headings = [f"load {load:g}\nmoves {first + 1}–{after}" for load, first, after in found.loads()]
-    table = new_table("strategy", headings, title)
+    rows = []
     for name in found.traces:
         cells = []
         for _, first, after in found.loads():
             left, settled = (float(part[name][after - 1]) for part in (found.residual, found.settling))
             gathered = float(found.accumulated[name][first:after].mean())
             cells.append(f"{100 * left:.2f} / {settled:.2f} / {gathered:.1f}")
-        table.add_row(name, *cells)
-    console.print(table)
+        rows.append((name, cells))
+    show_table(console, "strategy", headings, rows, title)
     if found.study is not None:
         below = recovered(found.study)
         title = f"residual below 5 % in so many of {found.study.sizes['schedule']} random schedules (%)"
-        table = new_table("strategy", [f"move {move}" for move in below.move.values], title)
-        for name in below.strategy.values:
-            table.add_row(str(name), *(f"{100 * value:.1f}" for value in below.sel(strategy=name).values))
-        console.print(table)
-        console.print("move 1 is the first that begins after the change, 0 the one under way", style="dim")
+        headings = [f"move {move}" for move in below.move.values]
+        names = below.strategy.values
+        rows = [(str(name), [f"{100 * value:.1f}" for value in below.sel(strategy=name).values]) for name in names]
+        show_table(console, "strategy", headings, rows, title)
+        say(console, "move 1 is the first that begins after the change, 0 the one under way", "dim")

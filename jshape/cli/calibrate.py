@@ -15,15 +15,21 @@ if TYPE_CHECKING:
 @explained()
 def calibrate(
     data: Annotated[
-        list[Path], typer.Argument(help="Klipper's files, raw or spectra; several must share a shaper: empty, loaded.")
+        list[Path], typer.Argument(help="Klipper's files, raw or spectra; x or y in a name says of which axis.")
     ],
     out: Out = None,
     klipper: Annotated[
         str, typer.Option(help="Whose choice to follow: current, or 2024 for December 2024.")
     ] = "current",
     axis: Annotated[
-        str | None, typer.Option(help="x or y, for the lines to paste; from the file's name if not given.")
+        str | None, typer.Option(help="x or y, for the lines to paste; from the files' names if not given.")
     ] = None,
+    loads: Annotated[
+        bool, typer.Option("--loads", help="Several files of an axis are loads, empty and loaded, that share a shaper.")
+    ] = False,
+    reprapfirmware: Annotated[
+        bool, typer.Option("--reprapfirmware", help="The tuned shaper's line for RepRapFirmware's config.g, too.")
+    ] = False,
     component: Annotated[str, typer.Option(help="What counts of the acceleration: xyz, or x, y, z alone.")] = "xyz",
     zeta: Annotated[float, typer.Option(help="The printer's damping ratio, if it was measured.")] = 0.1,
     corner_speed: Annotated[float, typer.Option(help="Klipper's square corner velocity, mm/s.")] = 5.0,
@@ -45,38 +51,58 @@ def calibrate(
     """Choose a shaper for a printer as Klipper does, say why, and tune a better one on the same spectrum."""
     from jshape.calibration.files import read
 
-    spectra = read(data, component)
-    which = axis or _axis(data[0])
+    axes = _axes(data, axis, loads)
+    spectra = {which: read(files, component) for which, files in axes.items()}
+    names = {which: f"{files[0].stem}-results" for which, files in axes.items()}
+    folders = {
+        which: results_folder(out / which if out and len(axes) > 1 else out, name) for which, name in names.items()
+    }
     prepare_jax()
     from jshape.calibration.report import calibrate as calibrate_printer
     from jshape.calibration.report import lines, write
 
-    if which not in ("x", "y"):
-        raise ValueError(f"--axis must be x or y, not {which!r}")
-    folder = results_folder(out, f"{data[0].stem}-results")
-    with progress_line() as (step, progress):
-        found = calibrate_printer(
-            spectra,
-            version=klipper,
-            zeta=zeta,
-            corner_speed=corner_speed,
-            highest=highest,
-            duration=duration,
-            vibration=vibration,
-            smoothing=smoothing,
-            impulses=impulses,
-            shift=shift,
-            starts=starts,
-            seed=seed,
-            progress=progress,
-        )
-        step("files")
-        files = write(found, folder, which)
-    _show(found)
-    typer.echo(lines(found, which))
-    if axis is None:
-        typer.echo(f"(axis {which}, from the file's name; --axis says otherwise)")
-    typer.echo(f"results in {folder}: {', '.join(files)}")
+    for which, folder in folders.items():
+        with progress_line() as (step, progress):
+            found = calibrate_printer(
+                spectra[which],
+                version=klipper,
+                zeta=zeta,
+                corner_speed=corner_speed,
+                highest=highest,
+                duration=duration,
+                vibration=vibration,
+                smoothing=smoothing,
+                impulses=impulses,
+                shift=shift,
+                starts=starts,
+                seed=seed,
+                progress=progress,
+            )
+            step("files")
+            files = write(found, folder, which, reprapfirmware)
+        _show(found)
+        typer.echo(lines(found, which, reprapfirmware))
+        if axis is None:
+            typer.echo(f"(axis {which}, from the file's name; --axis says otherwise)")
+        typer.echo(f"results in {folder}: {', '.join(files)}")
+
+
+def _axes(data: list[Path], axis: str | None, loads: bool) -> dict[str, list[Path]]:
+    """The files of each axis.
+
+    Raises:
+        ValueError: for an axis other than x and y, and for several files of one axis that are not said to be loads.
+    """
+    if axis not in (None, "x", "y"):
+        raise ValueError(f"--axis must be x or y, not {axis!r}")
+    axes: dict[str, list[Path]] = {}
+    for path in data:
+        axes.setdefault(axis or _axis(path), []).append(path)
+    for which, files in axes.items():
+        if len(files) > 1 and not loads:
+            words = " and ".join(map(str, files))
+            raise ValueError(f"{words}: are all of axis {which}; --loads makes one shaper for them, as loads of it")
+    return axes
 
 
 def _axis(path: Path) -> str:
@@ -89,18 +115,14 @@ def _show(found: "Calibration") -> None:
     """The table, why the recommended shaper won, what each other would cost, and what the tuned one brings."""
     from jshape.calibration.recommend import percent
     from jshape.calibration.smoothing import rounded
-    from jshape.reports.tables import new_console, new_table
+    from jshape.reports.tables import new_console, say, show_table
 
     console = new_console()
-
-    def say(words: str) -> None:
-        console.print(words, highlight=False, markup=False)
-
     for spectrum, modes in zip(found.spectra, found.modes, strict=True):
         words = ", ".join(f"{m.frequency:.1f} Hz (ζ {m.zeta:.3f}, {100 * m.share:.0f} %)" for m in modes)
-        say(f"{spectrum.name}: modes at {words}")
+        say(console, f"{spectrum.name}: modes at {words}")
     headings = ["Hz", "vibration\nleft", "smoothing\n(mm)", "max_accel\n(mm/s²)", "duration\n(ms)", "score"]
-    table = new_table("shaper", [*headings, "modes\nleft"])
+    rows = []
     for rated in found.shapers:
         cells = [
             "" if rated.frequency is None else f"{rated.frequency:.1f}",
@@ -112,16 +134,15 @@ def _show(found: "Calibration") -> None:
             percent(found.simulated[rated.name]),
         ]
         best = rated is found.choice.best
-        table.add_row(
-            rated.name + (" *" if best else ""), *cells, style="bold" if best or rated.name == "tuned" else None
-        )
-    console.print(table)
-    say(f"* recommended by Klipper ({found.version}): {found.choice.best.label}: {found.choice.reason}")
+        rows.append((rated.name + (" *" if best else ""), cells))
+    show_table(console, "shaper", [*headings, "modes\nleft"], rows, bold=(f"{found.choice.best.name} *", "tuned"))
+    say(console, f"* recommended by Klipper ({found.version}): {found.choice.best.label}: {found.choice.reason}")
     for name, words in found.choice.costs.items():
-        say(f"  {name} instead: {words}")
-    say(found.message)
+        say(console, f"  {name} instead: {words}")
+    say(console, found.message)
     offer = found.offer
     say(
+        console,
         f"  checked: {percent(offer.finer)} on a grid ten times finer, {percent(offer.simulated)} by simulation in time"
-        f"{'' if offer.worst == offer.rated.vibration else f', {percent(offer.worst)} with the frequency shift'}\n"
+        f"{'' if offer.worst == offer.rated.vibration else f', {percent(offer.worst)} with the frequency shift'}\n",
     )

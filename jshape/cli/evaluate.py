@@ -41,13 +41,14 @@ def evaluate(
     """Judge policies on an environment: residual, move time, recovery from changes, regret against the oracle."""
     _shared.need_environments()
     _shared.prepare_jax()
-    from jshape_envs.baselines import applicable
+    from jshape_envs.baselines import BASELINES, applicable
     from jshape_envs.evaluate import evaluate, named_policy, summary
     from jshape_envs.parameters import parameters
     from jshape_envs.policy import shipped_policy
 
     from jshape import _check
     from jshape._files import printable, write_results
+    from jshape.problems.catalogue import suggestion
     from jshape.reports import plot
 
     folder = results_folder(out, f"{environment}-results")
@@ -59,6 +60,11 @@ def evaluate(
     shipped = shipped_policy(environment, context=context)
     files = {"trained": str(shipped)} if shipped else {}
     names = list(dict.fromkeys(policy)) or [*applicable(params), *files]
+    for name in names:
+        if name not in (*BASELINES, "trained") and not name.endswith(".npz"):
+            near = suggestion(name, [*BASELINES, "trained"])
+            words = f"must be a policy's file (.npz), trained or one of {', '.join(BASELINES)}, not {name!r}{near}"
+            raise ValueError(f"--policy {words}")
     if "trained" in names and not shipped:
         raise ValueError(f"--policy: no trained policy comes with jshape for {environment}, payload {context}")
     found: dict[str, dict[str, Interval]] = {}
@@ -78,10 +84,10 @@ def evaluate(
 
 def show(title: str, found: dict[str, dict[str, "Interval"]]) -> None:
     """A row a policy: interquartile mean over the seeds and half its 95 % interval's width."""
-    from jshape.reports.tables import new_console, new_table
+    from jshape.reports.tables import new_console, show_table
 
-    table = new_table("policy", [heading for heading, _ in COLUMNS.values()], title)
+    rows = []
     for name, row in found.items():
         cells = [(row[score], factor) for score, (_, factor) in COLUMNS.items()]
-        table.add_row(name, *(f"{f * v.middle:.2f} ± {f * (v.high - v.low) / 2:.2f}" for v, f in cells))
-    new_console().print(table)
+        rows.append((name, [f"{f * v.middle:.2f} ± {f * (v.high - v.low) / 2:.2f}" for v, f in cells]))
+    show_table(new_console(), "policy", [heading for heading, _ in COLUMNS.values()], rows, title)

@@ -6,6 +6,7 @@ from typing import Annotated, Any
 import typer
 
 from jshape.cli._shared import explained, prepare_jax
+from jshape.problems.units import quantity
 
 
 @explained()
@@ -17,10 +18,13 @@ def export(
     list_: Annotated[
         bool, typer.Option("--list", help="The formats, what they need and what they cannot carry.")
     ] = False,
-    sample_time: Annotated[float | None, typer.Option(help="Of the controller, s.")] = None,
+    sample_time: Annotated[
+        str | None,
+        typer.Option(help="Of the controller, s, or with a unit as in '10 ms'; at most the shaper's duration."),
+    ] = None,
     method: Annotated[str | None, typer.Option(help="How impulses meet samples: nearest, split or zeros.")] = None,
     mode: Annotated[
-        list[str], typer.Option(help="A mode OMEGA,ZETA (rad/s, -) to cancel or to judge; several times.")
+        list[str], typer.Option(help="A mode OMEGA,ZETA (rad/s, or '3 Hz,0.02') to cancel or to judge; several times.")
     ] = [],  # noqa: B006
     name: Annotated[str | None, typer.Option(help="Of the shaper, the function block, the C types.")] = None,
     arithmetic: Annotated[str | None, typer.Option(help="Of C: float, double, q15 or q31.")] = None,
@@ -43,7 +47,7 @@ def export(
     if shaper is None or format is None:
         raise ValueError("give a shaper file and --format; --list shows the formats")
     given: dict[str, Any] = {
-        "sample_time": sample_time,
+        "sample_time": None if sample_time is None else seconds(sample_time, "--sample-time"),
         "method": method,
         "modes": [pair(each) for each in mode] or None,
         "name": name,
@@ -67,14 +71,34 @@ def export(
     typer.echo(f"{out}: written ({FORMATS[format].what})")
 
 
+def seconds(text: str, name: str) -> float:
+    """``"10 ms"`` or ``"0.01"`` in s.
+
+    Raises:
+        ValueError: if it is no such time.
+    """
+    try:
+        return in_unit(text, "s")
+    except ValueError as error:
+        raise ValueError(f"{name} {error}") from None
+
+
+def in_unit(text: str, unit: str) -> float:
+    """A number, in that unit unless it has one of its own."""
+    try:
+        return float(text)
+    except ValueError:
+        return float(quantity(text, unit))
+
+
 def pair(text: str) -> tuple[float, float]:
-    """``"9.0,0.017"`` as numbers.
+    """``"9.0,0.017"`` or ``"1.43 Hz,0.017"`` as numbers, rad/s and –.
 
     Raises:
         ValueError: if it is no such pair.
     """
     try:
-        omega, zeta = (float(part) for part in text.split(","))
+        omega, zeta = (in_unit(part, unit) for part, unit in zip(text.split(","), ("rad/s", ""), strict=True))
     except ValueError:
         raise ValueError(f"--mode must be OMEGA,ZETA such as 9.0,0.017, not {text!r}") from None
     return omega, zeta

@@ -37,6 +37,7 @@ def identify(
     from jshape._files import check_unedited
     from jshape.identification.files import write
     from jshape.identification.from_csv import identify_csv
+    from jshape.reports.tables import new_console, show_table
 
     folder = results_folder(out, f"{data.stem}-results")
     check_unedited(folder)
@@ -57,9 +58,11 @@ def identify(
         typer.echo(f"note: {note}", err=True)
     typer.echo(f"{data} ({', '.join(found.names)}): {found.message.split(':')[0]}")
     lower, upper = found.interval()
-    typer.echo(f"{'frequency (Hz)':>14}  {'from':>10} {'to':>10}   {'damping':>8}  {'from':>8} {'to':>8}")
-    for omega, zeta, ends, bounds in zip(found.omega, found.zeta, lower.T, upper.T, strict=True):
-        hertz = [value / (2 * math.pi) for value in (omega, *ends)]
-        row = "{:14.6g}  {:10.6g} {:10.6g}   {:8.5f}  {:8.5f} {:8.5f}"
-        typer.echo(row.format(*hertz, zeta, *bounds))
+    headings = ["frequency\n(Hz)", "\nfrom", "\nto", "damping\nratio", "\nfrom", "\nto"]
+    rows = []
+    for mode, values in enumerate(zip(found.omega, found.zeta, lower.T, upper.T, strict=True), 1):
+        omega, zeta, ends, bounds = values
+        cells = [f"{value / (2 * math.pi):.6g}" for value in (omega, *ends)]
+        rows.append((str(mode), [*cells, *(f"{value:.5f}" for value in (zeta, *bounds))]))
+    show_table(new_console(), "mode", headings, rows)
     typer.echo(f"results in {folder}: {', '.join(files)}. Next: jshape tune {folder / 'problem.toml'}")

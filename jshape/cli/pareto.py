@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from jshape.cli._shared import Out, ProblemFile, begin, explained, progress_line
+from jshape.cli._shared import Out, ProblemFile, checked, explained, made, progress_line
 
 
 @explained()
@@ -17,10 +17,12 @@ def pareto(
     ] = None,
 ) -> None:
     """How much residual a shaper's duration buys: the front for each number of impulses, the closed forms beside it."""
-    read, folder = begin(problem, out)
+    draft, folder = checked(problem, out)
+    read = made(draft)
     from jshape.design.tuning.pareto import pareto as front_of
     from jshape.reports.results import write_front
     from jshape.reports.tables import show_front
+    from jshape.status import Status
 
     with progress_line() as (step, progress):
         step("closed-form shapers")
@@ -37,3 +39,6 @@ def pareto(
         files = write_front(read, front, folder)
     show_front(read, front)
     typer.echo(f"results in {folder}: {', '.join(files)}")
+    if Status.INTERRUPTED.value in front["status"].values:
+        typer.echo("interrupted: what was not computed is empty; with --store DIR the same command goes on", err=True)
+        raise typer.Exit(130)

@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
-from jshape.cli._shared import Out, ProblemFile, begin, explained, progress_line
+from jshape.cli._shared import Out, ProblemFile, checked, explained, made, progress_line
 
 
 @explained()
@@ -27,7 +27,10 @@ def sweep(
     store: Annotated[Path | None, typer.Option(help="Folder that keeps what is done, to go on after Ctrl-C.")] = None,
 ) -> None:
     """Sweep a problem's uncertainty: every closed form that applies and shapers of yours, on every plant."""
-    read, folder = begin(problem, out)
+    draft, folder = checked(problem, out)
+    if not draft.over:
+        raise ValueError(f"{problem}: nothing is uncertain; it needs an [uncertainty] table")
+    read = made(draft)
     from jshape._files import printable
     from jshape.design.closed_forms import closed_forms
     from jshape.export import read_shaper
@@ -35,8 +38,6 @@ def sweep(
     from jshape.reports.tables import show_sweep
     from jshape.sweeps.sweep import sweep as sweep_plants
 
-    if not read.over:
-        raise ValueError(f"{problem}: nothing is uncertain; it needs an [uncertainty] table")
     if store is not None and folder.resolve() in (store.resolve(), *store.resolve().parents):
         raise ValueError(f"--store {store}: must not lie in the folder of the results, {folder}")
     over: dict[str, Any] = dict(read.over)

@@ -1,13 +1,28 @@
 """``jshape tune`` and ``jshape compare``: a problem's shapers, tuned and in closed form, side by side."""
 
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from jshape.cli._artist import artist
-from jshape.cli._shared import Out, ProblemFile, begin, explained, progress_line
+from jshape.cli._shared import Out, ProblemFile, checked, explained, made, progress_line
+
+if TYPE_CHECKING:
+    from jshape.problems.problem import Problem
+
+Latex = Annotated[bool, typer.Option("--latex", help="The table for LaTeX (booktabs), too: table.tex.")]
+
+
+@contextmanager
+def begun(problem: str, out: Path | None) -> "Iterator[tuple[Problem, Path, Callable[..., None]]]":
+    """The problem, its folder, and ``draw``; the processes that draw start when the file has been found right."""
+    draft, folder = checked(problem, out)
+    with artist() as draw:
+        yield made(draft), folder, draw
 
 
 def tune(
@@ -16,15 +31,16 @@ def tune(
     starts: Annotated[int | None, typer.Option(help="Starting points; the file's unless given.")] = None,
     seed: Annotated[int | None, typer.Option(help="Of the random starting points; the file's unless given.")] = None,
     start: Annotated[Path | None, typer.Option(help="Go on from this shaper (JSON or CSV) alone.")] = None,
+    latex: Latex = False,
 ) -> None:
     """Tune a shaper for a problem and set it beside every closed form that applies."""
-    with explained(), artist() as draw:
-        read, folder = begin(problem, out)
+    with explained(), begun(problem, out) as (read, folder, draw):
+        from jshape._files import write_text
         from jshape.design.closed_forms import closed_forms
         from jshape.design.tuning.tune import tune as tune_shaper
         from jshape.export import read_shaper
         from jshape.reports import report
-        from jshape.reports.tables import show_report
+        from jshape.reports.tables import latex_table, show_report
         from jshape.status import Status
 
         design = read.design
@@ -47,19 +63,23 @@ def tune(
             )
             result = report.build(read, solution, step, closed.result())
             figures = report.write(result, folder, step, draw)
+        if latex:
+            write_text(folder / "table.tex", latex_table(result))
         show_report(result, folder, figures)
         if solution.status is Status.INTERRUPTED:
             raise typer.Exit(130)
 
 
-def compare(problem: ProblemFile, out: Out = None) -> None:
+def compare(problem: ProblemFile, out: Out = None, latex: Latex = False) -> None:
     """Set the closed-form shapers that apply to a problem side by side, without tuning."""
-    with explained(), artist() as draw:
-        read, folder = begin(problem, out)
+    with explained(), begun(problem, out) as (read, folder, draw):
+        from jshape._files import write_text
         from jshape.reports import report
-        from jshape.reports.tables import show_report
+        from jshape.reports.tables import latex_table, show_report
 
         with progress_line() as (step, _):
             result = report.build(read, None, step)
             figures = report.write(result, folder, step, draw)
+        if latex:
+            write_text(folder / "table.tex", latex_table(result))
         show_report(result, folder, figures)

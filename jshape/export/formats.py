@@ -94,7 +94,8 @@ def export(shaper: Shaper, format: str, path: str | Path | None = None, **option
         The text; for ``"numpy"`` a dictionary of arrays, for ``"scipy"`` the arrays (b, a), which a file holds as npz.
 
     Raises:
-        ValueError: for an unknown format, an option that it does not have or that is missing, and what it cannot carry.
+        ValueError: for an unknown format, an option that it does not have or that is missing, what it cannot carry,
+            and a sample time longer than the shaper.
     """
     _check.one_of(format, "format", tuple(FORMATS))
     if not _check.is_concrete(shaper):
@@ -107,6 +108,11 @@ def export(shaper: Shaper, format: str, path: str | Path | None = None, **option
     missing = [option for option, needed in known.items() if needed and option not in options]
     if missing:
         raise ValueError(f"format {format!r} needs {' and '.join(missing)}")
+    duration = float(shaper.duration)
+    if "sample_time" in options and 0 < duration < float(_check.scalar(options["sample_time"], "sample_time")):
+        raise ValueError(
+            f"sample_time must not be longer than the shaper, {duration:g} s, not {options['sample_time']:g}"
+        )
     made = FORMATS[format].make(shaper, **options)
     if path is not None:
         with whole(Path(path)) as file:

@@ -22,7 +22,7 @@ where it rests. Everything downstream (simulation, gradients, design by ``js.tun
 
 import abc
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 from typing import ClassVar as AbstractClassVar
 
 import jax
@@ -74,6 +74,12 @@ class AbstractPlant(Checked):
     drive: AbstractClassVar[str | tuple[str, ...]]
     """What the command drives: ``"displacement"``, ``"velocity"`` or ``"acceleration"`` of the base, the command being
     the base's position (m), or ``"force"``, the command being the force itself (N)."""
+
+    unit: ClassVar[str] = "m"
+    """Unit of the payload's position, of the deflection and, unless a force drives the plant, of the command."""
+
+    force_unit: ClassVar[str] = "N"
+    """Unit of the command of a plant that a force drives."""
 
     @abc.abstractmethod
     def vector_field(self, t: Number, state: State, inputs: Inputs) -> State:
@@ -140,6 +146,10 @@ class AbstractPlant(Checked):
             if name not in DRIVES:
                 raise ValueError(f"drive of {type(self).__name__} must be among {', '.join(DRIVES)}, not {name!r}")
         return drives
+
+    def command_unit(self) -> str:
+        """Unit of the command: that of the payload, or of a force where one drives the plant."""
+        return self.force_unit if self.drives()[0] == "force" else self.unit
 
     def zero_inputs(self) -> Inputs:
         """Inputs that are all zero, in the form that the methods take."""

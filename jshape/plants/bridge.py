@@ -24,15 +24,15 @@ class BridgeCrane(AbstractCrane):
     has stopped dead, so design for a cross motion that ends before the move does.
 
     Attributes:
-        cable_length: m.
+        cable_length: from trolley to payload, m.
         direction: of the command's line from the x axis, rad.
         cross: a command of its own for the y axis, m, added to that, which starts when the motion does and is not
             shaped with it (shape it beforehand if it is to be); ``None`` for none.
-        payload_mass: kg.
-        gravity: m/s².
+        payload_mass: of all that hangs from the cable, kg.
+        gravity: acceleration of free fall, m/s².
         damping: on the payload's speed against the trolley, N s/m.
         trolley: its mass, friction and limits; the default ``Trolley`` unless given.
-        drive: ``"acceleration"`` or ``"velocity"``.
+        drive: of the trolley, ``"acceleration"`` or ``"velocity"``.
 
     Raises:
         ValueError: as for ``Crane``, and for a cross motion that is no command or jumps.

@@ -22,7 +22,7 @@ class LinearDamper(AbstractDamper):
     """A viscous damper, F = c v.
 
     Attributes:
-        c: N s/m.
+        c: damping coefficient, N s/m.
 
     Raises:
         ValueError: for a c that is negative or not finite.
@@ -38,7 +38,7 @@ class PowerDamper(AbstractDamper):
     """A power-law damper, F = c |v|^p sign(v): the papers' cubic damper is ``PowerDamper(c, 3)``.
 
     Attributes:
-        c: N (s/m)^p.
+        c: force at a velocity of 1 m/s, N (s/m)^p.
         power: the exponent p, fixed (not a leaf).
 
     Raises:

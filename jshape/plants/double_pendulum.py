@@ -20,9 +20,9 @@ class DoublePendulumCrane(AbstractCrane):
     Attributes:
         hook_length: from trolley to hook, m.
         payload_length: from hook to payload, m.
-        hook_mass: kg.
-        payload_mass: kg.
-        gravity: m/s².
+        hook_mass: of hook and block, kg.
+        payload_mass: of payload and slings, kg.
+        gravity: acceleration of free fall, m/s².
         damping: of either joint, by the angular velocity between its two sides, N m s/rad.
         trolley: its mass, friction and limits; the default ``Trolley`` unless given.
         drive: ``"acceleration"``, ``"velocity"`` or ``"force"``; ``AbstractCrane`` says what the state is.

@@ -26,12 +26,12 @@ class FlexibleJoint(AbstractSprungPair):
     proportional gain were a spring between reference and motor.
 
     Attributes:
-        motor_inertia: J1, kg m².
-        link_inertia: J2, kg m².
+        motor_inertia: moment of inertia of the motor at the joint, J1, kg m².
+        link_inertia: moment of inertia of the link, J2, kg m².
         spring: between motor and link, rad → N m.
         controller: proportional, PI or PD, saturated or not.
         damper: between motor and link; none unless given.
-        motor_damping: b, N m s/rad.
+        motor_damping: viscous, of the motor, b, N m s/rad.
 
     Raises:
         ValueError: for an inertia that is not positive, negative damping, or what is no spring, controller or damper.
@@ -46,6 +46,7 @@ class FlexibleJoint(AbstractSprungPair):
     damper: AbstractDamper = eqx.field(default=None, converter=part(AbstractDamper, lambda: LinearDamper(0.0)))
     motor_damping: Scalar = eqx.field(default=0.0, converter=Argument(not_negative))
     drive: ClassVar = "displacement"
+    unit: ClassVar = "rad"
 
     def torque(self, state: State, inputs: Inputs) -> Scalar:
         """Torque of the motor at this reference, N m."""

@@ -48,6 +48,7 @@ class FlexibleLink(AbstractPlant):
     servo_zeta: Scalar = eqx.field(converter=Argument(positive))
     servo_integral: Scalar | None = eqx.field(converter=Argument(positive, optional=True))
     drive: ClassVar = "displacement"
+    unit: ClassVar = "rad"
 
     def __init__(
         self,

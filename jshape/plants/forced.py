@@ -21,7 +21,7 @@ class ForcedMass(AbstractOscillator):
     spring has no such place beyond its greatest force.
 
     Attributes:
-        mass: kg.
+        mass: of the driven mass, kg.
         spring: between the mass and the ground.
         damper: between the mass and the ground; none unless given.
 

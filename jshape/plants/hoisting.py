@@ -22,11 +22,11 @@ class HoistingCrane(AbstractCrane):
     it), so design for a hoist that ends before the move does.
 
     Attributes:
-        cable_length: at the beginning, m.
+        cable_length: from trolley to payload at the beginning, m.
         hoist: how much cable is let out since then, m, a command of its own that has a speed (a negative one hoists:
             ``js.Trapezoid(-0.4, speed=0.2, acceleration=0.5)``); it starts when the motion does and is not shaped.
-        payload_mass: kg.
-        gravity: m/s².
+        payload_mass: of all that hangs from the cable, kg.
+        gravity: acceleration of free fall, m/s².
         damping: on the payload's sideways speed l θ', N s/m.
         trolley: its mass, friction and limits; the default ``Trolley`` unless given.
         drive: ``"acceleration"``, ``"velocity"`` or ``"force"``; ``AbstractCrane`` says what the state is.

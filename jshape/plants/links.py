@@ -69,8 +69,8 @@ class TabulatedLink(AbstractLink):
         loads: increasing, in a unit of your own, shape (loads,).
         omega: natural frequencies, rad/s, a row for each mode, a column for each load.
         tip_gains: as in ``LinkModes``, the same at all loads, shape (modes,).
-        middle_gains: likewise.
-        length: m.
+        middle_gains: the same for the middle of the link, shape (modes,).
+        length: of the link, m.
 
     Raises:
         ValueError: for loads that do not increase, a table that does not fit them, or frequencies or a length that are
@@ -131,9 +131,9 @@ class Beam(AbstractLink):
     """A uniform Euler–Bernoulli beam, clamped at the motor, with a point mass at its tip; the load, kg, is added to it.
 
     Attributes:
-        length: m.
+        length: of the beam, m.
         bending_stiffness: EI, N m².
-        mass_per_length: kg/m.
+        mass_per_length: of the beam, kg/m.
         tip_mass: what is always at the tip, kg.
         count: how many modes are kept, fixed (not a leaf).
 

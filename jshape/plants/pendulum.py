@@ -67,9 +67,9 @@ class Crane(AbstractPendulum):
     Past the horizontal the cable is slack and the payload counts as diverged.
 
     Attributes:
-        cable_length: m.
-        payload_mass: kg.
-        gravity: m/s².
+        cable_length: from trolley to payload, m.
+        payload_mass: of all that hangs from the cable, kg.
+        gravity: acceleration of free fall, m/s².
         damping: of the swing, N m s/rad.
         trolley: its mass, friction and limits; the default ``Trolley`` unless given.
         drive: ``"acceleration"``, ``"velocity"`` or ``"force"``; ``AbstractCrane`` says what the state is.
@@ -109,11 +109,11 @@ class BobRodPendulum(AbstractPendulum):
     diverged.
 
     Attributes:
-        rod_mass: m1, kg.
-        bob_mass: m2, kg; may be 0.
-        rod_length: L, m.
-        bob_position: x, from the pivot, m (beyond the rod's end the bob hangs on something without weight).
-        gravity: m/s².
+        rod_mass: of the rod, m1, kg.
+        bob_mass: of the bob, m2, kg; may be 0.
+        rod_length: of the rod, L, m.
+        bob_position: of the bob from the pivot, x, m (beyond the rod's end it hangs on something without weight).
+        gravity: acceleration of free fall, m/s².
         damping: of the pivot, N m s/rad.
         trolley: its mass, friction and limits; the default ``Trolley`` unless given.
         drive: ``"acceleration"``, ``"velocity"`` or ``"force"``; ``AbstractCrane`` says what the state is.

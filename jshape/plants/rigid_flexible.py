@@ -30,6 +30,7 @@ class RigidFlexible(AbstractModes):
     """
 
     drive: ClassVar = "force"
+    force_unit: ClassVar = "N/kg"
 
     def _modes(self, state: State) -> tuple[Array, Array]:
         n = len(self.omega)

@@ -145,7 +145,7 @@ class PowerLawSpring(AbstractSpring):
     """A power-law spring, F = k |x|^p sign(x): 1 linear, 3 the pure cubic, 1.5 a Hertzian contact.
 
     Attributes:
-        k: N/m^p.
+        k: force at a deflection of 1 m, N/m^p.
         power: the exponent p, fixed (not a leaf: its derivative does not exist at rest).
 
     Raises:

@@ -63,7 +63,7 @@ class Trolley(Checked):
     A simulation follows its command whatever the limits are, nothing saturates; ``check`` compares a command with them.
 
     Attributes:
-        mass: kg; it matters where a force drives the crane, as does the damping.
+        mass: of the trolley, kg; it matters where a force drives the crane, as does the damping.
         damping: viscous, against the track, N s/m.
         speed_limit: of the motor, m/s; ``None`` for no limit.
         acceleration_limit: of the motor, m/s²; ``None`` for no limit.

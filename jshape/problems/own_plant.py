@@ -10,9 +10,9 @@ class SinhMass(AbstractPlant):
     """A mass on a spring of hyperbolic force, m x'' = −k sinh((x − base) / scale).
 
     Attributes:
-        m: kg.
-        k: N.
-        scale: m.
+        m: mass of the payload, kg.
+        k: force of the spring, N.
+        scale: deflection at which the spring stiffens, m.
     """
 
     m: jax.Array

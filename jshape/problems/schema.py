@@ -2,8 +2,9 @@
 
 from typing import Annotated, Any, Literal
 
-import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+
+from jshape.problems.units import has_unit, quantity
 
 
 class Strict(BaseModel):
@@ -17,12 +18,15 @@ _Pair = Annotated[tuple[float, float], Field(strict=False)]
 
 
 class Range(Strict):
-    """An uncertain leaf: from ``low`` to ``high`` times nominal, or a list of ``values``."""
+    """An uncertain leaf: from ``low`` to ``high``, or a list of ``values``.
 
-    low: float | None = None
-    high: float | None = None
+    Numbers are multiples of nominal, quantities with a unit absolute.
+    """
+
+    low: float | str | None = None
+    high: float | str | None = None
     count: int = Field(default=41, ge=2, le=100_000)
-    values: Annotated[list[float], Field(max_length=100_000)] | None = None
+    values: Annotated[list[float | str], Field(max_length=100_000)] | None = None
 
     @model_validator(mode="after")
     def _either(self) -> "Range":
@@ -31,19 +35,25 @@ class Range(Strict):
         if self.values is None:
             if self.low is None or self.high is None:
                 raise ValueError("give both low and high")
-            if self.low >= self.high:
-                raise ValueError(f"low must be below high, not {self.low} and {self.high}")
         elif not self.values:
             raise ValueError("values is empty")
         return self
 
-    def multiples(self) -> np.ndarray:
-        """The multiples of nominal that the range stands for."""
-        if self.values is not None:
-            return np.array(self.values)
-        assert self.low is not None
-        assert self.high is not None
-        return np.linspace(self.low, self.high, self.count)
+    def read(self, unit: str | None) -> tuple[list[float], bool]:
+        """The ends or the values, and whether they are absolute, in ``unit``, not multiples of nominal.
+
+        Raises:
+            ValueError: for a mixture of both, a wrong unit, and ends the wrong way round.
+        """
+        given = [self.low, self.high] if self.values is None else list(self.values)
+        absolute = has_unit(given[0])
+        if any(has_unit(value) != absolute for value in given):
+            shown = ", ".join(map(repr, given))
+            raise ValueError(f"give all with a unit, absolute, or all without, multiples of nominal, not {shown}")
+        numbers = [float(quantity(value, unit if absolute else "")) for value in given]
+        if self.values is None and numbers[0] >= numbers[1]:
+            raise ValueError(f"low must be below high, not {self.low} and {self.high}")
+        return numbers, absolute
 
 
 class Design(Strict):

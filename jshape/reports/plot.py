@@ -1,7 +1,8 @@
 """Figures for papers and reports: column width, units, colours that everybody can tell apart.
 
 Each function draws one figure from numbers and returns it; ``save`` and ``draw`` write it. Nothing here computes, or
-loads JAX or xarray, so that a process of its own can draw.
+loads JAX or xarray, so that a process of its own can draw. ``style`` says how figures look, ``motion`` draws how a
+machine moves.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -11,53 +12,28 @@ from typing import TYPE_CHECKING, Any
 import matplotlib as mpl
 import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.backends.backend_pdf import FigureCanvasPdf
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 
-from jshape._files import whole
+from jshape.reports.motion import energy as energy
+from jshape.reports.motion import response as response
+from jshape.reports.style import (
+    COLOURS,
+    LINES,
+    STYLE,
+    WIDTH,
+    decades,
+    labelled_lines,
+    legend,
+    looks,
+    plain,
+    plain_decades,
+)
+from jshape.reports.style import save as save
 
 if TYPE_CHECKING:
     import xarray as xr
-
-    from jshape.metrics import EnergyProfile
-    from jshape.simulation.simulate import Response
-
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-"""Okabe and Ito's palette (2008), which people with any kind of colour vision can tell apart."""
-
-LINES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (3, 1)), (0, (1, 1)))
-
-STYLE: Any = {
-    **dict.fromkeys(("font.size", "axes.titlesize", "axes.labelsize"), 8),
-    **dict.fromkeys(("legend.fontsize", "xtick.labelsize", "ytick.labelsize"), 7),
-    **dict.fromkeys(("axes.spines.top", "axes.spines.right", "legend.frameon"), False),
-    **dict.fromkeys(("axes.grid", "figure.constrained_layout.use"), True),
-    **dict.fromkeys(("grid.linewidth", "grid.alpha"), 0.4),
-    "lines.linewidth": 1.2,
-    "axes.linewidth": 0.6,
-    "savefig.dpi": 300,
-}
-
-WIDTH = 3.5
-"""A journal's column, inches."""
-
-
-def save(figure: Figure, path: Path) -> None:
-    """The figure as PNG (300 dpi) and, beside it, as PDF; then it is closed."""
-    # Laid out once, what holds for the one holds for the other; ``savefig`` would go through it four times.
-    figure.set_dpi(300)
-    layout = figure.get_layout_engine()
-    if layout is not None:
-        layout.execute(figure)
-        figure.set_layout_engine("none")
-    with whole(path) as file:
-        FigureCanvasAgg(figure).print_png(file)
-    figure.set_dpi(72)
-    with whole(path.with_suffix(".pdf")) as file:
-        FigureCanvasPdf(figure).print_pdf(file)
-    plt.close(figure)
 
 
 def draw(path: Path, kind: str, *values: Any) -> None:
@@ -65,77 +41,39 @@ def draw(path: Path, kind: str, *values: Any) -> None:
     save(globals()[kind](*values), path)
 
 
-def response(
-    nominal: "Mapping[str, Response]",
-    extremes: "Mapping[str, list[Response]] | None" = None,
-    names: tuple[str, str] = ("", ""),
-    label: str = "position (m)",
-) -> Figure:
-    """Command and payload over time, one panel a shaper.
-
-    Args:
-        nominal: shaper → response of the nominal plant.
-        extremes: shaper → responses of plants at the ends of the uncertain set, drawn thin.
-        names: of what the command moves and of the payload.
-        label: of the vertical axis.
-    """
-    words = "payload, ends of the uncertainty"
-    with mpl.rc_context(STYLE):
-        figure, axes = _stacked(nominal, sharey=True)
-        for axis, (name, run) in zip(axes, nominal.items(), strict=True):
-            for other in (extremes or {}).get(name, []):
-                axis.plot(other.times, other.payload, color=COLOURS[5], linewidth=0.7, label=words)
-            axis.step(run.times, run.command, where="post", color="0.35", linewidth=1.0, label=names[0] or "command")
-            axis.plot(run.times, run.payload, color=COLOURS[0], label=names[1] or "payload")
-            axis.set(xlim=(0, float(run.times[-1])), ylabel=label)
-        axes[-1].set_xlabel("time (s)")
-        _legend(figure, axes[:1], handlelength=1.6, columnspacing=1.0)
-    return figure
-
-
-def energy(profiles: "Mapping[str, EnergyProfile]") -> Figure:
-    """Kinetic and potential energy against the payload's position, one panel a shaper."""
-    parts = (("kinetic", COLOURS[0], "-"), ("potential", COLOURS[1], "--"), ("total", "0.35", ":"))
-    with mpl.rc_context(STYLE):
-        figure, axes = _stacked(profiles)
-        for axis, profile in zip(axes, profiles.values(), strict=True):
-            for part, colour, line in parts:
-                axis.plot(profile.position.T, getattr(profile, part).T, color=colour, linestyle=line, label=part)
-            axis.set(ylabel="energy (J)", ylim=(0, None))
-        axes[-1].set_xlabel("payload position (m)")
-        _legend(figure, axes[:1])
-    return figure
-
-
 def sensitivity(
-    leaf: str,
-    ratios: np.ndarray,
+    label: str,
+    values: np.ndarray,
     vibrations: Mapping[str, np.ndarray],
     limit: float | None = 5.0,
     band: tuple[float, float] | None = None,
 ) -> Figure:
-    """Residual vibration of each shaper, %, against a leaf, actual over nominal.
+    """Residual vibration of each shaper, %, against a parameter of the plant; logarithmic where it spans decades.
 
     Args:
-        leaf: its name.
-        ratios: its values over nominal.
+        label: the parameter's name and unit.
+        values: of the parameter.
         vibrations: shaper → fractions.
         limit: a level to mark, %.
-        band: the stated uncertainty, ratios, shaded.
+        band: the stated uncertainty, shaded.
     """
-    percent = {name: 100 * np.asarray(values) for name, values in vibrations.items()}
+    percent = {name: 100 * np.asarray(curve) for name, curve in vibrations.items()}
     with mpl.rc_context(STYLE):
-        figure, axis = plt.subplots(figsize=(WIDTH, 3.0))
-        _labelled_lines(figure, axis, [(name, ratios, values) for name, values in percent.items()])
+        figure, axis = plt.subplots(figsize=(WIDTH, 3.2))
+        labelled_lines(figure, axis, [(name, values, curve) for name, curve in percent.items()])
+        axis.set(xlabel=label, ylabel="residual vibration (%)")
+        level = [] if limit is None else [np.array([limit])]
+        if not decades(axis, [*percent.values(), *level], least=1e-6):
+            finite = np.concatenate([curve[np.isfinite(curve)] for curve in percent.values()])
+            axis.set_ylim(0, 1.05 * np.max(finite, initial=limit or 1.0))
         if limit is not None:
-            axis.axhline(limit, color="0.5", linewidth=0.6)
+            axis.axhline(limit, color="0.3", linewidth=0.8, linestyle=":")
             place = ("axes fraction", "data")
             axis.annotate(f" {limit:g} %", (1, limit), xycoords=place, fontsize=7, va="center", ha="left")
         if band is not None:
             axis.axvspan(*band, color="0.5", alpha=0.12, linewidth=0, zorder=0)
-        finite = [values[np.isfinite(values)] for values in percent.values()]
-        greatest = np.max(np.concatenate(finite), initial=limit or 1.0)
-        axis.set(xlabel=f"{leaf}, actual over nominal", ylabel="residual vibration (%)", ylim=(0, 1.05 * greatest))
+            place = ("data", "axes fraction")
+            axis.annotate("uncertain", (sum(band) / 2, 1.01), xycoords=place, fontsize=7, va="bottom", ha="center")
     return figure
 
 
@@ -148,15 +86,28 @@ def pareto(dataset: "xr.Dataset") -> Figure:
             style: Any = dict(color=COLOURS[i % 7], linestyle=LINES[i % len(LINES)], marker=".", markersize=4)
             axis.plot(front["duration"], front["objective"], label=str(name), **style)
         longest = float(dataset["duration"].max())
-        for i, name in enumerate(dataset["closed_form"].values):
-            value, at = (float(dataset[key].sel(closed_form=name)) for key in ("closed_objective", "closed_duration"))
-            if name == "unshaped" or not np.isfinite(value) or not 0 < at <= 1.05 * longest:
+        best = np.inf
+        closed = zip(
+            dataset["closed_form"].values, dataset["closed_duration"], dataset["closed_objective"], strict=True
+        )
+        for name, at, value in sorted(
+            ((str(n), float(t), float(v)) for n, t, v in closed), key=lambda point: point[1:]
+        ):
+            # The energies of the search's own noise floor say nothing.
+            if not 0 < at <= 1.05 * longest or not 1e-12 < value < np.inf:
                 continue
-            marker = "osD^vP*Xh<>p"[i % 12]
-            axis.plot(at, value, marker=marker, linestyle="", color="0.4", markersize=4.5, label=str(name))
+            axis.plot(at, value, marker="o", linestyle="", color="0.4", markersize=3)
+            # Named are those that no other closed form beats in less time.
+            if value < best:
+                best = value
+                # Above the point, where no front is.
+                near: Any = dict(textcoords="offset points", fontsize=6, va="bottom", color="0.3")
+                near |= dict(xytext=(-3, 3), ha="right") if at > 0.6 * longest else dict(xytext=(3, 3), ha="left")
+                axis.annotate(plain(name), (at, value), **near)
         objective = f"{dataset['objective'].attrs['long_name']} (J)"
         axis.set(xlabel="duration of the shaper (s)", ylabel=objective, xlim=(0, None), yscale="log")
-        figure.legend(loc="outside upper center", ncols=2)
+        axis.yaxis.set_minor_formatter(NullFormatter())
+        figure.legend(loc="outside upper center", ncols=3)
     return figure
 
 
@@ -166,7 +117,8 @@ def convergence(history: np.ndarray, objective: str) -> Figure:
         figure, axis = plt.subplots(figsize=(WIDTH, 2.0))
         values = np.maximum(np.asarray(history, float), 1e-32)
         many = len(values) >= 60
-        axis.semilogy(many + np.arange(len(values)), values, color=COLOURS[0], marker="" if many else ".")
+        axis.semilogy(many + np.arange(len(values)), values, **{**looks(["tuned"])["tuned"], "linewidth": 1.4})
+        plain_decades(axis.yaxis, values.max() / values.min())
         words = {"nominal": "residual energy", "worst": "worst residual energy", "mean": "mean residual energy"}
         axis.set(
             xlabel="iteration" if objective == "nominal" else "evaluations",
@@ -175,6 +127,8 @@ def convergence(history: np.ndarray, objective: str) -> Figure:
             xscale="log" if many else "linear",
             xmargin=0.02,
         )
+        if many:
+            plain_decades(axis.xaxis, len(values))
     return figure
 
 
@@ -214,7 +168,7 @@ def regret(intervals: Mapping[str, tuple[float, float, float]]) -> Figure:
             middle, low, high = (1000 * x for x in intervals[name])
             axis.plot([low, high], [place, place], color=COLOURS[0])
             axis.plot(middle, place, "o", color=COLOURS[0], markersize=4)
-        axis.set_yticks(range(len(names)), map(_plain, names))
+        axis.set_yticks(range(len(names)), map(plain, names))
         axis.set_xlabel("regret against the oracle, 1000 × cost of a move")
     return figure
 
@@ -245,7 +199,7 @@ def prediction(
             above.plot(axis, size(fitted[:, i]), color=COLOURS[0], linewidth=0.8, rasterized=True, label="fit")
             residual = size(measured[:, i] - fitted[:, i])
             below.plot(axis, residual, color=COLOURS[1], linewidth=0.5, rasterized=True, label="residual")
-            above.set_title(_plain(names[i]), loc="left")
+            above.set_title(plain(names[i]), loc="left")
             above.margins(x=0)
             if modes is not None:
                 above.set_yscale("log")
@@ -253,40 +207,70 @@ def prediction(
                 for frequency in modes:
                     above.axvline(frequency, color="0.5", linewidth=0.5, linestyle=":")
         axes[-1, 0].set_xlabel("time (s)" if modes is None else "frequency (Hz)")
-        _legend(figure, axes[:2, 0])
+        drawn = [pair for axis in axes[:2, 0] for pair in zip(*axis.get_legend_handles_labels(), strict=True)]
+        figure.legend(*zip(*drawn, strict=True), loc="outside upper center", ncols=3)
+    return figure
+
+
+def calibration(
+    spectra: Sequence[tuple[str, Any, Any]],
+    after: tuple[str, Any, Any],
+    vibrations: Sequence[tuple[str, Any, Any]],
+    peaks: Iterable[float],
+) -> Figure:
+    """A printer's measured spectrum, what a shaper leaves of it, and the vibration of every shaper over the frequency.
+
+    Args:
+        spectra: (name, frequencies in Hz, power density over its greatest) of each record.
+        after: the same of the first record after a shaper, with that shaper's name.
+        vibrations: (name, frequencies, residual vibration in %) of each shaper.
+        peaks: frequencies of the modes, Hz, which are written above.
+    """
+    look = looks(name for name, _, _ in vibrations)
+    with mpl.rc_context(STYLE):
+        figure, left = plt.subplots(figsize=(2 * WIDTH, 3.0))
+        right = left.twinx()
+        right.spines["right"].set_visible(True)
+        right.grid(False)
+        parts: dict[str, Any] = {}
+        for i, (name, frequencies, density) in enumerate(spectra):
+            parts[name] = dict(color=("0.45", "0.65", "0.8")[min(i, 2)], linewidth=1.0)
+            left.fill_between(frequencies, density, color=parts[name]["color"], alpha=0.3, linewidth=0)
+            left.plot(frequencies, density, **parts[name])
+        name, frequencies, density = after
+        parts[f"the same after {name}"] = dict(color=look[name]["color"], linewidth=0.8, alpha=0.6)
+        left.fill_between(frequencies, density, color=look[name]["color"], alpha=0.3, linewidth=0)
+        for name, frequencies, values in vibrations:
+            right.plot(frequencies, values, **look[name])
+        for frequency in peaks:
+            place: Any = dict(xycoords=("data", "axes fraction"), fontsize=7, ha="center", va="bottom")
+            left.annotate(f"{frequency:.1f} Hz", (frequency, 1.01), **place)
+            left.axvline(frequency, color="0.5", linewidth=0.5, linestyle=":")
+        left.set(xlabel="frequency (Hz)", ylabel="power density over its greatest", ylim=(0, 1.05))
+        right.set(ylabel="residual vibration of a shaper (%)", ylim=(0, 105), xlim=(0, vibrations[0][1][-1]))
+        legend(figure, parts | look, ncols=4)
     return figure
 
 
 def curves(
     lines: Sequence[tuple[str, Any, Any]],
     labels: tuple[str, str],
-    *,
-    across: tuple[float, float] | None = None,
-    up: tuple[float, float | None] | None = None,
-    logarithmic: bool = False,
-    level: float | None = None,
-    ticks: Iterable[float] = (),
+    up: tuple[float, float] | None = None,
 ) -> Figure:
-    """Labelled curves over one axis.
+    """Labelled curves in one panel.
 
     Args:
         lines: (name, x, y) of each curve.
         labels: of the horizontal and the vertical axis, with their units.
-        across: limits of the horizontal axis.
-        up: limits of the vertical axis.
-        logarithmic: whether the vertical axis is.
-        level: of y, to mark.
-        ticks: values of x, to write above.
+        up: limits of the vertical axis, which is logarithmic then.
     """
     with mpl.rc_context(STYLE):
         figure, axis = plt.subplots(figsize=(WIDTH, 2.6))
-        _labelled_lines(figure, axis, lines)
-        scale = "log" if logarithmic else "linear"
-        axis.set(xlabel=labels[0], ylabel=labels[1], yscale=scale, xlim=across, ylim=up)
-        if level is not None:
-            axis.axhline(level, color="0.5", linewidth=0.6)
-        for x in ticks:
-            axis.annotate(f"{x:.0f}", (x, 1), xycoords=("data", "axes fraction"), fontsize=6, ha="center")
+        labelled_lines(figure, axis, lines)
+        axis.set(xlabel=labels[0], ylabel=labels[1])
+        if up is not None:
+            axis.set(yscale="log", ylim=up)
+            plain_decades(axis.yaxis, up[1] / up[0])
     return figure
 
 
@@ -325,7 +309,13 @@ def _label(data: "xr.DataArray") -> str:
 
 def _curves(data: "xr.DataArray", leaf: str) -> Figure:
     lines = [(str(name), data[leaf], data.sel(shaper=name)) for name in data["shaper"].values]
-    return curves(lines, (_label(data[leaf]), _label(data)), up=(0, None) if np.nanmin(data.values) >= 0 else None)
+    figure = curves(lines, (_label(data[leaf]), _label(data)))
+    if (
+        not decades(figure.axes[0], (values for _, _, values in lines), least=1e-12, depth=100.0)
+        and np.nanmin(data.values) >= 0
+    ):
+        figure.axes[0].set_ylim(0, None)
+    return figure
 
 
 def _exceedance(data: "xr.DataArray") -> Figure:
@@ -335,39 +325,7 @@ def _exceedance(data: "xr.DataArray") -> Figure:
         np.concatenate([np.linspace(0, count - 1, 1000), np.arange(max(count - 100, 0), count)]).astype(int)
     )
     lines = [(str(name), np.sort(data.sel(shaper=name).values)[rank], 1 - rank / count) for name in data.shaper.values]
-    return curves(lines, (_label(data), "share of plants at or above"), up=(1 / count, 1), logarithmic=True)
-
-
-def _stacked(names: Iterable[str], sharey: bool = False) -> tuple[Figure, Any]:
-    """A figure with a panel for each name, one under the other."""
-    names = list(names)
-    size = (WIDTH, 0.4 + 1.15 * len(names))
-    figure, axes = plt.subplots(len(names), 1, figsize=size, sharex=True, sharey=sharey, squeeze=False)
-    for axis, name in zip(axes[:, 0], names, strict=True):
-        axis.set_title(_plain(name), loc="left")
-    return figure, axes[:, 0]
-
-
-def _plain(name: str) -> str:
-    """A name as data: to matplotlib dollars enclose formulas, and a label that begins with "_" is hidden."""
-    return (" " if name.startswith("_") else "") + name.replace("$", r"\$")
-
-
-def _legend(figure: Figure, axes: Iterable[Any], **options: Any) -> None:
-    """A legend above the panels, each label of some axes once."""
-    lines = {label: line for axis in axes for line, label in zip(*axis.get_legend_handles_labels(), strict=True)}
-    figure.legend(lines.values(), lines, loc="outside upper center", ncols=len(lines), **options)
-
-
-def _labelled_lines(figure: Figure, axis: Any, lines: Sequence[tuple[str, Any, Any]]) -> None:
-    """One line a shaper, the tuned one heavy, and a legend above."""
-    for i, (name, x, y) in enumerate(lines):
-        (line,) = axis.plot(x, y, color=COLOURS[i % 6], linestyle=LINES[i % len(LINES)], lw=1, label=_plain(name))
-        if name == "tuned":
-            line.set(color="black", linestyle="-", linewidth=2.0, zorder=3)
-    axis.margins(x=0)
-    if len(lines) > 1:
-        figure.legend(loc="outside upper center", ncols=2)
+    return curves(lines, (_label(data), "share of plants at or above"), up=(1 / count, 1))
 
 
 def _panels(data: "xr.DataArray", vertical: str, across: str) -> Figure:
@@ -391,7 +349,7 @@ def _panels(data: "xr.DataArray", vertical: str, across: str) -> Figure:
             data[across], data[vertical], np.where(np.isfinite(values), np.maximum(values, norm.vmin or 0.0), np.nan),
             norm=norm, cmap="cividis", shading="nearest", rasterized=True,
         )  # fmt: skip
-        axis.set_title(_plain(str(name)), loc="left")
+        axis.set_title(plain(str(name)), loc="left")
         axis.grid(False)
     figure.supxlabel(_label(data[across]), fontsize=8)
     figure.supylabel(_label(data[vertical]), fontsize=8)

@@ -20,7 +20,7 @@ from jshape.design.closed_forms import closed_forms
 from jshape.design.tuning.solution import Solution
 from jshape.export import export
 from jshape.metrics import energy_profile, residual_energy
-from jshape.plants import AbstractOscillator
+from jshape.plants import AbstractCrane, AbstractOscillator, AbstractPlant
 from jshape.problems.problem import Problem
 from jshape.shaper import Shaper
 from jshape.simulation.simulate import simulate
@@ -249,45 +249,60 @@ def figures(report: Report, step: Step = lambda _: None) -> Iterator[tuple[str, 
 
     Those whose numbers are there already come first, so that they can be drawn while the others are computed.
     """
-    problem = report.problem
+    problem, chosen = report.problem, _chosen(report)
     for name, curves in report.curves.items():
         stated = (float(min(problem.over[name])), float(max(problem.over[name])))
-        steadiest = {shaper: curves.vibrations[shaper] for shaper in _steadiest(report)}
-        yield f"sensitivity_{name}", "sensitivity", (name, curves.ratios, steadiest, 5.0, stated)
+        band = tuple(sorted(ratio * curves.values[0] / curves.ratios[0] for ratio in stated))
+        vibrations = {name: curves.vibrations[name] for name in ("unshaped", *(row.name for row in chosen))}
+        yield f"sensitivity_{name}", "sensitivity", (problem.labels[name], curves.values, vibrations, 5.0, band)
     if report.solution is not None and len(report.solution.history) > 1:
         objective = "nominal" if not report.solution.samples else problem.objective
         yield "convergence", "convergence", (np.asarray(report.solution.history), objective)
-    shown = _shown(report)
     step("responses")
-    longest = max(len(row.shaper.times) for row in shown)
-    natural = float(np.min(np.asarray(problem.plant.natural_frequency())))
-    period = 2 * np.pi / natural if natural > 0 else max(float(row.shaper.duration) for row in shown)
-    move = as_command(problem.distance)
-    horizon = max(float(row.shaper.duration) for row in shown) + float(move.duration) + 1.2 * period
-
-    def run(plant, row: Row) -> SimpleNamespace:
-        # The kernel that tuned and judged the shapers; its error is far below a line's width, and it compiles soonest.
-        found = simulate(plant, move, row.shaper.pad(longest), horizon=horizon, samples=600, method="fixed")
-        return _numbers(found, "times", "command", "payload")
-
-    nominal = {row.name: run(problem.plant, row) for row in shown}
-    ends = [
-        with_leaves(problem.plant, {name: values[at] * leaf(problem.plant, name)})
-        for name, values in problem.over.items()
-        for at in (0, -1)
-    ]
-    extremes = {row.name: [run(plant, row) for plant in ends] for row in shown}
-    drive = problem.plant.drives()[0]
-    names = {"displacement": ("base x₁", "payload x₂"), "force": ("force", "payload")}.get(drive, ("", ""))
-    label = "position (m), force (N)" if drive == "force" else "position (m)"
-    yield "response", "response", (nominal, extremes, names, label)
+    shown = _rows_of_panels(chosen)
+    yield "response", "response", _responses(report, shown)
     if isinstance(problem.plant, AbstractOscillator):
         step("energies")
-        profiles = {}
-        for row in (row for row in shown if len(row.shaper.times) > 1):
+        profiles, longest = {}, max(len(row.shaper.times) for row in shown)
+        for row in shown:
             profile = energy_profile(problem.plant, row.shaper.pad(longest), problem.distance)
             profiles[row.name] = _numbers(profile, "position", "kinetic", "potential", "total")
         yield "energy", "energy", (profiles,)
+
+
+def _responses(report: Report, shown: list[Row]) -> tuple:
+    """What ``plot.response`` draws: the nominal plant, the ends of the uncertainty and, where it sways, the sway."""
+    problem, plant = report.problem, report.problem.plant
+    bare = next(row for row in report.rows if row.name == "unshaped")
+    longest = max(len(row.shaper.times) for row in shown)
+    natural = float(np.min(np.asarray(plant.natural_frequency())))
+    period = 2 * np.pi / natural if natural > 0 else max(float(row.shaper.duration) for row in shown)
+    move = as_command(problem.distance)
+    horizon = max(float(row.shaper.duration) for row in shown) + float(move.duration) + 1.5 * period
+    turns = plant.unit == "rad"
+    size = 180 / np.pi if turns else 1.0
+    sways = turns or isinstance(plant, AbstractCrane)
+
+    def run(plant: AbstractPlant, row: Row) -> SimpleNamespace:
+        # The kernel that tuned and judged the shapers; its error is far below a line's width, and it compiles soonest.
+        found = simulate(plant, move, row.shaper.pad(longest), horizon=horizon, samples=600, method="fixed")
+        drawn = _numbers(found, "times", "command", "payload", "deflection")
+        drawn.command, drawn.payload = size * drawn.command, size * drawn.payload
+        drawn.deflection = size * drawn.deflection if turns else 1e3 * drawn.deflection
+        return drawn
+
+    ends = [
+        with_leaves(plant, {name: values[at] * leaf(plant, name)})
+        for name, values in problem.over.items()
+        for at in (0, -1)
+    ]
+    nominal = {row.name: run(plant, row) for row in shown}
+    extremes = {row.name: [run(plant, row) for plant in ends] for row in shown}
+    drive = plant.drives()[0]
+    moved = {"displacement": "motor" if turns else "base", "force": ""}.get(drive, "trolley")
+    label = "angle (°)" if turns else "position (m)"
+    sway = ("deflection (°)" if turns else "sway (mm)") if sways else None
+    return nominal, extremes, (moved, "payload"), label, run(plant, bare) if sways else None, sway
 
 
 def _numbers(result: Any, *names: str) -> SimpleNamespace:
@@ -295,17 +310,39 @@ def _numbers(result: Any, *names: str) -> SimpleNamespace:
     return SimpleNamespace(**{name: np.asarray(getattr(result, name)) for name in names})
 
 
-def _steadiest(report: Report) -> list[str]:
-    """The six closed forms with the least worst vibration, in the table's order, and the tuned shaper."""
-    closed = [row for row in report.rows if row.name not in ("unshaped", "tuned")]
-    best = sorted(closed, key=lambda row: row.worst_vibration if row.worst_vibration is not None else 0.0)[:6]
-    return [row.name for row in report.rows if row in best or row.name == "tuned"]
+def _family(name: str) -> str:
+    """The first word of a shaper's name: linear, energy, tuned."""
+    return name.split()[0]
 
 
-def _shown(report: Report) -> list[Row]:
-    """At most four shapers for the figures with a panel each: the closed forms that serve best, and the tuned one."""
-    preferred = ["energy 2-impulse", "energy 3-impulse", "energy fast 3-impulse"]
-    preferred += ["linear ZV", "linear ZVD", "linear EI"]
-    by_name = {row.name: row for row in report.rows}
-    closed = [name for name in preferred if name in by_name][: 3 if "tuned" in by_name else 4]
-    return [by_name[name] for name in (*closed, "tuned") if name in by_name]
+def _chosen(report: Report) -> list[Row]:
+    """At most five shapers for the figures.
+
+    Beside the tuned one, the best of each family that takes no longer, and the best at all. Without it, those that no
+    shorter one beats.
+    """
+    tuned = next((row for row in report.rows if row.name == "tuned"), None)
+    closed = [row for row in report.rows if row is not tuned and len(row.shaper.times) > 1]
+    chosen: list[Row] = []
+    if tuned is None:
+        for row in sorted(closed, key=lambda row: (float(row.shaper.duration), _badness(row))):
+            if not chosen or _badness(row) < _badness(chosen[-1]):
+                chosen.append(row)
+        return [row for row in report.rows if any(row is other for other in chosen[-5:])]
+    longest = float(tuned.shaper.duration) * (1 + 1e-6)
+    for family in dict.fromkeys(_family(row.name) for row in closed):
+        members = [row for row in closed if _family(row.name) == family]
+        short = [row for row in members if float(row.shaper.duration) <= longest]
+        chosen += [min(rows, key=_badness) for rows in (short, members) if rows]
+    return [*[row for row in report.rows if any(row is other for other in chosen)][:4], tuned]
+
+
+def _badness(row: Row) -> float:
+    """Worst vibration, or nominal energy where nothing is uncertain."""
+    left = row.nominal_energy if row.worst_vibration is None else row.worst_vibration
+    return left if np.isfinite(left) else np.inf
+
+
+def _rows_of_panels(chosen: list[Row]) -> list[Row]:
+    """Four at most, in the same order and so with the same colours: the last closed form makes room."""
+    return chosen if len(chosen) <= 4 else [*chosen[:3], chosen[-1]]

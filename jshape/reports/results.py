@@ -26,9 +26,12 @@ def write_sweep(problem: Problem, found: xr.Dataset, folder: Path) -> list[str]:
         write_text(folder / "sweep.csv", found.to_dataframe().to_csv(lineterminator="\n"))
         files.append("sweep.csv")
     for metric, part in summaries.items():
-        # The six shapers with the best worst case; of three leaves and more, the last at their middle.
-        best = sorted(part["worst"].values.argsort()[:6].tolist())
+        # The five shapers with the best worst case; of three leaves and more, the last at their middle.
+        best = sorted(part["worst"].values.argsort()[:5].tolist())
         shown = found.isel({name: found.sizes[name] // 2 for name in leaves[2:]}).isel(shaper=best)
+        for name in problem.labels.keys() & shown.coords.keys():
+            words, over = problem.labels[name].partition(" (")[0], shown[name].attrs["units"] == "1"
+            shown[name].attrs["long_name"] = f"{words} over nominal" if over else words
         plot.save(plot.sweep(shown, metric), folder / f"sweep_{metric}.png")
         files += [f"sweep_{metric}.png", f"sweep_{metric}.pdf"]
     return files

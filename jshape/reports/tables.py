@@ -1,78 +1,149 @@
-"""What the command line prints: tables of reports, sweeps and fronts."""
+"""What the command line prints: tables of reports, sweeps and fronts, at any width; names and titles as they are."""
 
-from collections.abc import Iterable
+import os
+import re
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich import box
 from rich.console import Console
+from rich.measure import Measurement
 from rich.table import Table
-
-from jshape.problems.problem import Problem
-from jshape.reports.report import Report
+from rich.text import Text
 
 if TYPE_CHECKING:
     import xarray as xr
 
+    from jshape.problems.problem import Problem
+    from jshape.reports.report import Report
+    from jshape.shaper import Shaper
 
-def show_report(report: Report, folder: Path, figures: list[Path]) -> None:
-    """Every shaper in a row, then what tuning gained and where the results lie."""
+LONGEST_NAME = 32
+"""Columns of names; longer ones are folded."""
+
+IMPULSE = 9
+"""Columns that an amplitude or a time takes, with the space after it."""
+
+
+def show_report(report: "Report", folder: Path, figures: list[Path]) -> None:
+    """The problem as understood, every shaper in a row, its impulses, what tuning gained, where the results lie."""
     console = new_console()
-    uncertain = bool(report.problem.over)
-    headings = ["move\ntime (s)", "nominal\nenergy (J)"]
-    headings += ["worst\nenergy (J)", "worst vi-\nbration (%)"] if uncertain else []
-    table = new_table("shaper", headings, report.problem.title, second="amplitudes\nat times (s)")
-    for row in report.rows:
-        impulses = [" ".join(f"{v:6.4f}" for v in part.tolist()) for part in (row.shaper.amplitudes, row.shaper.times)]
-        cells = [row.name, "\n".join(impulses), f"{report.move_time(row):.4f}", number(row.nominal_energy)]
-        if row.worst_energy is not None and row.worst_vibration is not None:
-            cells += [number(row.worst_energy), number(100 * row.worst_vibration)]
-        table.add_row(*cells, style="bold" if row.name == "tuned" else None)
-    console.print(table)
+    show_problem(console, report.problem)
+    show_table(console, "shaper", *_cells(report), bold=("tuned",))
+    show_impulses(console, [(row.name, row.shaper) for row in report.rows])
     _show_left_out(console, report.left_out)
     if report.solution is not None:
-        console.print(f"tuned: {report.solution.message}", highlight=False)
+        say(console, f"tuned: {report.solution.message}")
         for line in report.gains():
-            console.print(line, highlight=False)
-    if uncertain:
-        names = ", ".join(f"{name} × {min(v):g} … {max(v):g}" for name, v in report.problem.over.items())
-        console.print(f"uncertain: {names}", highlight=False)
-    console.print(f"results in {folder}, figures {', '.join(path.name for path in figures)}", highlight=False)
+            say(console, line)
+    say(console, f"results in {folder}, figures {', '.join(path.name for path in figures)}")
+    if report.solution is not None:
+        shaper, time = folder / "shapers" / "tuned.json", report.problem.design.sample_time
+        given = f" --sample-time {time:g}" if time is not None else ""
+        say(console, f"Next: jshape export {shaper} --format structured_text{given} (--list shows the other formats)")
 
 
-def show_sweep(problem: Problem, found: "xr.Dataset", left_out: dict[str, str]) -> None:
+def _cells(report: "Report") -> tuple[list[str], list[tuple[str, list[str]]]]:
+    """The headings and the rows of a report's table."""
+    headings = ["move\ntime\n(s)", "nominal\nenergy\n(J)"]
+    headings += ["worst\nenergy\n(J)", "worst\nvibration\n(%)"] if report.problem.over else []
+    rows = []
+    for row in report.rows:
+        cells = [f"{report.move_time(row):.4f}", number(row.nominal_energy)]
+        if row.worst_energy is not None and row.worst_vibration is not None:
+            cells += [number(row.worst_energy), number(100 * row.worst_vibration)]
+        rows.append((row.name, cells))
+    return headings, rows
+
+
+def latex_table(report: "Report") -> str:
+    """The table of a report for LaTeX, with the package booktabs: every shaper in a row, the problem as its caption."""
+    headings, rows = _cells(report)
+    lines = [
+        "% needs \\usepackage{booktabs}",
+        "\\begin{table}",
+        f"\\caption{{{_latex(report.problem.title)}}}",
+        f"\\begin{{tabular}}{{l{'r' * len(headings)}}}",
+        "\\toprule",
+        " & ".join(["shaper", *(_latex(heading.replace("\n", " ")) for heading in headings)]) + r" \\",
+        "\\midrule",
+        *(" & ".join(map(_latex, [name, *cells])) + r" \\" for name, cells in rows),
+        "\\bottomrule",
+        "\\end{tabular}",
+        "\\end{table}",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _latex(text: str) -> str:
+    """A name or a number as LaTeX writes it: its special characters escaped, powers of ten as such."""
+    power = re.fullmatch(r"(-?[\d.]+)e([+-]\d+)", text)
+    if power:
+        return rf"${power[1]} \times 10^{{{int(power[2])}}}$"
+    if re.fullmatch(r"-[\d.]+", text):
+        return f"${text}$"
+    special = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
+    special |= {character: f"\\{character}" for character in "&%$#_{}"}
+    return "".join(special.get(character, character) for character in text)
+
+
+def show_problem(console: Console, problem: "Problem") -> None:
+    """A problem's title and its numbers as they were understood."""
+    console.print(Text(problem.title, "bold"))
+    for line in problem.understood:
+        say(console, line, "dim")
+
+
+def show_impulses(console: Console, shapers: Iterable[tuple[str, "Shaper"]]) -> None:
+    """The amplitudes of every shaper and, below them, its times; as many beside each other as there is room for."""
+    say(console, "impulses: amplitudes, below them times (s)")
+    shapers = list(shapers)
+    longest = max((len(name) for name, _ in shapers), default=0)
+    indent = 2 + min(longest, LONGEST_NAME if console.width >= 80 else 12)
+    for name, shaper in shapers:
+        parts = [[f"{value:.4f}" for value in part.tolist()] for part in (shaper.amplitudes, shaper.times)]
+        room = max((console.width - indent) // IMPULSE, 1)
+        if len(name) > indent - 2:
+            say(console, name)
+            name = ""
+        for begin in range(0, len(parts[0]), room):
+            for part in parts:
+                numbers = " ".join(f"{text:>{IMPULSE - 1}}" for text in part[begin : begin + room])
+                console.print(Text(f"{name:<{indent}}{numbers}"))
+                name = ""
+    console.print()
+
+
+def show_sweep(problem: "Problem", found: "xr.Dataset", left_out: dict[str, str]) -> None:
     """Mean, 95 % quantile and worst of every shaper, a table a metric."""
     # Half a second of loading xarray, which those who only tune a shaper do without.
     from jshape.sweeps.sweep import summary
 
     console = new_console()
+    show_problem(console, problem)
     for metric in found.data_vars:
         data = found[metric]
         unit = "" if data.attrs["units"] == "1" else f" ({data.attrs['units']})"
-        title = f"{problem.title}: {data.attrs['long_name']}{unit}, {data.size // data.sizes['shaper']} plants"
-        table = new_table("shaper", ["mean", "95 % quantile", "worst"], title)
-        for name, row in summary(data).to_dataframe().iterrows():
-            table.add_row(str(name), *map(number, row))
-        console.print(table)
+        title = f"{data.attrs['long_name']}{unit}, {data.size // data.sizes['shaper']} plants"
+        rows = [(str(name), list(map(number, row))) for name, row in summary(data).to_dataframe().iterrows()]
+        show_table(console, "shaper", ["mean", "95 % quantile", "worst"], rows, title)
         if "error" in data.attrs:
-            console.print(f"finer steps change this by at most {data.attrs['error']:.1e}", highlight=False)
+            say(console, f"finer steps change this by at most {data.attrs['error']:.1e}")
     _show_left_out(console, left_out)
 
 
-def show_front(problem: Problem, front: "xr.Dataset") -> None:
+def show_front(problem: "Problem", front: "xr.Dataset") -> None:
     """The least objective for every duration, a column a design, then the closed forms."""
     console = new_console()
-    title = f"{problem.title}: {front['objective'].attrs['long_name']} (J) for each duration"
-    # Beside the table, which would wrap it to its own width.
-    console.print(title, style="italic", highlight=False)
+    show_problem(console, problem)
+    title = f"{front['objective'].attrs['long_name']} (J) for each duration"
     objectives = front["objective"].transpose("duration", "design").to_pandas()
-    table = new_table("duration (s)", objectives.columns)
-    for time, row in objectives.iterrows():
-        table.add_row(f"{time:.4f}", *map(number, row))
-    console.print(table)
+    rows = [(f"{time:.4f}", ["" if x != x else number(x) for x in row]) for time, row in objectives.iterrows()]
+    show_table(console, "duration (s)", list(objectives.columns), rows, title)
     for name in front["closed_form"].values:
         value, time = (float(front[key].sel(closed_form=name)) for key in ("closed_objective", "closed_duration"))
-        console.print(f"{name}: {number(value)} J in {time:.4f} s", highlight=False)
+        say(console, f"{name}: {number(value)} J in {time:.4f} s")
 
 
 def number(value: float) -> str:
@@ -84,29 +155,76 @@ def number(value: float) -> str:
 
 
 def new_console() -> Console:
-    """As wide as the terminal, 120 columns where there is none; names are printed as they are, never as markup."""
-    width = None if Console().is_terminal else 120
+    """As wide as the terminal; where there is none as COLUMNS says, or 120 columns."""
+    width = None if Console().is_terminal or "COLUMNS" in os.environ else 120
     return Console(width=width, markup=False, emoji=False)
 
 
-def new_table(first: str, others: Iterable[str], title: str | None = None, second: str | None = None) -> Table:
-    """A table as every command prints it.
+def say(console: Console, words: str, style: str = "") -> None:
+    """A line of text, without markup."""
+    console.print(Text(words, style))
+
+
+def show_table(
+    console: Console,
+    first: str,
+    headings: Sequence[str],
+    rows: Sequence[tuple[str, Sequence[str]]],
+    title: str | None = None,
+    bold: Iterable[str] = (),
+    left: Iterable[str] = (),
+) -> None:
+    """A table as every command prints it; where it is too wide, several below each other, so that no number is cut.
 
     Args:
+        console: where it is printed.
         first: heading of the first column, names.
-        others: headings of the columns of numbers.
+        headings: of the other columns.
+        rows: name and cells of each.
         title: above the table, if any.
-        second: heading of a wide second column, if there is one.
+        bold: names of rows in bold face.
+        left: headings of the columns that hold words.
     """
-    table = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False)
-    table.add_column(first, min_width=12)
-    if second is not None:
-        table.add_column(second, min_width=28)
-    for heading in others:
-        table.add_column(heading, justify="right", no_wrap=True)
+    if title is not None:
+        say(console, title, "italic")
+    begin = 0
+    while begin < len(headings):
+        end = begin + 1
+        while end < len(headings) and _fits(console, _table(first, headings, rows, begin, end + 1, bold, left)):
+            end += 1
+        console.print(_table(first, headings, rows, begin, end, bold, left))
+        begin = end
+
+
+def _fits(console: Console, table: Table) -> bool:
+    """Whether a table fits; asked of a console of any width, since a measure is never beyond that of its own."""
+    return Measurement.get(console, console.options.update(width=10_000), table).minimum <= console.width
+
+
+def _table(
+    first: str,
+    headings: Sequence[str],
+    rows: Sequence[tuple[str, Sequence[str]]],
+    begin: int,
+    end: int,
+    bold: Iterable[str],
+    left: Iterable[str],
+) -> Table:
+    """Some of a table's columns."""
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    names = [line for text in (first, *(name for name, _ in rows)) for line in text.splitlines()]
+    table.add_column(Text(first), min_width=min(max(map(len, names)), LONGEST_NAME), overflow="fold")
+    for i, heading in enumerate(headings[begin:end], begin):
+        lines = [line for text in (heading, *(cells[i] for _, cells in rows)) for line in text.splitlines()]
+        if heading in left:
+            table.add_column(Text(heading), min_width=24, overflow="fold")
+        else:
+            table.add_column(Text(heading), justify="right", min_width=max(map(len, lines), default=1))
+    for name, cells in rows:
+        table.add_row(Text(name), *map(Text, cells[begin:end]), style="bold" if name in bold else None)
     return table
 
 
 def _show_left_out(console: Console, left_out: dict[str, str]) -> None:
     for name, reason in left_out.items():
-        console.print(f"left out: {name}: {reason}", style="dim", highlight=False)
+        say(console, f"left out: {name}: {reason}", "dim")

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from jshape.adaptive.closed_loop.loop import Trace
 from jshape.adaptive.closed_loop.schedules import Schedule
-from jshape.reports.plot import COLOURS, STYLE, WIDTH
+from jshape.reports.style import COLOURS, STYLE, WIDTH
 
 EVERY = 1.0
 """Between two spectra, s."""

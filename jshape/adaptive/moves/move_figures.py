@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from jshape.reports.plot import COLOURS, STYLE, WIDTH
+from jshape.reports.style import COLOURS, STYLE, WIDTH
 
 
 def estimates(estimated: Any, std: Any, true: Any, names: Sequence[str]) -> Figure:

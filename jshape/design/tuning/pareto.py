@@ -60,6 +60,8 @@ def pareto(
 ) -> xr.Dataset:
     """Compute the Pareto front of the objective against the duration, for each number of impulses and rule.
 
+    An interrupt (Ctrl-C) after the first duration returns what has been found; ``status`` says which is missing.
+
     Args:
         plant: the nominal plant.
         distance: of the move, m or rad, or any command.
@@ -107,12 +109,19 @@ def pareto(
         for n, rule in designs.values()
     ]  # fmt: skip
     names, most = list(designs), max(counts)
+    table = np.full((len(designs), len(times), 5 + 2 * most), np.nan)
+    table[..., 3] = STATUSES.index(Status.INTERRUPTED)
 
     def compute(missing: list[int]) -> Iterator[tuple[int, np.ndarray]]:
         for index in missing:
             report = functools.partial(progress, names[index]) if progress is not None else lambda *_: None
-            front = _front(problems[index], times, starts, seed, iterations, report)
-            yield index, np.array([_row(problems[index], candidate, most) for candidate in front])
+            front: list[Candidate] = []
+            try:
+                _front(front, problems[index], times, starts, seed, iterations, report)
+            finally:
+                for place, candidate in enumerate(front):
+                    table[index, place] = _row(problems[index], candidate, most)
+            yield index, table[index]
 
     def fingerprint() -> bytes:
         facts = [names, objective_name(objective), limit, starts, seed, iterations, version("jshape"), version("jax")]
@@ -120,22 +129,26 @@ def pareto(
         leaves = jax.tree.leaves((scenarios.plant, scenarios.command, scenarios.samples, scenarios.state))
         return b"|".join([repr(facts).encode(), times.tobytes(), *(np.asarray(x).tobytes() for x in leaves)])
 
-    table = np.full((len(designs), len(times), 5 + 2 * most), np.nan)
-    for index, rows in in_chunks(compute, len(designs), None if store is None else Path(store), fingerprint, None):
-        table[index] = rows
+    try:
+        for index, rows in in_chunks(compute, len(designs), None if store is None else Path(store), fingerprint, None):
+            table[index] = rows
+    except KeyboardInterrupt:
+        if np.all(np.isnan(table[..., 0])):
+            raise
     return _dataset(table, designs, times, objective, _closed(problems[0], distance))
 
 
 def _front(
+    front: list[Candidate],
     problem: DesignProblem,
     times: np.ndarray,
     starts: int,
     seed: int,
     iterations: int,
     report: Callable[[int, int, float], Any],
-) -> list[Candidate]:
-    """Up through the durations, each from the one before and from the best of fresh starts; then down again."""
-    front: list[Candidate] = []
+) -> None:
+    """Fill the front, up through the durations, each from the one before and from the best of fresh starts; then go
+    down again. An interrupt leaves what has been found."""
     searches = [LocalSearch(_within(problem, float(time))) for time in times]
 
     def best_of(search: LocalSearch, points: list[Point], known: list[Candidate]) -> Candidate:
@@ -161,7 +174,6 @@ def _front(
     for index in range(1, len(times)):
         front[index] = min(front[index], front[index - 1], key=lambda candidate: candidate.merit)
     report(len(times), len(times), front[-1].merit)
-    return front
 
 
 def _within(problem: DesignProblem, longest: float) -> DesignProblem:

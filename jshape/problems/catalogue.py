@@ -1,0 +1,228 @@
+"""What a problem file may name: plants, their parts and commands, with the keys of each.
+
+Read from the sources of the classes themselves, their fields and the ``Attributes:`` of their docstrings, without
+importing them: the command line lists plants and checks problem files before JAX is loaded.
+"""
+
+import ast
+import dataclasses
+import difflib
+import functools
+import inspect
+import re
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from jshape.problems.units import printed
+
+PARTS = {
+    "spring": "AbstractSpring",
+    "damper": "AbstractDamper",
+    "trolley": "Trolley",
+    "controller": "AbstractController",
+    "link": "AbstractLink",
+    "plant": "AbstractPlant",
+    "hoist": "AbstractCommand",
+    "cross": "AbstractCommand",
+}
+"""The keys of a plant that are tables with a ``type`` of their own, and the class that all of those types belong to."""
+
+WORDS = ("drive",)
+"""Keys whose value is a word."""
+
+COMMANDS = ("Step", "Trapezoid", "SCurve", "Sampled")
+
+GROUPS = {
+    "cranes": ("AbstractCrane",),
+    "masses on springs": ("AbstractOscillator", "ForcedTwoMass"),
+    "robots": ("FlexibleJoint", "FlexibleLink"),
+    "measured modes": ("AbstractModes",),
+    "from another plant": ("Linearised",),
+}
+"""Groups of plants, and the classes that are in them or whose subclasses are."""
+
+REQUIRED = "required"
+"""Stands for the default of a key that has none."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Key:
+    """A parameter of a class, as a problem file names it.
+
+    Attributes:
+        name: of the key.
+        meaning: in words.
+        unit: of its value, if it is a quantity; ``""`` for a number without unit.
+        default: a number, a list or a word; ``REQUIRED`` where there is none, ``None`` where it may be absent.
+        part: the class of a part, where the key is a table of its own.
+        checks: names of the functions in ``jshape._check`` that its value passes.
+    """
+
+    name: str
+    meaning: str
+    unit: str | None
+    default: Any
+    part: str | None
+    checks: tuple[str, ...]
+
+    @property
+    def required(self) -> bool:
+        """Whether a problem file must give it."""
+        return isinstance(self.default, str) and self.default == REQUIRED
+
+
+@dataclasses.dataclass(frozen=True)
+class Entry:
+    """A class that a problem file may name.
+
+    Attributes:
+        name: of the class.
+        summary: the first sentence of its docstring.
+        keys: its parameters by name, in order.
+        bases: the names of the classes that it descends from, itself first.
+        constants: class variables that are words, such as ``drive``.
+    """
+
+    name: str
+    summary: str
+    keys: dict[str, Key]
+    bases: tuple[str, ...]
+    constants: dict[str, str]
+
+    def command_unit(self, drive: str | None = None) -> str:
+        """Unit of the command that drives the plant, whose ``drive`` is as given or as it is by default."""
+        default = self.keys["drive"].default if "drive" in self.keys else self.constants.get("drive")
+        return self.constants["force_unit" if (drive or default) == "force" else "unit"]
+
+
+def plants() -> dict[str, Entry]:
+    """The plants that a problem file may name."""
+    return known("AbstractPlant")
+
+
+@functools.cache
+def known(base: str) -> dict[str, Entry]:
+    """The classes below ``base`` (or it alone) that a problem file may name; none that is made from a function."""
+    if base == "AbstractCommand":
+        return {name: _entry(name) for name in COMMANDS}
+    found = {name: _entry(name) for name in _exported() if base in _bases(name) and not name.startswith("Abstract")}
+    return {name: entry for name, entry in found.items() if "function" not in entry.keys}
+
+
+def group(name: str) -> str:
+    """The group that a plant belongs to; ``"others"`` where none names it."""
+    bases = known("AbstractPlant")[name].bases
+    return next((group for group, roots in GROUPS.items() if set(roots) & set(bases)), "others")
+
+
+def suggestion(name: str, names: Iterable[str]) -> str:
+    """``"; did you mean …?"`` for the name next to a wrong one, if one is near."""
+    near = difflib.get_close_matches(name.lower(), lower := {each.lower(): each for each in names}, 1, 0.6)
+    return f"; did you mean {lower[near[0]]}?" if near else ""
+
+
+def described(doc: str | None) -> dict[str, str]:
+    """The entries under ``Attributes:`` in a docstring, by name."""
+    _, _, text = inspect.cleandoc(doc or "").partition("\nAttributes:\n")
+    block = re.split(r"\n(?=\S)", text)[0]
+    found = re.findall(r"^    (\w+): (.*(?:\n     +.*)*)", block, re.M)
+    return {name: " ".join(words.replace("``", "").split()) for name, words in found}
+
+
+@functools.cache
+def _classes() -> dict[str, tuple[ast.ClassDef, dict[str, Any]]]:
+    """Every class in the sources of plants and commands, and the constants of its module."""
+    folder = Path(__file__).parents[1]
+    found = {}
+    for path in [*sorted((folder / "plants").glob("*.py")), folder / "command.py"]:
+        body = ast.parse(path.read_text(encoding="utf-8")).body
+        constants = {}
+        for node in body:
+            if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name):
+                constants[node.targets[0].id] = _literal(node.value, constants)
+        found |= {node.name: (node, constants) for node in body if isinstance(node, ast.ClassDef)}
+    return found
+
+
+def _exported() -> list[str]:
+    """The names in ``jshape.plants.__all__``."""
+    text = (Path(__file__).parents[1] / "plants" / "__init__.py").read_text(encoding="utf-8")
+    lists = (node.value for node in ast.parse(text).body if isinstance(node, ast.Assign))
+    return ast.literal_eval(next(lists))
+
+
+def _literal(node: ast.expr | None, constants: dict[str, Any]) -> Any:
+    """The value of a literal or of a constant, ``None`` for anything else."""
+    if isinstance(node, ast.Name):
+        return constants.get(node.id)
+    try:
+        return ast.literal_eval(node) if node is not None else None
+    except ValueError:
+        return None
+
+
+def _bases(name: str) -> tuple[str, ...]:
+    if name not in _classes():
+        return ()
+    parents = [base.id for base in _classes()[name][0].bases if isinstance(base, ast.Name)]
+    return (name, *(other for parent in parents for other in _bases(parent)))
+
+
+def _entry(name: str) -> Entry:
+    bases = _bases(name)
+    keys: dict[str, Key] = {}
+    words: dict[str, str] = {}
+    constants: dict[str, str] = {}
+    own = None
+    for base in reversed(bases):
+        node, values = _classes()[base]
+        words |= described(ast.get_docstring(node))
+        for item in node.body:
+            if isinstance(item, ast.FunctionDef) and item.name == "__init__":
+                own = _arguments(item, values)
+            elif isinstance(item, ast.AnnAssign) and isinstance(item.target, ast.Name):
+                if "ClassVar" in ast.unparse(item.annotation):
+                    value = _literal(item.value, values)
+                    constants |= {item.target.id: value} if isinstance(value, str) else {}
+                elif "AbstractVar" not in ast.unparse(item.annotation):
+                    keys[item.target.id] = _field(item, values)
+    if own is not None:
+        checks = {key: field.checks for key, field in keys.items()}
+        keys = {key.name: dataclasses.replace(key, checks=checks.get(key.name, ())) for key in own}
+    summary = (ast.get_docstring(_classes()[name][0]) or "").split("\n\n")[0].replace("``", "")
+    keys = {key: _documented(field, words.get(key, "")) for key, field in keys.items()}
+    return Entry(name, " ".join(summary.split()), keys, bases, constants)
+
+
+def _documented(key: Key, words: str) -> Key:
+    unit = printed(words)
+    # A number without a unit, unless the description says that its unit is another's.
+    unit = "" if unit is None and not key.part and key.name not in WORDS and "unit" not in words else unit
+    return dataclasses.replace(key, meaning=words.replace("None for", "absent for"), unit=unit)
+
+
+def _arguments(init: ast.FunctionDef, constants: dict[str, Any]) -> list[Key]:
+    """The keys of a class with a constructor of its own."""
+    names = [argument.arg for argument in init.args.args[1:]]
+    defaults = [REQUIRED] * (len(names) - len(init.args.defaults))
+    defaults += [_literal(node, constants) for node in init.args.defaults]
+    return [Key(name, "", None, value, PARTS.get(name), ()) for name, value in zip(names, defaults, strict=True)]
+
+
+def _field(item: ast.AnnAssign, constants: dict[str, Any]) -> Key:
+    """The key of a field ``name: type = eqx.field(default=…, converter=…)``."""
+    assert isinstance(item.target, ast.Name)
+    name, part = item.target.id, PARTS.get(item.target.id)
+    if not isinstance(item.value, ast.Call):
+        default = REQUIRED if item.value is None else _literal(item.value, constants)
+        return Key(name, "", None, default, part, ())
+    options = {option.arg: option.value for option in item.value.keywords}
+    default = _literal(options["default"], constants) if "default" in options else REQUIRED
+    converter, checks = options.get("converter"), ()
+    if isinstance(converter, ast.Call):
+        checks = tuple(argument.id for argument in converter.args if isinstance(argument, ast.Name))
+        # ``part(kind)`` without something that makes a default one.
+        alone = len(converter.args) == 1 and isinstance(converter.func, ast.Name) and converter.func.id == "part"
+        default = REQUIRED if alone and default is None else default
+    return Key(name, "", None, default, part, () if part else checks)

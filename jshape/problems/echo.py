@@ -1,0 +1,85 @@
+"""A problem as it was understood: every number with its unit, in a few lines."""
+
+import re
+from collections.abc import Mapping
+from typing import Any
+
+from jshape.problems.reading import QUANTITIES, Draft, Part, in_units, turned
+from jshape.problems.units import shown
+
+SYMBOLS = ("omega", "zeta", "gains")
+"""Keys that are named by what they mean, as all of fewer than four letters are."""
+
+
+def understood(draft: Draft, nominal: Mapping[str, float]) -> list[str]:
+    """Move, plant, uncertainty and design of a problem file, a line each; with what was not given but counts.
+
+    Args:
+        draft: the file.
+        nominal: the nominal value of each uncertain leaf.
+    """
+    command = draft.command or f"step of {shown(draft.file.distance, draft.command_unit)}"
+    lines = [f"move: {_part(command, {'m': draft.command_unit})}", f"plant: {_part(draft.plant, {})}"]
+    entry = draft.plant.entry
+    if entry is not None:
+        absent = [key for key in entry.keys.values() if key.name not in draft.plant.values]
+        numbers = [f"{key.name} {shown(key.default, key.unit)}" for key in absent if _is_number(key.default)]
+        lines += [f"unless given: {', '.join(numbers)}"] if numbers else []
+    for leaf, spread in draft.over.items():
+        middle = nominal[leaf]
+        absolute = [value if spread.absolute else value * middle for value in spread.values]
+        multiples = [value / middle if spread.absolute else value for value in spread.values]
+        words = f"{leaf} {_range(absolute, spread.between)}{f' {spread.unit}' if spread.unit else ''}"
+        how = f"{_range(multiples, spread.between)} times {shown(middle, spread.unit)}"
+        lines.append(f"uncertain: {words} ({how}; {spread.between or len(spread.values)} values)")
+    return lines + _design(draft)
+
+
+def label(plant: Part, leaf: str, unit: str | None) -> str:
+    """A leaf in words for an axis of a figure, with its unit: ``payload mass (kg)``, ``linear stiffness (N/m)``."""
+    name, _, rest = leaf.partition(".")
+    value = plant.values.get(name)
+    if isinstance(value, Part):
+        return label(value, rest, unit)
+    key = plant.entry.keys.get(name) if plant.entry else None
+    words = name.replace("_", " ")
+    if key is not None and (len(name) < 4 or name in SYMBOLS):
+        words = re.split(r"[,;:.(]", key.meaning)[0].strip() or words
+    words += f" {int(rest) + 1}" if rest.isdecimal() else ""
+    return f"{words} ({unit})" if unit else words
+
+
+def _design(draft: Draft) -> list[str]:
+    """What the file asks of the design."""
+    design, words = draft.file.design, []
+    for name in sorted(design.model_fields_set, key=list(type(design).model_fields).index):
+        unit = QUANTITIES["design"].get(name)
+        length = draft.unit if name == "peak_deflection" else draft.command_unit
+        value = getattr(design, name)
+        words.append(f"{name} {shown(value, in_units(unit, {'m': length})) if _is_number(value) else value}")
+    return [f"design: {', '.join(words)}"] if words else []
+
+
+def _range(values: list[float], count: int | None) -> str:
+    numbers = [f"{value:.6g}" for value in values]
+    return " … ".join(numbers) if count else ", ".join(numbers)
+
+
+def _is_number(value: Any) -> bool:
+    if isinstance(value, list | tuple):
+        return all(map(_is_number, value))
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _part(part: Part | str, units: dict[str, str]) -> str:
+    """An object in words: its class, then its parameters."""
+    if isinstance(part, str):
+        return part
+    words = []
+    for name, value in part.values.items():
+        key = part.entry.keys[name] if part.entry else None
+        if isinstance(value, Part):
+            words.append(f"{name} ({_part(value, turned(part.entry, name) if part.entry else {})})")
+        else:
+            words.append(f"{name} {shown(value, in_units(key.unit, units) if key else None)}")
+    return ", ".join([part.kind, *words])

@@ -1,0 +1,363 @@
+"""Problem files as they are written: read, checked and their quantities converted, before JAX is loaded.
+
+``read(name)`` gives a ``Draft``, of which ``problem.load`` makes plants and commands. What only a plant itself can
+know, such as a load that leaves a frequency negative, is found then.
+"""
+
+import dataclasses
+import math
+import re
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from pydantic import BaseModel, ValidationError
+
+from jshape._rules import RULES
+from jshape.problems import catalogue, limits
+from jshape.problems.catalogue import WORDS, Entry, Key, suggestion
+from jshape.problems.lines import Lines, ProblemError
+from jshape.problems.schema import Adapt, Design, File, Front, Range
+from jshape.problems.units import quantity, question
+
+QUANTITIES: dict[str, dict[str, str]] = {
+    "": {"distance": "m"},
+    "design": {
+        "duration": "s",
+        "time_cost": "J/s",
+        "sample_time": "s",
+        "peak_deflection": "m",
+        "speed_limit": "m/s",
+        "command_overshoot": "",
+    },
+    "pareto": {"durations": "s"},
+    "adapt": {
+        **{"sample_time": "s", "period": "s", "duration": "s"},
+        **{"omega": "rad/s", "zeta": "", "bands": "rad/s", "thresholds": "m/s²"},
+    },
+}
+"""Units of the tables' numbers; for m, the plant's own counts (that of its command, but in ``peak_deflection``)."""
+
+TABLES: dict[str, type[BaseModel]] = {"design": Design, "pareto": Front, "adapt": Adapt, "uncertainty": Range}
+
+
+class Part(NamedTuple):
+    """An object as a file describes it.
+
+    Attributes:
+        kind: the name of its class.
+        values: its parameters: numbers in SI units, lists, words, parts.
+        entry: what is known of the class; ``None`` for one that is named as ``module:Class``.
+    """
+
+    kind: str
+    values: dict[str, Any]
+    entry: Entry | None
+
+
+class Spread(NamedTuple):
+    """What an uncertain leaf may be.
+
+    Attributes:
+        values: all of them, or the ends of a range.
+        between: how many evenly from the first to the last end; ``None`` for a list of all values.
+        absolute: whether they are in ``unit``, not multiples of nominal.
+        unit: of the leaf; ``None`` where it is not known.
+    """
+
+    values: list[float]
+    between: int | None
+    absolute: bool
+    unit: str | None
+
+
+@dataclasses.dataclass(frozen=True)
+class Draft:
+    """A problem file that was read and checked.
+
+    Attributes:
+        path: of the file.
+        text: of the file.
+        file: its tables.
+        plant: the nominal plant.
+        command: the move, unless the file gives a distance alone.
+        over: leaf → its values.
+        unit: of the plant's payload.
+        command_unit: of the command.
+        questions: what may not be meant as it was written.
+        lines: where each key stands.
+    """
+
+    path: Path
+    text: str
+    file: File
+    plant: Part
+    command: Part | None
+    over: dict[str, Spread]
+    unit: str
+    command_unit: str
+    questions: list[str]
+    lines: Lines
+
+    @property
+    def foreign(self) -> str | None:
+        """The ``module:Class`` whose code makes the plant, if any."""
+        return self.plant.kind if self.plant.entry is None else None
+
+
+def shipped() -> dict[str, Path]:
+    """The problem files that come with jshape, by name."""
+    return {path.stem: path for path in sorted(Path(__file__).parent.glob("*.toml"))}
+
+
+def find(name: str) -> Path:
+    """The file of that name: a path, or the name of a shipped problem.
+
+    Raises:
+        ProblemError: if there is none.
+    """
+    path = Path(name)
+    if path.is_dir():
+        raise ProblemError(f"{name}: is a directory, not a problem file")
+    if path.exists():
+        return path
+    if name in shipped():
+        return shipped()[name]
+    near = suggestion(name, shipped())
+    raise ProblemError(f"{name}: no such file, nor a shipped problem (there are {', '.join(shipped())}{near})")
+
+
+def read(name: str | Path) -> Draft:
+    """Read and check a problem file (a path or a shipped name).
+
+    Raises:
+        ProblemError: for whatever is wrong, with line and key.
+    """
+    path = find(str(name))
+    try:
+        text, raw = limits.parse(path)
+    except ValueError as error:
+        raise ProblemError(str(error)) from None
+    lines = Lines(path, text)
+    for keys, message in limits.exceeded(raw):
+        raise lines.error(keys, message)
+    reader = _Reader(lines, *_units(raw))
+    reader.quantities(raw)
+    try:
+        file = File.model_validate(raw)
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise lines.error(_keys(raw, first["loc"]), _message(first)) from None
+    if file.distance == 0:
+        raise lines.error(["distance"], "must not be 0: there is nothing to shape")
+    command = None
+    if file.command is not None:
+        command = reader.part(file.command, "AbstractCommand", ["command"], {"m": reader.command})
+    plant = reader.plant(file.plant)
+    if file.distance is not None:
+        reader.question(file.distance, reader.command, ["distance"], raw["distance"])
+    over = {leaf: reader.spread(leaf, uncertain, plant) for leaf, uncertain in file.uncertainty.items()}
+    if (number := math.prod(spread.between or len(spread.values) for spread in over.values())) > limits.PLANTS:
+        raise lines.error(["uncertainty"], f"makes {number} plants, more than {limits.PLANTS}; take smaller counts")
+    if file.design.objective not in (None, "nominal") and not over:
+        objective = file.design.objective
+        raise lines.error(["design", "objective"], f"{objective!r} needs an [uncertainty] table")
+    return Draft(path, text, file, plant, command, over, reader.unit, reader.command, reader.questions, lines)
+
+
+def with_class(draft: Draft, entry: Entry) -> Draft:
+    """The draft of a plant of the user's own, once its class is known: its parameters and their ranges are read."""
+    reader = _Reader(draft.lines, draft.unit, draft.command_unit)
+    plant = Part(draft.plant.kind, reader.values(entry, draft.plant.values, ["plant"], {}), entry)
+    over = {leaf: reader.spread(leaf, uncertain, plant) for leaf, uncertain in draft.file.uncertainty.items()}
+    return dataclasses.replace(draft, plant=plant, over=over, questions=[*draft.questions, *reader.questions])
+
+
+def _units(raw: dict[str, Any]) -> tuple[str, str]:
+    """The units of the payload and of the command, by the plant that the file names."""
+    table = raw.get("plant")
+    kind = table.get("type") if isinstance(table, dict) else None
+    entry = catalogue.plants().get(kind) if isinstance(kind, str) else None
+    if not isinstance(table, dict) or entry is None:
+        return "m", "m"
+    if entry.name == "Linearised":
+        return _units(table)
+    return entry.constants["unit"], entry.command_unit(table.get("drive"))
+
+
+class _Reader:
+    """Reads the tables of one file; collects what is to be questioned.
+
+    Attributes:
+        lines: where its keys stand.
+        unit: of the plant's payload.
+        command: unit of the command.
+        questions: so far.
+    """
+
+    def __init__(self, lines: Lines, unit: str, command: str):
+        self.lines, self.unit, self.command = lines, unit, command
+        self.questions: list[str] = []
+
+    def quantities(self, raw: dict[str, Any]) -> None:
+        """Convert the quantities of the tables with fixed keys, in place."""
+        for name, units in QUANTITIES.items():
+            table = raw.get(name) if name else raw
+            if not isinstance(table, dict):
+                continue
+            for key in [key for key in units if key in table]:
+                length = self.unit if key == "peak_deflection" else self.command
+                unit = units[key] if name == "adapt" else in_units(units[key], {"m": length})
+                table[key] = self.quantity(table[key], unit, [name, key] if name else [key])
+
+    def quantity(self, value: Any, unit: str | None, place: list[str]) -> Any:
+        """A quantity, or a list of them, in that unit."""
+        if isinstance(value, list):
+            return [self.quantity(entry, unit, place) for entry in value]
+        try:
+            return quantity(value, unit)
+        except ValueError as error:
+            raise self.lines.error(place, str(error)) from None
+
+    def plant(self, table: dict[str, Any]) -> Part:
+        kind, known = table.get("type"), catalogue.plants()
+        if not isinstance(kind, str):
+            raise self.lines.error(["plant", "type"], f"must name a plant or module:Class, not {kind!r}")
+        if ":" in kind:
+            return Part(kind, {key: value for key, value in table.items() if key != "type"}, None)
+        if kind not in known:
+            words = f"unknown plant {kind!r}: there are {', '.join(known)}, or module:Class{suggestion(kind, known)}"
+            raise self.lines.error(["plant", "type"], words)
+        return self.part(table, "AbstractPlant", ["plant"], {})
+
+    def part(self, table: Any, base: str, keys: list[str], units: dict[str, str]) -> Part:
+        """An object from its table, whose ``type`` is one of the classes below ``base``.
+
+        Args:
+            table: as it was written.
+            base: the name of a class.
+            keys: of the table.
+            units: those that stand in the place of others.
+        """
+        if not isinstance(table, dict):
+            raise self.lines.error(keys, f"must be a table with a type, not {table!r}")
+        known = catalogue.known(base)
+        kind = table.get("type", next(iter(known)) if len(known) == 1 else None)
+        if not isinstance(kind, str) or kind not in known:
+            near = suggestion(kind, known) if isinstance(kind, str) else ""
+            raise self.lines.error([*keys, "type"], f"must be one of {', '.join(known)}, not {kind!r}{near}")
+        rest = {key: value for key, value in table.items() if key != "type"}
+        return Part(kind, self.values(known[kind], rest, keys, units), known[kind])
+
+    def values(self, entry: Entry, table: dict[str, Any], keys: list[str], units: dict[str, str]) -> dict[str, Any]:
+        """The parameters of an object of a class, checked."""
+        for name in table:
+            if name not in entry.keys:
+                words = f"unknown key; {entry.name} takes {', '.join(entry.keys)}{suggestion(name, entry.keys)}"
+                raise self.lines.error([*keys, name], words)
+        for key in entry.keys.values():
+            if key.required and key.name not in table:
+                words = f": {key.meaning}" if key.meaning else ""
+                raise self.lines.error(keys, f"{key.name} is missing{words}")
+        found = {}
+        for name, value in table.items():
+            key, place = entry.keys[name], [*keys, name]
+            if key.part is None:
+                found[name] = self.value(key, value, place, units)
+            else:
+                found[name] = self.part(value, key.part, place, turned(entry, name))
+        return found
+
+    def value(self, key: Key, value: Any, place: list[str], units: dict[str, str]) -> Any:
+        """A number, a list or a word."""
+        if key.name in WORDS:
+            if not isinstance(value, str):
+                raise self.lines.error(place, f"must be a word, not {value!r}")
+            return value
+        if isinstance(value, list):
+            return [self.value(key, entry, place, units) for entry in value]
+        unit = in_units(key.unit, units)
+        number = self.quantity(value, unit, place)
+        if isinstance(number, bool) or not isinstance(number, int | float):
+            raise self.lines.error(place, f"must be a number, not {value!r}")
+        if not math.isfinite(number):
+            raise self.lines.error(place, f"must be finite, not {value}")
+        for rule in key.checks:
+            if rule in RULES and not RULES[rule][0](number):
+                raise self.lines.error(place, f"must {RULES[rule][1]}, not {value}")
+        self.question(number, unit, place, value)
+        return number
+
+    def question(self, number: float, unit: str | None, place: list[str], value: Any) -> None:
+        """Question a number that was written without a unit and is far beyond what machines have."""
+        words = None if isinstance(value, str) else question(number, unit)
+        if words:
+            self.questions.append(str(self.lines.error(place, words)))
+
+    def spread(self, leaf: str, uncertain: Range, plant: Part) -> Spread:
+        """The values of an uncertain leaf."""
+        try:
+            unit = leaf_unit(plant, leaf)
+            values, absolute = uncertain.read(unit)
+        except ValueError as error:
+            raise self.lines.error(["uncertainty", leaf], str(error)) from None
+        return Spread(values, uncertain.count if uncertain.values is None else None, absolute, unit)
+
+
+def in_units(unit: str | None, units: dict[str, str]) -> str | None:
+    """A unit with some of its symbols replaced, N/m³ by N m/rad³."""
+    for old, new in units.items():
+        unit = re.sub(rf"(?<![\w^]){old}(?![A-Za-z])", new, unit) if unit else unit
+    return unit
+
+
+def turned(plant: Entry, part: str) -> dict[str, str]:
+    """What a plant that turns has in the place of lengths and forces, in its spring and its damper."""
+    turns = plant.constants.get("unit") == "rad" and part in ("spring", "damper")
+    return {"m": "rad", "N": "N m"} if turns else {}
+
+
+def leaf_unit(plant: Part, leaf: str) -> str | None:
+    """The unit of a leaf of a plant by its dotted path; ``None`` where it is not known.
+
+    Raises:
+        ValueError: if there is no such leaf.
+    """
+    first, _, rest = leaf.partition(".")
+    if plant.entry is None:
+        return None
+    if first not in plant.entry.keys or first in WORDS:
+        names = [name for name in plant.entry.keys if name not in WORDS]
+        raise ValueError(f"unknown leaf {first!r}: {plant.kind} has {', '.join(names)}{suggestion(first, names)}")
+    key, value = plant.entry.keys[first], plant.values.get(first)
+    if key.part is None:
+        return key.unit
+    return in_units(leaf_unit(value, rest), turned(plant.entry, first)) if isinstance(value, Part) else None
+
+
+def _keys(raw: Any, place: tuple[int | str, ...]) -> list[str]:
+    """The keys of the file among those of pydantic's place, which also names the branches of a union."""
+    keys: list[str] = []
+    node = raw
+    for key in place:
+        if isinstance(node, dict):
+            keys.append(str(key))
+            node = node.get(key)
+        elif isinstance(node, list) and isinstance(key, int) and key < len(node):
+            keys.append(str(key))
+            node = node[key]
+    return keys
+
+
+def _message(error: Any) -> str:
+    """pydantic's complaint in this project's words."""
+    given = error["input"]
+    if error["type"] == "missing":
+        return "is missing"
+    if error["type"] == "extra_forbidden":
+        table = TABLES.get(str(error["loc"][0]), File) if len(error["loc"]) > 1 else File
+        names = list(table.model_fields)
+        return f"unknown key; there are {', '.join(names)}{suggestion(str(error['loc'][-1]), names)}"
+    if error["type"] == "value_error":
+        return str(error["ctx"]["error"])
+    message = error["msg"][0].lower() + error["msg"][1:]
+    return f"{message}, not {given!r}"

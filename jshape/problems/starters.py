@@ -1,0 +1,272 @@
+"""Problem files to begin from: one for each plant, with every key, its unit and its meaning."""
+
+import textwrap
+from typing import Any, NamedTuple
+
+from jshape.problems import catalogue, reading
+from jshape.problems.catalogue import Entry, Key, known
+from jshape.problems.reading import in_units, turned
+from jshape.problems.units import reprinted
+
+WIDTH = 100
+"""Columns beyond which a comment begins a new line."""
+
+
+class Starter(NamedTuple):
+    """A machine that people have.
+
+    Attributes:
+        name: by which it is asked for.
+        title: in people's words.
+        plant: its class.
+        values: of the keys that have no default, and of those whose default no machine has.
+        move: a command's class and its keys, or a step's size.
+        uncertain: leaf → its range.
+        design: what to tune.
+    """
+
+    name: str
+    title: str
+    plant: str
+    values: dict[str, Any]
+    move: dict[str, Any]
+    uncertain: dict[str, dict[str, Any]]
+    design: dict[str, Any]
+
+
+def _trapezoid(distance: str, speed: str, acceleration: str) -> dict[str, Any]:
+    return {"type": "Trapezoid", "distance": distance, "speed": speed, "acceleration": acceleration}
+
+
+_TROLLEY = _trapezoid("8 m", "1 m/s", "0.3 m/s²")
+_JOINT = {
+    "motor_inertia": "0.02 kg m²",
+    "link_inertia": "0.05 kg m²",
+    "spring": {"type": "LinearSpring", "k": "20 N m/rad"},
+    "controller": {"type": "PDController", "kp": "100 N m/rad", "kd": "3 N m s/rad"},
+}
+_DUFFING = {"type": "Duffing", "k1": "10 N/m", "k3": "100 N/m³"}
+
+STARTERS = (
+    Starter(
+        "overhead-crane", "overhead crane, payload on a cable", "Crane",
+        {"cable_length": "6.5 m", "payload_mass": "4 t"}, _TROLLEY,
+        {"cable_length": {"low": "5 m", "high": "8 m", "count": 9}}, {"impulses": 3, "sample_time": "10 ms"},
+    ),
+    Starter(
+        "double-pendulum-crane", "crane with a hook and slings", "DoublePendulumCrane",
+        {"hook_length": "6.5 m", "payload_length": "1.5 m", "hook_mass": "250 kg", "payload_mass": "4 t"}, _TROLLEY,
+        {"payload_mass": {"low": "1 t", "high": "8 t", "count": 9}}, {"impulses": 4, "sample_time": "10 ms"},
+    ),
+    Starter(
+        "hoisting-crane", "crane that hoists while it travels", "HoistingCrane",
+        {
+            "cable_length": "6.5 m", "payload_mass": "4 t",
+            "hoist": {"type": "Trapezoid", "distance": "-2 m", "speed": "0.4 m/s", "acceleration": "0.2 m/s²"},
+        },
+        _TROLLEY, {"cable_length": {"low": "6 m", "high": "7 m", "count": 9}}, {"impulses": 3, "sample_time": "10 ms"},
+    ),
+    Starter(
+        "bridge-crane", "bridge crane, trolley and bridge", "BridgeCrane",
+        {"cable_length": "6.5 m", "payload_mass": "4 t"}, _TROLLEY,
+        {"cable_length": {"low": "5 m", "high": "8 m", "count": 9}}, {"impulses": 3, "sample_time": "10 ms"},
+    ),
+    Starter(
+        "bob-rod", "mini crane, a bob on a rod", "BobRodPendulum",
+        {"rod_mass": "205 g", "bob_mass": "115 g", "rod_length": "1 m", "bob_position": "65 cm"},
+        _trapezoid("1.5 m", "0.5 m/s", "1 m/s²"),
+        {"bob_position": {"low": "0.3 m", "high": "1 m", "count": 21}}, {"impulses": 3},
+    ),
+    Starter(
+        "two-mass", "payload on a nonlinear spring, base follows the command", "TwoMass",
+        {"spring": _DUFFING}, {"distance": "1 m"}, {"m2": {"low": 0.8, "high": 1.2, "count": 41}}, {"impulses": 3},
+    ),
+    Starter(
+        "forced-mass", "mass on a spring under a force", "ForcedMass",
+        {"spring": _DUFFING}, {"distance": "2 N"}, {"mass": {"low": 0.8, "high": 1.2, "count": 21}}, {"impulses": 3},
+    ),
+    Starter(
+        "forced-two-mass", "two free masses under a force", "ForcedTwoMass",
+        {"spring": {"type": "LinearSpring", "k": "1 N/m"}},
+        {"type": "Sampled", "times": ["0 s", "1 s", "2 s", "4 s", "5 s", "6 s"], "values": [0, 1, 0, 0, -1, 0]},
+        {"spring.k": {"low": 0.9, "high": 1.1, "count": 11}}, {"impulses": 3},
+    ),
+    Starter(
+        "flexible-joint", "robot joint that bends", "FlexibleJoint",
+        _JOINT, _trapezoid("30 deg", "90 deg/s", "720 deg/s²"),
+        {"link_inertia": {"low": 0.7, "high": 1.3, "count": 9}}, {"impulses": 3, "sample_time": "1 ms"},
+    ),
+    Starter(
+        "flexible-link", "flexible link with a load at its tip", "FlexibleLink",
+        {"load": 10, "link": {"type": "TabulatedLink"}}, {"distance": "30 deg"},
+        {"load": {"low": 0.0, "high": 2.0, "count": 11}}, {"impulses": 5},
+    ),
+    Starter(
+        "printer-axis", "printer axis, modes measured", "ModalPlant",
+        {"omega": ["45 Hz", "82 Hz"], "zeta": ["5 %", "4 %"], "gains": [0.8, 0.2]},
+        _trapezoid("20 mm", "200 mm/s", "5000 mm/s²"),
+        {"omega.0": {"low": "41 Hz", "high": "49 Hz", "count": 9}}, {"impulses": 3, "sample_time": "0.1 ms"},
+    ),
+    Starter(
+        "stage", "free stage with a flexible mode under a force", "RigidFlexible",
+        {"omega": ["12 Hz"], "zeta": ["1 %"]},
+        {"type": "Sampled", "times": ["0 s", "0.1 s", "0.2 s", "0.3 s"], "values": [0, 1, -1, 0]},
+        {"omega.0": {"low": 0.9, "high": 1.1, "count": 9}}, {"impulses": 3},
+    ),
+    Starter(
+        "linearised", "another plant, linearised about rest", "Linearised",
+        {"plant": {"type": "Crane", "cable_length": "6.5 m"}}, _TROLLEY,
+        {"plant.cable_length": {"low": "5 m", "high": "8 m", "count": 9}}, {"impulses": 3},
+    ),
+)  # fmt: skip
+
+OWN = "own_plant"
+"""The shipped problem whose plant is a class of the user's own."""
+
+
+def find(name: str) -> Starter:
+    """The starter of that name, or of the plant of that name.
+
+    Raises:
+        ValueError: if there is none.
+    """
+    for starter in STARTERS:
+        if name in (starter.name, starter.plant):
+            return starter
+    names = [*catalogue.plants(), *(starter.name for starter in STARTERS), "own"]
+    raise ValueError(f"there is no plant {name!r}, only {', '.join(names)}{catalogue.suggestion(name, names)}")
+
+
+def example(plant: str) -> str:
+    """The table of a plant, as its problem file has it."""
+    blocks = _object("plant", catalogue.plants()[plant], find(plant).values)
+    return "\n\n".join("\n".join(block) for block in blocks)
+
+
+def leaf_unit(starter: Starter, leaf: str) -> str | None:
+    """The unit of a leaf of a starter's plant; ``None`` where it is not known."""
+
+    def part(kind: str, values: dict[str, Any], entry: Entry) -> reading.Part:
+        found = dict(values)
+        for name, value in values.items():
+            base = entry.keys[name].part if name in entry.keys else None
+            if base is not None:
+                found[name] = part(value["type"], value, known(base)[value["type"]])
+        return reading.Part(kind, found, entry)
+
+    return reading.leaf_unit(part(starter.plant, starter.values, catalogue.plants()[starter.plant]), leaf)
+
+
+def text(starter: Starter) -> str:
+    """The problem file of a starter: every key in it, those that have a default with that."""
+    entry = catalogue.plants()[starter.plant]
+    unit = entry.command_unit()
+    title = starter.title[0].upper() + starter.title[1:]
+    head = [f"title = {_toml(title)}"]
+    blocks: list[list[str]] = []
+    if "type" in starter.move:
+        blocks.append(head)
+        command = known("AbstractCommand")[starter.move["type"]]
+        note = _sentence(command.summary) + _others(command.name, "AbstractCommand")
+        blocks.append(_table("command", command, starter.move, {"m": unit}, note))
+    else:
+        blocks.append([*head, _line("distance", starter.move["distance"], f"of a step, {unit}; or a [command] table")])
+    blocks += _object("plant", entry, starter.values)
+    blocks.append(["[uncertainty]  # with a unit: absolute; without: multiples of the value above"])
+    for leaf, spread in starter.uncertain.items():
+        pairs = ", ".join(f"{key} = {_toml(value)}" for key, value in spread.items())
+        blocks[-1].append(f"{leaf if '.' not in leaf else _toml(leaf)} = {{ {pairs} }}")
+    blocks.append(["[design]", *(_line(key, value, DESIGN.get(key, "")) for key, value in starter.design.items())])
+    blocks[-1] += [
+        _line("amplitudes", "positive", DESIGN["amplitudes"]),
+        _line("objective", "worst", DESIGN["objective"]),
+    ]
+    return "\n\n".join("\n".join(block) for block in blocks) + "\n"
+
+
+DESIGN = {
+    "impulses": "of the shaper",
+    "sample_time": "of the controller: impulses fall on its cycles",
+    "amplitudes": "positive, bounded, unity or free",
+    "objective": "worst, mean, cvar or nominal",
+}
+"""What the keys of the design mean; ``js.tune`` says more."""
+
+
+def _object(path: str, entry: Entry, values: dict[str, Any], units: dict[str, str] | None = None) -> list[list[str]]:
+    """The table of a plant or a part and, below it, those of its parts; a part that may be absent is a comment."""
+    plain = {key: value for key, value in values.items() if not isinstance(value, dict)}
+    blocks = [_table(path, entry, {"type": entry.name, **plain}, units or {}, _sentence(entry.summary))]
+    for key in entry.keys.values():
+        if key.part is None:
+            continue
+        given = values.get(key.name)
+        kinds = known(key.part)
+        if isinstance(given, dict):
+            part = kinds[given["type"]]
+            rest = {name: value for name, value in given.items() if name != "type"}
+            inner = _object(f"{path}.{key.name}", part, rest, turned(entry, key.name))
+            words = f"{key.name}: {_sentence(key.meaning)}{_others(part.name, key.part)}"
+            inner[0][:0] = _wrapped(words, "# ")
+            blocks += inner
+        else:
+            names = ", ".join(kinds)
+            blocks.append(_wrapped(f"[{path}.{key.name}] may follow ({names}): {key.meaning}", "# "))
+    return blocks
+
+
+def _table(path: str, entry: Entry, values: dict[str, Any], units: dict[str, str], note: str) -> list[str]:
+    """A table: what was given, and every other key with its default."""
+    lines = [f"[{path}]", _line("type", entry.name, note)]
+    for key in entry.keys.values():
+        if key.part is not None:
+            continue
+        about, default = _about(key, in_units(key.unit, units)), key.default
+        if key.name in values:
+            lines.append(_line(key.name, values[key.name], about))
+        elif default is None:
+            lines.append(f"# {key.name}: {about}")
+        else:
+            lines.append(_line(key.name, default, about))
+    return [line for whole in lines for line in _broken(whole)]
+
+
+def _about(key: Key, unit: str | None) -> str:
+    """The meaning of a key, and its unit where the meaning has another or none."""
+    meaning = key.meaning.rstrip(".")
+    return reprinted(f"{meaning}.", unit).rstrip(".") if unit else meaning
+
+
+def _others(name: str, base: str) -> str:
+    """What may stand in the place of a part; a jump is no motion that a machine makes."""
+    others = [other for other in known(base) if other not in (name, "Step")]
+    return f" Or one of {', '.join(others)}." if others else ""
+
+
+def _sentence(words: str) -> str:
+    return words if words.endswith(".") else f"{words}."
+
+
+def _line(key: str, value: Any, words: str) -> str:
+    return f"{f'{key} = {_toml(value)}':<31} # {words}" if words else f"{key} = {_toml(value)}"
+
+
+def _broken(line: str) -> list[str]:
+    """A line whose comment is too long goes on in the lines above it."""
+    code, _, words = line.partition(" # ")
+    if len(line) <= WIDTH or not words:
+        return _wrapped(line[2:], "# ") if line.startswith("# ") else [line]
+    return [*_wrapped(words, "# "), code.rstrip()]
+
+
+def _wrapped(words: str, begin: str) -> list[str]:
+    return textwrap.wrap(words, WIDTH, initial_indent=begin, subsequent_indent=begin)
+
+
+def _toml(value: Any) -> str:
+    """A value as TOML writes it."""
+    if isinstance(value, str):
+        return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_toml, value))}]"
+    return repr(value)

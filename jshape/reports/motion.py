@@ -1,0 +1,88 @@
+"""Figures of how a machine moves: positions, sway and energies, a row of panels for each shaper."""
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from jshape.reports.style import STYLE, legend, looks, stacked
+
+if TYPE_CHECKING:
+    from jshape.metrics import EnergyProfile
+    from jshape.simulation.simulate import Response
+
+COMMAND: dict[str, Any] = dict(color="0.45", linewidth=1.0, linestyle=(0, (4, 2)))
+
+ENDS: dict[str, Any] = dict(linewidth=0.7, alpha=0.5)
+
+
+def response(
+    nominal: "Mapping[str, Response]",
+    extremes: "Mapping[str, list[Response]] | None" = None,
+    names: tuple[str, str] = ("command", "payload"),
+    label: str = "position (m)",
+    unshaped: "Response | None" = None,
+    sway: str | None = None,
+) -> Figure:
+    """Payload and command over time, a row for each shaper; beside it how far the payload sways, if that is asked for.
+
+    Args:
+        nominal: shaper → response of the nominal plant.
+        extremes: shaper → responses of plants at the ends of the uncertain set, drawn thin.
+        names: of what the command moves and of the payload; no command is drawn where its name is empty.
+        label: of the vertical axis.
+        unshaped: the response without a shaper, drawn behind the sway.
+        sway: label of the deflection, which is then drawn beside the position.
+    """
+    extremes = extremes or {}
+    look = looks(nominal)
+    with mpl.rc_context(STYLE):
+        figure, axes = stacked(list(nominal), columns=2 if sway else 1, sharey="col")
+        for row, (name, run) in zip(axes, nominal.items(), strict=True):
+            line = {**look[name], "linestyle": "-", "linewidth": 1.4}
+            for other in extremes.get(name, []):
+                row[0].plot(other.times, other.payload, **{**line, **ENDS})
+            if names[0]:
+                row[0].step(run.times, run.command, where="post", **COMMAND)
+            row[0].plot(run.times, run.payload, **line)
+            row[0].set(xlim=(0, float(run.times[-1])), ylabel=label)
+            if sway:
+                _sway(row[1], run, extremes.get(name, []), unshaped, line)
+                row[1].set_ylabel(sway)
+        for axis in axes[-1]:
+            axis.set_xlabel("time (s)")
+            axis.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10], min_n_ticks=3))
+        parts = {names[0]: COMMAND} if names[0] else {}
+        parts |= {names[1]: dict(color="black", linewidth=1.4)}
+        parts |= {"ends of the uncertainty": dict(color="black", **ENDS)} if any(extremes.values()) else {}
+        parts |= {"unshaped": looks(["unshaped"])["unshaped"]} if sway and unshaped is not None else {}
+        legend(figure, parts, handlelength=1.6, columnspacing=1.0)
+    return figure
+
+
+def _sway(axis: Any, run: "Response", extremes: "list[Response]", unshaped: "Response | None", line: dict) -> None:
+    """Deflections over time, the bare command's behind them."""
+    if unshaped is not None:
+        axis.plot(unshaped.times, unshaped.deflection, **looks(["unshaped"])["unshaped"])
+    for other in extremes:
+        axis.plot(other.times, other.deflection, **{**line, **ENDS})
+    axis.plot(run.times, run.deflection, **line)
+
+
+def energy(profiles: "Mapping[str, EnergyProfile]") -> Figure:
+    """Kinetic and potential energy against the payload's position, one panel a shaper."""
+    parts = {"kinetic": "-", "potential": "--", "total": ":"}
+    look = looks(profiles)
+    with mpl.rc_context(STYLE):
+        figure, axes = stacked(list(profiles))
+        for axis, (name, profile) in zip(axes[:, 0], profiles.items(), strict=True):
+            for part, line in parts.items():
+                values = np.asarray(getattr(profile, part)).T
+                axis.plot(np.asarray(profile.position).T, values, color=look[name]["color"], linestyle=line)
+            axis.set(ylabel="energy (J)", ylim=(0, None))
+        axes[-1, 0].set_xlabel("payload position (m)")
+        legend(figure, {part: dict(color="black", linestyle=line, linewidth=1.2) for part, line in parts.items()})
+    return figure

@@ -1,0 +1,144 @@
+"""How figures look: a journal's column, colours that everybody can tell apart, one for each shaper of a run."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_pdf import FigureCanvasPdf
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+from jshape._files import whole
+
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+"""Okabe and Ito's palette (2008), which people with any kind of colour vision can tell apart."""
+
+LINES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (3, 1)), (0, (1, 1)))
+
+STYLE: Any = {
+    "font.size": 8,
+    "axes.titlesize": 8,
+    "axes.labelsize": 8,
+    "legend.fontsize": 7,
+    "xtick.labelsize": 7,
+    "ytick.labelsize": 7,
+    "lines.linewidth": 1.2,
+    "axes.linewidth": 0.6,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.linewidth": 0.4,
+    "grid.alpha": 0.4,
+    "legend.frameon": False,
+    "figure.constrained_layout.use": True,
+    "savefig.dpi": 300,
+}
+
+WIDTH = 3.5
+"""A journal's column, inches."""
+
+
+def save(figure: Figure, path: Path) -> None:
+    """The figure as PNG (300 dpi) and, beside it, as PDF; then it is closed."""
+    # Laid out once, what holds for the one holds for the other; ``savefig`` would go through it four times.
+    figure.set_dpi(300)
+    layout = figure.get_layout_engine()
+    if layout is not None:
+        layout.execute(figure)
+        figure.set_layout_engine("none")
+    with whole(path) as file:
+        FigureCanvasAgg(figure).print_png(file)
+    figure.set_dpi(72)
+    with whole(path.with_suffix(".pdf")) as file:
+        FigureCanvasPdf(figure).print_pdf(file)
+    plt.close(figure)
+
+
+def plain(name: str) -> str:
+    """A name as data: to matplotlib dollars enclose formulas, and a label that begins with "_" is hidden."""
+    return (" " if name.startswith("_") else "") + name.replace("$", r"\$")
+
+
+def looks(names: Iterable[str]) -> dict[str, dict[str, Any]]:
+    """The line of each shaper: the same names in the same order have the same lines in every figure.
+
+    The tuned one is black and heavy, the bare command grey.
+    """
+    found: dict[str, dict[str, Any]] = {}
+    for name in names:
+        if name == "tuned":
+            found[name] = dict(color="black", linestyle="-", linewidth=2.0, zorder=3)
+        elif name == "unshaped":
+            found[name] = dict(color="0.7", linestyle="-", linewidth=0.8, zorder=1)
+        else:
+            place = len(found.keys() - {"tuned", "unshaped"})
+            found[name] = dict(color=COLOURS[place % 6], linestyle=LINES[place % len(LINES)], linewidth=1.2, zorder=2)
+    return found
+
+
+def stacked(names: Sequence[str], columns: int = 1, sharey: Any = False) -> tuple[Figure, Any]:
+    """A figure with a row of panels for each name, one under the other; the name stands above the first."""
+    size = (columns * WIDTH, 0.5 + 1.15 * len(names))
+    figure, axes = plt.subplots(len(names), columns, figsize=size, sharex=True, sharey=sharey, squeeze=False)
+    for axis, name in zip(axes[:, 0], names, strict=True):
+        axis.set_title(plain(name), loc="left")
+    return figure, axes
+
+
+def legend(figure: Figure, lines: Mapping[str, dict[str, Any]], **options: Any) -> None:
+    """A legend above the panels, in one row where it is not said otherwise."""
+    handles = [Line2D([], [], **line) for line in lines.values()]
+    figure.legend(handles, list(map(plain, lines)), loc="outside upper center", **{"ncols": len(lines), **options})
+
+
+def labelled_lines(figure: Figure, axis: Any, lines: Sequence[tuple[str, Any, Any]]) -> None:
+    """A line for each name, and a legend above."""
+    look = looks(name for name, _, _ in lines)
+    for name, x, y in lines:
+        axis.plot(x, y, label=plain(name), **look[name])
+    axis.margins(x=0)
+    if len(lines) > 1:
+        legend(figure, look, ncols=2 if max(map(len, look)) > 12 else 3)
+
+
+def decades(axis: Any, lines: Iterable[Any], least: float, depth: float = 10.0) -> bool:
+    """Make the vertical axis logarithmic where the lines span a decade and more, so far down that each can be seen.
+
+    Args:
+        axis: of the figure.
+        lines: the values of each.
+        least: values below it are not distinguished from 0.
+        depth: how far below its maximum the lowest line is drawn, a ratio.
+
+    Returns:
+        Whether it is logarithmic now.
+    """
+    values = [line[np.isfinite(line)] for line in (np.ravel(np.asarray(line, float)) for line in lines)]
+    values = [line for line in values if line.size]
+    if not values or min(map(np.min, values)) < 0:
+        return False
+    # Zeros are cusps without a bottom.
+    bottom = max(min(max(line.min(), line.max() / depth) for line in values), least)
+    top = max(map(np.max, values))
+    if top < 10 * bottom:
+        return False
+    axis.set_yscale("log")
+    axis.set_ylim(bottom / 1.3, 1.3 * top)
+    plain_decades(axis.yaxis, top / bottom)
+    return True
+
+
+def plain_decades(axis: Any, ratio: float) -> None:
+    """Ticks of a logarithmic axis as plain numbers, with those at 2 and 5 where it spans little.
+
+    Args:
+        axis: the x or the y axis of a figure's panel.
+        ratio: of its ends.
+    """
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if ratio < 100 else (1.0,)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())

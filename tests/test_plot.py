@@ -1,0 +1,135 @@
+"""Figures of a run: what is drawn, in which lines, on which axes; legends stay small."""
+
+import subprocess
+import sys
+from types import SimpleNamespace
+
+import matplotlib as mpl
+
+mpl.use("Agg")
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+
+import jshape as js
+from jshape.problems.problem import load
+from jshape.reports import plot, report
+from jshape.reports.style import decades, looks
+
+NAMES = ("linear ZV", "linear ZVDD", "energy 3-impulse", "energy 4-impulse, first order", "tuned")
+
+
+@pytest.fixture(autouse=True)
+def _closed():
+    yield
+    plt.close("all")
+
+
+def run(size: float) -> SimpleNamespace:
+    t = np.linspace(0, 4, 50)
+    return SimpleNamespace(times=t, command=np.minimum(t, 1), payload=1 - size * np.cos(t), deflection=size * np.sin(t))
+
+
+def line_of(axis, y):
+    return next(line for line in axis.lines if np.array_equal(line.get_ydata(), y))
+
+
+def legend_share(figure) -> float:
+    figure.canvas.draw()
+    (legend,) = figure.legends
+    return legend.get_window_extent().height / figure.bbox.height
+
+
+def test_a_shaper_has_one_line_in_all_figures():
+    vibrations = {name: np.linspace(0.001, 0.5, 20) / (1 + i) for i, name in enumerate(NAMES)}
+    sensitivity = plot.sensitivity("payload mass (kg)", np.linspace(1, 8, 20), vibrations, band=(2, 6))
+    runs = {name: run(1.0 + i) for i, name in enumerate(NAMES[:3])} | {"tuned": run(9.0)}
+    moves = plot.response(runs, {"tuned": [run(10.0)]}, ("trolley", "payload"), unshaped=run(20.0), sway="sway (mm)")
+    colours = {name: line_of(sensitivity.axes[0], 100 * values).get_color() for name, values in vibrations.items()}
+    assert len(set(colours.values())) == len(NAMES)
+    for row, (name, response) in enumerate(runs.items()):
+        position, sway = moves.axes[2 * row : 2 * row + 2]
+        assert position.get_title(loc="left") == name
+        assert line_of(position, response.payload).get_color() == colours[name]
+        assert line_of(sway, response.deflection).get_color() == colours[name]
+        # Behind it, the bare command's.
+        bare = line_of(sway, run(20.0).deflection)
+        assert (bare.get_color(), bare.get_zorder()) == (looks(["unshaped"])["unshaped"]["color"], 1)
+        assert (position.get_ylabel(), sway.get_ylabel()) == ("position (m)", "sway (mm)")
+    assert line_of(moves.axes[-1], run(10.0).deflection).get_linewidth() < 1
+    assert sensitivity.axes[0].get_xlabel() == "payload mass (kg)"
+    for figure in (sensitivity, moves):
+        assert legend_share(figure) < 1 / 6
+
+
+def test_axes_are_logarithmic_where_values_span_decades():
+    _, (first, second, third) = plt.subplots(1, 3)
+    assert decades(first, [np.array([0.0, 3.0, 100.0]), np.array([0.5, 0.02, 0.0])], least=1e-6)
+    low, high = first.get_ylim()
+    # So far down that the lowest line is seen, at most a decade below its maximum.
+    assert first.get_yscale() == "log"
+    assert low == pytest.approx(0.05 / 1.3)
+    assert high == 130
+    assert first.yaxis.get_major_formatter()(0.1) == "0.1"
+    assert not decades(second, [np.array([0.4, 0.9])], least=1e-6)
+    assert not decades(third, [np.array([-1.0, 100.0])], least=1e-6)
+    assert second.get_yscale() == third.get_yscale() == "linear"
+
+
+def test_a_crane_sways(tmp_path):
+    """The figure's numbers are those of the simulation, in mm, and the shaped move ends without sway."""
+    path = tmp_path / "crane.toml"
+    path.write_text(f'{MOVE}\n[plant]\ntype = "Crane"\ncable_length = "500 mm"\n', encoding="utf-8")
+    problem = load(path)
+    shapers = {"unshaped": js.Shaper([1.0], [0.0]), "linear ZV": js.design.linear.zv(float(np.sqrt(9.81 / 0.5)))}
+    made = report.build(problem, None, closed=(shapers, {}))
+    (figure,) = [values for name, _, values in report.figures(made) if name == "response"]
+    nominal, extremes, names, label, bare, sway = figure
+    assert (list(nominal), names, label, sway) == (["linear ZV"], ("trolley", "payload"), "position (m)", "sway (mm)")
+    assert extremes == {"linear ZV": []}
+    found = js.simulate(problem.plant, problem.distance, horizon=float(bare.times[-1]), samples=len(bare.times))
+    np.testing.assert_allclose(bare.deflection, 1000 * np.asarray(found.deflection), atol=1e-4)
+    assert np.abs(nominal["linear ZV"].deflection[-100:]).max() < 0.02 * np.abs(bare.deflection[-100:]).max()
+
+
+MOVE = '[command]\ntype = "Trapezoid"\ndistance = "1 m"\nspeed = "0.5 m/s"\nacceleration = "1 m/s²"'
+
+
+def rows(**left: tuple[float, float]) -> list[report.Row]:
+    """Shapers by name: duration (s) and worst vibration."""
+    names = {name.replace("_", " "): values for name, values in left.items()}
+    return [report.Row(name, js.Shaper([0.5, 0.5], [0.0, time]), 0.0, v, v) for name, (time, v) in names.items()]
+
+
+def test_five_shapers_at_most_are_drawn():
+    made = rows(linear_ZV=(1, 0.5), linear_ZVD=(2, 0.1), linear_EI=(2, 0.2), energy_2=(0.6, 0.3), energy_4=(3, 0.01))
+    bare = report.Row("unshaped", js.Shaper([1.0], [0.0]), 1.0, 1.0, 1.0)
+    tuned = rows(tuned=(1.5, 0.05))
+    problem = load("paper_000")
+    chosen = report._chosen(report.Report(problem, [bare, *made, *tuned], {}, {}, None))
+    # Of each family the best that takes no longer than the tuned one, and the best at all.
+    assert [row.name for row in chosen] == ["linear ZV", "linear ZVD", "energy 2", "energy 4", "tuned"]
+    chosen = report._chosen(report.Report(problem, [bare, *made], {}, {}, None))
+    # Without it those that no shorter one beats.
+    assert [row.name for row in chosen] == ["linear ZVD", "energy 2", "energy 4"]
+
+
+def test_pareto_names_the_closed_forms_that_count():
+    xr = pytest.importorskip("xarray")
+    ds = xr.Dataset(
+        {
+            "objective": (("design", "duration"), [[1.0, 0.1]], dict(long_name="residual energy")),
+            "closed_objective": ("closed_form", [5.0, 0.5, 0.7, 1e-20]),
+            "closed_duration": ("closed_form", [0.0, 0.5, 0.9, 0.8]),
+        },
+        {"design": ["2 positive"], "duration": [0.4, 1.0], "closed_form": ["unshaped", "good", "beaten", "zero"]},
+    )
+    (axis,) = plot.pareto(ds).axes
+    assert [text.get_text() for text in axis.texts] == ["good"]
+    assert len(axis.lines) == 3
+
+
+def test_drawing_loads_neither_jax_nor_xarray():
+    code = "import sys\nfrom jshape.reports import plot\nassert not {'jax', 'xarray'} & set(sys.modules)"
+    subprocess.run([sys.executable, "-c", code], check=True)
