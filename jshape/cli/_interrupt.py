@@ -44,16 +44,17 @@ _kept: list[socket.socket] = []
 
 def _watch(ours: socket.socket, interrupted: threading.Event) -> None:
     """End the process at a second interrupt, or some time after the first."""
-    while received := ours.recv(1):
-        if received[0] != signal.SIGINT:
-            continue
-        if not interrupted.is_set():
-            interrupted.set()
-            timer = threading.Timer(PATIENCE, _end)
-            timer.daemon = True
-            timer.start()
-        else:
-            _end()
+    with ours:
+        while received := ours.recv(1):
+            if received[0] != signal.SIGINT:
+                continue
+            if not interrupted.is_set():
+                interrupted.set()
+                timer = threading.Timer(PATIENCE, _end)
+                timer.daemon = True
+                timer.start()
+            else:
+                _end()
 
 
 def _end() -> None:
