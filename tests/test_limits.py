@@ -209,7 +209,7 @@ def test_arguments_beyond_a_limit_are_refused_in_a_line(arguments, words, tmp_pa
 def test_a_few_hundred_arbitrary_inputs():
     """``python -m experiments.reliability.fuzz`` tries a hundred thousand."""
     found = fuzz.run(400, seed=11, names=tuple(name for name in fuzz.TARGETS if name != "arguments, fifty at a time"))
-    assert sum(each.inputs for each in found.values()) >= 390
+    assert sum(each.inputs for each in found.values()) > 380
     assert {name: each.faults for name, each in found.items() if each.faults} == {}
     read = {name for name, each in found.items() if each.read}
     assert {"problem files, damaged", "problem files, altered", "measured records", "chunks of a store"} <= read
@@ -217,7 +217,7 @@ def test_a_few_hundred_arbitrary_inputs():
 
 @pytest.mark.slow
 def test_arbitrary_arguments():
-    found = fuzz.run(40, seed=12, names=("arguments, fifty at a time",))
+    found = fuzz.run(4000, seed=12, names=("arguments, fifty at a time",))
     assert found["arguments, fifty at a time"].faults == {}
 
 
