@@ -12,12 +12,13 @@ from scipy.optimize import least_squares as scipy_least_squares
 from scipy.optimize import rosen
 
 import jshape as js
-from jshape.adaptive.moves.machine import AbstractMoveStrategy, Moves, NoisySensor, run_moves
 from jshape.adaptive.moves.monte_carlo import residuals, run_many
 from jshape.adaptive.moves.posterior import prior, update
 from jshape.adaptive.moves.strategies import Adapting, Oracle, Rule
-from jshape.adaptive.moves.two_mass import TwoMassMoves, random_payloads
 from jshape.levenberg_marquardt import levenberg_marquardt
+from jshape.moves.scheduled import AbstractMoveStrategy, Moves, run_moves
+from jshape.moves.sensor import NoisySensor
+from jshape.moves.two_mass import TwoMassMoves, random_payloads
 
 K1, K3, C = 10.0, 100.0, 0.4
 NOISE = 0.001

@@ -8,11 +8,11 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
 
 import jshape as js
-from jshape.adaptive.moves.hoisting import Hoisting, HoistingMoves, random_loads
-from jshape.adaptive.moves.machine import NoisySensor
 from jshape.adaptive.moves.monte_carlo import residuals, run_many
 from jshape.adaptive.moves.posterior import prior, update
 from jshape.adaptive.moves.strategies import Adapting, Oracle
+from jshape.moves.hoisting import Hoisting, HoistingMoves, random_loads
+from jshape.moves.sensor import NoisySensor
 
 KNOWN = Hoisting(jnp.asarray(5.0), jnp.asarray(6.0), jnp.asarray(-3.0))
 LOAD, SWING = 0.4, np.array([0.03, -0.02])

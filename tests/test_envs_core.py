@@ -16,11 +16,11 @@ from jshape_envs import (
     reset,
     step,
 )
-from jshape_envs.actions import ImpulseAction, ModalAction, ResidualAction
-from jshape_envs.design import STRICTNESS
-from jshape_envs.sensor import Sensor
 
 import jshape as js
+from jshape.moves.actions import ImpulseAction, ModalAction, ResidualAction
+from jshape.moves.design import STRICTNESS
+from jshape.moves.sensor import Sensor
 
 KEY = jax.random.key(7)
 

@@ -12,7 +12,6 @@ from jax.flatten_util import ravel_pytree
 from jshape_envs import observation_names, parameters
 from jshape_envs.apg import EVERY, Recipe, train
 from jshape_envs.baselines import Oracle
-from jshape_envs.core import reset, step
 from jshape_envs.evaluate import evaluate
 from jshape_envs.export_c import policy_to_c
 from jshape_envs.policy import (
@@ -29,6 +28,7 @@ from jshape_envs.policy import (
 
 from experiments.reliability.damage import damaged
 from jshape._files import write_arrays
+from jshape.moves.core import reset, step
 from jshape.status import Status
 
 RECIPE = Recipe(moves=64 * (EVERY + 12), environments=16, window=4, hidden=16)

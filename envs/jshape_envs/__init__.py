@@ -11,21 +11,21 @@ distance=...)``. The same environments as pure functions, for JAX: ``parameters`
 
 from gymnasium.envs.registration import register
 
-from jshape_envs.core import EnvState as EnvState
-from jshape_envs.core import Evaluation as Evaluation
-from jshape_envs.core import Info as Info
-from jshape_envs.core import Params as Params
-from jshape_envs.core import move as move
-from jshape_envs.core import observation_names as observation_names
-from jshape_envs.core import reset as reset
-from jshape_envs.core import step as step
+from jshape.moves.core import EnvState as EnvState
+from jshape.moves.core import Evaluation as Evaluation
+from jshape.moves.core import Info as Info
+from jshape.moves.core import Params as Params
+from jshape.moves.core import move as move
+from jshape.moves.core import observation_names as observation_names
+from jshape.moves.core import reset as reset
+from jshape.moves.core import step as step
+from jshape.moves.machine import AbstractMachine as AbstractMachine
+from jshape.moves.machine import HoistingMachine as HoistingMachine
+from jshape.moves.machine import Machine as Machine
+from jshape.moves.machine import RampProfile as RampProfile
+from jshape.moves.machine import StepProfile as StepProfile
+from jshape.moves.machine import TrapezoidProfile as TrapezoidProfile
 from jshape_envs.env import MoveEnv as MoveEnv
-from jshape_envs.machine import AbstractMachine as AbstractMachine
-from jshape_envs.machine import HoistingMachine as HoistingMachine
-from jshape_envs.machine import Machine as Machine
-from jshape_envs.machine import RampProfile as RampProfile
-from jshape_envs.machine import StepProfile as StepProfile
-from jshape_envs.machine import TrapezoidProfile as TrapezoidProfile
 from jshape_envs.parameters import parameters as parameters
 from jshape_envs.policy import AbstractPolicy as AbstractPolicy
 from jshape_envs.policy import GRUPolicy as GRUPolicy

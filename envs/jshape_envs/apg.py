@@ -31,8 +31,8 @@ from jaxtyping import Array, Float, Int, PRNGKeyArray, UInt32
 from jshape import _check
 from jshape._files import read_arrays, write_arrays
 from jshape._types import Progress
+from jshape.moves.core import EnvState, Params, reset
 from jshape.status import Result, Status
-from jshape_envs.core import EnvState, Params, reset
 from jshape_envs.policy import GRUPolicy, advance_policy, named_arrays, sizes_of, with_arrays
 
 FALL = 0.02

@@ -19,7 +19,7 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode
 from jaxtyping import Array, Bool, Float, Int
 
-from jshape_envs.core import EnvState, Info, Params, reset, step
+from jshape.moves.core import EnvState, Info, Params, reset, step
 
 BLOCK = 64
 """Lanes computed together: enough to keep a processor's vector units busy, few enough to be cheap for one alone."""

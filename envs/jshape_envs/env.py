@@ -9,9 +9,9 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.vector import AutoresetMode
 
+from jshape.moves.core import Params, observation_names
+from jshape.moves.machine import AbstractMachine
 from jshape_envs.batch import Lanes, advance, base_keys, begin, filled
-from jshape_envs.core import Params, observation_names
-from jshape_envs.machine import AbstractMachine
 from jshape_envs.parameters import parameters
 from jshape_envs.render import FPS, Renderer
 

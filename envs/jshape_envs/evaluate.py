@@ -19,8 +19,8 @@ from jaxtyping import Array, Float, PRNGKeyArray
 from scipy import stats
 
 from jshape import _check
+from jshape.moves.core import EnvState, Info, Params
 from jshape_envs.baselines import baseline
-from jshape_envs.core import EnvState, Info, Params
 from jshape_envs.parameters import parameters
 from jshape_envs.policy import AbstractPolicy, Choice, Observation, read_policy, rollout
 

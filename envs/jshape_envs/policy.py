@@ -18,7 +18,7 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from jshape import Shaper, _check
 from jshape._files import read_arrays, write_arrays
-from jshape_envs.core import EnvState, Info, Params, move, observation_names, reset
+from jshape.moves.core import EnvState, Info, Params, move, observation_names, reset
 
 POLICIES = Path(__file__).parent / "policies"
 """Trained policies that come with the package, made by experiments/learning/train.py."""

@@ -11,10 +11,10 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
 from jshape import _check
+from jshape.moves.core import Evaluation, Info, Params
+from jshape.moves.machine import AbstractMachine
 from jshape_envs.batch import Lanes, advance, base_keys, begin, filled, seeded
-from jshape_envs.core import Evaluation, Info, Params
 from jshape_envs.env import as_params, box_spaces, checked_actions
-from jshape_envs.machine import AbstractMachine
 
 
 class MoveVectorEnv(gym.vector.VectorEnv):

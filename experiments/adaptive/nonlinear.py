@@ -28,12 +28,12 @@ import xarray as xr
 import jshape as js
 from experiments.markdown import table
 from jshape.adaptive.moves import move_figures as figures
-from jshape.adaptive.moves.hoisting import HoistingMoves, random_loads
-from jshape.adaptive.moves.machine import NoisySensor
 from jshape.adaptive.moves.monte_carlo import residuals, run_many
 from jshape.adaptive.moves.strategies import Adapting, Oracle, Rule
-from jshape.adaptive.moves.two_mass import TwoMassMoves, random_payloads
 from jshape.adaptive.recovery_figure import recovery
+from jshape.moves.hoisting import HoistingMoves, random_loads
+from jshape.moves.sensor import NoisySensor
+from jshape.moves.two_mass import TwoMassMoves, random_payloads
 
 HERE = Path(__file__).parent
 SCHEDULES, CHANGE = 200, 2

@@ -11,6 +11,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from jshape._types import Scalar
+from jshape.moves.core import EnvState, Params
+from jshape.moves.machine import CASES
+from jshape.moves.physics import plan_move, run_move, run_window
 from jshape_envs.baselines.frequency import Tones, fit_tones
 from jshape_envs.baselines.observed import (
     evenly,
@@ -22,9 +25,6 @@ from jshape_envs.baselines.observed import (
     sensor_deviation,
 )
 from jshape_envs.baselines.posterior import Hedge, no_hedge, tuned_shaper
-from jshape_envs.core import EnvState, Params
-from jshape_envs.machine import CASES
-from jshape_envs.physics import plan_move, run_move, run_window
 from jshape_envs.policy import AbstractPolicy, Choice, Observation
 
 PAYLOADS, SWINGS = 33, 24

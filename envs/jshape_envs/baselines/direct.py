@@ -17,6 +17,7 @@ from jshape._types import Scalar
 from jshape.adaptive import ExtremumSeeking
 from jshape.adaptive.strategies.extremum_seeking import SeekingState
 from jshape.design.linear import multi_mode
+from jshape.moves.core import EnvState, Params
 from jshape_envs.baselines.frequency import fit_tones, peaks
 from jshape_envs.baselines.observed import (
     frequency_bands,
@@ -27,7 +28,6 @@ from jshape_envs.baselines.observed import (
     sample_times,
     sensor_deviation,
 )
-from jshape_envs.core import EnvState, Params
 from jshape_envs.policy import AbstractPolicy, Choice, Observation
 
 WINDOWS = 2

@@ -10,9 +10,9 @@ from jaxtyping import Array, Float
 import jshape as js
 from jshape import Shaper, _check
 from jshape.design.linear import multi_mode
+from jshape.moves.core import EnvState, Params
 from jshape.plants import AbstractOscillator
 from jshape_envs.baselines.observed import evenly, middle, modes_of, no_action, observed
-from jshape_envs.core import EnvState, Params
 from jshape_envs.policy import AbstractPolicy, Choice, Observation
 
 SIZES = 33

@@ -12,11 +12,11 @@ from jaxtyping import Array, Float, Int
 
 from jshape import Shaper, _check
 from jshape._types import Scalar, State
+from jshape.moves.core import EnvState, Params
+from jshape.moves.physics import plan_move, run_move, run_window
 from jshape_envs.baselines.frequency import peak
 from jshape_envs.baselines.observed import evenly, middle, no_action, observed, sensor_deviation
 from jshape_envs.baselines.posterior import Hedge, no_hedge, tuned_shaper
-from jshape_envs.core import EnvState, Params
-from jshape_envs.physics import plan_move, run_move, run_window
 from jshape_envs.policy import AbstractPolicy, Choice, Observation
 
 MODEL_ERROR = 0.01

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jshape._types import Scalar
-from jshape_envs.core import Params
+from jshape.moves.core import Params
 
 ALONE, BESIDE = 1.25, 1.05
 """How far beyond the frequencies that the payloads have the band of a single mode reaches, as a factor, and those of

@@ -5,11 +5,11 @@ import jax.numpy as jnp
 
 from jshape import Shaper
 from jshape._types import Scalar
+from jshape.moves.core import EnvState, Params, bare_energy_and_oracle_cost, bounded_residual
+from jshape.moves.design import STRICTNESS, retuned
+from jshape.moves.physics import plan_move, run_move
 from jshape_envs.baselines.observed import no_action
 from jshape_envs.baselines.posterior import tuned_shaper
-from jshape_envs.core import EnvState, Params, bare_energy_and_oracle_cost, bounded_residual
-from jshape_envs.design import STRICTNESS, retuned
-from jshape_envs.physics import plan_move, run_move
 from jshape_envs.policy import AbstractPolicy, Choice, Observation
 
 

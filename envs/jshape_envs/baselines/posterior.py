@@ -11,9 +11,9 @@ from jaxtyping import Array, Int
 
 from jshape import Shaper
 from jshape._types import Scalar
-from jshape_envs.actions import pair
+from jshape.moves.actions import pair
+from jshape.moves.core import EnvState, Params
 from jshape_envs.baselines.observed import no_action, observed
-from jshape_envs.core import EnvState, Params
 from jshape_envs.policy import AbstractPolicy, Choice, Observation
 
 

@@ -7,8 +7,9 @@ import numpy as np
 import xarray as xr
 from jaxtyping import PRNGKeyArray
 
-from jshape.adaptive.moves.machine import AbstractMoves, AbstractMoveStrategy, Moves, MoveTrace, NoisySensor, run_moves
 from jshape.compilation_cache import kept
+from jshape.moves.scheduled import AbstractMoves, AbstractMoveStrategy, Moves, MoveTrace, run_moves
+from jshape.moves.sensor import NoisySensor
 
 
 def run_many(

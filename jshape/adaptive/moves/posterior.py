@@ -12,8 +12,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from jshape._types import Scalar, State, Times
-from jshape.adaptive.moves.machine import AbstractMoves, Swing, along
 from jshape.levenberg_marquardt import LeastSquares, levenberg_marquardt
+from jshape.moves.scheduled import AbstractMoves, Swing, along
 from jshape.shaper import Shaper
 from jshape.simulation.schedule import schedule
 

@@ -10,8 +10,9 @@ from jaxtyping import Array, Bool, Float
 from jshape._check import Argument, Checked, as_array, positive
 from jshape._types import Scalar, Times
 from jshape.adaptive.arguments import check_each
-from jshape.adaptive.moves.machine import AbstractMoves, AbstractMoveStrategy, NoisySensor, Swing
 from jshape.adaptive.moves.posterior import Posterior, prior, update
+from jshape.moves.scheduled import AbstractMoves, AbstractMoveStrategy, Swing
+from jshape.moves.sensor import NoisySensor
 from jshape.shaper import Shaper
 
 

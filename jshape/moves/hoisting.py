@@ -15,11 +15,10 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from jshape import _check
 from jshape._types import Number, Scalar, State
-from jshape.adaptive.arguments import check_level
-from jshape.adaptive.moves.design import retuned
-from jshape.adaptive.moves.machine import AbstractMoves, Moves, Swing
 from jshape.command import PiecewisePolynomial, Trapezoid
 from jshape.design.linear import zvd
+from jshape.moves.retuning import retuned
+from jshape.moves.scheduled import AbstractMoves, Moves, Swing
 from jshape.plants import HoistingCrane
 from jshape.shaper import Shaper
 
@@ -81,7 +80,8 @@ class HoistingMoves(AbstractMoves):
             _check.positive(value, name)
             if value.shape != (2,):
                 raise ValueError(f"{name} must be a speed and an acceleration, not of shape {value.shape}")
-        self.damping = check_level(damping, "damping")
+        _check.not_negative(damping, "damping")
+        self.damping = _check.scalar(damping, "damping")
 
     def nominal(self) -> Float[Array, " parameters"]:
         return (self.lower + self.upper) / 2

@@ -4,9 +4,9 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from jshape._types import State
-from jshape.adaptive.moves.machine import AbstractMoves
 from jshape.command import AbstractCommand
 from jshape.levenberg_marquardt import levenberg_marquardt
+from jshape.moves.scheduled import AbstractMoves
 from jshape.plants import AbstractPlant
 from jshape.shaper import Shaper
 from jshape.simulation.schedule import schedule

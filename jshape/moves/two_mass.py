@@ -13,15 +13,15 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
+from jshape import _check
 from jshape._types import Number, Scalar, State
-from jshape.adaptive.arguments import as_names, check_factor, check_leaves
-from jshape.adaptive.moves.design import retuned
-from jshape.adaptive.moves.machine import AbstractMoves, Moves, Swing
 from jshape.command import AbstractCommand, Step
 from jshape.design.energy import three_impulse
+from jshape.moves.retuning import retuned
+from jshape.moves.scheduled import AbstractMoves, Moves, Swing
 from jshape.plants import AbstractPlant, TwoMass
 from jshape.shaper import Shaper
-from jshape.sweeps.leaves import with_leaves
+from jshape.sweeps.leaves import as_names, positive_leaves, with_leaves
 
 STEPS = 16
 """Fixed steps between two impulses: half a period of the payload."""
@@ -55,11 +55,12 @@ class TwoMassMoves(AbstractMoves):
             raise ValueError(f"model must be a TwoMass, not {model!r}")
         self.model = model
         self.leaves = as_names(leaves)
-        self.scale = check_leaves(model, self.leaves)
+        self.scale = positive_leaves(model, self.leaves)
         if "m2" in self.leaves and len(self.leaves) > 1:
             others = ", ".join(name for name in self.leaves if name != "m2")
             raise ValueError(f"leaves must not name the mass beside {others}: motion determines their ratios only")
-        bound = jnp.full(len(self.leaves), jnp.log(check_factor(factor, "factor")))
+        _check.above_one(factor, "factor")
+        bound = jnp.full(len(self.leaves), jnp.log(_check.scalar(factor, "factor")))
         super().__init__(model.natural_frequency(), horizon, samples, 2 * len(self.leaves) + 4, -bound, bound)
 
     def nominal(self) -> Float[Array, " parameters"]:

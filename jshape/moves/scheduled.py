@@ -22,12 +22,10 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from jshape import _check
-from jshape._check import Argument, Checked, not_negative, positive
 from jshape._types import Number, Scalar, State, Times
-from jshape.adaptive.arguments import check_positive
 from jshape.command import AbstractCommand, polynomial
+from jshape.moves.sensor import NoisySensor
 from jshape.plants import AbstractPlant
-from jshape.quantisation import quantised
 from jshape.shaper import Shaper
 from jshape.simulation.schedule import Schedule, schedule
 from jshape.simulation.simulate import all_states
@@ -65,7 +63,8 @@ class AbstractMoves(eqx.Module):
             upper: greatest parameters, shape (parameters,).
         """
         samples = _check.count(samples, "samples", least=least)
-        self.times = check_positive(horizon, "horizon") * jnp.linspace(0.0, 1.0, samples)
+        _check.positive(horizon, "horizon")
+        self.times = _check.scalar(horizon, "horizon") * jnp.linspace(0.0, 1.0, samples)
         # No step covers more than 0.3 rad, half of what keeps eleven digits: the plant may become twice as fast.
         self.between = max(1, int(np.ceil(float(omega) * float(horizon) / (samples - 1) / 0.3)))
         self.lower, self.upper = lower, upper
@@ -140,39 +139,6 @@ def along(
     states, position = every[at], polynomial(segments.coefficients[at], segments.age[at])
     over = jnp.searchsorted(segments.begin, plan.breaks[-1])
     return Along(jax.vmap(task.signal)(states, position), states, position, every[over])
-
-
-class NoisySensor(Checked):
-    """A sensor with white noise and rounding.
-
-    Args:
-        noise: standard deviation, in the signal's unit.
-        resolution: step of the converter in the same unit, 0 for none.
-
-    Raises:
-        ValueError: for a noise that is not positive or a negative resolution.
-    """
-
-    noise: Scalar = eqx.field(converter=Argument(positive))
-    resolution: Scalar = eqx.field(default=0.0, converter=Argument(not_negative))
-
-    @property
-    def std(self) -> Scalar:
-        """Standard deviation of a reading: of the noise and the rounding together."""
-        return jnp.sqrt(self.noise**2 + self.resolution**2 / 12)
-
-    def read(self, signal: Times, draw: Times, missing: Bool[Array, " times"], frozen: Bool[Array, " times"]) -> Times:
-        """The readings of a signal.
-
-        Args:
-            signal: shape (times,).
-            draw: standard normal numbers, shape (times,).
-            missing: readings that do not come: NaN.
-            frozen: readings that stay what they were.
-        """
-        value = quantised(signal + self.noise * draw, self.resolution)
-        last = jax.lax.cummax(jnp.where(frozen, 0, jnp.arange(len(value))))
-        return jnp.where(missing, jnp.nan, value[last])
 
 
 class Moves(NamedTuple):
