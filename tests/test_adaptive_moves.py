@@ -16,9 +16,7 @@ from jshape.adaptive.moves.monte_carlo import residuals, run_many
 from jshape.adaptive.moves.posterior import prior, update
 from jshape.adaptive.moves.strategies import Adapting, Oracle, Rule
 from jshape.levenberg_marquardt import levenberg_marquardt
-from jshape.moves.scheduled import AbstractMoveStrategy, Moves, run_moves
-from jshape.moves.sensor import NoisySensor
-from jshape.moves.two_mass import TwoMassMoves, random_payloads
+from jshape.moves import AbstractPolicy, Moves, NoisySensor, TwoMassMoves, random_payloads, run_moves
 
 K1, K3, C = 10.0, 100.0, 0.4
 NOISE = 0.001
@@ -49,22 +47,17 @@ def level(shaper, size, at):
     return size * np.cumsum(np.asarray(shaper.amplitudes))[which]
 
 
-class Recording(AbstractMoveStrategy):
+class Recording(AbstractPolicy):
     """Always one shaper; its memory is what it was given to learn from."""
 
     fixed: js.Shaper
     samples: int = eqx.field(static=True)
 
-    def start(self):
+    def init(self, params: Any):
         return jnp.zeros(self.samples)
 
-    def shaper(self, memory: Any, known: Any, parameters: Any, swing: Any):
-        del memory, known, parameters, swing
-        return self.fixed
-
-    def learn(self, memory: Any, known: Any, shaper: Any, readings: Any):
-        del memory, known, shaper
-        return readings
+    def act(self, memory: Any, observation: Any, params: Any, state: Any):
+        return observation.readings, self.fixed
 
 
 @pytest.mark.slow
@@ -325,5 +318,5 @@ def test_back_at_the_noise_floor_by_the_second_move(task):
     np.testing.assert_array_less(np.delete(ours[:, 3:], np.s_[::5], axis=0), 0.005)
     np.testing.assert_array_less(ours[:, 4:], 0.005)
     assert float(left.sel(strategy="fixed", move=slice(2, None)).median()) > 10 * np.median(ours[:, 3:])
-    rejected = np.asarray(traces["ours"].memory.rejected)[:, -1]
+    rejected = np.asarray(traces["ours"].memory.posterior.rejected)[:, -1]
     np.testing.assert_array_equal(rejected, gone.any(axis=(1, 2)))

@@ -18,9 +18,7 @@ from jshape_envs import (
 )
 
 import jshape as js
-from jshape.moves.actions import ImpulseAction, ModalAction, ResidualAction
-from jshape.moves.design import STRICTNESS
-from jshape.moves.sensor import Sensor
+from jshape.moves import STRICTNESS, ImpulseAction, ModalAction, ResidualAction, Sensor
 
 KEY = jax.random.key(7)
 

@@ -25,12 +25,12 @@ from jshape.moves.machine import Machine as Machine
 from jshape.moves.machine import RampProfile as RampProfile
 from jshape.moves.machine import StepProfile as StepProfile
 from jshape.moves.machine import TrapezoidProfile as TrapezoidProfile
+from jshape.moves.policy import AbstractPolicy as AbstractPolicy
+from jshape.moves.policy import rollout as rollout
 from jshape_envs.env import MoveEnv as MoveEnv
 from jshape_envs.parameters import parameters as parameters
-from jshape_envs.policy import AbstractPolicy as AbstractPolicy
 from jshape_envs.policy import GRUPolicy as GRUPolicy
 from jshape_envs.policy import load_policy as load_policy
-from jshape_envs.policy import rollout as rollout
 from jshape_envs.policy import save_policy as save_policy
 from jshape_envs.presets import ENVIRONMENTS as ENVIRONMENTS
 from jshape_envs.vector import MoveVectorEnv as MoveVectorEnv

@@ -15,8 +15,7 @@ from jaxtyping import Array
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from jshape.moves.core import EnvState, Params, bare_energy_and_oracle_cost
-from jshape.moves.physics import plan_move, run_move, watch_move
+from jshape.moves import EnvState, Params, bare_energy_and_oracle_cost, plan_move, run_move, watch_move
 from jshape.reports.plot import COLOURS, STYLE
 from jshape_envs.scene import Scene, scene_of
 

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Circle, FancyBboxPatch, Rectangle
 
-from jshape.moves.core import Params
+from jshape.moves import Params
 from jshape.plants import AbstractCrane, AbstractPlant, BobRodPendulum, FlexibleLink
 from jshape.reports.plot import COLOURS
 

@@ -23,7 +23,7 @@ from jshape_envs import ENVIRONMENTS, Params, parameters, reset, step
 
 from experiments.benchmarks.record import about, keep
 from experiments.markdown import table
-from jshape.moves.physics import Steps
+from jshape.moves import Steps
 from jshape.simulation.schedule import schedule
 
 ENVS, MOVES, ROUNDS, JUDGED = 1024, 32, 5, 128

@@ -20,7 +20,7 @@ from jshape_envs import ENVIRONMENTS, parameters  # noqa: E402
 from jshape_envs.parameters import TABLE_FORMAT, TABLES, table_file  # noqa: E402
 
 from jshape._files import write_arrays  # noqa: E402
-from jshape.moves.design import design_table  # noqa: E402
+from jshape.moves import design_table  # noqa: E402
 
 
 def main(names: list[str]) -> None:

@@ -30,7 +30,7 @@ from jshape_envs.policy import load_policy, policy_file, save_policy
 from experiments.learning.record import keep, read
 from experiments.markdown import table
 from jshape._types import Progress
-from jshape.moves.design import STRICTNESS
+from jshape.moves import STRICTNESS
 from jshape.reports.plot import COLOURS, STYLE
 
 HERE = Path(__file__).parent

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jshape import _check
-from jshape.moves.core import Params
+from jshape.moves import AbstractPolicy, Params
 from jshape.plants import AbstractOscillator
 from jshape_envs.baselines.amplitude_aware import AmplitudeAware as AmplitudeAware
 from jshape_envs.baselines.amplitude_aware import amplitude_aware as amplitude_aware
@@ -36,7 +36,6 @@ from jshape_envs.baselines.oracles import Oracle as Oracle
 from jshape_envs.baselines.posterior import FixedPayload as FixedPayload
 from jshape_envs.baselines.posterior import Hedge as Hedge
 from jshape_envs.baselines.posterior import hedges
-from jshape_envs.policy import AbstractPolicy
 
 _ZETAS = (0.0, 0.05)
 

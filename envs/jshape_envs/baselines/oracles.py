@@ -5,12 +5,19 @@ import jax.numpy as jnp
 
 from jshape import Shaper
 from jshape._types import Scalar
-from jshape.moves.core import EnvState, Params, bare_energy_and_oracle_cost, bounded_residual
+from jshape.moves import (
+    AbstractPolicy,
+    Choice,
+    EnvState,
+    Observation,
+    Params,
+    bare_energy_and_oracle_cost,
+    bounded_residual,
+    plan_move,
+    run_move,
+)
 from jshape.moves.design import STRICTNESS, retuned
-from jshape.moves.physics import plan_move, run_move
-from jshape_envs.baselines.observed import no_action
 from jshape_envs.baselines.posterior import tuned_shaper
-from jshape_envs.policy import AbstractPolicy, Choice, Observation
 
 
 class Oracle(AbstractPolicy):
@@ -19,8 +26,8 @@ class Oracle(AbstractPolicy):
     Where the moves before leave a vibration, ``FullOracle`` does better.
     """
 
-    def choose(self, memory: tuple[()], observation: Observation, params: Params, state: EnvState) -> Choice:
-        return tuned_shaper(params, state.payload, state.distance, state.moves), no_action(params), memory
+    def act(self, memory: tuple[()], observation: Observation, params: Params, state: EnvState) -> Choice:
+        return memory, tuned_shaper(params, state.payload, state.distance, state.moves)
 
 
 class FullOracle(AbstractPolicy):
@@ -35,7 +42,7 @@ class FullOracle(AbstractPolicy):
 
     steps: int = eqx.field(static=True, default=30)
 
-    def choose(self, memory: tuple[()], observation: Observation, params: Params, state: EnvState) -> Choice:
+    def act(self, memory: tuple[()], observation: Observation, params: Params, state: EnvState) -> Choice:
         machine = params.machine
         plant, command = machine.plant(state.payload, state.moves), machine.command(state.distance)
         begin = machine.taken_over(state.plant, plant)
@@ -48,4 +55,4 @@ class FullOracle(AbstractPolicy):
             return STRICTNESS * params.energy_weight * residual + params.time_weight * shaper.duration / params.period
 
         shaper = retuned(tuned_shaper(params, state.payload, state.distance, state.moves), cost, self.steps)
-        return shaper, no_action(params), memory
+        return memory, shaper
