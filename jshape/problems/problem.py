@@ -186,7 +186,7 @@ def _part(table: dict[str, Any], known: dict[str, type], keys: list[str], where:
 def _known(base: type) -> dict[str, type]:
     if base is commands.AbstractCommand:
         return COMMANDS
-    found = {name: getattr(plants, name) for name in plants.__all__}
+    found = {name: getattr(plants, name) for name in dir(plants)}
     return {
         name: kind
         for name, kind in found.items()
