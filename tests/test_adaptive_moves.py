@@ -288,6 +288,20 @@ def test_moves_of_the_wrong_shape(task):
         run_moves(task, Rule(lambda known: js.Shaper([1.0], [0.0])), wrong, NoisySensor(0.1), jax.random.key(0))
 
 
+class Acting(AbstractPolicy):
+    """What it chooses is an action, which a schedule of moves gives no meaning."""
+
+    def act(self, memory: Any, observation: Any, params: Any, state: Any):
+        return memory, jnp.zeros(3)
+
+
+def test_a_policy_that_chooses_actions_is_refused(task):
+    fine = jnp.zeros((2, 61), bool)
+    moves = Moves(jnp.ones(2), jnp.zeros((2, 3)), jnp.zeros((2, 3)), jnp.zeros(2, int), fine, fine)
+    with pytest.raises(ValueError, match="strategy must choose shapers, not actions as Acting does"):
+        run_moves(task, Acting(), moves, NoisySensor(0.1), jax.random.key(0))
+
+
 @pytest.mark.slow
 def test_back_at_the_noise_floor_by_the_second_move(task):
     """Forty payloads that change, one of five windows right after the change missing: fixed, ours, oracle."""

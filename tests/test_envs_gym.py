@@ -14,7 +14,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 from jshape_envs import ENVIRONMENTS, Machine, MoveEnv, MoveVectorEnv, parameters
-from jshape_envs.batch import advance_lanes
+from jshape_envs.batch import advance, advance_lanes
 
 import jshape as js
 
@@ -144,6 +144,15 @@ def test_lost_payloads_end_the_episode():
         env.step(np.zeros(3, np.float32))
     env.reset()
     assert env._lane.state.moves == 0
+
+
+def test_one_environment_computes_one_move(params):
+    """No spare lanes: nothing that a step gives is larger than one observation."""
+    env: Any = gym.make("jshape/Moves-v0", environment=params).unwrapped
+    env.reset(seed=0)
+    step = lambda lane, action: advance(lane, action, params, AutoresetMode.DISABLED)
+    sizes = [leaf.size for leaf in jax.tree.leaves(jax.eval_shape(step, env._lane, np.zeros(3, np.float32)))]
+    assert max(sizes) == env.observation_space.shape[0]
 
 
 def test_max_episode_steps_is_the_horizon():

@@ -13,19 +13,13 @@ from jshape import Shaper, _check
 from jshape._files import read_arrays
 from jshape._types import Scalar
 from jshape.design.linear import multi_mode
-from jshape.moves import (
-    CONTEXTS,
-    AbstractAction,
-    AbstractMachine,
-    ImpulseAction,
-    ModalAction,
-    Params,
-    ResidualAction,
-    Sensor,
-    ShaperTable,
-    Steps,
-    design_table,
-)
+from jshape.moves.actions import AbstractAction, ImpulseAction, ModalAction, ResidualAction
+from jshape.moves.core import CONTEXTS, Params
+from jshape.moves.design import design_table
+from jshape.moves.machine import AbstractMachine
+from jshape.moves.oracle import ShaperTable
+from jshape.moves.physics import Steps
+from jshape.moves.sensor import Sensor
 from jshape.plants import AbstractPlant
 from jshape.simulation.schedule import Schedule, schedule
 from jshape.simulation.simulate import steps_for

@@ -5,18 +5,10 @@ import jax.numpy as jnp
 
 from jshape import Shaper
 from jshape._types import Scalar
-from jshape.moves import (
-    AbstractPolicy,
-    Choice,
-    EnvState,
-    Observation,
-    Params,
-    bare_energy_and_oracle_cost,
-    bounded_residual,
-    plan_move,
-    run_move,
-)
+from jshape.moves.core import EnvState, Params, bare_energy_and_oracle_cost, bounded_residual
 from jshape.moves.design import STRICTNESS, retuned
+from jshape.moves.physics import plan_move, run_move
+from jshape.moves.policy import AbstractPolicy, Choice, Observation
 from jshape_envs.baselines.posterior import tuned_shaper
 
 

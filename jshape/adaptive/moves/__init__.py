@@ -4,19 +4,11 @@
 - ``monte_carlo.py``, ``move_figures.py``: hundreds of machines; estimates beside the truth.
 """
 
-from jshape.moves import (
-    AbstractMoves,
-    Hoisting,
-    HoistingMoves,
-    Moves,
-    MoveTrace,
-    NoisySensor,
-    TwoMassMoves,
-    random_loads,
-    random_payloads,
-    run_moves,
-)
 from jshape.moves import AbstractPolicy as AbstractMoveStrategy
+from jshape.moves.hoisting import Hoisting, HoistingMoves, random_loads
+from jshape.moves.scheduled import AbstractMoves, Moves, MoveTrace, run_moves
+from jshape.moves.sensor import NoisySensor
+from jshape.moves.two_mass import TwoMassMoves, random_payloads
 
 __all__ = ["AbstractMoveStrategy", "AbstractMoves", "Hoisting", "HoistingMoves", "MoveTrace", "Moves", "NoisySensor"]
 __all__ += ["TwoMassMoves", "random_loads", "random_payloads", "run_moves"]
