@@ -17,7 +17,6 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-from jshape import Shaper
 from jshape._types import Scalar
 from jshape._types import State as PlantState
 from jshape.moves.actions import AbstractAction
@@ -25,6 +24,7 @@ from jshape.moves.machine import AbstractMachine
 from jshape.moves.oracle import ShaperTable
 from jshape.moves.physics import Steps, greatest_energy, plan_move, run_move, run_window
 from jshape.moves.sensor import Sensor
+from jshape.shaper import Shaper
 from jshape.simulation.schedule import schedule
 
 CONTEXTS = ("hidden", "observed", "noisy")

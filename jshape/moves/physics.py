@@ -9,11 +9,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from jshape import Shaper
 from jshape._types import Scalar, State
 from jshape.command import AbstractCommand, polynomial
 from jshape.plants import AbstractPlant
 from jshape.plants.base import Coast
+from jshape.shaper import Shaper
 from jshape.simulation.integrate import integrate
 from jshape.simulation.schedule import Schedule, Segments, inputs_at, schedule
 from jshape.simulation.simulate import all_states, final_state

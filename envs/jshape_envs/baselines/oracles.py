@@ -6,7 +6,7 @@ import jax.numpy as jnp
 from jshape import Shaper
 from jshape._types import Scalar
 from jshape.moves.core import EnvState, Params, bare_energy_and_oracle_cost, bounded_residual
-from jshape.moves.design import STRICTNESS, retuned
+from jshape.moves.design import STRICTNESS, improved
 from jshape.moves.physics import plan_move, run_move
 from jshape.moves.policy import AbstractPolicy, Choice, Observation
 from jshape_envs.baselines.posterior import tuned_shaper
@@ -46,5 +46,5 @@ class FullOracle(AbstractPolicy):
             residual = bounded_residual(energy, reference, ~jnp.isfinite(energy))
             return STRICTNESS * params.energy_weight * residual + params.time_weight * shaper.duration / params.period
 
-        shaper = retuned(tuned_shaper(params, state.payload, state.distance, state.moves), cost, self.steps)
+        shaper = improved(tuned_shaper(params, state.payload, state.distance, state.moves), cost, self.steps)
         return memory, shaper
