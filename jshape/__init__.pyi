@@ -1,6 +1,7 @@
 from . import adaptive as adaptive
 from . import calibration as calibration
 from . import design as design
+from . import moves as moves
 from . import plants as plants
 from . import reports as reports
 from .command import Pulse as Pulse

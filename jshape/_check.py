@@ -99,6 +99,12 @@ def not_negative(value: Any, name: str) -> None:
     _require(value, name, *RULES["not_negative"])
 
 
+def above_one(value: Any, name: str) -> None:
+    """Raises ``ValueError`` unless every concrete value is finite and greater than 1."""
+    finite(value, name)
+    _require(value, name, lambda x: x > 1, "be greater than 1")
+
+
 def not_zero(value: Any, name: str) -> None:
     """Raises ``ValueError`` if a concrete value is 0 or not finite."""
     finite(value, name)

@@ -12,12 +12,11 @@ from scipy.optimize import least_squares as scipy_least_squares
 from scipy.optimize import rosen
 
 import jshape as js
-from jshape.adaptive.moves.machine import AbstractMoveStrategy, Moves, NoisySensor, run_moves
 from jshape.adaptive.moves.monte_carlo import residuals, run_many
 from jshape.adaptive.moves.posterior import prior, update
 from jshape.adaptive.moves.strategies import Adapting, Oracle, Rule
-from jshape.adaptive.moves.two_mass import TwoMassMoves, random_payloads
 from jshape.levenberg_marquardt import levenberg_marquardt
+from jshape.moves import AbstractPolicy, Moves, NoisySensor, TwoMassMoves, random_payloads, run_moves
 
 K1, K3, C = 10.0, 100.0, 0.4
 NOISE = 0.001
@@ -48,22 +47,17 @@ def level(shaper, size, at):
     return size * np.cumsum(np.asarray(shaper.amplitudes))[which]
 
 
-class Recording(AbstractMoveStrategy):
+class Recording(AbstractPolicy):
     """Always one shaper; its memory is what it was given to learn from."""
 
     fixed: js.Shaper
     samples: int = eqx.field(static=True)
 
-    def start(self):
+    def init(self, params: Any):
         return jnp.zeros(self.samples)
 
-    def shaper(self, memory: Any, known: Any, parameters: Any, swing: Any):
-        del memory, known, parameters, swing
-        return self.fixed
-
-    def learn(self, memory: Any, known: Any, shaper: Any, readings: Any):
-        del memory, known, shaper
-        return readings
+    def act(self, memory: Any, observation: Any, params: Any, state: Any):
+        return observation.readings, self.fixed
 
 
 @pytest.mark.slow
@@ -294,6 +288,20 @@ def test_moves_of_the_wrong_shape(task):
         run_moves(task, Rule(lambda known: js.Shaper([1.0], [0.0])), wrong, NoisySensor(0.1), jax.random.key(0))
 
 
+class Acting(AbstractPolicy):
+    """What it chooses is an action, which a schedule of moves gives no meaning."""
+
+    def act(self, memory: Any, observation: Any, params: Any, state: Any):
+        return memory, jnp.zeros(3)
+
+
+def test_a_policy_that_chooses_actions_is_refused(task):
+    fine = jnp.zeros((2, 61), bool)
+    moves = Moves(jnp.ones(2), jnp.zeros((2, 3)), jnp.zeros((2, 3)), jnp.zeros(2, int), fine, fine)
+    with pytest.raises(ValueError, match="strategy must choose shapers, not actions as Acting does"):
+        run_moves(task, Acting(), moves, NoisySensor(0.1), jax.random.key(0))
+
+
 @pytest.mark.slow
 def test_back_at_the_noise_floor_by_the_second_move(task):
     """Forty payloads that change, one of five windows right after the change missing: fixed, ours, oracle."""
@@ -324,5 +332,5 @@ def test_back_at_the_noise_floor_by_the_second_move(task):
     np.testing.assert_array_less(np.delete(ours[:, 3:], np.s_[::5], axis=0), 0.005)
     np.testing.assert_array_less(ours[:, 4:], 0.005)
     assert float(left.sel(strategy="fixed", move=slice(2, None)).median()) > 10 * np.median(ours[:, 3:])
-    rejected = np.asarray(traces["ours"].memory.rejected)[:, -1]
+    rejected = np.asarray(traces["ours"].memory.posterior.rejected)[:, -1]
     np.testing.assert_array_equal(rejected, gone.any(axis=(1, 2)))

@@ -8,11 +8,10 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
 
 import jshape as js
-from jshape.adaptive.moves.hoisting import Hoisting, HoistingMoves, random_loads
-from jshape.adaptive.moves.machine import NoisySensor
 from jshape.adaptive.moves.monte_carlo import residuals, run_many
 from jshape.adaptive.moves.posterior import prior, update
 from jshape.adaptive.moves.strategies import Adapting, Oracle
+from jshape.moves import Hoisting, HoistingMoves, NoisySensor, random_loads
 
 KNOWN = Hoisting(jnp.asarray(5.0), jnp.asarray(6.0), jnp.asarray(-3.0))
 LOAD, SWING = 0.4, np.array([0.03, -0.02])
@@ -119,7 +118,7 @@ def test_loads_that_change_are_followed(task):
     unknown, learned = ours.sel(move=1), ours.sel(move=slice(2, None))
     assert float(unknown.median()) > 4 * float(learned.median())
     assert float(learned.quantile(0.9)) < 0.15
-    last = traces["ours"].memory
+    last = traces["ours"].memory.posterior
     errors = np.asarray(last.parameters - moves.after)[..., 0] / np.sqrt(np.asarray(last.covariance)[..., 0, 0])
     # 96 squares of standard normal numbers: 1 ± 3 · sqrt(2/96), and its root.
     assert 0.75 < np.sqrt(np.mean(errors**2)) < 1.2

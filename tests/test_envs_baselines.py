@@ -114,11 +114,10 @@ def test_fixed_energy_shaper_is_the_closed_form_of_the_moves_size(duffing):
     policy, plant = fixed_energy(duffing), duffing.machine.plant(jnp.asarray(1.0), jnp.asarray(0))
     plant = jax.tree.map(lambda x: jnp.asarray(x, float), plant)
     state, observation = reset(jax.random.key(2), duffing)
-    shaper, action, _ = policy.choose((), observation, duffing, state)
+    _, shaper = policy.act((), observation, duffing, state)
     exact = js.design.energy.three_impulse(plant, abs(float(state.distance)))
     np.testing.assert_allclose(shaper.amplitudes, exact.amplitudes, atol=1e-4)
     np.testing.assert_allclose(shaper.times, exact.times, rtol=1e-4)
-    assert not np.any(action)
 
 
 def test_a_hedge_of_one_makes_a_zvd_of_a_zv_and_one_of_none_leaves_it():
@@ -155,7 +154,7 @@ def test_tracker_finds_the_links_slow_mode_and_leaves_the_fast_one_that_the_serv
     payloads = single([0.0, 5.0, 10.0, 15.0, 20.0])
     observations, _ = after_bare_moves(link, payloads)
     policy = frequency_tracker(link)
-    omega = jax.jit(jax.vmap(lambda o: policy.choose(policy.start(link), o, link, None)[2]))(observations)
+    omega = jax.jit(jax.vmap(lambda o: policy.act(policy.init(link), o, link, None)[0]))(observations)
     true = np.interp(payloads, [0, 10, 20], [8.5, 7.3, 5.7])
     np.testing.assert_allclose(omega[:, 0], true, rtol=0.01)
     np.testing.assert_allclose(omega[:, 1], 70.0, rtol=1e-5)
@@ -169,9 +168,9 @@ def test_amplitude_aware_tracker_finds_the_payload_that_a_linear_one_mistakes(du
 
     @jax.jit
     def choose(observation, distance):
-        memory = aware.start(duffing)._replace(made=jnp.asarray(1), distance=distance)
-        payload = aware.choose(memory, observation, duffing, None)[2].payload
-        return payload, linear.choose(linear.start(duffing), observation, duffing, None)[2][0]
+        memory = aware.init(duffing)._replace(made=jnp.asarray(1), distance=distance)
+        payload = aware.act(memory, observation, duffing, None)[0].payload
+        return payload, linear.act(linear.init(duffing), observation, duffing, None)[0][0]
 
     found, omega = jax.vmap(choose)(observations, distances)
     np.testing.assert_allclose(found, payloads, rtol=0.05)
@@ -190,12 +189,12 @@ def test_bank_of_models_finds_the_payload_where_hardly_anything_is_left(duffing)
 
         def advance(carry, key):
             state, observation, memory = carry
-            shaper, action, memory = policy.choose(memory, observation, knowing, state)
+            memory, shaper = policy.act(memory, observation, knowing, state)
             exact = tuned_shaper(knowing, state.payload, state.distance, state.moves)
-            state, observation, *_, info = move(key, state, shaper, params, action)
+            state, observation, *_, info = move(key, state, shaper, params)
             return (state, observation, memory), (shaper.times[-1] / exact.times[-1], info.residual)
 
-        carry = (state, observation, policy.start(knowing))
+        carry = (state, observation, policy.init(knowing))
         return jax.lax.scan(advance, carry, jax.random.split(key, 6))[1]
 
     ratios, residuals = jax.vmap(run)(jax.random.split(jax.random.key(0), 8))
@@ -213,13 +212,13 @@ def test_a_quiet_window_changes_no_belief(duffing):
     @jax.jit
     def learn(*memories):
         every = zip((direct, tracker, aware), memories, strict=True)
-        return tuple(policy.choose(memory, quiet, duffing, None)[2] for policy, memory in every)
+        return tuple(policy.act(memory, quiet, duffing, None)[0] for policy, memory in every)
 
     made = jnp.asarray(3)
     memories = (
-        direct.start(duffing)._replace(made=made, omega=single([4.0])),
+        direct.init(duffing)._replace(made=made, omega=single([4.0])),
         single([4.0]),
-        aware.start(duffing)._replace(made=made, payload=single(0.7)),
+        aware.init(duffing)._replace(made=made, payload=single(0.7)),
     )
     after = learn(*memories)
     assert [float(x) for x in (after[0].omega[0], after[1][0], after[2].payload)] == pytest.approx([4.0, 4.0, 0.7])
@@ -227,12 +226,12 @@ def test_a_quiet_window_changes_no_belief(duffing):
 
 def test_damping_is_sought_as_by_extremum_seeking_alone(duffing):
     policy = direct_adaptive(duffing, seeks=True)
-    online, memory = policy.seeking.online(), policy.start(duffing)
-    step = jax.jit(lambda memory, observation: policy.choose(memory, observation, duffing, None)[1:])
+    online, memory = policy.seeking.online(), policy.init(duffing)
+    step = jax.jit(lambda memory, observation: policy.act(memory, observation, duffing, None)[0])
     rng, size = np.random.default_rng(4), len(reset(jax.random.key(0), duffing)[1])
     for i in range(6):
         observation, last = rng.uniform(-0.5, 0.5, size).astype(np.float32), float(memory.distance)
-        _, memory = step(memory, observation)
+        memory = step(memory, observation)
         online.push(np.nan if i == 0 else np.mean(observation[:16] ** 2) / last**2)
     np.testing.assert_allclose(memory.seeking.centre, online.centre, rtol=1e-4)
     assert abs(float(memory.seeking.centre[0]) - 0.03) > 1e-4
@@ -277,7 +276,7 @@ def test_what_does_not_apply_is_refused(duffing, link):
     state, observation = reset(jax.random.key(0), features)
     policy = frequency_tracker(features)
     with pytest.raises(ValueError, match="observation must be 'samples' for a classical policy, not 'features'"):
-        policy.choose(policy.start(features), observation, features, state)
+        policy.act(policy.init(features), observation, features, state)
     with pytest.raises(ValueError, match="models"):
         model_based(duffing, models=2)
     with pytest.raises(ValueError, match="candidates"):

@@ -16,11 +16,9 @@ from jshape_envs import (
     reset,
     step,
 )
-from jshape_envs.actions import ImpulseAction, ModalAction, ResidualAction
-from jshape_envs.design import STRICTNESS
-from jshape_envs.sensor import Sensor
 
 import jshape as js
+from jshape.moves import STRICTNESS, ImpulseAction, ModalAction, ResidualAction, Sensor
 
 KEY = jax.random.key(7)
 

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import typer
-from jshape_envs import Params, parameters, reset
+from jshape_envs import Params, parameters, reset, rollout
 from jshape_envs.baselines import fixed_linear
 from jshape_envs.evaluate import (
     LONGEST,
@@ -22,7 +22,7 @@ from jshape_envs.evaluate import (
     summary,
     survival,
 )
-from jshape_envs.policy import GRUPolicy, load_policy, rollout, save_policy, sizes_of
+from jshape_envs.policy import GRUPolicy, load_policy, save_policy, sizes_of
 from typer.testing import CliRunner
 
 from jshape.cli.evaluate import evaluate as command
@@ -105,14 +105,19 @@ def test_a_policy_abroad_acts_as_at_home(duffing, tmp_path):
     found = named_policy(str(tmp_path / "p.npz"), away)
     assert isinstance(found, Transferred)
     state, observation = reset(jax.random.key(3), away)
-    choose = eqx.filter_jit(lambda policy, given, params: policy.choose(policy.start(params), given, params, state)[:2])
-    shaper, action = choose(found, observation, away)
+    act = eqx.filter_jit(lambda policy, memory, given, params: policy.act(memory, given, params, state))
+    (memory, action), shaper = act(found, found.init(away), observation, away)
     # At home the same move is a greater share of the longest one, 1 m; here that is 1.2 m.
     at_home = observation.at[16 + away.action.size].multiply(1.2)
-    exact, same = choose(policy, at_home, duffing)
+    same_memory, same = act(policy, policy.init(duffing), at_home, duffing)
     np.testing.assert_allclose(action, same, atol=1e-6)
+    exact = duffing.action.shaper(same)
     np.testing.assert_allclose(shaper.times, exact.times, rtol=1e-5)
     assert float(jnp.abs(away.action.shaper(action).times[-1] - exact.times[-1])) > 1e-3
+    # In the next move it observes what it did, which no action here stands for.
+    (_, action), _ = act(found, (memory, action), observation, away)
+    _, same = act(policy, same_memory, at_home.at[16 : 16 + away.action.size].set(same), duffing)
+    np.testing.assert_allclose(action, same, atol=1e-6)
 
 
 # --- the command ------------------------------------------------------------------------------------------------------

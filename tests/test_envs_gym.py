@@ -1,4 +1,4 @@
-"""The environments under Gymnasium: its own checker, the same bits alone and among others, autoreset, pictures."""
+"""The environments under Gymnasium: its own checker, the same moves alone and among others, autoreset, pictures."""
 
 import subprocess
 import sys
@@ -14,7 +14,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 from jshape_envs import ENVIRONMENTS, Machine, MoveEnv, MoveVectorEnv, parameters
-from jshape_envs.batch import advance
+from jshape_envs.batch import advance, advance_lanes
 
 import jshape as js
 
@@ -76,13 +76,14 @@ def episodes(env: Any, seed: int, moves: int, lane: int | None = None) -> list[n
 
 
 @pytest.mark.parametrize(("count", "lane"), [(3, 2), pytest.param(200, 150, marks=pytest.mark.slow)])
-def test_the_same_seed_gives_the_same_bits_alone_and_among_others(params, count, lane):
+def test_the_same_seed_gives_the_same_moves_alone_and_among_others(params, count, lane):
     alone = episodes(gym.make("jshape/Moves-v0", environment=params), 1000, 8)
     many = MoveVectorEnv(count, params, autoreset_mode=AutoresetMode.SAME_STEP)
     among = episodes(many, 1000, 8, lane)
     assert len(alone) == len(among) == 17 + 2
     for x, y in zip(alone, among, strict=True):
-        np.testing.assert_array_equal(x, y)
+        # In single precision, through the vibration that eight moves leave one another.
+        np.testing.assert_allclose(x, y, atol=1e-5)
     again = episodes(gym.make("jshape/Moves-v0", environment=params), 1000, 8)
     assert all(np.array_equal(x, y) for x, y in zip(alone, again, strict=True))
 
@@ -109,7 +110,7 @@ def test_autoreset_switched_off_begins_only_the_lanes_asked_for(params):
     env.step(np.zeros((4, 3), np.float32))
     mask = np.array([True, False, True, False])
     observation, info = env.reset(options={"reset_mask": mask})
-    moves = np.asarray(env._lanes.state.moves)[:4]
+    moves = np.asarray(env._lanes.state.moves)
     np.testing.assert_array_equal(moves, [0, 1, 0, 1])
     assert not np.array_equal(observation[0], first[0])
     np.testing.assert_array_equal(info["_evaluation"], mask)
@@ -120,7 +121,7 @@ def test_nothing_is_compiled_during_a_run(params):
     env.reset(seed=0)
     actions = np.zeros((4, 3), np.float32)
     env.step(actions)
-    compiled: Any = advance
+    compiled: Any = advance_lanes
     before = compiled._cache_size()
     for _ in range(6):
         env.step(actions)
@@ -131,8 +132,7 @@ def test_lost_payloads_end_the_episode():
     """A rod that turns over the top: terminated, finite numbers, and on to the next episode."""
     env: Any = gym.make("jshape/CranePayload-v0").unwrapped
     env.reset(seed=0)
-    spinning = jnp.broadcast_to(jnp.asarray([0.0, 20.0], jnp.float32), env._lanes.state.plant.shape)
-    env._lanes = eqx.tree_at(lambda lanes: lanes.state.plant, env._lanes, spinning)
+    env._lane = eqx.tree_at(lambda lane: lane.state.plant, env._lane, jnp.asarray([0.0, 20.0], jnp.float32))
     observation, reward, terminated, truncated, info = env.step(np.zeros(3, np.float32))
     assert terminated
     assert not truncated
@@ -143,7 +143,16 @@ def test_lost_payloads_end_the_episode():
     with pytest.raises(gym.error.ResetNeeded):
         env.step(np.zeros(3, np.float32))
     env.reset()
-    assert env._lanes.state.moves[0] == 0
+    assert env._lane.state.moves == 0
+
+
+def test_one_environment_computes_one_move(params):
+    """No spare lanes: nothing that a step gives is larger than one observation."""
+    env: Any = gym.make("jshape/Moves-v0", environment=params).unwrapped
+    env.reset(seed=0)
+    step = lambda lane, action: advance(lane, action, params, AutoresetMode.DISABLED)
+    sizes = [leaf.size for leaf in jax.tree.leaves(jax.eval_shape(step, env._lane, np.zeros(3, np.float32)))]
+    assert max(sizes) == env.observation_space.shape[0]
 
 
 def test_max_episode_steps_is_the_horizon():

@@ -9,26 +9,16 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from jax.flatten_util import ravel_pytree
-from jshape_envs import observation_names, parameters
+from jshape_envs import observation_names, parameters, rollout
 from jshape_envs.apg import EVERY, Recipe, train
 from jshape_envs.baselines import Oracle
-from jshape_envs.core import reset, step
 from jshape_envs.evaluate import evaluate
 from jshape_envs.export_c import policy_to_c
-from jshape_envs.policy import (
-    FORMAT,
-    POLICIES,
-    GRUPolicy,
-    Sizes,
-    load_policy,
-    named_arrays,
-    rollout,
-    save_policy,
-    sizes_of,
-)
+from jshape_envs.policy import FORMAT, POLICIES, GRUPolicy, Sizes, load_policy, named_arrays, save_policy, sizes_of
 
 from experiments.reliability.damage import damaged
 from jshape._files import write_arrays
+from jshape.moves import reset, step
 from jshape.status import Status
 
 RECIPE = Recipe(moves=64 * (EVERY + 12), environments=16, window=4, hidden=16)
@@ -80,7 +70,7 @@ def observations_of(policy, count=12, seed=0):
 def test_a_policy_is_the_network_that_its_weights_say(trained):
     policy = trained.policy
     observations = observations_of(policy)
-    step = lambda memory, observation: policy.act(memory, observation)[::-1]
+    step = lambda memory, observation: policy.act(memory, observation)
     memory = jnp.zeros(policy.cell.hidden_size, jnp.float32)
     actions = jax.jit(lambda x: jax.lax.scan(step, memory, x)[1])(observations)
     np.testing.assert_allclose(actions, by_hand(policy, observations), atol=2e-6)
@@ -95,22 +85,22 @@ def test_rollout_makes_the_moves_that_step_makes_and_forgets_after_an_episode(pa
     advance, act, begin = eqx.filter_jit(step), eqx.filter_jit(policy.act), eqx.filter_jit(reset)
     first, key = jax.random.split(key)
     state, observation = begin(first, short)
-    memory = policy.start(short)
+    memory = policy.init(short)
     for i, each in enumerate(jax.random.split(key, 5)):
         here, again = jax.random.split(each)
-        action, memory = act(memory, observation)
+        memory, action = act(memory, observation)
         state, observation, reward, _, truncated, _ = advance(here, state, action, short)
         np.testing.assert_allclose(rewards[i], reward, atol=2e-6)
         assert bool(truncated) == (i == 2)
         if truncated:
             state, observation = begin(again, short)
-            memory = policy.start(short)
+            memory = policy.init(short)
     assert info.residual.shape == (5,)
 
 
 def test_a_policy_refuses_an_environment_of_other_sizes(params, trained):
     with pytest.raises(ValueError, match="observation=23"):
-        trained.policy.start(parameters("DuffingPayload", tell_change=True, samples=18))
+        trained.policy.init(parameters("DuffingPayload", tell_change=True, samples=18))
     with pytest.raises(ValueError, match="hidden must be a whole number of at least 1, not 0"):
         GRUPolicy(sizes_of(params), jax.random.key(0), hidden=0)
 

@@ -6,9 +6,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from jshape_envs import Params, RampProfile, parameters, reset, step
-from jshape_envs.physics import Steps, _coast, plan_move
 
 import jshape as js
+from jshape.moves.physics import Steps, _coast, plan_move
 
 
 def test_only_commands_made_of_steps_go_in_closed_form():
@@ -42,7 +42,7 @@ def test_moves_agree_with_runge_kutta_steps(monkeypatch):
     states = eqx.tree_at(lambda s: s.plant, states, states.plant + shaken)
     actions = jax.random.uniform(keys[2], (16, params.action.size), minval=-1.0)
     found, rough = moves(params, states, actions), moves(single(params), single(states), actions)
-    monkeypatch.setattr("jshape_envs.physics._coast", lambda plant, plan: None)
+    monkeypatch.setattr("jshape.moves.physics._coast", lambda plant, plan: None)
     jax.clear_caches()
     stepped = moves(params, states, actions)
     assert float(jnp.min(stepped[2])) < 0.3 < 0.6 < float(jnp.max(stepped[2]))

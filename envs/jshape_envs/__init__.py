@@ -11,29 +11,19 @@ distance=...)``. The same environments as pure functions, for JAX: ``parameters`
 
 from gymnasium.envs.registration import register
 
-from jshape_envs.core import EnvState as EnvState
-from jshape_envs.core import Evaluation as Evaluation
-from jshape_envs.core import Info as Info
-from jshape_envs.core import Params as Params
-from jshape_envs.core import move as move
-from jshape_envs.core import observation_names as observation_names
-from jshape_envs.core import reset as reset
-from jshape_envs.core import step as step
-from jshape_envs.env import MoveEnv as MoveEnv
-from jshape_envs.machine import AbstractMachine as AbstractMachine
-from jshape_envs.machine import HoistingMachine as HoistingMachine
-from jshape_envs.machine import Machine as Machine
-from jshape_envs.machine import RampProfile as RampProfile
-from jshape_envs.machine import StepProfile as StepProfile
-from jshape_envs.machine import TrapezoidProfile as TrapezoidProfile
-from jshape_envs.parameters import parameters as parameters
-from jshape_envs.policy import AbstractPolicy as AbstractPolicy
-from jshape_envs.policy import GRUPolicy as GRUPolicy
-from jshape_envs.policy import load_policy as load_policy
-from jshape_envs.policy import rollout as rollout
-from jshape_envs.policy import save_policy as save_policy
-from jshape_envs.presets import ENVIRONMENTS as ENVIRONMENTS
-from jshape_envs.vector import MoveVectorEnv as MoveVectorEnv
+from jshape.moves.core import EnvState, Evaluation, Info, Params, move, observation_names, reset, step
+from jshape.moves.machine import AbstractMachine, HoistingMachine, Machine, RampProfile, StepProfile, TrapezoidProfile
+from jshape.moves.policy import AbstractPolicy, rollout
+from jshape_envs.env import MoveEnv
+from jshape_envs.parameters import parameters
+from jshape_envs.policy import GRUPolicy, load_policy, save_policy
+from jshape_envs.presets import ENVIRONMENTS
+from jshape_envs.vector import MoveVectorEnv
+
+__all__ = ["ENVIRONMENTS", "AbstractMachine", "AbstractPolicy", "EnvState", "Evaluation", "GRUPolicy"]
+__all__ += ["HoistingMachine", "Info", "Machine", "MoveEnv", "MoveVectorEnv", "Params", "RampProfile", "StepProfile"]
+__all__ += ["TrapezoidProfile", "load_policy", "move", "observation_names", "parameters", "reset", "rollout"]
+__all__ += ["save_policy", "step"]
 
 # "Moves" takes any machine of your own, or params: gym.make("jshape/Moves-v0", environment=...).
 for _name in (*ENVIRONMENTS, "Moves"):

@@ -31,9 +31,9 @@ from jaxtyping import Array, Float, Int, PRNGKeyArray, UInt32
 from jshape import _check
 from jshape._files import read_arrays, write_arrays
 from jshape._types import Progress
+from jshape.moves import EnvState, Params, advance_policy, reset
 from jshape.status import Result, Status
-from jshape_envs.core import EnvState, Params, reset
-from jshape_envs.policy import GRUPolicy, advance_policy, named_arrays, sizes_of, with_arrays
+from jshape_envs.policy import GRUPolicy, named_arrays, sizes_of, with_arrays
 
 FALL = 0.02
 """The last learning rate over the first."""
@@ -209,7 +209,7 @@ def _begin(key: PRNGKeyArray, params: Params, recipe: Recipe) -> Training:
     policy = GRUPolicy(sizes_of(params), weights, hidden=recipe.hidden, dtype=params.period.dtype)
     keys = jax.random.split(first, recipe.environments)
     state, observation = jax.vmap(reset, in_axes=(0, None))(keys, params)
-    memory = jnp.broadcast_to(policy.start(params), (recipe.environments, recipe.hidden))
+    memory = jnp.broadcast_to(policy.init(params), (recipe.environments, recipe.hidden))
     optimiser = _optimiser(recipe).init(eqx.filter(policy, eqx.is_array))
     none = jnp.zeros((), jnp.int32)
     return Training(policy, optimiser, state, observation, memory, none, jax.random.key_data(stream))

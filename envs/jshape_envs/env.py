@@ -9,9 +9,8 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.vector import AutoresetMode
 
-from jshape_envs.batch import Lanes, advance, base_keys, begin, filled
-from jshape_envs.core import Params, observation_names
-from jshape_envs.machine import AbstractMachine
+from jshape.moves import AbstractMachine, Params, observation_names
+from jshape_envs.batch import Lane, advance, begin
 from jshape_envs.parameters import parameters
 from jshape_envs.render import FPS, Renderer
 
@@ -47,37 +46,36 @@ class MoveEnv(gym.Env):
         self.params = as_params(environment, keywords)
         self.render_mode = render_mode
         self.observation_space, self.action_space = box_spaces(self.params)
-        self._lanes: Lanes | None = None
-        self._last_move: tuple[Lanes, np.ndarray] | None = None
+        self._lane: Lane | None = None
+        self._last_move: tuple[Lane, np.ndarray] | None = None
         self._renderer: Renderer | None = None
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None):
         if options:
             raise ValueError(f"options must be empty: this environment's reset has none, not {options!r}")
         super().reset(seed=seed)
-        if self._lanes is None or seed is not None:
-            base = base_keys([self.np_random])
-            episode = jnp.zeros(len(base), jnp.int32)
+        if self._lane is None or seed is not None:
+            base, episode = jax.random.key(first_key(self.np_random)), jnp.zeros((), jnp.int32)
         else:
-            base, episode = self._lanes.base, self._lanes.episode + 1
-        lanes, observation = begin(base, episode, jnp.ones(len(base), bool), None, self.params)
-        self._lanes, self._last_move = lanes, None
+            base, episode = self._lane.base, self._lane.episode + 1
+        lane, observation = begin(base, episode, self.params)
+        self._lane, self._last_move = lane, None
         if self.render_mode == "human":
             self._draw()
-        return np.array(observation)[0], {"evaluation": {"payload": np.asarray(lanes.state.payload)[0].item()}}
+        return np.array(observation), {"evaluation": {"payload": lane.state.payload.item()}}
 
     def step(self, action: Any):
-        if self._lanes is None or bool(np.asarray(self._lanes.done)[0]):
+        if self._lane is None or bool(self._lane.done):
             raise gym.error.ResetNeeded("the episode has not begun or has ended: call reset first")
-        actions = filled(checked_actions(np.asarray(action)[None], (self.params.action.size,), 1))
-        before = self._lanes
-        self._lanes, outcome = advance(before, actions, self.params, AutoresetMode.DISABLED)
-        self._last_move = (before, actions)
+        (action,) = checked_actions(np.asarray(action)[None], (self.params.action.size,), 1)
+        before = self._lane
+        self._lane, outcome = advance(before, action, self.params, AutoresetMode.DISABLED)
+        self._last_move = (before, action)
         if self.render_mode == "human":
             self._draw()
-        plain = jax.tree.map(lambda x: np.asarray(x)[0].tolist(), outcome)
+        plain = jax.tree.map(lambda x: x.tolist(), jax.device_get(outcome))
         info = plain.info._asdict() | {"evaluation": plain.info.evaluation._asdict()}
-        return np.array(outcome.observation)[0], plain.reward, plain.terminated, plain.truncated, info
+        return np.array(outcome.observation), plain.reward, plain.terminated, plain.truncated, info
 
     def render(self) -> Any:
         if self.render_mode is None:
@@ -86,13 +84,12 @@ class MoveEnv(gym.Env):
         return None if self.render_mode == "human" else self._draw()
 
     def _draw(self):
-        if self._lanes is None:
+        if self._lane is None:
             raise gym.error.ResetNeeded("there is nothing to draw yet: call reset first")
         if self._renderer is None:
             self._renderer = Renderer(self.params, window=self.render_mode == "human")
-        lanes, actions = self._last_move or (self._lanes, None)
-        state = jax.tree.map(lambda x: x[0], lanes.state)
-        self._renderer.take(state, None if actions is None else jnp.asarray(actions[0]))
+        lane, action = self._last_move or (self._lane, None)
+        self._renderer.take(lane.state, None if action is None else jnp.asarray(action))
         if self.render_mode == "human":
             return self._renderer.play()
         return self._renderer.frames() if self.render_mode == "rgb_array_list" else self._renderer.still()
@@ -115,6 +112,11 @@ def as_params(environment: str | AbstractMachine | Params, keywords: dict[str, A
     if keywords:
         raise ValueError(f"environment is given as Params already; {', '.join(keywords)} cannot be given beside it")
     return environment
+
+
+def first_key(generator: np.random.Generator) -> np.uint32:
+    """The number of a lane's base key: the next one of its generator."""
+    return generator.integers(2**32, dtype=np.uint32)
 
 
 def box_spaces(params: Params) -> tuple[spaces.Box, spaces.Box]:

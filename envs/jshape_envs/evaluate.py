@@ -19,10 +19,10 @@ from jaxtyping import Array, Float, PRNGKeyArray
 from scipy import stats
 
 from jshape import _check
+from jshape.moves import AbstractPolicy, Choice, EnvState, Info, Observation, Params, rollout
 from jshape_envs.baselines import baseline
-from jshape_envs.core import EnvState, Info, Params
 from jshape_envs.parameters import parameters
-from jshape_envs.policy import AbstractPolicy, Choice, Observation, read_policy, rollout
+from jshape_envs.policy import GRUPolicy, read_policy
 
 LIMIT = 0.05
 """The normalised residual energy under which a machine has recovered from a change."""
@@ -214,16 +214,19 @@ class Transferred(AbstractPolicy):
         home: the environment that it was trained on.
     """
 
-    policy: AbstractPolicy
+    policy: GRUPolicy
     home: Params
 
-    def start(self, params: Params) -> Any:
-        return self.policy.start(self.home)
+    def init(self, params: Params) -> Any:
+        return self.policy.init(self.home), jnp.zeros(self.home.action.size, self.home.period.dtype)
 
-    def choose(self, memory: Any, observation: Observation, params: Params, state: EnvState) -> Choice:
-        place = params.sensor.size + params.action.size
-        scaled = observation.at[place].multiply(params.distance[1] / self.home.distance[1])
-        return self.policy.choose(memory, scaled, self.home, state)
+    def act(self, memory: Any, observation: Observation, params: Params, state: EnvState) -> Choice:
+        # The shaper is none of this environment's actions: what the policy did last, it observes from its memory.
+        (memory, last), place = memory, params.sensor.size
+        scaled = observation.at[place : place + len(last)].set(last.astype(observation.dtype))
+        scaled = scaled.at[place + len(last)].multiply(params.distance[1] / self.home.distance[1])
+        memory, action = self.policy.act(memory, scaled, self.home, state)
+        return (memory, action), self.home.action.shaper(action)
 
 
 def named_policy(name: str, params: Params) -> AbstractPolicy:

@@ -13,17 +13,17 @@ from jshape import Shaper, _check
 from jshape._files import read_arrays
 from jshape._types import Scalar
 from jshape.design.linear import multi_mode
+from jshape.moves.actions import AbstractAction, ImpulseAction, ModalAction, ResidualAction
+from jshape.moves.core import CONTEXTS, Params
+from jshape.moves.design import design_table
+from jshape.moves.machine import AbstractMachine
+from jshape.moves.oracle import ShaperTable
+from jshape.moves.physics import Steps
+from jshape.moves.sensor import Sensor
 from jshape.plants import AbstractPlant
 from jshape.simulation.schedule import Schedule, schedule
 from jshape.simulation.simulate import steps_for
-from jshape_envs.actions import AbstractAction, ImpulseAction, ModalAction, ResidualAction
-from jshape_envs.core import CONTEXTS, Params
-from jshape_envs.design import design_table
-from jshape_envs.machine import AbstractMachine
-from jshape_envs.oracle import ShaperTable
-from jshape_envs.physics import Steps
 from jshape_envs.presets import ENVIRONMENTS, Environment, Preset
-from jshape_envs.sensor import Sensor
 
 ACTIONS = ("modal", "impulses", "residual")
 
@@ -125,25 +125,13 @@ def parameters(
         table = design_table(machine, payloads, distances, weights, period, steps, known.grid)
     table = _cast(table, dtype)
     impulses = known.impulses if impulses is None else impulses
-    return Params(
-        machine=machine,
-        payload=payloads,
-        distance=distances,
-        track=_cast(track, dtype),
-        change_rate=_cast(chosen.change_rate, dtype),
-        horizon=jnp.asarray(horizon, jnp.int32),
-        carry=jnp.asarray(bool(carry)),
-        energy_weight=weights[0],
-        time_weight=weights[1],
-        period=period,
-        context_noise=_cast(context_noise, dtype),
-        sensor=_cast(sensor, dtype),
-        action=_cast(_action(action, frequencies, table, known.longest, impulses), dtype),
-        oracle=table,
-        steps=steps,
-        context=context,
-        tell_change=bool(tell_change),
-    )
+    arrays = dict(
+        machine=machine, payload=payloads, distance=distances, track=track, change_rate=chosen.change_rate,
+        horizon=jnp.asarray(horizon, jnp.int32), carry=bool(carry), energy_weight=weights[0], time_weight=weights[1],
+        period=period, context_noise=context_noise, sensor=sensor, oracle=table,
+        action=_action(action, frequencies, table, known.longest, impulses),
+    )  # fmt: skip
+    return Params(**_cast(arrays, dtype), steps=steps, context=context, tell_change=bool(tell_change))
 
 
 def _find(environment: Any, preset: str, given: dict[str, Any]) -> tuple[Environment | None, Preset, AbstractMachine]:

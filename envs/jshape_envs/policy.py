@@ -1,12 +1,9 @@
-"""Policies: how the shaper of the next move is chosen from what was observed, and how a policy is run.
+"""Trained policies: a small recurrent network, and the files that policies are kept in::
 
-A policy has a memory, a pytree of arrays that begins anew with every episode::
-
-    policy = jshape_envs.load_policy("DuffingPayload")
-    rewards, info = rollout(jax.random.key(0), policy, params, moves=64)
+policy = jshape_envs.load_policy("DuffingPayload")
+rewards, info = jshape_envs.rollout(jax.random.key(0), policy, params, moves=64)
 """
 
-import abc
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,83 +13,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from jshape import Shaper, _check
+from jshape import _check
 from jshape._files import read_arrays, write_arrays
-from jshape_envs.core import EnvState, Info, Params, move, observation_names, reset
+from jshape.moves import AbstractPolicy, Observation, Params, observation_names
 
 POLICIES = Path(__file__).parent / "policies"
 """Trained policies that come with the package, made by experiments/learning/train.py."""
 
 FORMAT = "jshape-policy 2"
-
-
-Observation = Float[Array, " observation"]
-"""What a policy acts on; ``core.observation_names`` names its entries."""
-
-Choice = tuple[Shaper, Float[Array, " size"], Any]
-"""The shaper, the action that the next observation holds as the last one (zeros where there is none), the memory."""
-
-
-class AbstractPolicy(eqx.Module):
-    """A rule that chooses the shaper of the next move from what was observed."""
-
-    def start(self, params: Params) -> Any:
-        """The memory at the beginning of an episode, a pytree of arrays; none unless a policy has one."""
-        return ()
-
-    @abc.abstractmethod
-    def choose(self, memory: Any, observation: Observation, params: Params, state: EnvState) -> Choice:
-        """The choice for the next move.
-
-        Args:
-            memory: as ``start`` or the last choice left it.
-            observation: after the last move.
-            params: the environment.
-            state: the true one, which only an oracle may read, and says so.
-
-        Returns:
-            A shaper of a static number of impulses, the action to be observed, the memory.
-        """
-
-
-def rollout(
-    key: PRNGKeyArray, policy: AbstractPolicy, params: Params, moves: int
-) -> tuple[Float[Array, " moves"], Info]:
-    """Rewards and infos of a number of moves from a reset; an episode that ends before is begun anew.
-
-    Args:
-        key: of all random numbers.
-        policy: begun with a fresh memory in every episode.
-        params: the environment.
-        moves: number of moves.
-    """
-    first, key = jax.random.split(key)
-    state, observation = reset(first, params)
-
-    def advance(carry, key):
-        return advance_policy(key, policy, carry, params)
-
-    _, kept = jax.lax.scan(advance, (state, observation, policy.start(params)), jax.random.split(key, moves))
-    return kept
-
-
-Running = tuple[EnvState, Observation, Any]
-"""An episode on its way: the environment's state, the observation that is acted on next, the policy's memory."""
-
-
-def advance_policy(
-    key: PRNGKeyArray, policy: AbstractPolicy, running: Running, params: Params
-) -> tuple[Running, tuple[Float[Array, ""], Info]]:
-    """One move by a policy, with its reward and info; where it was the last, a new episode with a fresh memory."""
-    state, observation, memory = running
-    here, again = jax.random.split(key)
-    shaper, action, memory = policy.choose(memory, observation, params, state)
-    state, observation, reward, terminated, truncated, info = move(here, state, shaper, params, action)
-    fresh = (*reset(again, params), policy.start(params))
-    carry = jax.tree.map(
-        lambda new, old: jnp.where(terminated | truncated, new, old), fresh, (state, observation, memory)
-    )
-    return carry, (reward, info)
 
 
 class Sizes(NamedTuple):
@@ -129,7 +57,7 @@ class GRUPolicy(AbstractPolicy):
         dtype: of the weights.
 
     Raises:
-        ValueError: for sizes below 1 or a gain that is not positive, and by ``start`` for an environment whose
+        ValueError: for sizes below 1 or a gain that is not positive, and by ``init`` for an environment whose
             observations or actions have other sizes.
 
     Source: Cho et al. (2014).
@@ -160,23 +88,18 @@ class GRUPolicy(AbstractPolicy):
         self.head = eqx.tree_at(lambda h: h.layers[-1].weight, head, 0.1 * head.layers[-1].weight)
         self.sizes, self.gain = sizes, float(gain)
 
-    def start(self, params: Params) -> Float[Array, " hidden"]:
+    def init(self, params: Params) -> Float[Array, " hidden"]:
         if (wanted := sizes_of(params)) != self.sizes:
             raise ValueError(f"params: the policy is for {self.sizes}, this environment has {wanted}")
         return jnp.zeros(self.cell.hidden_size, self.cell.weight_hh.dtype)
 
     def act(
-        self, memory: Float[Array, " hidden"], observation: Observation
-    ) -> tuple[Float[Array, " size"], Float[Array, " hidden"]]:
-        """The action, within [−1, 1], and the memory after it."""
+        self, memory: Float[Array, " hidden"], observation: Observation, params: Any = None, state: Any = None
+    ) -> tuple[Float[Array, " hidden"], Float[Array, " size"]]:
         sensed, others = observation[: self.sizes.sensed], observation[self.sizes.sensed :]
         features = jnp.concatenate([jnp.arcsinh(self.gain * sensed), others])
         memory = self.cell(features, memory)
-        return jnp.tanh(self.head(jnp.concatenate([memory, features]))), memory
-
-    def choose(self, memory: Any, observation: Observation, params: Params, state: EnvState) -> Choice:
-        action, memory = self.act(memory, observation)
-        return params.action.shaper(action), action, memory
+        return memory, jnp.tanh(self.head(jnp.concatenate([memory, features])))
 
 
 def save_policy(policy: GRUPolicy, path: str | Path, about: dict[str, Any]) -> None:

@@ -8,7 +8,7 @@ import dataclasses
 from collections.abc import Callable, Mapping
 
 import jshape as js
-from jshape_envs.machine import AbstractMachine, HoistingMachine, Machine, RampProfile, TrapezoidProfile
+from jshape.moves import AbstractMachine, HoistingMachine, Machine, RampProfile, TrapezoidProfile
 
 
 @dataclasses.dataclass(frozen=True)

@@ -15,9 +15,8 @@ from jaxtyping import Array
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from jshape.moves import EnvState, Params, bare_energy_and_oracle_cost, plan_move, run_move, watch_move
 from jshape.reports.style import COLOURS, STYLE
-from jshape_envs.core import EnvState, Params, bare_energy_and_oracle_cost
-from jshape_envs.physics import plan_move, run_move, watch_move
 from jshape_envs.scene import Scene, scene_of
 
 FPS = 30

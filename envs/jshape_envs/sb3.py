@@ -19,7 +19,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.vec_env import VecEnv  # pyright: ignore[reportMissingImports]
 
-from jshape_envs.core import Params
+from jshape.moves import Params
 from jshape_envs.vector import MoveVectorEnv
 
 

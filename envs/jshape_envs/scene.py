@@ -8,9 +8,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Circle, FancyBboxPatch, Rectangle
 
+from jshape.moves import Params
 from jshape.plants import AbstractCrane, AbstractPlant, BobRodPendulum, FlexibleLink
 from jshape.reports.style import COLOURS
-from jshape_envs.core import Params
 
 
 class Scene(abc.ABC):

@@ -7,18 +7,21 @@ import gymnasium as gym
 import jax
 import jax.numpy as jnp
 import numpy as np
+from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
 from jshape import _check
-from jshape_envs.batch import Lanes, advance, base_keys, begin, filled, seeded
-from jshape_envs.core import Evaluation, Info, Params
-from jshape_envs.env import as_params, box_spaces, checked_actions
-from jshape_envs.machine import AbstractMachine
+from jshape.moves import AbstractMachine, Evaluation, Info, Params
+from jshape_envs.batch import Lane, advance_lanes, begin_lanes
+from jshape_envs.env import as_params, box_spaces, checked_actions, first_key
+
+_keys = jax.jit(jax.vmap(jax.random.key))
 
 
 class MoveVectorEnv(gym.vector.VectorEnv):
-    """Environments as ``MoveEnv`` describes them; a seed s gives lane i the episodes of seed s + i alone.
+    """Environments as ``MoveEnv`` describes them; a seed s gives lane i the episodes of seed s + i alone, but for
+    rounding.
 
     Args:
         num_envs: number of environments.
@@ -56,24 +59,20 @@ class MoveVectorEnv(gym.vector.VectorEnv):
         self.single_observation_space, self.single_action_space = box_spaces(self.params)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
-        self._lanes: Lanes | None = None
+        self._lanes: Lane | None = None
 
     def reset(self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None):
-        mask = self._mask(options)
-        if self._lanes is not None and seed is None:
-            base, episode = self._lanes.base, self._lanes.episode + filled(mask)
+        mask, lanes = self._mask(options), self._lanes
+        if lanes is not None and seed is None:
+            base, episode = lanes.base, lanes.episode + 1
         else:
-            seed = int(np.random.SeedSequence().generate_state(1)[0]) if seed is None else seed
-            base = base_keys(seeded(self._seeds(seed)))
-            episode = jnp.zeros(len(base), jnp.int32)
-            if self._lanes is not None:
-                base = jnp.where(filled(mask), base, self._lanes.base)
-                episode = jnp.where(filled(mask), episode, self._lanes.episode)
-        partial = None if mask.all() else self._lanes
-        lanes, observation = begin(base, episode, jnp.asarray(filled(mask)), partial, self.params)
-        self._lanes, payload = lanes, np.array(lanes.state.payload)[: self.num_envs]
+            seeds = self._seeds(int(np.random.SeedSequence().generate_state(1)[0]) if seed is None else seed)
+            base = _keys(np.array([first_key(seeding.np_random(seed)[0]) for seed in seeds]))
+            episode = jnp.zeros(self.num_envs, jnp.int32)
+        lanes, observation = begin_lanes(base, episode, jnp.asarray(mask), None if mask.all() else lanes, self.params)
+        self._lanes, payload = lanes, np.array(lanes.state.payload)
         info = {"evaluation": {"payload": payload, "_payload": mask.copy()}, "_evaluation": mask.copy()}
-        return np.array(observation)[: self.num_envs], info
+        return np.array(observation), info
 
     def _mask(self, options: dict[str, Any] | None) -> np.ndarray:
         """The lanes that a reset begins anew."""
@@ -100,8 +99,8 @@ class MoveVectorEnv(gym.vector.VectorEnv):
         if self._lanes is None:
             raise gym.error.ResetNeeded("the episodes have not begun: call reset first")
         actions = checked_actions(actions, (self.params.action.size,), self.num_envs)
-        self._lanes, outcome = advance(self._lanes, filled(actions), self.params, self.mode)
-        outcome = jax.tree.map(lambda x: np.array(x)[: self.num_envs], outcome)
+        self._lanes, outcome = advance_lanes(self._lanes, actions, self.params, self.mode)
+        outcome = jax.tree.map(np.array, outcome)
         terminated, truncated = outcome.terminated, outcome.truncated
         if self.mode == AutoresetMode.SAME_STEP and (ended := terminated | truncated).any():
             info = as_dict(outcome.info, ~ended)

@@ -28,12 +28,10 @@ import xarray as xr
 import jshape as js
 from experiments.markdown import table
 from jshape.adaptive.moves import move_figures as figures
-from jshape.adaptive.moves.hoisting import HoistingMoves, random_loads
-from jshape.adaptive.moves.machine import NoisySensor
 from jshape.adaptive.moves.monte_carlo import residuals, run_many
 from jshape.adaptive.moves.strategies import Adapting, Oracle, Rule
-from jshape.adaptive.moves.two_mass import TwoMassMoves, random_payloads
 from jshape.adaptive.recovery_figure import recovery
+from jshape.moves import HoistingMoves, NoisySensor, TwoMassMoves, random_loads, random_payloads
 
 HERE = Path(__file__).parent
 SCHEDULES, CHANGE = 200, 2
@@ -91,7 +89,7 @@ def two_mass() -> list[str]:
             figure = recovery(found, "vibration", "residual vibration (% of the move)", 100.0)
             figure.savefig(HERE / "nonlinear.two_mass.svg", metadata={"Date": None})
         lines += rejections(traces, found)
-    ours = traces["adapting, with cancelling"].memory
+    ours = traces["adapting, with cancelling"].memory.posterior
     nominal, scale = np.array([10.0, 100.0, 0.4]), np.exp(np.asarray(ours.parameters[0]))
     std = np.sqrt(np.asarray(jax.vmap(jnp.diag)(ours.covariance[0])))
     figure = figures.estimates(
@@ -121,7 +119,7 @@ def crane() -> list[str]:
     found = residuals(traces, CHANGE)
     figure = recovery(found, "vibration", "residual vibration (°)", 180 / np.pi)
     figure.savefig(HERE / "nonlinear.crane.svg", metadata={"Date": None})
-    ours = traces["adapting, with cancelling"].memory
+    ours = traces["adapting, with cancelling"].memory.posterior
     error = np.abs(np.asarray(ours.parameters - moves.after))[:, CHANGE:, 0]
     lines = ["## Crane while hoisting", "", f"![Residual swing around a change](nonlinear.crane.svg) {DRAWN}", ""]
     lines += ["Residual swing (°), median / 95 % quantile / largest", ""]
@@ -147,9 +145,9 @@ def quantiles(values: xr.DataArray, factor: float, form: str) -> list[str]:
 def rejections(traces: dict[str, Any], found: xr.Dataset) -> list[str]:
     """Windows that were rejected, of all."""
     counts = (
-        f"{name} {int(np.sum(~np.asarray(trace.memory.accepted)))}"
+        f"{name} {int(np.sum(~np.asarray(trace.memory.posterior.accepted)))}"
         for name, trace in traces.items()
-        if hasattr(trace.memory, "accepted")
+        if hasattr(trace.memory, "posterior")
     )
     late = int(found.energy.isnull().sum())
     return [

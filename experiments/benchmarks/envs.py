@@ -20,10 +20,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jshape_envs import ENVIRONMENTS, Params, parameters, reset, step
-from jshape_envs.physics import Steps
 
 from experiments.benchmarks.record import about, keep
 from experiments.markdown import table
+from jshape.moves import Steps
 from jshape.simulation.schedule import schedule
 
 ENVS, MOVES, ROUNDS, JUDGED = 1024, 32, 5, 128

@@ -2,7 +2,7 @@
 
     python -m experiments.learning.oracles        # some minutes; writes envs/jshape_envs/tables
 
-An oracle's shaper is the cheapest one that leaves next to nothing; ``jshape_envs.design`` says how it is found. Names
+An oracle's shaper is the cheapest one that leaves next to nothing; ``jshape.moves.design`` says how it is found. Names
 of environments as arguments: only theirs.
 """
 
@@ -17,10 +17,10 @@ import numpy as np
 jax.config.update("jax_enable_x64", True)
 
 from jshape_envs import ENVIRONMENTS, parameters  # noqa: E402
-from jshape_envs.design import design_table  # noqa: E402
 from jshape_envs.parameters import TABLE_FORMAT, TABLES, table_file  # noqa: E402
 
 from jshape._files import write_arrays  # noqa: E402
+from jshape.moves import design_table  # noqa: E402
 
 
 def main(names: list[str]) -> None:

@@ -25,11 +25,11 @@ jax.config.update("jax_enable_x64", True)
 
 from jshape_envs import ENVIRONMENTS, Params, move, parameters, reset  # noqa: E402
 from jshape_envs.baselines import FullOracle  # noqa: E402
-from jshape_envs.oracle import ShaperTable  # noqa: E402
 
 import jshape as js  # noqa: E402
 from experiments.learning.record import keep, read  # noqa: E402
 from experiments.markdown import table  # noqa: E402
+from jshape.moves import ShaperTable  # noqa: E402
 from jshape.plants import AbstractOscillator  # noqa: E402
 
 RECORD = Path(__file__).with_suffix(".json")
@@ -125,7 +125,7 @@ def unshaped(state, params: Params) -> js.Shaper:
 
 
 def nonlinear(state, params: Params) -> js.Shaper:
-    return FullOracle().choose((), params.payload, params, state)[0]
+    return FullOracle().act((), params.payload, params, state)[1]
 
 
 def informed_linear(kind: str, state, params: Params, scale, zeta) -> js.Shaper:

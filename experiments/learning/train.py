@@ -24,13 +24,13 @@ import numpy as np
 from jshape_envs import ENVIRONMENTS, Params, parameters
 from jshape_envs.apg import Recipe, train
 from jshape_envs.baselines import Oracle
-from jshape_envs.design import STRICTNESS
 from jshape_envs.evaluate import evaluate
 from jshape_envs.policy import load_policy, policy_file, save_policy
 
 from experiments.learning.record import keep, read
 from experiments.markdown import table
 from jshape._types import Progress
+from jshape.moves import STRICTNESS
 from jshape.reports.style import COLOURS, STYLE
 
 HERE = Path(__file__).parent

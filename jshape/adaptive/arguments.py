@@ -7,7 +7,6 @@ import numpy as np
 from jaxtyping import Array
 
 from jshape import _check
-from jshape.sweeps.leaves import leaf
 
 
 def check_time(value: Any) -> float:
@@ -58,26 +57,3 @@ def check_each(value: Any, name: str, *shape: int) -> Array:
         return jnp.broadcast_to(array, shape)
     except ValueError:
         raise ValueError(f"{name} must be one number or fit the shape {shape}, not be of shape {array.shape}") from None
-
-
-def as_names(leaves: str | tuple[str, ...]) -> tuple[str, ...]:
-    """One dotted path or several as a tuple."""
-    return (leaves,) if isinstance(leaves, str) else tuple(leaves)
-
-
-def check_leaves(plant: Any, leaves: tuple[str, ...]) -> Array:
-    """The values of a plant's parameters by dotted paths. *Raises* ``ValueError`` unless there are positive ones."""
-    if not leaves:
-        raise ValueError("leaves is empty: there is nothing to adapt")
-    values = jnp.stack([leaf(plant, name) for name in leaves])
-    _check.positive(values, f"leaves {', '.join(leaves)}")
-    return values
-
-
-def check_factor(value: Any, name: str) -> Array:
-    """``value`` as a scalar leaf. *Raises* ``ValueError`` unless it is finite and greater than 1."""
-    _check.finite(value, name)
-    factor = _check.scalar(value, name)
-    if _check.is_concrete(factor) and not factor > 1:
-        raise ValueError(f"{name} must be greater than 1, not {_check.show(value)}")
-    return factor

@@ -149,7 +149,8 @@ def integrate(
         slope = lambda fraction, y: field((begin + fraction) * step, y, values)
         after, local = runge_kutta_step(tableau, slope, jnp.stack(state), step)
         error = tuple(e + jnp.abs(local[i]) for i, e in enumerate(error))
-        return (tuple(after), error), (after if save else None)
+        after = tuple(after)
+        return (after, error), (after if save else None)
 
     dtype = jnp.result_type(state, durations)
     repeat = lambda x: jnp.repeat(x, steps, axis=0)
@@ -157,6 +158,5 @@ def integrate(
     items = (repeat((durations / steps).astype(dtype)), index, jax.tree.map(repeat, data))
     begin = tuple(state.astype(dtype))
     (end, error), saved = jax.lax.scan(advance, (begin, tuple(map(jnp.zeros_like, begin))), items)
-    if saved is not None:
-        saved = saved.reshape(len(durations), steps, -1)
+    saved = jnp.stack(saved, axis=-1).reshape(len(durations), steps, -1) if save else None
     return jnp.stack(end), jnp.stack(error), saved

@@ -41,6 +41,24 @@ def leaf(plant: AbstractPlant, name: str) -> Array:
     return value if index is None else value[index]
 
 
+def as_names(leaves: str | tuple[str, ...]) -> tuple[str, ...]:
+    """One dotted path or several as a tuple."""
+    return (leaves,) if isinstance(leaves, str) else tuple(leaves)
+
+
+def positive_leaves(plant: AbstractPlant, leaves: tuple[str, ...]) -> Array:
+    """The values of the leaves of those dotted paths.
+
+    Raises:
+        ValueError: for unknown ones, for none at all, and for values that are not positive.
+    """
+    if not leaves:
+        raise ValueError("leaves is empty: there is nothing to adapt")
+    values = jnp.stack([leaf(plant, name) for name in leaves])
+    _check.positive(values, f"leaves {', '.join(leaves)}")
+    return values
+
+
 def with_leaves(plant: AbstractPlant, values: Mapping[str, Any]) -> AbstractPlant:
     """The plant with some leaves replaced.
 

@@ -14,29 +14,21 @@ import jax.numpy as jnp
 import numpy as np
 
 from jshape import _check
+from jshape.moves import AbstractPolicy, Params
 from jshape.plants import AbstractOscillator
-from jshape_envs.baselines.amplitude_aware import AmplitudeAware as AmplitudeAware
-from jshape_envs.baselines.amplitude_aware import amplitude_aware as amplitude_aware
-from jshape_envs.baselines.best import best_of as best_of
-from jshape_envs.baselines.best import scales
-from jshape_envs.baselines.direct import DirectAdaptive as DirectAdaptive
-from jshape_envs.baselines.direct import FrequencyTracker as FrequencyTracker
-from jshape_envs.baselines.direct import direct_adaptive as direct_adaptive
-from jshape_envs.baselines.direct import frequency_tracker as frequency_tracker
-from jshape_envs.baselines.fixed import Fixed as Fixed
-from jshape_envs.baselines.fixed import FixedEnergy as FixedEnergy
-from jshape_envs.baselines.fixed import fixed_energy as fixed_energy
-from jshape_envs.baselines.fixed import fixed_linear as fixed_linear
-from jshape_envs.baselines.model_based import ModelBased as ModelBased
-from jshape_envs.baselines.model_based import model_based as model_based
+from jshape_envs.baselines.amplitude_aware import AmplitudeAware, amplitude_aware
+from jshape_envs.baselines.best import best_of, scales
+from jshape_envs.baselines.direct import DirectAdaptive, FrequencyTracker, direct_adaptive, frequency_tracker
+from jshape_envs.baselines.fixed import Fixed, FixedEnergy, fixed_energy, fixed_linear
+from jshape_envs.baselines.model_based import ModelBased, model_based
 from jshape_envs.baselines.observed import evenly, middle
-from jshape_envs.baselines.oracles import FullOracle as FullOracle
-from jshape_envs.baselines.oracles import Oracle as Oracle
-from jshape_envs.baselines.posterior import FixedPayload as FixedPayload
-from jshape_envs.baselines.posterior import Hedge as Hedge
-from jshape_envs.baselines.posterior import hedges
-from jshape_envs.core import Params
-from jshape_envs.policy import AbstractPolicy
+from jshape_envs.baselines.oracles import FullOracle, Oracle
+from jshape_envs.baselines.posterior import FixedPayload, Hedge, hedges
+
+__all__ = ["BASELINES", "AmplitudeAware", "DirectAdaptive", "Fixed", "FixedEnergy", "FixedPayload"]
+__all__ += ["FrequencyTracker", "FullOracle", "Hedge", "ModelBased", "Oracle", "amplitude_aware", "applicable"]
+__all__ += ["baseline", "best_of", "direct_adaptive", "fixed_energy", "fixed_linear", "frequency_tracker"]
+__all__ += ["model_based"]
 
 _ZETAS = (0.0, 0.05)
 

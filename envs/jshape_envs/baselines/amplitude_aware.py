@@ -11,21 +11,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from jshape._types import Scalar
+from jshape.moves import CASES, AbstractPolicy, Choice, EnvState, Observation, Params, plan_move, run_move, run_window
 from jshape_envs.baselines.frequency import Tones, fit_tones
-from jshape_envs.baselines.observed import (
-    evenly,
-    frequency_bands,
-    middle,
-    no_action,
-    observed,
-    sample_times,
-    sensor_deviation,
-)
+from jshape_envs.baselines.observed import evenly, frequency_bands, middle, observed, sample_times, sensor_deviation
 from jshape_envs.baselines.posterior import Hedge, no_hedge, tuned_shaper
-from jshape_envs.core import EnvState, Params
-from jshape_envs.machine import CASES
-from jshape_envs.physics import plan_move, run_move, run_window
-from jshape_envs.policy import AbstractPolicy, Choice, Observation
 
 PAYLOADS, SWINGS = 33, 24
 """Payloads and sizes of swing in the table."""
@@ -64,20 +53,18 @@ class AmplitudeAware(AbstractPolicy):
     omega: Float[Array, "cases payloads swings"]
     hedge: Hedge
 
-    def start(self, params: Params) -> PayloadEstimate:
+    def init(self, params: Params) -> PayloadEstimate:
         one = jnp.ones((), params.period.dtype)
         return PayloadEstimate(middle(params), jnp.zeros((), jnp.int32), one)
 
-    def choose(
-        self, memory: PayloadEstimate, observation: Observation, params: Params, state: EnvState | None
-    ) -> Choice:
+    def act(self, memory: PayloadEstimate, observation: Observation, params: Params, state: EnvState | None) -> Choice:
         samples, distance = observed(observation, params)
         tones = fit_tones(samples, sample_times(params), self.bands, sensor_deviation(params))
         case = params.machine.case(memory.distance, memory.made - 1)
         resolved = (memory.made > 0) & tones.resolved(self.bands)[0]
         payload = jnp.where(resolved, self.payload(case, tones), memory.payload)
         shaper = self.hedge.shaper(tuned_shaper(params, payload, distance, memory.made))
-        return shaper, no_action(params), PayloadEstimate(payload, memory.made + 1, distance)
+        return PayloadEstimate(payload, memory.made + 1, distance), shaper
 
     def payload(self, case: Int[Array, ""], tones: Tones) -> Scalar:
         """The payload that has that frequency at that amplitude, after a move of that kind."""

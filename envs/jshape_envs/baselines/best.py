@@ -9,9 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
+from jshape.moves import AbstractPolicy, Params, rollout
 from jshape_envs.baselines.observed import frequency_bands, middle, modes_of
-from jshape_envs.core import Params
-from jshape_envs.policy import AbstractPolicy, rollout
 
 Kind = TypeVar("Kind", bound=AbstractPolicy)
 

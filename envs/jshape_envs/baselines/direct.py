@@ -17,18 +17,9 @@ from jshape._types import Scalar
 from jshape.adaptive import ExtremumSeeking
 from jshape.adaptive.strategies.extremum_seeking import SeekingState
 from jshape.design.linear import multi_mode
+from jshape.moves import AbstractPolicy, Choice, EnvState, Observation, Params
 from jshape_envs.baselines.frequency import fit_tones, peaks
-from jshape_envs.baselines.observed import (
-    frequency_bands,
-    middle,
-    modes_of,
-    no_action,
-    observed,
-    sample_times,
-    sensor_deviation,
-)
-from jshape_envs.core import EnvState, Params
-from jshape_envs.policy import AbstractPolicy, Choice, Observation
+from jshape_envs.baselines.observed import frequency_bands, middle, modes_of, observed, sample_times, sensor_deviation
 
 WINDOWS = 2
 """Number of windows over which the power of the Fourier transform is averaged."""
@@ -77,12 +68,12 @@ class DirectAdaptive(AbstractPolicy):
     seeking: ExtremumSeeking
     seeks: bool = eqx.field(static=True)
 
-    def start(self, params: Params) -> Windows:
+    def init(self, params: Params) -> Windows:
         dtype = params.period.dtype
         empty = jnp.zeros((WINDOWS, params.sensor.samples), dtype)
         return Windows(empty, jnp.zeros((), jnp.int32), self.nominal, self.seeking.start(), jnp.ones((), dtype))
 
-    def choose(self, memory: Windows, observation: Observation, params: Params, state: EnvState | None) -> Choice:
+    def act(self, memory: Windows, observation: Observation, params: Params, state: EnvState | None) -> Choice:
         samples, distance = observed(observation, params)
         moved = memory.made > 0
         windows = jnp.concatenate([jnp.where(moved, samples, 0.0)[None], memory.windows[:-1]])
@@ -92,7 +83,7 @@ class DirectAdaptive(AbstractPolicy):
         seeking, zeta = self.seeking.step(memory.seeking, jnp.where(moved, cost, jnp.nan))
         zeta = zeta if self.seeks else self.seeking.centre
         shaper = multi_mode(list(zip(self.scale * omega, zeta, strict=True)), "zvd")
-        return shaper, no_action(params), Windows(windows, memory.made + 1, omega, seeking, distance)
+        return Windows(windows, memory.made + 1, omega, seeking, distance), shaper
 
 
 def direct_adaptive(params: Params, seeks: bool = False, scale: Any = 1.0, zeta: Any = 0.03) -> DirectAdaptive:
@@ -141,17 +132,17 @@ class FrequencyTracker(AbstractPolicy):
     zeta: Scalar
     kind: str = eqx.field(static=True)
 
-    def start(self, params: Params) -> Float[Array, " modes"]:
+    def init(self, params: Params) -> Float[Array, " modes"]:
         return self.nominal
 
-    def choose(
+    def act(
         self, memory: Float[Array, " modes"], observation: Observation, params: Params, state: EnvState | None
     ) -> Choice:
         # Before the first move there is noise alone, which resolves nothing.
         samples, _ = observed(observation, params)
         found = fit_tones(samples, sample_times(params), self.bands, sensor_deviation(params))
         omega = jnp.where(found.resolved(self.bands), found.omega, memory)
-        return multi_mode([(self.scale * w, self.zeta) for w in omega], self.kind), no_action(params), omega
+        return omega, multi_mode([(self.scale * w, self.zeta) for w in omega], self.kind)
 
 
 def frequency_tracker(params: Params, kind: str = "zvd", scale: Any = 1.0, zeta: Any = 0.0) -> FrequencyTracker:

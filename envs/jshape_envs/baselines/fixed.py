@@ -10,10 +10,9 @@ from jaxtyping import Array, Float
 import jshape as js
 from jshape import Shaper, _check
 from jshape.design.linear import multi_mode
+from jshape.moves import AbstractPolicy, Choice, EnvState, Observation, Params
 from jshape.plants import AbstractOscillator
-from jshape_envs.baselines.observed import evenly, middle, modes_of, no_action, observed
-from jshape_envs.core import EnvState, Params
-from jshape_envs.policy import AbstractPolicy, Choice, Observation
+from jshape_envs.baselines.observed import evenly, middle, modes_of, observed
 
 SIZES = 33
 """Sizes of moves for which a shaper that depends on them is designed; between two, straight lines."""
@@ -24,8 +23,8 @@ class Fixed(AbstractPolicy):
 
     shaper: Shaper
 
-    def choose(self, memory: tuple[()], observation: Observation, params: Params, state: EnvState) -> Choice:
-        return self.shaper, no_action(params), memory
+    def act(self, memory: tuple[()], observation: Observation, params: Params, state: EnvState) -> Choice:
+        return memory, self.shaper
 
 
 def fixed_linear(params: Params, kind: str = "zvd", scale: Any = 1.0, zeta: Any = 0.0) -> Fixed:
@@ -57,11 +56,11 @@ class FixedEnergy(AbstractPolicy):
     amplitudes: Float[Array, "sizes impulses"]
     times: Float[Array, "sizes impulses"]
 
-    def choose(self, memory: tuple[()], observation: Observation, params: Params, state: EnvState) -> Choice:
+    def act(self, memory: tuple[()], observation: Observation, params: Params, state: EnvState) -> Choice:
         size = jnp.abs(observed(observation, params).distance)
         sizes = evenly(params.distance, SIZES)
         at = jax.vmap(lambda column: jnp.interp(size, sizes, column), in_axes=1)
-        return Shaper(at(self.amplitudes), at(self.times)), no_action(params), memory
+        return memory, Shaper(at(self.amplitudes), at(self.times))
 
 
 def fixed_energy(params: Params, rests: int = 1, payload: Any = None) -> FixedEnergy:

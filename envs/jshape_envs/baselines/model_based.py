@@ -12,12 +12,10 @@ from jaxtyping import Array, Float, Int
 
 from jshape import Shaper, _check
 from jshape._types import Scalar, State
+from jshape.moves import AbstractPolicy, Choice, EnvState, Observation, Params, plan_move, run_move, run_window
 from jshape_envs.baselines.frequency import peak
-from jshape_envs.baselines.observed import evenly, middle, no_action, observed, sensor_deviation
+from jshape_envs.baselines.observed import evenly, middle, observed, sensor_deviation
 from jshape_envs.baselines.posterior import Hedge, no_hedge, tuned_shaper
-from jshape_envs.core import EnvState, Params
-from jshape_envs.physics import plan_move, run_move, run_window
-from jshape_envs.policy import AbstractPolicy, Choice, Observation
 
 MODEL_ERROR = 0.01
 """Error of a prediction, as a fraction of the greatest deflection in the window: the bank's payloads are not all, and
@@ -61,7 +59,7 @@ class ModelBased(AbstractPolicy):
     payloads: Float[Array, " payloads"]
     hedge: Hedge
 
-    def start(self, params: Params) -> BankState:
+    def init(self, params: Params) -> BankState:
         none = jnp.zeros((), jnp.int32)
         plant = params.machine.plant(middle(params), none)
         rest = plant.rest_state(plant.zero_inputs()).astype(params.period.dtype)
@@ -69,7 +67,7 @@ class ModelBased(AbstractPolicy):
         shaper = self.hedge.shaper(tuned_shaper(params, middle(params), params.distance[0], none))
         return BankState(rest, zero, params.distance[0], shaper, jnp.zeros_like(self.payloads), none)
 
-    def choose(self, memory: BankState, observation: Observation, params: Params, state: EnvState) -> Choice:
+    def act(self, memory: BankState, observation: Observation, params: Params, state: EnvState) -> Choice:
         samples, distance = observed(observation, params)
         ends, deflections = jax.vmap(lambda payload: _predicted(params, memory, payload))(self.payloads)
         error = jnp.sum((jnp.clip(deflections, -params.sensor.reach, params.sensor.reach) - samples) ** 2, axis=1)
@@ -91,7 +89,7 @@ class ModelBased(AbstractPolicy):
             log_prior=jnp.logaddexp(unchanged, changed),
             made=memory.made + 1,
         )
-        return shaper, no_action(params), memory
+        return memory, shaper
 
 
 def model_based(params: Params, models: int = 17) -> ModelBased:

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jshape._types import Scalar
-from jshape_envs.core import Params
+from jshape.moves import Params
 
 ALONE, BESIDE = 1.25, 1.05
 """How far beyond the frequencies that the payloads have the band of a single mode reaches, as a factor, and those of
@@ -47,11 +47,6 @@ def sample_times(params: Params) -> Float[Array, " samples"]:
 def sensor_deviation(params: Params) -> Scalar:
     """Standard deviation of a sample, of noise and rounding together, m."""
     return jnp.sqrt(params.sensor.noise**2 + params.sensor.resolution**2 / 12)
-
-
-def no_action(params: Params) -> Float[Array, " size"]:
-    """The action that the next observation holds where the shaper is none of the environment's actions."""
-    return jnp.zeros(params.action.size, params.period.dtype)
 
 
 def evenly(ends: Float[Array, "2"], count: int) -> Float[Array, " values"]:

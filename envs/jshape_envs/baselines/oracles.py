@@ -5,12 +5,11 @@ import jax.numpy as jnp
 
 from jshape import Shaper
 from jshape._types import Scalar
-from jshape_envs.baselines.observed import no_action
+from jshape.moves.core import EnvState, Params, bare_energy_and_oracle_cost, bounded_residual
+from jshape.moves.design import STRICTNESS, improved
+from jshape.moves.physics import plan_move, run_move
+from jshape.moves.policy import AbstractPolicy, Choice, Observation
 from jshape_envs.baselines.posterior import tuned_shaper
-from jshape_envs.core import EnvState, Params, bare_energy_and_oracle_cost, bounded_residual
-from jshape_envs.design import STRICTNESS, retuned
-from jshape_envs.physics import plan_move, run_move
-from jshape_envs.policy import AbstractPolicy, Choice, Observation
 
 
 class Oracle(AbstractPolicy):
@@ -19,8 +18,8 @@ class Oracle(AbstractPolicy):
     Where the moves before leave a vibration, ``FullOracle`` does better.
     """
 
-    def choose(self, memory: tuple[()], observation: Observation, params: Params, state: EnvState) -> Choice:
-        return tuned_shaper(params, state.payload, state.distance, state.moves), no_action(params), memory
+    def act(self, memory: tuple[()], observation: Observation, params: Params, state: EnvState) -> Choice:
+        return memory, tuned_shaper(params, state.payload, state.distance, state.moves)
 
 
 class FullOracle(AbstractPolicy):
@@ -35,7 +34,7 @@ class FullOracle(AbstractPolicy):
 
     steps: int = eqx.field(static=True, default=30)
 
-    def choose(self, memory: tuple[()], observation: Observation, params: Params, state: EnvState) -> Choice:
+    def act(self, memory: tuple[()], observation: Observation, params: Params, state: EnvState) -> Choice:
         machine = params.machine
         plant, command = machine.plant(state.payload, state.moves), machine.command(state.distance)
         begin = machine.taken_over(state.plant, plant)
@@ -47,5 +46,5 @@ class FullOracle(AbstractPolicy):
             residual = bounded_residual(energy, reference, ~jnp.isfinite(energy))
             return STRICTNESS * params.energy_weight * residual + params.time_weight * shaper.duration / params.period
 
-        shaper = retuned(tuned_shaper(params, state.payload, state.distance, state.moves), cost, self.steps)
-        return shaper, no_action(params), memory
+        shaper = improved(tuned_shaper(params, state.payload, state.distance, state.moves), cost, self.steps)
+        return memory, shaper

@@ -11,10 +11,8 @@ from jaxtyping import Array, Int
 
 from jshape import Shaper
 from jshape._types import Scalar
-from jshape_envs.actions import pair
-from jshape_envs.baselines.observed import no_action, observed
-from jshape_envs.core import EnvState, Params
-from jshape_envs.policy import AbstractPolicy, Choice, Observation
+from jshape.moves import AbstractPolicy, Choice, EnvState, Observation, Params, pair
+from jshape_envs.baselines.observed import observed
 
 
 class Hedge(NamedTuple):
@@ -66,9 +64,9 @@ class FixedPayload(AbstractPolicy):
     payload: Scalar
     hedge: Hedge
 
-    def start(self, params: Params) -> Int[Array, ""]:
+    def init(self, params: Params) -> Int[Array, ""]:
         return jnp.zeros((), jnp.int32)
 
-    def choose(self, memory: Int[Array, ""], observation: Observation, params: Params, state: EnvState) -> Choice:
+    def act(self, memory: Int[Array, ""], observation: Observation, params: Params, state: EnvState) -> Choice:
         shaper = tuned_shaper(params, self.payload, observed(observation, params).distance, memory)
-        return self.hedge.shaper(shaper), no_action(params), memory + 1
+        return memory + 1, self.hedge.shaper(shaper)

@@ -13,6 +13,7 @@ import jax.scipy.linalg
 from jaxtyping import Array, Float, Int
 
 from jshape import _check
+from jshape._check import Argument, Checked, as_array, not_negative
 from jshape._types import Scalar, State
 from jshape.adaptive.arguments import check_positive
 from jshape.adaptive.strategies.strategy import Readings
@@ -20,7 +21,7 @@ from jshape.plants import FlexibleLink
 from jshape.quantisation import quantised
 
 
-class Sensors(eqx.Module):
+class Sensors(Checked):
     """Noise and resolution of the four sensors, in the order and the units of ``Readings``.
 
     Unless given, an encoder of 4,000 lines in quadrature, a strain gauge of 0.05° noise, and accelerometers of 5 mg
@@ -34,18 +35,17 @@ class Sensors(eqx.Module):
         ValueError: for negative numbers or any that are not four.
     """
 
-    noise: Float[Array, " 4"]
-    resolution: Float[Array, " 4"]
-
-    def __init__(self, noise: Any = (0.0, 8.7e-4, 0.049, 0.049), resolution: Any = (3.9e-4, 1.28e-4, 9.6e-3, 9.6e-3)):
-        self.noise = _check.as_array(noise, "noise")
-        self.resolution = _check.as_array(resolution, "resolution")
+    noise: Float[Array, " 4"] = eqx.field(
+        default=(0.0, 8.7e-4, 0.049, 0.049), converter=Argument(not_negative, convert=as_array)
+    )
+    resolution: Float[Array, " 4"] = eqx.field(
+        default=(3.9e-4, 1.28e-4, 9.6e-3, 9.6e-3), converter=Argument(not_negative, convert=as_array)
+    )
 
     def __check_init__(self):
         for value, name in ((self.noise, "noise"), (self.resolution, "resolution")):
             if value.shape != (4,):
                 raise ValueError(f"{name} must be four numbers, one for each sensor, not of shape {value.shape}")
-            _check.not_negative(value, name)
 
     def read(self, truth: Readings, draws: Float[Array, " 4"]) -> Readings:
         """The truth with noise, rounded to the converters' steps; ``draws``: four standard normal numbers."""

@@ -1,7 +1,14 @@
-"""Move by move: plants that are nonlinear or vary in time, learned from one move to the next.
+"""Move by move: strategies for plants that are nonlinear or vary in time, on the machines of ``jshape.moves``.
 
-- ``machine.py``: the interface of a machine and of a strategy, and the loop of both.
-- ``two_mass.py``, ``hoisting.py``: machines; another is a class of its own.
-- ``posterior.py``, ``design.py``: the parameters after a move; the shaper for them.
-- ``strategies.py``, ``monte_carlo.py``, ``move_figures.py``: the choice of shapers; hundreds of machines.
+- ``posterior.py``: the parameters after a move; ``strategies.py``: the choice of shapers.
+- ``monte_carlo.py``, ``move_figures.py``: hundreds of machines; estimates beside the truth.
 """
+
+from jshape.moves import AbstractPolicy as AbstractMoveStrategy
+from jshape.moves.hoisting import Hoisting, HoistingMoves, random_loads
+from jshape.moves.scheduled import AbstractMoves, Moves, MoveTrace, run_moves
+from jshape.moves.sensor import NoisySensor
+from jshape.moves.two_mass import TwoMassMoves, random_payloads
+
+__all__ = ["AbstractMoveStrategy", "AbstractMoves", "Hoisting", "HoistingMoves", "MoveTrace", "Moves", "NoisySensor"]
+__all__ += ["TwoMassMoves", "random_loads", "random_payloads", "run_moves"]

@@ -7,16 +7,12 @@ import numpy as np
 import xarray as xr
 from jaxtyping import PRNGKeyArray
 
-from jshape.adaptive.moves.machine import AbstractMoves, AbstractMoveStrategy, Moves, MoveTrace, NoisySensor, run_moves
 from jshape.compilation_cache import kept
+from jshape.moves import AbstractMoves, AbstractPolicy, Moves, MoveTrace, NoisySensor, run_moves
 
 
 def run_many(
-    truth: AbstractMoves,
-    strategies: Mapping[str, AbstractMoveStrategy],
-    moves: Moves,
-    sensor: NoisySensor,
-    key: PRNGKeyArray,
+    truth: AbstractMoves, strategies: Mapping[str, AbstractPolicy], moves: Moves, sensor: NoisySensor, key: PRNGKeyArray
 ) -> dict[str, MoveTrace]:
     """Run all strategies through all schedules, each a machine of its own, with the same noise.
 
@@ -33,7 +29,7 @@ def run_many(
 
 @kept
 def _many(
-    truth: AbstractMoves, strategy: AbstractMoveStrategy, moves: Moves, sensor: NoisySensor, keys: PRNGKeyArray
+    truth: AbstractMoves, strategy: AbstractPolicy, moves: Moves, sensor: NoisySensor, keys: PRNGKeyArray
 ) -> MoveTrace:
     return jax.vmap(lambda moves, key: run_moves(truth, strategy, moves, sensor, key))(moves, keys)
 

@@ -12,8 +12,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from jshape._types import Scalar, State, Times
-from jshape.adaptive.moves.machine import AbstractMoves, Swing, along
 from jshape.levenberg_marquardt import LeastSquares, levenberg_marquardt
+from jshape.moves import AbstractMoves, Swing, along, begun, swing_of
 from jshape.shaper import Shaper
 from jshape.simulation.schedule import schedule
 
@@ -74,12 +74,13 @@ def update(
     """
     usable = jnp.isfinite(readings)
     readings = jnp.where(usable, readings, 0.0)
-    plan = schedule(task.plant(last.parameters, known), task.command(known), shaper)
+    nominal = task.plant(last.parameters, known)
+    plan = schedule(nominal, task.command(known), shaper)
     root = jnp.linalg.cholesky(last.covariance + jnp.diag(drift**2))
 
     def residuals(unknowns: Array, weights: Times) -> tuple[Array, State]:
         plant = task.plant(unknowns[2:], known)
-        run = along(task, plant, plan, task.begin(plant, unknowns[:2]))
+        run = along(task, plant, plan, begun(plant, unknowns[:2]))
         misfit = jnp.where(weights > 0, readings - run.signal, 0.0) / noise
         departure = jax.scipy.linalg.solve_triangular(root, unknowns[2:] - last.parameters, lower=True)
         return jnp.concatenate([misfit, departure]), run.states[-1]
@@ -103,7 +104,7 @@ def update(
     accepted = inside & (misfit <= limit) & (count > len(readings) // 2)
     covariance = jnp.linalg.inv(found.jacobian.T @ found.jacobian)[2:, 2:]
     accepted &= jnp.all(jnp.isfinite(covariance)) & jnp.all(jnp.diag(covariance) > 0)
-    swing = task.swing(found.aux, plan.coefficients[-1, 0])
+    swing = swing_of(nominal, found.aux, plan.final_inputs(nominal))
     return Posterior(
         jnp.where(accepted, parameters, last.parameters),
         jnp.where(accepted, covariance, last.covariance),

@@ -1,31 +1,23 @@
 """Strategies for one move after another: the same shaper always, that of the posterior, and that of the truth."""
 
 from collections.abc import Callable
-from typing import Any
+from functools import partial
+from typing import Any, NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from jshape._check import Argument, Checked, as_array, positive
-from jshape._types import Scalar, Times
+from jshape._types import Scalar
 from jshape.adaptive.arguments import check_each
-from jshape.adaptive.moves.machine import AbstractMoves, AbstractMoveStrategy, NoisySensor, Swing
 from jshape.adaptive.moves.posterior import Posterior, prior, update
+from jshape.moves import AbstractMoves, AbstractPolicy, Choice, NoisySensor, ScheduledObservation, Truth
 from jshape.shaper import Shaper
 
 
-class _Memoryless(AbstractMoveStrategy):
-    """A strategy that does not learn."""
-
-    def start(self) -> tuple[()]:
-        return ()
-
-    def learn(self, memory: Any, known: Any, shaper: Shaper, readings: Times) -> tuple[()]:
-        return ()
-
-
-class Rule(_Memoryless):
+class Rule(AbstractPolicy):
     """The shaper that a function gives of what is known of the move, and of nothing else.
 
     Args:
@@ -34,11 +26,11 @@ class Rule(_Memoryless):
 
     rule: Callable[[Any], Shaper]
 
-    def shaper(self, memory: Any, known: Any, parameters: Array, swing: Swing) -> Shaper:
-        return self.rule(known)
+    def act(self, memory: tuple[()], observation: ScheduledObservation, params: Any, state: Any) -> Choice:
+        return memory, self.rule(observation.known)
 
 
-class Oracle(_Memoryless):
+class Oracle(AbstractPolicy):
     """The shaper of the true plant as it is when the move begins, and of the true swing: a lower bound for all others.
 
     Args:
@@ -47,11 +39,19 @@ class Oracle(_Memoryless):
 
     truth: AbstractMoves
 
-    def shaper(self, memory: Any, known: Any, parameters: Array, swing: Swing) -> Shaper:
-        return self.truth.design(parameters, known, swing)
+    def act(self, memory: tuple[()], observation: ScheduledObservation, params: Any, state: Truth) -> Choice:
+        return memory, self.truth.design(state.parameters, observation.known, state.swing)
 
 
-class Adapting(AbstractMoveStrategy, Checked):
+class Adaptation(NamedTuple):
+    """The memory of ``Adapting``."""
+
+    posterior: Posterior
+    shaper: Shaper
+    """Of the last move."""
+
+
+class Adapting(AbstractPolicy, Checked):
     """The shaper of the plant and of the swing that fit the samples of the last move best (``posterior.py``).
 
     Args:
@@ -78,14 +78,18 @@ class Adapting(AbstractMoveStrategy, Checked):
         for name in ("spread", "drift"):
             check_each(getattr(self, name), name, len(self.model.lower))
 
-    def start(self) -> Posterior:
-        return prior(self.model.nominal(), self._each(self.spread))
+    def init(self, params: AbstractMoves) -> Adaptation:
+        count = self.model.impulses
+        nothing = Shaper(jnp.full(count, 1 / count), jnp.zeros(count))
+        return Adaptation(prior(self.model.nominal(), self._each(self.spread)), nothing)
 
     def _each(self, value: Array) -> Float[Array, " parameters"]:
         return jnp.broadcast_to(value, self.model.lower.shape)
 
-    def shaper(self, memory: Posterior, known: Any, parameters: Array, swing: Swing) -> Shaper:
-        return self.model.design(memory.parameters, known, jnp.where(self.cancel, memory.swing, 0.0))
-
-    def learn(self, memory: Posterior, known: Any, shaper: Shaper, readings: Times) -> Posterior:
-        return update(self.model, memory, known, shaper, readings, self.sensor.std, self._each(self.drift), self.limit)
+    def act(self, memory: Adaptation, observation: ScheduledObservation, params: Any, state: Any) -> Choice:
+        last, readings, drift = observation.last, observation.readings, self._each(self.drift)
+        found = update(self.model, memory.posterior, last, memory.shaper, readings, self.sensor.std, drift, self.limit)
+        posterior = jax.tree.map(partial(jnp.where, observation.made > 0), found, memory.posterior)
+        swing = jnp.where(self.cancel, posterior.swing, 0.0)
+        shaper = self.model.design(posterior.parameters, observation.known, swing)
+        return Adaptation(posterior, shaper), shaper

@@ -20,16 +20,16 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from jshape import _check
-from jshape._check import Argument, Checked, as_array, choice, positive
+from jshape._check import Argument, Checked, above_one, as_array, choice, positive
 from jshape._types import Scalar, Times
-from jshape.adaptive.arguments import as_names, check_each, check_factor, check_leaves
+from jshape.adaptive.arguments import check_each
 from jshape.command import AbstractCommand, as_command
 from jshape.compilation_cache import kept
 from jshape.levenberg_marquardt import levenberg_marquardt
 from jshape.plants import AbstractPlant
 from jshape.shaper import Shaper
 from jshape.simulation.simulate import simulate, with_arrays
-from jshape.sweeps.leaves import with_leaves
+from jshape.sweeps.leaves import as_names, positive_leaves, with_leaves
 
 
 class GradientState(NamedTuple):
@@ -94,11 +94,11 @@ class GradientSeeking(Checked):
     signal: str = eqx.field(default="deflection", static=True, kw_only=True, converter=choice("deflection", "payload"))
     spread: Float[Array, "..."] = eqx.field(default=0.3, kw_only=True, converter=Argument(positive, convert=as_array))
     drift: Float[Array, "..."] = eqx.field(default=0.1, kw_only=True, converter=Argument(positive, convert=as_array))
-    factor: Scalar = eqx.field(default=4.0, kw_only=True, converter=Argument(convert=check_factor))
+    factor: Scalar = eqx.field(default=4.0, kw_only=True, converter=Argument(above_one))
     explained: Scalar = eqx.field(default=0.5, kw_only=True, converter=Argument())
 
     def __check_init__(self):
-        check_leaves(self.plant, self.leaves)
+        positive_leaves(self.plant, self.leaves)
         _check.count(self.samples, "samples", least=len(self.leaves) + 2)
         for name in ("spread", "drift"):
             check_each(getattr(self, name), name, len(self.leaves))
@@ -108,7 +108,7 @@ class GradientSeeking(Checked):
     @property
     def nominal(self) -> Float[Array, " parameters"]:
         """The parameters of the start."""
-        return check_leaves(self.plant, self.leaves)
+        return positive_leaves(self.plant, self.leaves)
 
     @property
     def times(self) -> Times:

@@ -10,13 +10,14 @@ import jax.numpy as jnp
 import optimistix as optx
 from jaxtyping import Array, Float
 
-from jshape import Shaper, _check
+from jshape import _check
 from jshape._types import Scalar
 from jshape.design.linear import zv
-from jshape_envs.actions import from_logits
-from jshape_envs.machine import CASES, AbstractMachine
-from jshape_envs.oracle import ShaperTable
-from jshape_envs.physics import Steps, greatest_energy, plan_move, run_move
+from jshape.moves.actions import from_logits
+from jshape.moves.machine import CASES, AbstractMachine
+from jshape.moves.oracle import ShaperTable
+from jshape.moves.physics import Steps, greatest_energy, plan_move, run_move
+from jshape.shaper import Shaper
 
 _SCALES = (0.35, 0.5, 0.7, 0.85, 1.0, 1.15)
 """Multiples of the linear half periods that the searches begin with."""
@@ -120,7 +121,7 @@ def cheapest(cost: Callable[[Shaper], Scalar], begin: Shaper, most: int) -> tupl
     return found.value, objective(found.value)
 
 
-def retuned(begin: Shaper, cost: Callable[[Shaper], Scalar], most: int) -> Shaper:
+def improved(begin: Shaper, cost: Callable[[Shaper], Scalar], most: int) -> Shaper:
     """The positive shaper of least cost near ``begin``, in at most so many steps of BFGS, or ``begin`` if better."""
     point, least = cheapest(cost, begin, most)
     better = least < cost(begin)

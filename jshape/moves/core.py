@@ -17,15 +17,15 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-from jshape import Shaper
 from jshape._types import Scalar
 from jshape._types import State as PlantState
+from jshape.moves.actions import AbstractAction
+from jshape.moves.machine import AbstractMachine
+from jshape.moves.oracle import ShaperTable
+from jshape.moves.physics import Steps, greatest_energy, plan_move, run_move, run_window
+from jshape.moves.sensor import Sensor
+from jshape.shaper import Shaper
 from jshape.simulation.schedule import schedule
-from jshape_envs.actions import AbstractAction
-from jshape_envs.machine import AbstractMachine
-from jshape_envs.oracle import ShaperTable
-from jshape_envs.physics import Steps, greatest_energy, plan_move, run_move, run_window
-from jshape_envs.sensor import Sensor
 
 CONTEXTS = ("hidden", "observed", "noisy")
 

@@ -14,9 +14,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jshape import Shaper
 from jshape._check import Argument, Checked, as_array, count, damping_ratio, positive
 from jshape._types import Impulses, Scalar
+from jshape.shaper import Shaper
 
 LOGIT = 3.0
 """By how much an amplitude's logarithm moves as an entry of the action goes from 0 to 1."""

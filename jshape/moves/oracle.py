@@ -12,8 +12,8 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from jshape import Shaper
 from jshape._types import Scalar
+from jshape.shaper import Shaper
 
 
 class ShaperTable(eqx.Module):

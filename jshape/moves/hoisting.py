@@ -15,12 +15,11 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from jshape import _check
 from jshape._types import Number, Scalar, State
-from jshape.adaptive.arguments import check_level
-from jshape.adaptive.moves.design import retuned
-from jshape.adaptive.moves.machine import AbstractMoves, Moves, Swing
 from jshape.command import PiecewisePolynomial, Trapezoid
 from jshape.design.linear import zvd
-from jshape.plants import HoistingCrane
+from jshape.moves.retuning import retuned
+from jshape.moves.scheduled import AbstractMoves, Moves, Swing, begun
+from jshape.plants import AbstractPlant, HoistingCrane
 from jshape.shaper import Shaper
 
 STEPS = 4
@@ -81,10 +80,8 @@ class HoistingMoves(AbstractMoves):
             _check.positive(value, name)
             if value.shape != (2,):
                 raise ValueError(f"{name} must be a speed and an acceleration, not of shape {value.shape}")
-        self.damping = check_level(damping, "damping")
-
-    def nominal(self) -> Float[Array, " parameters"]:
-        return (self.lower + self.upper) / 2
+        _check.not_negative(damping, "damping")
+        self.damping = _check.scalar(damping, "damping")
 
     def plant(self, parameters: Float[Array, " parameters"], known: Hoisting) -> HoistingCrane:
         # Its polynomials once, and not once for every stage of the integration.
@@ -94,18 +91,11 @@ class HoistingMoves(AbstractMoves):
     def command(self, known: Hoisting) -> Trapezoid:
         return Trapezoid(known.distance, self.trolley[0], self.trolley[1])
 
-    def begin(self, plant: Any, swing: Swing) -> State:
-        return jnp.append(swing, plant.cable_length)
-
-    def swing(self, state: State, position: Number) -> Swing:
-        return state[:2]
-
-    def signal(self, state: State, position: Number) -> Scalar:
+    def signal(self, plant: AbstractPlant, state: State, position: Number) -> Scalar:
         return state[0]
 
-    def vibration(self, plant: Any, state: State, position: Number) -> Scalar:
+    def vibration(self, plant: Any, state: State, energy: Scalar) -> Scalar:
         """The angle at which the load's height alone holds the energy."""
-        energy = plant.residual_energy(state, jnp.zeros_like(position))
         share = energy / (2 * plant.payload_mass * plant.gravity * state[2])
         return 2 * jnp.arcsin(jnp.sqrt(jnp.clip(share, 0.0, 1.0)))
 
@@ -118,7 +108,7 @@ class HoistingMoves(AbstractMoves):
         """Three impulses, tuned through the model from the ZVD shaper of the mean length."""
         plant = self.plant(parameters, known)
         near = zvd(self.omega(parameters, known, 0.5))
-        return retuned(self, plant, self.command(known), near, self.begin(plant, swing), STEPS)
+        return retuned(plant, self.command(known), near, begun(plant, swing), STEPS)
 
     def starts(self, parameters: Float[Array, " parameters"]) -> Float[Array, "starts parameters"]:
         return self.lower + jnp.linspace(0.0, 1.0, TRIED)[:, None] * (self.upper - self.lower)

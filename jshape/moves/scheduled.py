@@ -1,4 +1,4 @@
-"""A machine that makes one move after another while it changes unannounced, and the interface of a strategy for it.
+"""A machine that makes one move after another while it changes unannounced, by a schedule.
 
     task = js.adaptive.TwoMassMoves(plant, ("spring.k1", "spring.k3", "damper.c"), horizon=6.0)
     drawn = js.adaptive.random_payloads(jax.random.key(0), task)
@@ -8,12 +8,12 @@
     trace.vibration                                                           # what each move left, m
 
 The plant may be nonlinear and may change in time while it moves: all that is asked of it is that jshape can simulate
-it. A strategy gives a shaper before each move and gets the sensor's samples of the whole move after it; what the move
-leaves is what the next begins with. A run is one scan, and ``vmap`` runs hundreds side by side.
+it. A policy chooses the shaper of each move from the sensor's samples of the whole move before it; what a move leaves
+is what the next begins with. A run is one scan, and ``vmap`` runs hundreds side by side.
 """
 
 import abc
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
 import jax
@@ -22,12 +22,11 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from jshape import _check
-from jshape._check import Argument, Checked, not_negative, positive
-from jshape._types import Number, Scalar, State, Times
-from jshape.adaptive.arguments import check_positive
+from jshape._types import Inputs, Number, Scalar, State, Times
 from jshape.command import AbstractCommand, polynomial
+from jshape.moves.policy import AbstractPolicy
+from jshape.moves.sensor import NoisySensor
 from jshape.plants import AbstractPlant
-from jshape.quantisation import quantised
 from jshape.shaper import Shaper
 from jshape.simulation.schedule import Schedule, schedule
 from jshape.simulation.simulate import all_states
@@ -48,6 +47,8 @@ class AbstractMoves(eqx.Module):
         between: fixed steps of the simulation from one sample to the next.
     """
 
+    impulses: ClassVar[int] = 3
+    """Of the shapers that ``design`` gives."""
     times: Times
     lower: Float[Array, " parameters"]
     upper: Float[Array, " parameters"]
@@ -65,14 +66,15 @@ class AbstractMoves(eqx.Module):
             upper: greatest parameters, shape (parameters,).
         """
         samples = _check.count(samples, "samples", least=least)
-        self.times = check_positive(horizon, "horizon") * jnp.linspace(0.0, 1.0, samples)
+        _check.positive(horizon, "horizon")
+        self.times = _check.scalar(horizon, "horizon") * jnp.linspace(0.0, 1.0, samples)
         # No step covers more than 0.3 rad, half of what keeps eleven digits: the plant may become twice as fast.
         self.between = max(1, int(np.ceil(float(omega) * float(horizon) / (samples - 1) / 0.3)))
         self.lower, self.upper = lower, upper
 
-    @abc.abstractmethod
     def nominal(self) -> Float[Array, " parameters"]:
-        """The prior mean of the parameters."""
+        """The prior mean of the parameters: half way between their bounds, unless a machine defines it otherwise."""
+        return (self.lower + self.upper) / 2
 
     @abc.abstractmethod
     def plant(self, parameters: Float[Array, " parameters"], known: Any) -> AbstractPlant:
@@ -82,21 +84,14 @@ class AbstractMoves(eqx.Module):
     def command(self, known: Any) -> AbstractCommand:
         """The command of the move."""
 
-    @abc.abstractmethod
-    def begin(self, plant: AbstractPlant, swing: Swing) -> State:
-        """The state at a move's beginning, with that residual swing of the last one."""
+    def signal(self, plant: AbstractPlant, state: State, position: Number) -> Scalar:
+        """What the sensor measures, with the command at ``position``: the deflection, unless a machine defines it
+        otherwise."""
+        return plant.deflection(state, position)
 
     @abc.abstractmethod
-    def swing(self, state: State, position: Number) -> Swing:
-        """How far from rest the plant is, with the command at rest at ``position``."""
-
-    @abc.abstractmethod
-    def signal(self, state: State, position: Number) -> Scalar:
-        """What the sensor measures, with the command at ``position``."""
-
-    @abc.abstractmethod
-    def vibration(self, plant: AbstractPlant, state: State, position: Number) -> Scalar:
-        """The amplitude of the residual vibration, with the command at rest at ``position``, in the signal's unit."""
+    def vibration(self, plant: AbstractPlant, state: State, energy: Scalar) -> Scalar:
+        """The amplitude of a residual vibration of that energy (J), in the signal's unit."""
 
     @abc.abstractmethod
     def design(self, parameters: Float[Array, " parameters"], known: Any, swing: Swing) -> Shaper:
@@ -107,14 +102,22 @@ class AbstractMoves(eqx.Module):
         """Other parameters to try before a fit: those that the plant may have by now."""
 
 
+def begun(plant: AbstractPlant, swing: Swing) -> State:
+    """The state at a move's beginning, with that residual swing of the last one."""
+    return plant.rest_state(plant.zero_inputs()).at[:2].add(swing)
+
+
+def swing_of(plant: AbstractPlant, state: State, inputs: Inputs) -> Swing:
+    """How far from rest a plant is, at these inputs."""
+    return (state - plant.rest_state(inputs))[:2]
+
+
 class Along(NamedTuple):
     """A plant's trajectory through a move."""
 
     signal: Times
     """At the task's ``times``."""
     states: Float[Array, "times state"]
-    position: Times
-    """Of the command."""
     rest: State
     """The state when the (shaped) command had come to rest."""
 
@@ -139,40 +142,8 @@ def along(
     every = all_states(plant, segments, state, task.between)[:, 0]
     states, position = every[at], polynomial(segments.coefficients[at], segments.age[at])
     over = jnp.searchsorted(segments.begin, plan.breaks[-1])
-    return Along(jax.vmap(task.signal)(states, position), states, position, every[over])
-
-
-class NoisySensor(Checked):
-    """A sensor with white noise and rounding.
-
-    Args:
-        noise: standard deviation, in the signal's unit.
-        resolution: step of the converter in the same unit, 0 for none.
-
-    Raises:
-        ValueError: for a noise that is not positive or a negative resolution.
-    """
-
-    noise: Scalar = eqx.field(converter=Argument(positive))
-    resolution: Scalar = eqx.field(default=0.0, converter=Argument(not_negative))
-
-    @property
-    def std(self) -> Scalar:
-        """Standard deviation of a reading: of the noise and the rounding together."""
-        return jnp.sqrt(self.noise**2 + self.resolution**2 / 12)
-
-    def read(self, signal: Times, draw: Times, missing: Bool[Array, " times"], frozen: Bool[Array, " times"]) -> Times:
-        """The readings of a signal.
-
-        Args:
-            signal: shape (times,).
-            draw: standard normal numbers, shape (times,).
-            missing: readings that do not come: NaN.
-            frozen: readings that stay what they were.
-        """
-        value = quantised(signal + self.noise * draw, self.resolution)
-        last = jax.lax.cummax(jnp.where(frozen, 0, jnp.arange(len(value))))
-        return jnp.where(missing, jnp.nan, value[last])
+    signal = jax.vmap(lambda y, place: task.signal(plant, y, place))(states, position)
+    return Along(signal, states, every[over])
 
 
 class Moves(NamedTuple):
@@ -204,27 +175,31 @@ class MoveTrace(NamedTuple):
     """Of the shaped command, s."""
     shaper: Shaper
     memory: Any
-    """Of the strategy after the move."""
+    """Of the policy after the move, with what it has learned from it."""
 
 
-class AbstractMoveStrategy(eqx.Module):
-    """How the shaper of the next move is chosen, with or without learning from the moves before it."""
+class ScheduledObservation(NamedTuple):
+    """What a policy observes before a move."""
 
-    @abc.abstractmethod
-    def start(self) -> Any:
-        """The memory before the first move: a pytree of JAX arrays of fixed shapes."""
+    known: Any
+    """What the controller knows of the move."""
+    last: Any
+    """The same of the move before it; before the first, of that."""
+    readings: Times
+    """Of the sensor during the move before it, at the task's ``times``; NaN before the first."""
+    made: Int[Array, ""]
+    """Number of moves before it."""
 
-    @abc.abstractmethod
-    def shaper(self, memory: Any, known: Any, parameters: Array, swing: Swing) -> Shaper:
-        """The shaper of the next move. ``parameters``, ``swing``: the truth, for an oracle only."""
 
-    @abc.abstractmethod
-    def learn(self, memory: Any, known: Any, shaper: Shaper, readings: Times) -> Any:
-        """The memory after a move; ``readings``: of the sensor at ``task.times``."""
+class Truth(NamedTuple):
+    """The true state before a move, for an oracle only."""
+
+    parameters: Float[Array, " parameters"]
+    swing: Swing
 
 
 def run_moves(
-    truth: AbstractMoves, strategy: AbstractMoveStrategy, moves: Moves, sensor: NoisySensor, key: PRNGKeyArray
+    truth: AbstractMoves, strategy: AbstractPolicy, moves: Moves, sensor: NoisySensor, key: PRNGKeyArray
 ) -> MoveTrace:
     """Run the true plant through all moves, at rest at first.
 
@@ -236,7 +211,7 @@ def run_moves(
         key: of the sensor's noise.
 
     Raises:
-        ValueError: for arrays of ``moves`` whose lengths differ.
+        ValueError: for arrays of ``moves`` whose lengths differ, and a strategy that chooses actions.
     """
     count = len(moves.change)
     shapes = {name: jnp.shape(getattr(moves, name)) for name in ("before", "after", "missing", "frozen")}
@@ -248,24 +223,25 @@ def run_moves(
     last_sample = len(truth.times) - 1
     draws = jax.random.normal(key, (count, len(truth.times)))
 
-    def one(carry: tuple[Swing, Any], item: tuple[Moves, Times]) -> tuple[tuple[Swing, Any], MoveTrace]:
-        swing, memory = carry
-        move, draw = item
-        shaper = strategy.shaper(memory, move.known, move.before, swing)
+    def one(carry: tuple[Swing, Any, tuple[Any, Times]], item: tuple[Moves, Times, Array]) -> tuple[Any, MoveTrace]:
+        (swing, memory, last), (move, draw, made) = carry, item
+        observation = ScheduledObservation(move.known, *last, made)
+        memory, shaper = strategy.act(memory, observation, truth, Truth(move.before, swing))
+        if not isinstance(shaper, Shaper):
+            raise ValueError(f"strategy must choose shapers, not actions as {type(strategy).__name__} does")
         old, new = (truth.plant(p, move.known) for p in (move.before, move.after))
         plan = schedule(old, truth.command(move.known), shaper)
-        begin = truth.begin(old, swing)
-        inputs, position = plan.final_inputs(old), plan.coefficients[-1, 0]
+        begin, inputs = begun(old, swing), plan.final_inputs(old)
 
         def part(state: State, item: Any) -> tuple[State, Any]:
             parameters, first, last, jump = item
             plant = truth.plant(parameters, move.known)
             run = along(truth, plant, plan, state + jump, (first, last))
-            rest = plant.residual_energy(run.rest, inputs), truth.vibration(plant, run.rest, position)
-            return run.states[-1], (run.signal, *rest)
+            energy = plant.residual_energy(run.rest, inputs)
+            return run.states[-1], (run.signal, energy, truth.vibration(plant, run.rest, energy))
 
         # The change itself moves the state: a cable's length is one of its entries.
-        jumps = jnp.stack([jnp.zeros_like(begin), truth.begin(new, swing) - begin])
+        jumps = jnp.stack([jnp.zeros_like(begin), begun(new, swing) - begin])
         ends = jnp.stack([0 * move.change, move.change]), jnp.stack([move.change, 0 * move.change + last_sample])
         parts = (jnp.stack([move.before, move.after]), *ends, jumps)
         end, (signal, energy, vibration) = jax.lax.scan(part, begin, parts)
@@ -275,9 +251,13 @@ def run_moves(
         energy, vibration = (jnp.where(over, value[which], jnp.nan) for value in (energy, vibration))
         late = jnp.arange(len(truth.times)) >= move.change
         readings = sensor.read(jnp.where(late, signal[1], signal[0]), draw, move.missing, move.frozen)
-        memory = strategy.learn(memory, move.known, shaper, readings)
-        left = truth.swing(end, position)
-        return (left, memory), MoveTrace(energy, vibration, plan.breaks[-1], shaper, memory)
+        trace = MoveTrace(energy, vibration, plan.breaks[-1], shaper, memory)
+        return (swing_of(new, end, inputs), memory, (move.known, readings)), trace
 
-    carry = (jnp.zeros(2, truth.times.dtype), strategy.start())
-    return jax.lax.scan(one, carry, (moves, draws))[1]
+    # Once more after the last move, whose readings a policy learns from when it chooses the next shaper.
+    items = jax.tree.map(lambda x: jnp.concatenate([x, x[-1:]]), (moves, draws))
+    none = jax.tree.map(lambda x: x[0], moves.known), jnp.full_like(truth.times, jnp.nan)
+    carry = (jnp.zeros(2, truth.times.dtype), strategy.init(truth), none)
+    trace = jax.lax.scan(one, carry, (*items, jnp.arange(count + 1)))[1]
+    after = jax.tree.map(lambda x: x[1:], trace.memory)
+    return jax.tree.map(lambda x: x[:-1], trace)._replace(memory=after)

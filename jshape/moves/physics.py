@@ -9,14 +9,15 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from jshape import Shaper
 from jshape._types import Scalar, State
 from jshape.command import AbstractCommand, polynomial
 from jshape.plants import AbstractPlant
 from jshape.plants.base import Coast
-from jshape.simulation.integrate import runge_kutta_step, tableau_of
+from jshape.shaper import Shaper
+from jshape.simulation.integrate import integrate
 from jshape.simulation.schedule import Schedule, Segments, inputs_at, schedule
-from jshape.simulation.simulate import all_states
+from jshape.simulation.simulate import all_states, final_state
+from jshape.simulation.steps import field_of
 
 
 class Steps(eqx.Module):
@@ -49,7 +50,7 @@ def run_move(plant: AbstractPlant, plan: Schedule, state: State, steps: Steps) -
     if len(plan.breaks) > 1:
         coast, segments = _coast(plant, plan), plan.segments()
         if coast is None:
-            state, _ = _integrate(plant, segments, state, steps.move, steps.method)
+            state, _ = final_state(plant, plan, state, steps.move, steps.method)
         else:
             levels = (segments.coefficients[:, 0], segments.duration)
             state, _ = jax.lax.scan(lambda state, level: (coast(state, *level), None), state, levels)
@@ -77,8 +78,10 @@ def run_window(
     coast = _coast(plant, plan)
     if coast is None:
         last = Segments(plan.breaks[-1:], window[None], jnp.zeros_like(plan.breaks[-1:]), plan.coefficients[-1:])
-        end, states = _integrate(plant, last, state, samples * steps.window, steps.method)
-        states = states[:, steps.window - 1 :: steps.window]
+        count = samples * steps.window
+        end, _, saved = integrate(field_of(plant), state, last.duration, last, count, steps.method, save=True)
+        assert saved is not None
+        states = saved[0, steps.window - 1 :: steps.window].T
     else:
         times = window * jnp.arange(1, samples + 1, dtype=window.dtype) / samples
         states = jax.vmap(lambda time: coast(state, inputs, time), out_axes=1)(times)
@@ -136,36 +139,3 @@ def watch_move(
 def _coast(plant: AbstractPlant, plan: Schedule) -> Coast | None:
     """The plant's closed form, if there is one and the command is made of steps."""
     return plant.coast() if plan.coefficients.shape[1] == 1 else None
-
-
-def _integrate(
-    plant: AbstractPlant, segments: Segments, state: State, steps: int, method: str
-) -> tuple[State, Float[Array, "state steps"]]:
-    """Through the segments, ``steps`` steps in each: the last state, and the state after every step.
-
-    Stands for speed alone: ``jshape.simulation.integrate`` with a loop that carries the state's components apart takes,
-    in single precision and with a batch of environments, a quarter of the time. Where that no longer holds, delete this
-    and call ``all_states``. What nobody reads is not computed.
-    """
-    tableau = tableau_of(method)
-
-    @jax.checkpoint
-    def advance(carry, item):
-        step, index, segment = item
-
-        def slope(fraction: Scalar, y: State) -> State:
-            local = (index + fraction) * step
-            inputs = inputs_at(plant, segment.coefficients, segment.age + local)
-            return plant.vector_field(segment.begin + local, y, inputs)
-
-        after, _ = runge_kutta_step(tableau, slope, jnp.stack(carry), step)
-        parts = tuple(after[i] for i in range(len(carry)))
-        return parts, parts
-
-    def repeat(x: Array) -> Array:
-        return jnp.repeat(x, steps, axis=0)
-
-    index = jnp.tile(jnp.arange(steps, dtype=state.dtype), len(segments.duration))
-    items = (repeat(segments.duration / steps), index, jax.tree.map(repeat, segments))
-    end, along = jax.lax.scan(advance, tuple(state[i] for i in range(len(state))), items)
-    return jnp.stack(end), jnp.stack(along)

@@ -5,11 +5,11 @@ from functools import partial
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from jshape import _check
 from jshape._check import Argument, Checked, count, not_negative, positive
-from jshape._types import Scalar
+from jshape._types import Scalar, Times
 from jshape.quantisation import quantised
 
 OBSERVATIONS = ("samples", "features")
@@ -60,6 +60,39 @@ class Sensor(Checked):
         measured = measured + jax.lax.stop_gradient(quantised(measured, self.resolution) - measured)
         share = jnp.clip(jnp.where(jnp.isfinite(measured), measured, 0.0) / self.reach, -1.0, 1.0)
         return share if self.kind == "samples" else _features(share)
+
+
+class NoisySensor(Checked):
+    """A sensor with white noise and rounding.
+
+    Args:
+        noise: standard deviation, in the signal's unit.
+        resolution: step of the converter in the same unit, 0 for none.
+
+    Raises:
+        ValueError: for a noise that is not positive or a negative resolution.
+    """
+
+    noise: Scalar = eqx.field(converter=Argument(positive))
+    resolution: Scalar = eqx.field(default=0.0, converter=Argument(not_negative))
+
+    @property
+    def std(self) -> Scalar:
+        """Standard deviation of a reading: of the noise and the rounding together."""
+        return jnp.sqrt(self.noise**2 + self.resolution**2 / 12)
+
+    def read(self, signal: Times, draw: Times, missing: Bool[Array, " times"], frozen: Bool[Array, " times"]) -> Times:
+        """The readings of a signal.
+
+        Args:
+            signal: shape (times,).
+            draw: standard normal numbers, shape (times,).
+            missing: readings that do not come: NaN.
+            frozen: readings that stay what they were.
+        """
+        value = quantised(signal + self.noise * draw, self.resolution)
+        last = jax.lax.cummax(jnp.where(frozen, 0, jnp.arange(len(value))))
+        return jnp.where(missing, jnp.nan, value[last])
 
 
 def _features(x: Float[Array, " samples"]) -> Float[Array, "4"]:

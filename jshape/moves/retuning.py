@@ -4,9 +4,9 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from jshape._types import State
-from jshape.adaptive.moves.machine import AbstractMoves
 from jshape.command import AbstractCommand
 from jshape.levenberg_marquardt import levenberg_marquardt
+from jshape.moves.scheduled import swing_of
 from jshape.plants import AbstractPlant
 from jshape.shaper import Shaper
 from jshape.simulation.schedule import schedule
@@ -18,9 +18,7 @@ REACH = 0.7
 """How far the logarithm of a gap may go, to half or twice the length, and how far an amplitude."""
 
 
-def retuned(
-    task: AbstractMoves, plant: AbstractPlant, command: AbstractCommand, near: Shaper, state: State, steps: int
-) -> Shaper:
+def retuned(plant: AbstractPlant, command: AbstractCommand, near: Shaper, state: State, steps: int) -> Shaper:
     """The shaper near a given one after which the plant is at rest.
 
     Amplitudes and gaps are changed by Levenberg–Marquardt on the residual swing, with exact derivatives through the
@@ -29,7 +27,6 @@ def retuned(
     made small.
 
     Args:
-        task: says what a swing is.
         plant: as it is now.
         command: to be shaped.
         near: the shaper to begin with, of as many impulses.
@@ -48,6 +45,6 @@ def retuned(
     def residual_swing(change: Array) -> tuple[Array, None]:
         plan = schedule(plant, command, built(change))
         end, _ = final_state(plant, plan, state, steps)
-        return task.swing(end, plan.coefficients[-1, 0]) / unit, None
+        return swing_of(plant, end, plan.final_inputs(plant)) / unit, None
 
     return built(levenberg_marquardt(residual_swing, jnp.zeros(2 * count), ITERATIONS).unknowns)

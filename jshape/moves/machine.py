@@ -13,12 +13,11 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-import jshape as js
 from jshape import _check
 from jshape._check import Argument, Checked, not_negative, positive
 from jshape._types import Scalar, State
-from jshape.command import AbstractCommand, PiecewisePolynomial
-from jshape.plants import AbstractPlant, HoistingCrane
+from jshape.command import AbstractCommand, PiecewisePolynomial, Step, Trapezoid
+from jshape.plants import AbstractPlant, HoistingCrane, Trolley
 from jshape.plants.springs import as_leaf
 from jshape.simulation.schedule import schedule
 from jshape.sweeps.leaves import leaf, with_leaves
@@ -31,7 +30,7 @@ class StepProfile(eqx.Module):
     """A move as a jump of the command."""
 
     def __call__(self, distance: Scalar) -> AbstractCommand:
-        return js.Step(distance)
+        return Step(distance)
 
 
 class RampProfile(Checked):
@@ -68,7 +67,7 @@ class TrapezoidProfile(Checked):
     acceleration: Scalar = eqx.field(converter=Argument(positive))
 
     def __call__(self, distance: Scalar) -> AbstractCommand:
-        return js.Trapezoid(distance, self.speed, self.acceleration)
+        return Trapezoid(distance, self.speed, self.acceleration)
 
 
 class AbstractMachine(Checked):
@@ -175,10 +174,10 @@ class HoistingMachine(AbstractMachine):
         hoisting = moves % 2 == 0
         hook = jnp.where(hoisting, self.low, self.high)
         way = jnp.where(hoisting, self.high - self.low, self.low - self.high)
-        hoist = js.Trapezoid(way, self.hoist_speed, self.hoist_acceleration)
+        hoist = Trapezoid(way, self.hoist_speed, self.hoist_acceleration)
         # Every leaf of the machine's own type: one of double precision would make all that is computed double.
         one = jnp.ones_like(self.low)
-        trolley = js.plants.Trolley(mass=one, damping=0.0 * one)
+        trolley = Trolley(mass=one, damping=0.0 * one)
         return HoistingCrane(hook + payload, hoist, one, 9.81 * one, self.damping, trolley)
 
     def command(self, distance: Scalar) -> AbstractCommand:

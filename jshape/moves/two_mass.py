@@ -13,15 +13,15 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from jshape._types import Number, Scalar, State
-from jshape.adaptive.arguments import as_names, check_factor, check_leaves
-from jshape.adaptive.moves.design import retuned
-from jshape.adaptive.moves.machine import AbstractMoves, Moves, Swing
+from jshape import _check
+from jshape._types import Scalar, State
 from jshape.command import AbstractCommand, Step
 from jshape.design.energy import three_impulse
+from jshape.moves.retuning import retuned
+from jshape.moves.scheduled import AbstractMoves, Moves, Swing
 from jshape.plants import AbstractPlant, TwoMass
 from jshape.shaper import Shaper
-from jshape.sweeps.leaves import with_leaves
+from jshape.sweeps.leaves import as_names, positive_leaves, with_leaves
 
 STEPS = 16
 """Fixed steps between two impulses: half a period of the payload."""
@@ -55,15 +55,13 @@ class TwoMassMoves(AbstractMoves):
             raise ValueError(f"model must be a TwoMass, not {model!r}")
         self.model = model
         self.leaves = as_names(leaves)
-        self.scale = check_leaves(model, self.leaves)
+        self.scale = positive_leaves(model, self.leaves)
         if "m2" in self.leaves and len(self.leaves) > 1:
             others = ", ".join(name for name in self.leaves if name != "m2")
             raise ValueError(f"leaves must not name the mass beside {others}: motion determines their ratios only")
-        bound = jnp.full(len(self.leaves), jnp.log(check_factor(factor, "factor")))
+        _check.above_one(factor, "factor")
+        bound = jnp.full(len(self.leaves), jnp.log(_check.scalar(factor, "factor")))
         super().__init__(model.natural_frequency(), horizon, samples, 2 * len(self.leaves) + 4, -bound, bound)
-
-    def nominal(self) -> Float[Array, " parameters"]:
-        return jnp.zeros_like(self.scale)
 
     def plant(self, parameters: Float[Array, " parameters"], known: Any) -> AbstractPlant:
         return with_leaves(self.model, dict(zip(self.leaves, self.scale * jnp.exp(parameters), strict=True)))
@@ -71,17 +69,8 @@ class TwoMassMoves(AbstractMoves):
     def command(self, known: Scalar) -> AbstractCommand:
         return Step(known)
 
-    def begin(self, plant: AbstractPlant, swing: Swing) -> State:
-        return swing
-
-    def swing(self, state: State, position: Number) -> Swing:
-        return state - jnp.stack([position, jnp.zeros_like(position)])
-
-    def signal(self, state: State, position: Number) -> Scalar:
-        return state[0] - position
-
-    def vibration(self, plant: Any, state: State, position: Number) -> Scalar:
-        return plant.spring.amplitude(plant.residual_energy(state, (position, jnp.zeros_like(position))))
+    def vibration(self, plant: Any, state: State, energy: Scalar) -> Scalar:
+        return plant.spring.amplitude(energy)
 
     def design(self, parameters: Float[Array, " parameters"], known: Scalar, swing: Swing) -> Shaper:
         """The three-impulse energy shaper, retuned for the residual swing of the last move.
@@ -89,7 +78,7 @@ class TwoMassMoves(AbstractMoves):
         And for what the damper dissipates beyond the loss along the undamped orbit, which changes the fourth digit.
         """
         plant: Any = self.plant(parameters, known)
-        return retuned(self, plant, Step(known), three_impulse(plant, known, damping="orbit"), swing, STEPS)
+        return retuned(plant, Step(known), three_impulse(plant, known, damping="orbit"), swing, STEPS)
 
     def starts(self, parameters: Float[Array, " parameters"]) -> Float[Array, "starts parameters"]:
         """All of them larger or smaller by one factor, as by another payload."""
