@@ -116,7 +116,7 @@ def test_another_process_finds_the_programs_and_tells_the_same(tmp_path):
     kept = {name.partition("-")[0] for name in programs[0]}
     assert {
         "jshape.design.tuning.levenberg_marquardt._run",
-        "jshape.design.tuning.evaluate.linearise",
+        "jshape.design.tuning.evaluate.evaluate",
         "jshape.sweeps.evaluate._many",
     } <= kept
 
@@ -126,7 +126,7 @@ def test_an_interrupted_search_is_written(tmp_path, monkeypatch):
     def interrupt(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("jshape.design.tuning.slsqp.EpigraphSLSQP.__call__", interrupt)
+    monkeypatch.setattr("jshape.design.tuning.local_search.Descent.run", interrupt)
     result = run(app, ["tune", "own_plant", "--starts", "1", "--out", str(tmp_path / "out")])
     assert result.exit_code == 130, result.output
     record = json.loads((tmp_path / "out" / "results.json").read_text(encoding="utf-8"))

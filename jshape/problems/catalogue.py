@@ -146,10 +146,10 @@ def _classes() -> dict[str, tuple[ast.ClassDef, dict[str, Any]]]:
 
 
 def _exported() -> list[str]:
-    """The names in ``jshape.plants.__all__``."""
-    text = (Path(__file__).parents[1] / "plants" / "__init__.py").read_text(encoding="utf-8")
-    lists = (node.value for node in ast.parse(text).body if isinstance(node, ast.Assign))
-    return ast.literal_eval(next(lists))
+    """The names of ``jshape.plants``, as its stub lists them."""
+    text = (Path(__file__).parents[1] / "plants" / "__init__.pyi").read_text(encoding="utf-8")
+    imports = (node for node in ast.parse(text).body if isinstance(node, ast.ImportFrom))
+    return [name.asname or name.name for node in imports for name in node.names]
 
 
 def _literal(node: ast.expr | None, constants: dict[str, Any]) -> Any:

@@ -208,7 +208,7 @@ def side_by_side(
 
 
 @kept
-def _many(of: Evaluation, points: Mapping[str, Any], tolerance: Array, lanes: int) -> Array:
+def _many(of: Evaluation, points: Mapping[str, Any], tolerance: Any, lanes: int) -> Array:
     mesh = Mesh(np.array(jax.local_devices()), ("plants",))
     arrays, rest = eqx.partition(of, eqx.is_array)
 

@@ -104,7 +104,7 @@ def minimise_epigraph(
     program = _Program(model, space, merit, start)
     end = minimize(
         program.objective, program.start, jac=True, bounds=program.bounds, constraints=program.constraints(),
-        method="SLSQP", options=dict(maxiter=iterations, ftol=1e-11),
+        method="SLSQP", options=dict(maxiter=iterations, ftol=1e-15),
     )  # fmt: skip
     x, _ = program.split(end.x)
     return np.clip(x, space.lower, space.upper) if np.all(np.isfinite(x)) else start

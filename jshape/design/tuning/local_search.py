@@ -38,8 +38,11 @@ DERIVATIVES = 1e-6
 RADIUS = 0.1
 """Half the width of the first trust region, in units in which the variables are of the order of 1."""
 
-CONVERGED = 1e-10
+CONVERGED = 1e-13
 """A predicted gain that is less than this part of the objective ends a search."""
+
+POLISHED = 5
+"""Steps whose gain is below the accuracy of the energies, at most: derivatives are good enough for them."""
 
 WIDE = 0.01
 """A search ends where there is no gain within so much of the design, or where the conditions of an optimum hold."""
@@ -223,7 +226,7 @@ class Descent:
 
     def __init__(self, search: LocalSearch, start: Point, limit: int):
         self.search, self.x, self.left = search, search.vector(start), limit
-        self.radius, self.penalty, self.widened = RADIUS, PENALTY, 0
+        self.radius, self.penalty, self.widened, self.polished = RADIUS, PENALTY, 0, 0
         self.ended = self.optimal = self.stopped = False
         self.tolerance = LOOSEST
         found = search.values(self.x, LOOSEST)
@@ -242,7 +245,7 @@ class Descent:
         """Go on with other plants in the set."""
         self.search.pose(problem)
         self.ended = self.optimal = False
-        self.radius = max(self.radius, WIDE)
+        self.radius, self.polished = max(self.radius, WIDE), 0
 
     def run(self, iterations: int) -> None:
         """So many iterations, or until an optimum."""
@@ -257,7 +260,8 @@ class Descent:
 
     def _iterate(self) -> None:
         search = self.search
-        known, found = search.values(self.x, self.tolerance), search.linearise(self.x, self.tolerance)
+        known = search.values(self.x, self.tolerance)
+        found = search.linearise(self.x, None if self.polished else self.tolerance)
         merit = Merit(search.problem.objective, search.time_cost, _scale(found.energies), self.penalty)
         trial, gain = self._propose(found, merit)
         now = merit(self.x, found.energies, found.slacks)
@@ -265,6 +269,8 @@ class Descent:
         if gain <= max(CONVERGED * now, noise):
             if gain > CONVERGED * now and self.tolerance > search.tightest:
                 self._tighten(1e-2 * self.tolerance)
+            elif gain > CONVERGED * now and self.polished < POLISHED:
+                self._polish(trial, now + noise, merit)
             else:
                 self._end(found)
             return
@@ -279,6 +285,20 @@ class Descent:
             self.radius = 0.4 * step
         elif actual > 0.75 * gain and step > 0.8 * self.radius:
             self.radius = min(2.0 * self.radius, 1.0)
+
+    def _polish(self, trial: Vector, highest: float, merit: Merit) -> None:
+        """Take a step that the energies are not accurate enough to judge, unless it is clearly worse.
+
+        The first time nothing is done but to ask for more accurate derivatives.
+        """
+        if self.polished == 0:
+            self.polished = 1
+            return
+        tried = self.search.values(trial, self.tolerance)
+        if merit(trial, tried.energies, tried.slacks) <= highest:
+            self.x, self.polished = trial, self.polished + 1
+        else:
+            self.polished = POLISHED
 
     def _propose(self, found: Linearisation, merit: Merit) -> tuple[Vector, float]:
         """The best design of the model in the trust region, and by how much it betters the merit there."""

@@ -34,7 +34,7 @@ ROUNDS = ((12, 4), (5, 6), (2, None))
 """How many of the best starts are refined, and by how many iterations, before the best of those go on; at last to the
 end. Where derivatives cost little, more of them."""
 
-CHEAP = 10_000
+CHEAP = 5_000
 """Segments, states, plants and variables, multiplied, above which the first round has no more than those starts."""
 
 EXCHANGES = 20
