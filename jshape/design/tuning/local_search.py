@@ -289,10 +289,11 @@ class Descent:
     def _polish(self, trial: Vector, highest: float, merit: Merit) -> None:
         """Take a step that the energies are not accurate enough to judge, unless it is clearly worse.
 
-        The first time nothing is done but to ask for more accurate derivatives.
+        The first time nothing is done but to ask for more accurate derivatives, in a region that holds a Newton step:
+        a smaller one may have come from the energies' errors.
         """
         if self.polished == 0:
-            self.polished = 1
+            self.polished, self.radius = 1, max(self.radius, WIDE)
             return
         tried = self.search.values(trial, self.tolerance)
         if merit(trial, tried.energies, tried.slacks) <= highest:

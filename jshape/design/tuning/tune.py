@@ -52,10 +52,11 @@ def tune(
     """Minimise the residual energy of one or many plants over the amplitudes and times of a shaper.
 
     ``"second-order"`` is, for the nominal plant alone, Levenberg–Marquardt (optimistix) on the residual state, all
-    starts side by side; of those that reach zero the first counts, and the closed forms come first. Otherwise the best
-    starts (of more than 64, after a first-order descent side by side) are refined by SLSQP (SciPy) on the objective's
-    epigraph. ``"first-order"`` is Adam (optax) on the smoothed objective, projected onto the bounds, alone; it is
-    slower to the last digits.
+    starts side by side; of those that reach zero the first counts, and the closed forms come first. Otherwise, and where
+    zero is out of reach, the best starts are refined in a trust region: quadratic models of all energies, whose epigraph
+    SLSQP (SciPy) minimises. In the worst case the worst plants between those given are added until none is worse.
+    ``"first-order"`` is Adam (optax) on the smoothed objective, projected onto the bounds, alone; it is slower to the
+    last digits.
 
     An interrupt (Ctrl-C) after the first candidate returns the best design so far.
 
@@ -84,7 +85,7 @@ def tune(
         command_overshoot: of the shaped command past its ends, a fraction of the distance; 0 for none.
         initial_state: of every plant; at rest if not given.
         start: begin at this shaper and nowhere else.
-        iterations: at most so many (40 for Levenberg–Marquardt, 360 for SLSQP, 1000 for Adam).
+        iterations: at most so many (40 for Levenberg–Marquardt, 360 for the trust region, 1000 for Adam).
         method: ``"second-order"`` or ``"first-order"``.
         progress: called along the way (see ``jshape._types.Progress``).
 
