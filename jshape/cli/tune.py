@@ -61,13 +61,16 @@ def tune(
                 progress=progress,
                 **given,
             )
+            if solution.status is Status.INTERRUPTED:
+                # An interrupted command ends soon: what was found is written before anything else is computed.
+                report.write_numbers(report.interrupted(read, solution), folder)
+                typer.echo(f"{solution.message}\nthe best shaper so far is in {folder}", err=True)
+                raise typer.Exit(130)
             result = report.build(read, solution, step, closed.result())
             figures = report.write(result, folder, step, draw)
         if latex:
             write_text(folder / "table.tex", latex_table(result))
         show_report(result, folder, figures)
-        if solution.status is Status.INTERRUPTED:
-            raise typer.Exit(130)
 
 
 def compare(problem: ProblemFile, out: Out = None, latex: Latex = False) -> None:

@@ -35,7 +35,7 @@ class Row:
     Attributes:
         name: of the shaper.
         shaper: the shaper.
-        nominal_energy: residual energy of the nominal plant, J.
+        nominal_energy: residual energy of the nominal plant, J; NaN where it was not computed.
         worst_energy: greatest residual energy over the stated uncertainty, J; ``None`` where nothing is uncertain.
         worst_vibration: likewise, the residual vibration, a fraction of the distance.
     """
@@ -107,6 +107,12 @@ Step = Callable[[str], None]
 
 Draw = Callable[..., None]
 """``draw(path, kind, *numbers)``: draws and saves that figure, a function of ``jshape.reports.plot``."""
+
+
+def interrupted(problem: Problem, solution: Solution) -> Report:
+    """What is known of an interrupted search without computing anything: its best shaper so far."""
+    worst = solution.objective if problem.objective == "worst" else None
+    return Report(problem, [Row("tuned", solution.shaper, np.nan, worst, None)], {}, {}, solution)
 
 
 def build(
@@ -183,6 +189,17 @@ def write(report: Report, folder: Path, step: Step = lambda _: None, draw: Draw 
     step("files")
     if draw is None:
         from jshape.reports.plot import draw
+    write_numbers(report, folder)
+    paths = []
+    for name, kind, values in figures(report, step):
+        path = folder / "figures" / f"{name}.png"
+        draw(path, kind, *values)
+        paths.append(path)
+    return paths
+
+
+def write_numbers(report: Report, folder: Path) -> None:
+    """Write the numbers, the shapers and the problem into a folder, each whole."""
     write_results(folder, numbers(report))
     (folder / "shapers").mkdir(exist_ok=True)
     (folder / "figures").mkdir(exist_ok=True)
@@ -199,12 +216,6 @@ def write(report: Report, folder: Path, step: Step = lambda _: None, draw: Draw 
             columns = (part.tolist() for part in (curves.ratios, curves.values, values))
             table.writerows([shaper, *row] for row in zip(*columns, strict=True))
         write_text(folder / f"sensitivity_{name}.csv", file.getvalue())
-    paths = []
-    for name, kind, values in figures(report, step):
-        path = folder / "figures" / f"{name}.png"
-        draw(path, kind, *values)
-        paths.append(path)
-    return paths
 
 
 def numbers(report: Report) -> dict[str, Any]:
@@ -215,7 +226,7 @@ def numbers(report: Report) -> dict[str, Any]:
             "amplitudes": np.asarray(row.shaper.amplitudes).tolist(),
             "times": np.asarray(row.shaper.times).tolist(),
             "move_time": report.move_time(row),
-            "nominal_residual_energy": row.nominal_energy,
+            "nominal_residual_energy": None if np.isnan(row.nominal_energy) else row.nominal_energy,
             "worst_residual_energy": row.worst_energy,
             "worst_residual_vibration": row.worst_vibration,
         }

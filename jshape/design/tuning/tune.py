@@ -52,11 +52,11 @@ def tune(
     """Minimise the residual energy of one or many plants over the amplitudes and times of a shaper.
 
     ``"second-order"`` is, for the nominal plant alone, Levenberg–Marquardt (optimistix) on the residual state, all
-    starts side by side; of those that reach zero the first counts, and the closed forms come first. Otherwise, and where
-    zero is out of reach, the best starts are refined in a trust region: quadratic models of all energies, whose epigraph
-    SLSQP (SciPy) minimises. In the worst case the worst plants between those given are added until none is worse.
-    ``"first-order"`` is Adam (optax) on the smoothed objective, projected onto the bounds, alone; it is slower to the
-    last digits.
+    starts side by side; of those that reach zero the first counts, and the closed forms come first. Otherwise, and
+    where zero is out of reach, the best starts are refined in a trust region: quadratic models of all energies, whose
+    epigraph SLSQP (SciPy) minimises. In the worst case the worst plants between those given are added until none is
+    worse. ``"first-order"`` is Adam (optax) on the smoothed objective, projected onto the bounds, alone; it is slower
+    to the last digits.
 
     An interrupt (Ctrl-C) after the first candidate returns the best design so far.
 
