@@ -32,7 +32,7 @@ class Lamp(eqx.Module):
 
 def both(x, factor: float, names: tuple[str, ...] = ()):
     runs.append("both")
-    return {"pair": Chunk(jnp.sum(x), factor * x, x), "count": jnp.asarray(len(names))}
+    return {"pair": Chunk(jnp.sum(x), factor * x), "count": jnp.asarray(len(names))}
 
 
 def lit(lamp: Lamp, x):
@@ -154,7 +154,7 @@ def test_a_flipped_bit_changes_no_number(folder):
 
 def test_results_are_rebuilt_from_data():
     shaper = eqx.tree_at(lambda s: (s.amplitudes, s.times), js.Shaper([1.0], [0.0]), (4, 5))
-    tree = {"parts": (1, [2, None], {"a": 3}), "shaper": shaper, "chunk": Chunk(6, 7, 8)}
+    tree = {"parts": (1, [2, None], {"a": 3}), "shaper": shaper, "chunk": Chunk(6, 7)}
     rebuilt = programs._rebuild(json.loads(json.dumps(programs._describe(tree))))
     assert rebuilt == tree
     assert jax.tree.structure(rebuilt) == jax.tree.structure(tree)

@@ -151,7 +151,7 @@ def test_command_writes_what_evaluate_finds(tmp_path):
     [
         (("Duffing",), "environment"),
         (("DuffingPayload", "--preset", "soft"), "preset"),
-        (("DuffingPayload", "--policy", "pid"), "baseline must be one of"),
+        (("DuffingPayload", "--policy", "pid"), "trained or one of zv"),
         (("DuffingPayload", "--policy", "none.npz"), "none.npz: cannot be read: No such file"),
         (("DuffingPayload", "--context", "noisy", "--policy", "trained"), "no trained policy"),
         (("DuffingPayload", "--seeds", "0"), "--seeds"),

@@ -45,7 +45,9 @@ def test_hessians_of_a_linear_plant_are_exact():
 
 
 def test_plants_are_added_in_free_places_then_in_that_of_the_least():
-    problem = problem_of(js.plants.TwoMass(), 1.0, 2, (0.2, 1.0), {"m2": [0.9, 1.0, 1.1]})
+    problem = problem_of(
+        js.plants.TwoMass(spring=js.plants.Duffing(10.0, 100.0)), 1.0, 2, (0.2, 1.0), {"m2": [0.9, 1.0, 1.1]}
+    )
     free = interval.with_places(problem)
     assert (problem.given, free.given, free.added) == (3, 3, 0)
     places = len(free.scenarios.samples["m2"]) - 3
