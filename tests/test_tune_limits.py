@@ -86,7 +86,7 @@ def test_speed_and_overshoot_of_the_command(plant):
     limit = 0.8 * speed(free.shaper)
     slow = robustly(plant, command, speed_limit=limit, starts=6, **options)
     assert speed(slow.shaper) == pytest.approx(limit, rel=1e-6)
-    assert slow.objective > 1.05 * free.objective
+    assert slow.objective > 1.03 * free.objective
     assert slow.slack == pytest.approx(0, abs=1e-6)
     # A staircase passes its end where the first impulse is greater than 1.
     levels = lambda s: np.cumsum(np.asarray(s.amplitudes))

@@ -41,8 +41,8 @@ RADIUS = 0.1
 CONVERGED = 1e-13
 """A predicted gain that is less than this part of the objective ends a search."""
 
-POLISHED = 5
-"""Steps whose gain is below the accuracy of the energies, at most: derivatives are good enough for them."""
+POLISHED = 20, 1e-3
+"""Iterations of SLSQP on the energies themselves where the models see no gain any more, and how far they may go."""
 
 WIDE = 0.01
 """A search ends where there is no gain within so much of the design, or where the conditions of an optimum hold."""
@@ -226,7 +226,7 @@ class Descent:
 
     def __init__(self, search: LocalSearch, start: Point, limit: int):
         self.search, self.x, self.left = search, search.vector(start), limit
-        self.radius, self.penalty, self.widened, self.polished = RADIUS, PENALTY, 0, 0
+        self.radius, self.penalty, self.widened = RADIUS, PENALTY, 0
         self.ended = self.optimal = self.stopped = False
         self.tolerance = LOOSEST
         found = search.values(self.x, LOOSEST)
@@ -245,7 +245,7 @@ class Descent:
         """Go on with other plants in the set."""
         self.search.pose(problem)
         self.ended = self.optimal = False
-        self.radius, self.polished = max(self.radius, WIDE), 0
+        self.radius = max(self.radius, WIDE)
 
     def run(self, iterations: int) -> None:
         """So many iterations, or until an optimum."""
@@ -261,7 +261,7 @@ class Descent:
     def _iterate(self) -> None:
         search = self.search
         known = search.values(self.x, self.tolerance)
-        found = search.linearise(self.x, None if self.polished else self.tolerance)
+        found = search.linearise(self.x, self.tolerance)
         merit = Merit(search.problem.objective, search.time_cost, _scale(found.energies), self.penalty)
         trial, gain = self._propose(found, merit)
         now = merit(self.x, found.energies, found.slacks)
@@ -269,10 +269,8 @@ class Descent:
         if gain <= max(CONVERGED * now, noise):
             if gain > CONVERGED * now and self.tolerance > search.tightest:
                 self._tighten(1e-2 * self.tolerance)
-            elif gain > CONVERGED * now and self.polished < POLISHED:
-                self._polish(trial, now + noise, merit)
             else:
-                self._end(found)
+                self._end(found, merit)
             return
         tried = search.values(trial, self.tolerance)
         actual = now - merit(trial, tried.energies, tried.slacks)
@@ -286,20 +284,19 @@ class Descent:
         elif actual > 0.75 * gain and step > 0.8 * self.radius:
             self.radius = min(2.0 * self.radius, 1.0)
 
-    def _polish(self, trial: Vector, highest: float, merit: Merit) -> None:
-        """Take a step that the energies are not accurate enough to judge, unless it is clearly worse.
-
-        The first time nothing is done but to ask for more accurate derivatives, in a region that holds a Newton step:
-        a smaller one may have come from the energies' errors.
-        """
-        if self.polished == 0:
-            self.polished, self.radius = 1, max(self.radius, WIDE)
-            return
-        tried = self.search.values(trial, self.tolerance)
-        if merit(trial, tried.energies, tried.slacks) <= highest:
-            self.x, self.polished = trial, self.polished + 1
-        else:
-            self.polished = POLISHED
+    def _polish(self, merit: Merit) -> None:
+        """Meet the conditions of an optimum to more digits than differences of the energies show."""
+        iterations, reach = POLISHED
+        space = self.search.space
+        lower, upper = np.maximum(space.lower, self.x - reach), np.minimum(space.upper, self.x + reach)
+        boxed = space._replace(lower=lower, upper=upper)
+        trial = minimise_epigraph(self.search.linearise, boxed, merit, self.x, iterations)
+        now, tried = (
+            self.search.optimality(self.point).residual,
+            self.search.optimality(self.search.point(trial)).residual,
+        )
+        if tried < now:
+            self.x = trial
 
     def _propose(self, found: Linearisation, merit: Merit) -> tuple[Vector, float]:
         """The best design of the model in the trust region, and by how much it betters the merit there."""
@@ -322,7 +319,7 @@ class Descent:
         weights = np.where(sound, 1.0, 0.0) / np.where(sound, along, 1.0)
         self.updates += weights[:, None, None] * residuals[:, :, None] * residuals[:, None, :]
 
-    def _end(self, found: Linearisation) -> None:
+    def _end(self, found: Linearisation, merit: Merit) -> None:
         """No gain is in sight: an optimum, a region that is too small, or limits that need a higher penalty."""
         if found.slacks.min(initial=0.0) < -EXCEEDED and self.penalty < 1e6:
             self.penalty *= 10
@@ -331,6 +328,8 @@ class Descent:
             self.radius, self.widened = WIDE, self.widened + 1
         else:
             self.ended = True
+            if self.search.optimality(self.point).residual >= OPTIMAL:
+                self._polish(merit)
             self.optimal = self.radius >= WIDE or self.search.optimality(self.point).residual < OPTIMAL
 
 

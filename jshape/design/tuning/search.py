@@ -180,6 +180,7 @@ class Search:
             worst = float(found.energies.max())
             maxima = interval.greatest(self.problem, self.best.point, (1 + interval.NEGLIGIBLE) * worst)
             if not maxima and self.best.optimal:
+                self._settle()
                 return
             if maxima:
                 self.problem = interval.with_plants(self.problem, maxima, found.energies)
@@ -194,6 +195,17 @@ class Search:
                 return
             for descent in side_by_side(descents, BETWEEN):
                 self._add(descent.point, descent.optimal)
+
+    def _settle(self) -> None:
+        """Meet the conditions of an optimum at the best candidate, which others may have equalled to rounding."""
+        best, residual = self.best, self.judge.optimality(self.best.point).residual
+        if residual < OPTIMAL:
+            return
+        descent = Descent(self.judge, best.point, BETWEEN)
+        descent.run(BETWEEN)
+        close = self.judge.merit(descent.point) <= best.merit * (1 + 1e-9)
+        if close and self.judge.optimality(descent.point).residual < residual:
+            self.candidates = [Candidate(self.judge.merit(descent.point), descent.point, True)]
 
     def _distinct(self, descents: list[Descent]) -> list[Descent]:
         """The descents from the best to the worst, one of those that have met."""
