@@ -106,7 +106,7 @@ def test_nominal_with_a_given_duration(plant):
     met = js.tune(plant, 1.0, impulses=3, duration=0.7, starts=4, iterations=20)
     assert met.objective < 1e-20
     assert obeys(met.shaper, 0, 1, duration=0.7)
-    missed = js.tune(plant, 1.0, impulses=3, duration=0.5, starts=4, iterations=20)
+    missed = js.tune(plant, 1.0, impulses=3, duration=0.5, starts=4)
     assert missed.objective > 0.1
     assert obeys(missed.shaper, 0, 1, duration=0.5)
     # The least energy there is: no other positive shaper of that duration leaves less (9,000 of them).
