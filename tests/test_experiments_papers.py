@@ -111,7 +111,8 @@ def test_known_worst_cases(claim):
 @pytest.mark.slow
 def test_sooner_and_wider():
     claims = {item.what: item for item in reproduced("paper_001").surpassed}
-    assert claims["the same two: duration"].ours == pytest.approx(1.5749, abs=1e-4)
+    # SLSQP on 801 payloads instead of the 41 finds 1.5753 s, too; on the 41 alone 1.5749 s.
+    assert claims["the same two: duration"].ours == pytest.approx(1.5753, abs=1e-4)
     # The paper's three impulses keep below 5 % between its own vibrations of 8.9 % at 0.8 and 5.8 % at 1.4.
     width = claims["the same two: width of the payloads with less than 5 % vibration"]
     assert 0.5 < width.theirs < 0.6 < width.ours

@@ -97,9 +97,11 @@ for array in seen:
     flags = os.environ.get("XLA_FLAGS", "") + " --xla_force_host_platform_device_count=4"
     # Programs for several devices are not kept, and do not stumble over that.
     run(code, str(tmp_path / "values.npz"), XLA_FLAGS=flags, JAX_COMPILATION_CACHE_DIR=str(tmp_path / "cache"))
+    # Other plants side by side take other numbers of steps: the same to the tolerance that a sweep meets, 1e-11 of the
+    # greatest energy.
+    greatest = np.abs(whole["residual_energy"]).max()
     for name, found in values(tmp_path / "values.npz").items():
-        # Vectors of other lengths: the last bits may differ.
-        np.testing.assert_allclose(found, whole[name], rtol=1e-13, atol=1e-14)
+        np.testing.assert_allclose(found, whole[name], rtol=0, atol=1e-11 * greatest)
 
 
 CLUSTER = """

@@ -98,15 +98,21 @@ class QuadraticModel:
 
 
 def minimise_epigraph(
-    model: Callable[[Vector], Linearisation], space: Space, merit: Merit, start: Vector, iterations: int
+    model: Callable[[Vector], Linearisation],
+    space: Space,
+    merit: Merit,
+    start: Vector,
+    iterations: int,
+    accuracy: float = 1e-15,
 ) -> Vector:
-    """Minimise the merit of a smooth model of energies and slacks by SLSQP, from a start within the space."""
+    """Minimise the merit of a smooth model of energies and slacks by SLSQP, from a start within the space, until it
+    changes by less than the accuracy."""
     program = _Program(model, space, merit, start)
     end = minimize(
         program.objective, program.start, jac=True, bounds=program.bounds, constraints=program.constraints(),
-        method="SLSQP", options=dict(maxiter=iterations, ftol=1e-15),
+        method="SLSQP", options=dict(maxiter=iterations, ftol=accuracy),
     )  # fmt: skip
-    x, _ = program.split(end.x)
+    x = program.design(end.x)
     return np.clip(x, space.lower, space.upper) if np.all(np.isfinite(x)) else start
 
 
@@ -123,19 +129,23 @@ class _Program:
         found = self.found = model(begin)
         self._at = begin.tobytes()
         cost, self.auxiliary, start, lower = _epigraph(merit.objective, found.energies / merit.scale)
-        self.limits = len(found.slacks)
-        if self.limits:
+        linear, limits, plants = len(space.inequalities[1]), len(found.slacks), len(self.auxiliary)
+        # How much the auxiliary variables add to each inequality: to the epigraph's, and how far limits are exceeded.
+        self.columns = np.zeros((linear + limits + plants, len(cost) + bool(limits)))
+        self.columns[linear + limits :, : len(cost)] = self.auxiliary
+        self.columns[linear : linear + limits, len(cost) :] = 1.0
+        if limits:
             exceeded = max(0.0, -float(found.slacks.min()))
             cost, start, lower = np.append(cost, merit.penalty), np.append(start, exceeded), np.append(lower, 0.0)
         self.cost, self.start = cost, np.concatenate([begin[space.free], start])
         upper = np.append(space.upper[space.free], np.full(len(lower), np.inf))
         self.bounds = np.stack([np.append(space.lower[space.free], lower), upper], axis=1)
 
-    def split(self, z: Vector) -> tuple[Vector, Vector]:
-        """All variables of the design, and the auxiliary ones."""
+    def design(self, z: Vector) -> Vector:
+        """All variables of the design."""
         x = self.begin.copy()
-        x[self.space.free], a = np.split(z, [int(self.space.free.sum())])
-        return x, a
+        x[self.space.free] = z[: len(z) - len(self.cost)]
+        return x
 
     def evaluate(self, x: Vector) -> Linearisation:
         """The model; that of the last design is remembered."""
@@ -145,30 +155,28 @@ class _Program:
 
     def objective(self, z: Vector) -> tuple[float, Vector]:
         """The objective with the cost of time, and its gradient."""
-        x, a = self.split(z)
-        scale, slope = self.merit.scale, self.merit.time_cost / self.merit.scale
-        value, gradient = self.cost @ a + slope @ x, slope
+        x, scale, slope = self.design(z), self.merit.scale, self.merit.time_cost / self.merit.scale
+        value, gradient = self.cost @ z[len(z) - len(self.cost) :] + slope @ x, slope
         if not len(self.auxiliary):
             found = self.evaluate(x)
             value = value + value_of(self.merit.objective, found.energies) / scale
             gradient = gradient + weights_of(self.merit.objective, found.energies) @ found.jacobian / scale
         return float(value), np.append(gradient[self.space.free], self.cost)
 
-    def inequalities(self, z: Vector) -> tuple[Vector, Rows]:
-        """What must not be negative (linear constraints, slacks of the limits, the epigraph's), and its Jacobian."""
-        x, a = self.split(z)
-        found, (normals, levels), free = self.evaluate(x), self.space.inequalities, self.space.free
-        plants = slice(None) if len(self.auxiliary) else slice(0)  # A smooth objective has no epigraph.
-        energies, jacobian = found.energies[plants] / self.merit.scale, found.jacobian[plants] / self.merit.scale
-        epigraph = len(a) - bool(self.limits)
-        exceeded = a[-1] if self.limits else 0.0
-        values = [normals @ x - levels, found.slacks + exceeded, self.auxiliary @ a[:epigraph] - energies]
-        design = np.vstack([normals, found.slack_jacobian, -jacobian])[:, free]
-        auxiliary = np.zeros((len(design), len(a)))
-        auxiliary[len(design) - len(energies) :, :epigraph] = self.auxiliary
-        if self.limits:
-            auxiliary[len(levels) : len(levels) + self.limits, -1] = 1.0
-        return np.concatenate(values), np.hstack([design, auxiliary])
+    def inequalities(self, z: Vector) -> Vector:
+        """What must not be negative: linear constraints, slacks of the limits, those of the epigraph."""
+        x = self.design(z)
+        found, (normals, levels) = self.evaluate(x), self.space.inequalities
+        energies = found.energies / self.merit.scale if len(self.auxiliary) else np.zeros(0)
+        values = np.concatenate([normals @ x - levels, found.slacks, -energies])
+        return values + self.columns @ z[len(z) - len(self.cost) :]
+
+    def slopes(self, z: Vector) -> Rows:
+        """The Jacobian of ``inequalities``."""
+        found, normals = self.evaluate(self.design(z)), self.space.inequalities[0]
+        jacobian = found.jacobian / -self.merit.scale if len(self.auxiliary) else found.jacobian[:0]
+        design = np.concatenate([normals, found.slack_jacobian, jacobian])[:, self.space.free]
+        return np.concatenate([design, self.columns], axis=1)
 
     def constraints(self) -> list[dict]:
         """The constraints as SciPy takes them."""
@@ -176,10 +184,9 @@ class _Program:
         jacobian = np.hstack([normals[:, self.space.free], np.zeros((len(normals), len(self.cost)))])
         found = []
         if len(levels):
-            found.append(dict(type="eq", fun=lambda z: normals @ self.split(z)[0] - levels, jac=lambda _: jacobian))
-        if len(self.inequalities(self.start)[0]):
-            value, slope = lambda z: self.inequalities(z)[0], lambda z: self.inequalities(z)[1]
-            found.append(dict(type="ineq", fun=value, jac=slope))
+            found.append(dict(type="eq", fun=lambda z: normals @ self.design(z) - levels, jac=lambda _: jacobian))
+        if len(self.columns):
+            found.append(dict(type="ineq", fun=self.inequalities, jac=self.slopes))
         return found
 
 

@@ -109,9 +109,7 @@ def _refined(problem: DesignProblem, point: Point, axes: dict[str, np.ndarray], 
     return best
 
 
-def energies_of(
-    problem: DesignProblem, point: Point, samples: dict[str, np.ndarray], tolerance: float = TOLERANCE
-) -> np.ndarray:
+def energies_of(problem: DesignProblem, point: Point, samples: dict[str, np.ndarray]) -> np.ndarray:
     """Energies of other plants, J, as many at a time as the problem has, so that its program computes these, too."""
     plants, size = len(next(iter(problem.scenarios.samples.values()))), len(next(iter(samples.values())))
     energies = []

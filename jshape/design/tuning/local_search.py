@@ -41,6 +41,9 @@ RADIUS = 0.1
 CONVERGED = 1e-13
 """A predicted gain that is less than this part of the objective ends a search."""
 
+PROPOSED = 50
+"""Iterations of SLSQP on the models, at most."""
+
 POLISHED = 20, 1e-3
 """Iterations of SLSQP on the energies themselves where the models see no gain any more, and how far they may go."""
 
@@ -305,7 +308,8 @@ class Descent:
         if merit.objective == "worst":
             model = model.restricted(model.can_be_greatest(self.radius))
         lower, upper = np.maximum(space.lower, self.x - self.radius), np.minimum(space.upper, self.x + self.radius)
-        trial = minimise_epigraph(model, space._replace(lower=lower, upper=upper), merit, self.x, 50)
+        boxed = space._replace(lower=lower, upper=upper)
+        trial = minimise_epigraph(model, boxed, merit, self.x, PROPOSED, 1e-2 * self.tolerance)
         before, after = model(self.x), model(trial)
         gain = merit(self.x, before.energies, before.slacks) - merit(trial, after.energies, after.slacks)
         return trial, gain

@@ -22,10 +22,10 @@ from jshape._types import Progress
 from jshape.design.closed_forms import closed_forms
 from jshape.design.tuning.design_problem import DesignProblem, design_problem, slowest_period
 from jshape.design.tuning.evaluate import evaluate
-from jshape.design.tuning.local_search import LocalSearch
+from jshape.design.tuning.local_search import Descent, LocalSearch
 from jshape.design.tuning.objective import Objective, objective_name, value_of
 from jshape.design.tuning.scenarios import Limits, Point
-from jshape.design.tuning.search import Candidate, on_finer_set, status_of
+from jshape.design.tuning.search import Candidate, distinct, on_finer_set, side_by_side, status_of
 from jshape.design.tuning.starts import starts as starting_points
 from jshape.plants import AbstractPlant
 from jshape.simulation.simulate import with_arrays
@@ -33,8 +33,9 @@ from jshape.simulation.steps import TOLERANCE
 from jshape.status import Status
 from jshape.sweeps.checkpoint import in_chunks
 
-FRESH = 2
-"""Of the starts that are no neighbours, so many of the best are refined at each duration."""
+ROUNDS = (8, 4), (2, None)
+"""Of the starts that are no neighbours, how many of the best are refined at each duration, and by how many iterations,
+before the best of those go on to the end."""
 
 STATUSES = tuple(Status)
 """Rows of numbers hold a status by its index."""
@@ -151,26 +152,31 @@ def _front(
     down again. An interrupt leaves what has been found."""
     searches = [LocalSearch(_within(problem, float(time))) for time in times]
 
-    def best_of(search: LocalSearch, points: list[Point], known: list[Candidate]) -> Candidate:
-        """The best of the known candidates and those that the search finds from the points."""
-        candidates = list(known)
-        for point in points:
-            found, optimal = search(search.problem.bounds.clip(point), iterations)
-            candidates.append(Candidate(search.merit(found), found, optimal))
-        return min(candidates, key=lambda candidate: candidate.merit)
+    def best_of(judge: LocalSearch, neighbours: list[Point], fresh: list[Point], known: list[Candidate]) -> Candidate:
+        """The best of the known candidates and of what is found from its neighbours and from the best fresh starts."""
+        bounds = judge.problem.bounds
+        # Here, so that two threads do not compile the same program twice.
+        judge.linearise(judge.vector(bounds.clip([*neighbours, *fresh][0])))
+        descend = lambda point: Descent(LocalSearch(judge.problem), bounds.clip(point), iterations)
+        descents = [descend(point) for point in sorted(fresh, key=judge.merit)[: ROUNDS[0][0]]]
+        for size, most in ROUNDS:
+            descents = distinct(judge, descents)[:size] + ([] if most else [descend(point) for point in neighbours])
+            list(side_by_side(descents, most or iterations))
+        found = [Candidate(judge.merit(one.point), one.point, one.optimal) for one in descents]
+        return min([*known, *found], key=lambda candidate: candidate.merit)
 
     for done, search in enumerate(searches):
         report(done, len(times), front[-1].merit if front else np.inf)
-        points = sorted(starting_points(search.problem, starts, seed), key=search.merit)[:FRESH]
+        neighbours = []
         if front:
             before = front[-1].point
-            points = [before, before._replace(gaps=before.gaps * times[done] / times[done - 1]), *points]
+            neighbours = [before, before._replace(gaps=before.gaps * times[done] / times[done - 1])]
         # What does not take longer is allowed here, too.
-        front.append(best_of(search, points, front[-1:]))
+        front.append(best_of(search, neighbours, starting_points(search.problem, starts, seed), front[-1:]))
     for index in range(len(times) - 2, -1, -1):
         after = front[index + 1].point
         if after.gaps.sum() > times[index]:
-            front[index] = best_of(searches[index], [after], [front[index]])
+            front[index] = best_of(searches[index], [after], [], [front[index]])
     for index in range(1, len(times)):
         front[index] = min(front[index], front[index - 1], key=lambda candidate: candidate.merit)
     report(len(times), len(times), front[-1].merit)

@@ -146,7 +146,7 @@ class Search:
                 Descent(LocalSearch(self.problem, report=report), start, iterations) for start in ranked[: rounds[0][0]]
             ]
             for size, most in rounds:
-                descents = self._distinct(descents)[:size]
+                descents = distinct(self.judge, descents)[:size]
                 for descent in side_by_side(descents, most or iterations):
                     self._add(descent.point, descent.optimal)
                     done += 1
@@ -190,7 +190,7 @@ class Search:
                 points, self.candidates = [candidate.point for candidate in self.candidates], []
                 for point in points:
                     self._add(point, False)
-            descents = [one for one in self._distinct(descents)[:2] if one.left]
+            descents = [one for one in distinct(self.judge, descents)[:2] if one.left]
             if not descents:
                 return
             for descent in side_by_side(descents, BETWEEN):
@@ -206,14 +206,6 @@ class Search:
         close = self.judge.merit(descent.point) <= best.merit * (1 + 1e-9)
         if close and self.judge.optimality(descent.point).residual < residual:
             self.candidates = [Candidate(self.judge.merit(descent.point), descent.point, True)]
-
-    def _distinct(self, descents: list[Descent]) -> list[Descent]:
-        """The descents from the best to the worst, one of those that have met."""
-        found: list[Descent] = []
-        for descent in sorted(descents, key=lambda one: self.judge.merit(one.point, one.tolerance)):
-            if all(np.abs(descent.x - other.x).max() > 1e-3 for other in found):
-                found.append(descent)
-        return found
 
     def _first_order(self, starts: list[Point], iterations: int) -> None:
         """Adam, all starts side by side."""
@@ -312,6 +304,15 @@ class Search:
     def _zero(self) -> float:
         """Zero, to rounding, beside the energy that the bare command leaves, J."""
         return max(1e-20, (10 * self._eps) ** 2) * self._bare
+
+
+def distinct(judge: LocalSearch, descents: list[Descent]) -> list[Descent]:
+    """The local searches from the best to the worst, one of those that have met."""
+    found: list[Descent] = []
+    for descent in sorted(descents, key=lambda one: judge.merit(one.point, one.tolerance)):
+        if all(np.abs(descent.x - other.x).max() > 1e-3 for other in found):
+            found.append(descent)
+    return found
 
 
 def side_by_side(descents: list[Descent], iterations: int) -> Iterator[Descent]:
