@@ -44,25 +44,23 @@ def test_hessians_of_a_linear_plant_are_exact():
     np.testing.assert_allclose(along.T @ (found.hessians / scale) @ along, along.T @ (exact / scale) @ along, atol=1e-6)
 
 
-def test_plants_are_added_in_free_places_then_in_that_of_the_least():
+def test_plants_are_added_in_the_places_of_those_with_the_least_energy():
     problem = problem_of(
         js.plants.TwoMass(spring=js.plants.Duffing(10.0, 100.0)), 1.0, 2, (0.2, 1.0), {"m2": [0.9, 1.0, 1.1]}
     )
-    free = interval.with_places(problem)
-    assert (problem.given, free.given, free.added) == (3, 3, 0)
-    places = len(free.scenarios.samples["m2"]) - 3
+    placed = interval.with_places(problem)
+    masses = np.array(placed.scenarios.samples["m2"])
+    places = len(masses) - 3
+    assert (placed.given, placed.added) == (3, places)
     assert places >= 2 * 2 - 1 + 1  # variables, and one more
-    some = [Maximum({"m2": 0.91 + 0.01 * i}, 1.0) for i in range(places - 1)]
-    filled = interval.with_plants(free, some, np.ones(3 + places))
-    assert filled.added == places - 1
-    energies = np.ones(3 + places)
-    energies[3 + 1] = 0.5
-    last = interval.with_plants(filled, [Maximum({"m2": 1.01}, 2.0), Maximum({"m2": 1.02}, 1.5)], energies)
-    masses = np.asarray(last.scenarios.samples["m2"])
-    assert last.added == places
-    assert masses[-1] == 1.01
-    assert masses[3 + 1] == 1.02
+    # Those added stand between those given.
     np.testing.assert_array_equal(masses[:3], [0.9, 1.0, 1.1])
+    np.testing.assert_allclose(masses[3:], 0.9 + 0.2 * (np.arange(places) + 0.5) / places, atol=0.005)
+    energies = np.ones(3 + places)
+    energies[[0, 4, 5]] = 0.1, 0.4, 0.5
+    found = interval.with_plants(placed, [Maximum({"m2": 1.01}, 2.0), Maximum({"m2": 1.02}, 1.5)], energies)
+    masses[[4, 5]] = 1.01, 1.02
+    np.testing.assert_array_equal(np.asarray(found.scenarios.samples["m2"]), masses)
     mean = dataclasses.replace(problem, objective="mean")
     assert interval.with_places(mean) is mean
 

@@ -102,7 +102,7 @@ def check_over(plant: AbstractPlant, over: Mapping[str, Any], relative: bool = T
     return absolute
 
 
-def grid(absolute: Mapping[str, Array]) -> dict[str, Array]:
+def grid(absolute: Mapping[str, Array | np.ndarray]) -> dict[str, Array]:
     """All combinations of the leaves' values, one entry a plant, the last leaf changing fastest.
 
     Raises:

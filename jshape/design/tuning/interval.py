@@ -1,19 +1,20 @@
 """The worst case over the intervals of an uncertain set, not only over the values that were given.
 
-``greatest(problem, point)`` looks for the greatest energy on a finer set, then between its plants; ``with_plants`` adds
-plants to a design problem in places that were kept free, so that no program is compiled anew.
+``greatest`` looks for the greatest energy on a finer set, then between its plants; ``with_plants`` puts what it finds
+in the places of plants that ``with_places`` added, so that no program is compiled anew.
 
 Source: Blankenship and Falk (1976), infinitely constrained optimization: exchange of the worst parameters.
 """
 
 import dataclasses
+import itertools
 from typing import NamedTuple
 
 import numpy as np
 
 from jshape import _check
 from jshape.design.tuning.design_problem import DesignProblem
-from jshape.design.tuning.evaluate import evaluate
+from jshape.design.tuning.evaluate import LOOSEST, Values, evaluate
 from jshape.design.tuning.scenarios import Point
 from jshape.simulation.steps import TOLERANCE
 
@@ -23,8 +24,11 @@ MAXIMA = 6
 NEAR = 0.02
 """A maximum of the finer set that is less than the greatest energy by at most this part may exceed it nearby."""
 
-FINENESS = 500
-"""A maximum is found to this part of the spacing of the finer set: its energy to a millionth or so."""
+PARABOLAS = 2
+"""A maximum between the plants of the finer set is that of a parabola, so many times, each eight times as narrow."""
+
+SCANNED = 1e-3
+"""The relative error of the energies among which maxima are looked for."""
 
 NEGLIGIBLE = 1e-7
 """A relative excess over the worst plant of the set for which no plant is added."""
@@ -38,78 +42,99 @@ class Maximum(NamedTuple):
 
 
 def with_places(problem: DesignProblem) -> DesignProblem:
-    """The problem with free places after its plants, filled by copies of the first; only for the worst case."""
+    """The problem with plants added between those given; only for the worst case.
+
+    The worst ones, as they are found, take their places.
+    """
     if problem.objective != "worst" or not problem.scenarios.samples:
         return problem
-    samples = {name: np.asarray(values) for name, values in problem.scenarios.samples.items()}
     # At a worst case there are at most as many active plants as variables, and one more.
     places = 2 * problem.bounds.impulses + len(problem.bounds.leaves)
-    samples = {name: _check.on_device(np.append(v, np.repeat(v[:1], places))) for name, v in samples.items()}
-    return dataclasses.replace(problem, scenarios=dataclasses.replace(problem.scenarios, samples=samples))
+    samples = {}
+    for name, finer in problem.finer_samples().items():
+        at = np.round((np.arange(places) + 0.5) * (len(finer) - 1) / places).astype(int)
+        samples[name] = np.append(np.asarray(problem.scenarios.samples[name]), finer[at])
+    return _with_samples(problem, samples, places)
 
 
 def with_plants(problem: DesignProblem, maxima: list[Maximum], energies: np.ndarray) -> DesignProblem:
-    """The problem with these plants added; with no place left, in that of the added ones of least energy.
+    """The problem with these plants in the places of those added ones that have the least energies.
 
     Args:
-        problem: with free places.
+        problem: with places.
         maxima: what to add, the greatest first.
         energies: of all plants at the best design, J.
     """
-    first, samples = problem.given + problem.added, {n: np.array(v) for n, v in problem.scenarios.samples.items()}
-    free = list(range(first, len(energies)))
-    places = free + sorted(range(problem.given, first), key=lambda place: energies[place])
+    samples = {name: np.array(values) for name, values in problem.scenarios.samples.items()}
+    places = problem.given + np.argsort(energies[problem.given :], kind="stable")
     for place, maximum in zip(places, maxima, strict=False):
         for name, value in maximum.leaves.items():
             samples[name][place] = value
-    added = problem.added + min(len(maxima), len(free))
-    samples = {name: _check.on_device(values) for name, values in samples.items()}
-    return dataclasses.replace(problem, scenarios=dataclasses.replace(problem.scenarios, samples=samples), added=added)
+    return _with_samples(problem, samples, problem.added)
 
 
-def greatest(problem: DesignProblem, point: Point, above: float = 0.0) -> list[Maximum]:
-    """The local maxima of the energy over the uncertain set, the greatest first.
+def _with_samples(problem: DesignProblem, samples: dict[str, np.ndarray], added: int) -> DesignProblem:
+    on_device = {name: _check.on_device(values) for name, values in samples.items()}
+    scenarios = dataclasses.replace(problem.scenarios, samples=on_device)
+    return dataclasses.replace(problem, scenarios=scenarios, added=added)
+
+
+def greatest(problem: DesignProblem, point: Point, found: Values, excess: float = 0.0) -> list[Maximum]:
+    """The local maxima of the energy over the uncertain set that exceed the greatest energy of the plants.
 
     Args:
         problem: with an uncertain set.
         point: the design.
-        above: maxima below that are left out, J; at most ``MAXIMA`` others are found.
+        found: what it leaves in the plants.
+        excess: maxima that are above by less than this part of it are left out; at most ``MAXIMA`` others are found.
+
+    Returns:
+        The maxima, the greatest first.
     """
-    finer = problem.finer_samples()
-    energies = energies_of(problem, point, finer)
+    worst, finer = float(np.max(found.energies)), problem.finer_samples()
+    tolerance = np.clip(SCANNED * worst / max(float(np.max(found.greatest)), 1e-300), TOLERANCE, LOOSEST)
+    energies = energies_of(problem, point, finer, tolerance)
     axes = {name: np.unique(values) for name, values in finer.items()}
     table = energies.reshape([len(axis) for axis in axes.values()])
     padded = np.pad(table, 1, constant_values=-np.inf)
     inside = (slice(1, -1),) * table.ndim
     neighbours = [np.roll(padded, shift, axis)[inside] for axis in range(table.ndim) for shift in (-1, 1)]
     # Between the plants of the finer set the energy is a little greater at most.
-    peaks = np.all([table >= other for other in neighbours], axis=0) & (table >= (1 - NEAR) * above)
-    found = []
-    for index in sorted(zip(*np.nonzero(peaks), strict=True), key=lambda index: -table[index])[:MAXIMA]:
-        leaves = {name: float(axis[i]) for (name, axis), i in zip(axes.items(), index, strict=True)}
-        found.append(_refined(problem, point, axes, Maximum(leaves, float(table[index]))))
-    return sorted((one for one in found if one.energy > above), key=lambda maximum: -maximum.energy)
+    peaks = np.all([table >= other for other in neighbours], axis=0) & (table >= (1 - NEAR) * worst)
+    order = sorted(zip(*np.nonzero(peaks), strict=True), key=lambda index: -table[index])[:MAXIMA]
+    starts = {name: axis[[index[i] for index in order]] for i, (name, axis) in enumerate(axes.items())}
+    return [one for one in _refined(problem, point, axes, starts) if one.energy > (1 + excess) * worst]
 
 
-def _refined(problem: DesignProblem, point: Point, axes: dict[str, np.ndarray], start: Maximum) -> Maximum:
-    """A maximum of the finer set, moved to the maximum between its plants by line searches along the leaves."""
-    best, plants = start, len(next(iter(problem.scenarios.samples.values())))
+def _refined(
+    problem: DesignProblem, point: Point, axes: dict[str, np.ndarray], starts: dict[str, np.ndarray]
+) -> list[Maximum]:
+    """Maxima of the finer set, each moved to the maximum of a parabola along one leaf after the other."""
+    if not len(next(iter(starts.values()))):
+        return []
+    values, best = energies_of(problem, point, starts), dict(starts)
     widths = {name: float(np.max(np.diff(axis), initial=0.0)) for name, axis in axes.items()}
-    # Each line search divides the distance between its points by half their number.
-    for _ in range(int(np.ceil(np.log(FINENESS) / np.log((plants - 1) / 2)))):
-        for name, axis in axes.items():
-            center, width = best.leaves[name], widths[name]
-            along = np.linspace(max(center - width, axis[0]), min(center + width, axis[-1]), plants)
-            others = {other: np.full(plants, value) for other, value in best.leaves.items()}
-            energies = energies_of(problem, point, others | {name: along})
-            at = int(np.argmax(energies))
-            if energies[at] > best.energy:
-                best = Maximum(best.leaves | {name: float(along[at])}, float(energies[at]))
-            widths[name] = float(along[1] - along[0])
-    return best
+    for number, (name, axis) in itertools.product(range(PARABOLAS), axes.items()):
+        center, width = best[name], widths[name] / 8**number
+        if not width:
+            continue
+        # Three points along the leaf, all within its interval, about the middle one.
+        middle = np.clip(center, axis[0] + width, axis[-1] - width)
+        along = np.concatenate([middle - width, middle, middle + width])
+        thrice = {other: np.tile(value, 3) for other, value in best.items()} | {name: along}
+        left, between, right = np.split(energies_of(problem, point, thrice), 3)
+        bend = left - 2 * between + right
+        shift = np.where(bend < 0, (left - right) / np.where(bend < 0, 2 * bend, 1.0), np.sign(right - left))
+        moved = middle + width * np.clip(shift, -1.0, 1.0)
+        tried = energies_of(problem, point, best | {name: moved})
+        best[name], values = np.where(tried > values, moved, center), np.maximum(tried, values)
+    order = np.argsort(-values, kind="stable")
+    return [Maximum({name: float(v[i]) for name, v in best.items()}, float(values[i])) for i in order]
 
 
-def energies_of(problem: DesignProblem, point: Point, samples: dict[str, np.ndarray]) -> np.ndarray:
+def energies_of(
+    problem: DesignProblem, point: Point, samples: dict[str, np.ndarray], tolerance: float = TOLERANCE
+) -> np.ndarray:
     """Energies of other plants, J, as many at a time as the problem has, so that its program computes these, too."""
     plants, size = len(next(iter(problem.scenarios.samples.values()))), len(next(iter(samples.values())))
     energies = []
@@ -117,5 +142,5 @@ def energies_of(problem: DesignProblem, point: Point, samples: dict[str, np.ndar
         at = np.minimum(np.arange(first, first + plants), size - 1)
         part = {name: _check.on_device(values[at]) for name, values in samples.items()}
         scenarios = dataclasses.replace(problem.scenarios, samples=part)
-        energies.append(np.asarray(evaluate(scenarios, point, np.float64(TOLERANCE)).energies))
+        energies.append(np.asarray(evaluate(scenarios, point, np.float64(tolerance)).energies))
     return np.concatenate(energies)[:size]

@@ -18,7 +18,7 @@ from scipy.optimize import lsq_linear
 
 from jshape.design.tuning.design_problem import DesignProblem
 from jshape.design.tuning.epigraph import Merit, QuadraticModel, Rows, Space, Vector, minimise_epigraph
-from jshape.design.tuning.evaluate import FORWARD, Linearisation, Values, evaluate, linearise
+from jshape.design.tuning.evaluate import FORWARD, LOOSEST, Linearisation, Values, evaluate, linearise
 from jshape.design.tuning.objective import TAIL, value_of, weights_of
 from jshape.design.tuning.scenarios import Point
 from jshape.simulation.steps import TOLERANCE, least_tolerance
@@ -28,9 +28,6 @@ OPTIMAL = 1e-6
 
 EXCEEDED = 1e-6
 """A limit that is exceeded by less, as a fraction of itself, is kept."""
-
-LOOSEST = 1e-5
-"""The tolerance of the energies with which a search may begin."""
 
 DERIVATIVES = 1e-6
 """The tolerance of derivatives during a search."""
@@ -45,7 +42,7 @@ PROPOSED = 50
 """Iterations of SLSQP on the models, at most."""
 
 POLISHED = 20, 1e-3
-"""Iterations of SLSQP on the energies themselves where the models see no gain any more, and how far they may go."""
+"""Iterations of SLSQP on the energies themselves at the end of a search, and how far they may go."""
 
 WIDE = 0.01
 """A search ends where there is no gain within so much of the design, or where the conditions of an optimum hold."""
@@ -180,8 +177,7 @@ class LocalSearch:
         gradient = self.time_cost[free] / scale
         multipliers, active, share = np.zeros(plants), np.arange(0), 1.0
         if objective == "worst":
-            counted = energies[: self.problem.given + self.problem.added]
-            active = np.flatnonzero(counted >= energies.max() - near * scale)
+            active = np.flatnonzero(energies >= energies.max() - near * scale)
         elif objective == "cvar":
             share = 1 / (TAIL * plants)
             active = np.flatnonzero(energies >= np.quantile(energies, 1 - TAIL) - near * scale)
@@ -258,6 +254,21 @@ class Descent:
             self.left -= 1
             self._iterate()
 
+    def polish(self) -> None:
+        """Meet the conditions of an optimum to more digits than differences of the energies show: SLSQP on the
+        energies themselves, no further than a little around."""
+        search, space, (iterations, reach) = self.search, self.search.space, POLISHED
+        residual = search.optimality(self.point).residual
+        if residual < OPTIMAL:
+            return
+        scale = _scale(search.values(self.x).energies)
+        merit = Merit(search.problem.objective, search.time_cost, scale, self.penalty)
+        lower, upper = np.maximum(space.lower, self.x - reach), np.minimum(space.upper, self.x + reach)
+        boxed = space._replace(lower=lower, upper=upper)
+        trial = minimise_epigraph(search.linearise, boxed, merit, self.x, iterations)
+        if (reached := search.optimality(search.point(trial)).residual) < residual:
+            self.x, self.optimal = trial, self.optimal or reached < OPTIMAL
+
     def _tighten(self, tolerance: float) -> None:
         self.tolerance = max(min(self.tolerance, tolerance), self.search.tightest)
 
@@ -273,7 +284,7 @@ class Descent:
             if gain > CONVERGED * now and self.tolerance > search.tightest:
                 self._tighten(1e-2 * self.tolerance)
             else:
-                self._end(found, merit)
+                self._end(found)
             return
         tried = search.values(trial, self.tolerance)
         actual = now - merit(trial, tried.energies, tried.slacks)
@@ -286,20 +297,6 @@ class Descent:
             self.radius = 0.4 * step
         elif actual > 0.75 * gain and step > 0.8 * self.radius:
             self.radius = min(2.0 * self.radius, 1.0)
-
-    def _polish(self, merit: Merit) -> None:
-        """Meet the conditions of an optimum to more digits than differences of the energies show."""
-        iterations, reach = POLISHED
-        space = self.search.space
-        lower, upper = np.maximum(space.lower, self.x - reach), np.minimum(space.upper, self.x + reach)
-        boxed = space._replace(lower=lower, upper=upper)
-        trial = minimise_epigraph(self.search.linearise, boxed, merit, self.x, iterations)
-        now, tried = (
-            self.search.optimality(self.point).residual,
-            self.search.optimality(self.search.point(trial)).residual,
-        )
-        if tried < now:
-            self.x = trial
 
     def _propose(self, found: Linearisation, merit: Merit) -> tuple[Vector, float]:
         """The best design of the model in the trust region, and by how much it betters the merit there."""
@@ -323,7 +320,7 @@ class Descent:
         weights = np.where(sound, 1.0, 0.0) / np.where(sound, along, 1.0)
         self.updates += weights[:, None, None] * residuals[:, :, None] * residuals[:, None, :]
 
-    def _end(self, found: Linearisation, merit: Merit) -> None:
+    def _end(self, found: Linearisation) -> None:
         """No gain is in sight: an optimum, a region that is too small, or limits that need a higher penalty."""
         if found.slacks.min(initial=0.0) < -EXCEEDED and self.penalty < 1e6:
             self.penalty *= 10
@@ -332,8 +329,6 @@ class Descent:
             self.radius, self.widened = WIDE, self.widened + 1
         else:
             self.ended = True
-            if self.search.optimality(self.point).residual >= OPTIMAL:
-                self._polish(merit)
             self.optimal = self.radius >= WIDE or self.search.optimality(self.point).residual < OPTIMAL
 
 

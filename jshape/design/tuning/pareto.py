@@ -162,8 +162,11 @@ def _front(
         for size, most in ROUNDS:
             descents = distinct(judge, descents)[:size] + ([] if most else [descend(point) for point in neighbours])
             list(side_by_side(descents, most or iterations))
-        found = [Candidate(judge.merit(one.point), one.point, one.optimal) for one in descents]
-        return min([*known, *found], key=lambda candidate: candidate.merit)
+        best = min(descents, key=lambda one: judge.merit(one.point))
+        if best.ended:
+            best.polish()
+        found = Candidate(judge.merit(best.point), best.point, best.optimal)
+        return min([*known, found], key=lambda candidate: candidate.merit)
 
     for done, search in enumerate(searches):
         report(done, len(times), front[-1].merit if front else np.inf)

@@ -19,9 +19,9 @@ from jshape._types import Progress
 from jshape.design.tuning import digital, interval
 from jshape.design.tuning.adam import descend
 from jshape.design.tuning.design_problem import DesignProblem
-from jshape.design.tuning.evaluate import DIVERGED_ENERGY, Values, evaluate
+from jshape.design.tuning.evaluate import DIVERGED_ENERGY, LOOSEST, Values, evaluate
 from jshape.design.tuning.levenberg_marquardt import levenberg_marquardt
-from jshape.design.tuning.local_search import EXCEEDED, LOOSEST, OPTIMAL, Descent, LocalSearch, Optimality
+from jshape.design.tuning.local_search import EXCEEDED, OPTIMAL, Descent, LocalSearch, Optimality
 from jshape.design.tuning.objective import objective_name, value_of
 from jshape.design.tuning.scenarios import Point
 from jshape.design.tuning.solution import Solution
@@ -30,15 +30,18 @@ from jshape.simulation.simulate import initial
 from jshape.simulation.steps import TOLERANCE
 from jshape.status import Status
 
-ROUNDS = ((12, 4), (5, 6), (2, None))
-"""How many of the best starts are refined, and by how many iterations, before the best of those go on; at last to the
-end. Where derivatives cost little, more of them."""
+ROUNDS = ((12, 4), (8, 4), (5, 6), (3, 12), (2, None))
+"""How many of the best starts are refined, and by how many iterations, before the best of those go on; the last ones to
+the end. Where derivatives cost little, more of them, but for the last."""
 
-CHEAP = 5_000
-"""Segments, states, plants and variables, multiplied, above which the first round has no more than those starts."""
+CHEAP = 20_000
+"""Segments, states, plants and variables, multiplied, above which there are no more than those."""
 
 EXCHANGES = 20
 """How often the worst plants between those of the set are looked for, at most."""
+
+JUDGED = 4
+"""Candidates that remain where plants are added to the set."""
 
 BETWEEN = 12
 """Iterations of a local search before they are looked for again, at most."""
@@ -127,7 +130,7 @@ class Search:
         """Local search from the best of the starts; the best of its ends are refined to the end."""
         count, done = len(starts), 0
         more = max(1.0, CHEAP / self._work(starts[0]))
-        rounds = [(min(count, int(size * more)), most) for size, most in ROUNDS]
+        rounds = [(min(count, int(size * more)) if most else size, most) for size, most in ROUNDS]
         total = sum(size for size, _ in rounds)
 
         def report(value: float) -> None:
@@ -150,7 +153,10 @@ class Search:
                 for descent in side_by_side(descents, most or iterations):
                     self._add(descent.point, descent.optimal)
                     done += 1
-            self._exchange(descents, iterations)
+            if self.problem.objective == "worst" and self.problem.scenarios.samples:
+                self._exchange(descents)
+            elif all(one.ended for one in descents):
+                self._settled()
         except KeyboardInterrupt:
             for descent in descents:
                 self._add(descent.point, False)
@@ -171,41 +177,42 @@ class Search:
         found = self.judge.values(self.judge.vector(point), LOOSEST)
         return max(1, len(found.steps) * found.ends.size * int(self.judge.space.free.sum()))
 
-    def _exchange(self, descents: list[Descent], iterations: int) -> None:
+    def _exchange(self, descents: list[Descent]) -> None:
         """Add the worst plants between those of the set, and go on, until there are none that are worse."""
-        if self.problem.objective != "worst" or not self.problem.scenarios.samples:
-            return
         for _ in range(EXCHANGES):
             found = self.judge.values(self.judge.vector(self.best.point))
-            worst = float(found.energies.max())
-            maxima = interval.greatest(self.problem, self.best.point, (1 + interval.NEGLIGIBLE) * worst)
-            if not maxima and self.best.optimal:
-                self._settle()
+            maxima = interval.greatest(self.problem, self.best.point, found, interval.NEGLIGIBLE)
+            going = any(one.left and not one.ended for one in descents)
+            if not maxima and not going and (not all(one.ended for one in descents) or self._settled()):
                 return
             if maxima:
                 self.problem = interval.with_plants(self.problem, maxima, found.energies)
                 for search in (self.judge, *descents):
                     search.pose(self.problem)
-                # All candidates are judged again, on more plants.
-                points, self.candidates = [candidate.point for candidate in self.candidates], []
-                for point in points:
-                    self._add(point, False)
-            descents = [one for one in distinct(self.judge, descents)[:2] if one.left]
-            if not descents:
+                # The best candidates are judged again, on other plants.
+                best, self.candidates = sorted(self.candidates, key=lambda one: one.merit)[:JUDGED], []
+                for candidate in best:
+                    self._add(candidate.point, False)
+            descents = distinct(self.judge, descents)[:2]
+            if not any(one.left for one in descents):
                 return
             for descent in side_by_side(descents, BETWEEN):
                 self._add(descent.point, descent.optimal)
 
-    def _settle(self) -> None:
-        """Meet the conditions of an optimum at the best candidate, which others may have equalled to rounding."""
+    def _settled(self) -> bool:
+        """Whether the best candidate meets the conditions of an optimum; if not, it is moved to where they hold."""
         best, residual = self.best, self.judge.optimality(self.best.point).residual
         if residual < OPTIMAL:
-            return
+            return True
         descent = Descent(self.judge, best.point, BETWEEN)
         descent.run(BETWEEN)
+        descent.polish()
         close = self.judge.merit(descent.point) <= best.merit * (1 + 1e-9)
-        if close and self.judge.optimality(descent.point).residual < residual:
-            self.candidates = [Candidate(self.judge.merit(descent.point), descent.point, True)]
+        if not close or self.judge.optimality(descent.point).residual >= residual:
+            return True
+        # Better, if not by what its value shows: it takes the place of all others.
+        self.candidates = [Candidate(self.judge.merit(descent.point), descent.point, descent.optimal)]
+        return False
 
     def _first_order(self, starts: list[Point], iterations: int) -> None:
         """Adam, all starts side by side."""
@@ -258,8 +265,7 @@ class Search:
         balance = self._optimality(best.point, values)
         heaviest = np.argsort(-balance.multipliers, kind="stable")
         heaviest = heaviest[balance.multipliers[heaviest] > 1e-6]
-        plants = problem.given + problem.added
-        samples = {name: np.asarray(v)[:plants] for name, v in scenarios.samples.items()}
+        samples = {name: np.asarray(v) for name, v in scenarios.samples.items()}
         active = {name: v[heaviest] for name, v in samples.items()}
         return Solution(
             shaper=Point(amplitudes / amplitudes.sum(), gaps, leaves).shaper,
@@ -267,7 +273,7 @@ class Search:
             status=status,
             message=f"{status.value}: {self.summary}{missed}",
             history=np.array(self.history or [best.merit]),
-            energies=values[:plants],
+            energies=values,
             samples=samples,
             objective_on_finer_set=on_finer_set(problem, best.point, found),
             error=error_of(problem, best.point, found),
@@ -343,8 +349,7 @@ def on_finer_set(problem: DesignProblem, point: Point, found: Values) -> float:
     if not problem.scenarios.samples:
         return value_of(problem.objective, found.energies)
     if problem.objective == "worst":
-        worst = float(np.max(found.energies))
-        return max([worst, *(one.energy for one in interval.greatest(problem, point, worst))])
+        return max([float(np.max(found.energies)), *(one.energy for one in interval.greatest(problem, point, found))])
     return value_of(problem.objective, interval.energies_of(problem, point, problem.finer_samples()))
 
 

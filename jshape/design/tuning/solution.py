@@ -24,7 +24,8 @@ class Solution(Result):
         message: how the search ended, a sentence.
         history: the objective, with the cost of time if it has one, after each iteration (nominal: of the best start)
             or at each design evaluated (others), the least so far.
-        energies: of every plant of the set, J; in the worst case after those given come the worst plants between them.
+        energies: of every plant of the set, J; in the worst case after those given come others between them, the worst
+            among them.
         samples: the leaves of those plants, absolute, one entry a plant.
         objective_on_finer_set: the objective on a set ten times finer along each leaf (as far as that stays under
             20,000 plants), J; in the worst case with the maxima between its plants.
