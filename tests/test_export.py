@@ -25,7 +25,8 @@ NEEDED = {"sample_time": 0.01, "modes": [(9.0, 0.017)]}
 
 def made(name, path=None):
     """A format with what it needs, of a shaper that it can carry."""
-    shaper = {"on_off": ON_OFF, "marlin": js.design.linear.zv(9.0)}.get(name, SHAPER)
+    apart = {"on_off": ON_OFF, "marlin": js.design.linear.zv(9.0), "kalico": js.design.linear.zvd(90.0)}
+    shaper = apart.get(name, SHAPER)
     return js.export(
         shaper, name, path, **{option: NEEDED[option] for option, needed in FORMATS[name].options.items() if needed}
     )

@@ -9,7 +9,7 @@ from jshape import _check
 from jshape.calibration.score import CEILING, ZETAS, Bins, Rated, rate
 from jshape.calibration.smoothing import CORNER_SPEED
 from jshape.calibration.spectrum import Spectrum
-from jshape.klipper import DAMPING, VERSIONS, impulses
+from jshape.klipper import DAMPING, VERSIONS, impulses, parsed
 
 LOWEST = {"zv": 21.0, "mzv": 23.0, "zvd": 29.0, "ei": 29.0, "2hump_ei": 39.0, "3hump_ei": 48.0}
 """Hz, where the search for each shaper's frequency begins."""
@@ -37,7 +37,7 @@ def fit(
     (1.1 times, and since 2025 0.05 % on top) and a lower score.
 
     Args:
-        kind: one of ``LOWEST``.
+        kind: one of ``LOWEST``, with parameters such as ``"mzv(n=5,t=1.05)"`` if need be.
         spectra: measured, that share the shaper.
         version: Klipper's, ``"current"`` or ``"2024"``.
         zeta: damping ratio for which the shaper is made.
@@ -48,14 +48,14 @@ def fit(
     Raises:
         ValueError: for an unknown kind or version and a highest frequency that leaves nothing to search.
     """
-    _check.one_of(kind, "kind", tuple(LOWEST))
     _check.one_of(version, "version", VERSIONS)
-    if not LOWEST[kind] < highest <= 2000:
-        raise ValueError(f"highest must lie between {LOWEST[kind]:g} and 2000 Hz for {kind}, not {highest!r}")
+    lowest = LOWEST[parsed(kind)[0]]
+    if not lowest < highest <= 2000:
+        raise ValueError(f"highest must lie between {lowest:g} and 2000 Hz for {kind}, not {highest!r}")
     bins = Bins(spectra, zetas, ceiling=max(CEILING, highest))
     found = [
-        rate(kind, *impulses(kind, frequency, zeta, version), bins, corner_speed, float(frequency))
-        for frequency in np.round(np.arange(LOWEST[kind], highest, 0.2), 9)
+        rate(kind, *impulses(kind, frequency, zeta, version), bins, corner_speed, float(frequency), zeta)
+        for frequency in np.round(np.arange(lowest, highest, 0.2), 9)
     ]
     # Of equals the highest frequency, as Klipper has it.
     least = min(reversed(found), key=lambda rated: rated.vibration)

@@ -18,7 +18,7 @@ import numpy as np
 from jshape import _check
 from jshape._files import whole
 from jshape.export.c99 import c99
-from jshape.export.firmware import klipper, marlin, reprapfirmware
+from jshape.export.firmware import kalico, klipper, marlin, reprapfirmware
 from jshape.export.matlab import matlab
 from jshape.export.on_off import on_off
 from jshape.export.shaper_file import csv_text, json_text
@@ -73,6 +73,7 @@ FORMATS = {
     "c99": Format(c99, ".h", "C99 header: taps and a filter", "times between samples, other than by taps beside them"),
     "structured_text": Format(structured_text, ".st", "IEC 61131-3 function block", ""),
     "on_off": Format(on_off, ".st", "IEC 61131-3 switching table", "any amplitudes but 1, -1, ..., 1"),
+    "kalico": Format(kalico, ".cfg", "[input_shaper] of one axis, with the impulses", "more than 5 impulses"),
     "klipper": Format(klipper, ".cfg", "[input_shaper] of one axis", "any shaper that Klipper has no name for"),
     "marlin": Format(marlin, ".gcode", "M593 of one axis", "any shaper but the ZV"),
     "reprapfirmware": Format(reprapfirmware, ".g", 'M593 P"custom"', "more than 5 impulses, negative amplitudes"),
