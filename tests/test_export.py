@@ -92,7 +92,7 @@ def test_json_against_its_schema():
         validator.validate({key: good[key] for key in ("format", "version", "times")}, schema)
 
 
-@pytest.mark.parametrize("name", FORMATS)
+@pytest.mark.parametrize("name", [name for name in FORMATS if name != "fmu" or shutil.which("cc")])
 def test_every_format_is_written_as_it_is_returned(name, tmp_path):
     path = tmp_path / f"file{FORMATS[name].ending}"
     found = made(name, path)
@@ -102,6 +102,9 @@ def test_every_format_is_written_as_it_is_returned(name, tmp_path):
         assert found.isascii()
         assert found.endswith("\n")
         assert all(line == line.rstrip() for line in found.splitlines())
+        return
+    if isinstance(found, bytes):
+        assert path.read_bytes() == found
         return
     with np.load(path, allow_pickle=False) as kept:
         wanted = found if isinstance(found, dict) else dict(zip("ba", found, strict=True))

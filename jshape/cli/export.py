@@ -31,11 +31,12 @@ def export(
     capacity: Annotated[int | None, typer.Option(help="Of the function block's ring buffer, cycles.")] = None,
     axis: Annotated[str | None, typer.Option(help="Of the printer: x or y.")] = None,
     firmware: Annotated[str | None, typer.Option(help="Klipper: current or 2024; RepRapFirmware: 3.6 or 3.4.")] = None,
+    fmi: Annotated[str | None, typer.Option(help="Of the mock-up unit: 2.0 or 3.0.")] = None,
     tolerance: Annotated[
         float | None, typer.Option(help="How near to one of Klipper's own the shaper must be.")
     ] = None,
 ) -> None:
-    """Write a shaper for a machine: C, Structured Text, a printer's firmware, MATLAB, SciPy, NumPy, JSON, CSV."""
+    """Write a shaper for a machine: C, Structured Text, FMU, printers' firmware, MATLAB, SciPy, NumPy, JSON, CSV."""
     prepare_jax()
     from jshape._files import whole
     from jshape.export import FORMATS, as_bytes, read_shaper
@@ -55,6 +56,7 @@ def export(
         "capacity": capacity,
         "axis": axis,
         "firmware": firmware,
+        "fmi": fmi,
         "tolerance": tolerance,
     }
     options = {option: value for option, value in given.items() if value is not None}
