@@ -162,6 +162,7 @@ def test_matlab_script_holds_the_filter():
         js.export(SHAPER, "matlab", sample_time=0.01, name="end")
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("octave-cli") is None, reason="no Octave")
 def test_octave_shapes_a_command(tmp_path):
     js.export(SHAPER, "matlab", tmp_path / "crane.m", sample_time=0.01, method="split", name="crane")

@@ -5,8 +5,13 @@ The interpreter knows the statements that the blocks use and is strict where con
 
 import itertools
 import math
+import os
 import re
+import shutil
+import subprocess
+from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -352,6 +357,123 @@ def test_on_off_cannot_carry():
             export(shaper, "on_off", **options)
 
 
+# Dialects
+
+
+def test_dialects_hold_the_same_block(source, table, commands):
+    """Put together again, CODESYS's and TwinCAT's halves are the block of the standard; so is Siemens's."""
+    made = lambda dialect: export(SHAPER, "structured_text", sample_time=CYCLE, name="Crane", dialect=dialect)
+    assert made("iec") == source
+    plain = re.sub(r"\s+", " ", re.sub(r"\(\*.*?\*\)", "", source, flags=re.S))
+    codesys = made("codesys")
+    assert not codesys.rstrip().endswith("END_FUNCTION_BLOCK")
+    halves = ElementTree.fromstring(made("twincat").encode())
+    twincat = (halves.findtext("POU/Declaration") or "") + (halves.findtext("POU/Implementation/ST") or "")
+    for text in (codesys, twincat):
+        joined = re.sub(r"\s+", " ", re.sub(r"\(\*.*?\*\)", "", f"{text} END_FUNCTION_BLOCK ", flags=re.S))
+        assert joined == plain
+    tia = made("tia")
+    assert "FUNCTION_BLOCK \"Crane\"\n{ S7_Optimized_Access := 'TRUE' }\nVERSION : 0.1\n" in tia
+    declared, body = re.sub(r"\(\*.*?\*\)", "", tia, flags=re.S).split("\nBEGIN\n")
+    variables = set(re.findall(r"^    (\w+) : ", declared, re.M))
+    # Each of the block's own variables is marked, and nothing else is.
+    assert set(re.findall(r"#(\w+)", body)) <= variables
+    assert [word for word in re.findall(r"(?<!#)\b[A-Za-z_]\w*", body) if word in variables] == []
+    found = Block(re.sub(r'"(\w+)"\n\{.*\}\nVERSION.*\n', r"\1\n", tia).replace("\nBEGIN\n", "").replace("#", ""))
+    np.testing.assert_array_equal(shaped(found, commands), shaped(Block(source), commands))
+    assert "#Switches[#Upcoming]" in export(ON_OFF, "on_off", sample_time=0.04, modes=MODES, dialect="tia")
+    with pytest.raises(ValueError, match="dialect must be one of"):
+        made("basic")
+
+
+# By a compiler for controllers
+
+
+DRIVER = """
+#include <stdio.h>
+#include "POUS.h"
+#include "POUS.c"
+#define SET(name) __SET_VAR(data->, name,, value)
+#define PUT(name) __SET_VAR(data->, name,, values)
+static CRANE block, *data = &block;
+TIME __CURRENT_TIME;
+BOOL __DEBUG;
+int main(void) {
+    char what;
+    int i;
+    double value;
+    __ARRAY_OF_LREAL_3 values;
+    CRANE_init__(data, 0);
+    while (scanf(" %c", &what) == 1) {
+        if (what == 'a' || what == 't') {
+            for (i = 0; i < 3; ++i) if (scanf("%lf", &values.table[i]) != 1) return 1;
+            if (what == 'a') { PUT(AMPLITUDES); } else { PUT(TIMES); }
+            continue;
+        }
+        if (scanf("%lf", &value) != 1) return 1;
+        if (what == 'y') { SET(CYCLETIME); }
+        if (what == 'b') { SET(BYPASS); }
+        if (what != 'c') continue;
+        SET(COMMAND);
+        CRANE_body__(data);
+        printf("%.17g %d\\n", __GET_VAR(data->SHAPED), __GET_VAR(data->ERROR));
+    }
+    return 0;
+}
+"""
+
+
+def matiec() -> tuple[str, Path] | None:
+    """The compiler of MATIEC, on the path, and its libraries, in MATIEC_LIB or beside it."""
+    program = shutil.which("iec2c")
+    library = Path(os.environ.get("MATIEC_LIB", Path(program).parent / "lib")) if program else None
+    return (program, library) if program and library and (library / "C" / "iec_std_lib.h").exists() else None
+
+
+@pytest.mark.slow
+def test_a_compiler_for_controllers_runs_it(tmp_path):
+    """By MATIEC: a hundred thousand cycles, bypass, amplitudes, times and cycle time changed in mid-move."""
+    found = matiec()
+    if found is None or shutil.which("cc") is None:
+        pytest.skip("no MATIEC (iec2c)")
+    program, library = found
+    text = export(SHAPER, "structured_text", tmp_path / "crane.st", sample_time=CYCLE, name="Crane")
+    (capacity,) = map(int, re.findall(r"Capacity : DINT := (\d+)", text))
+    for command in (
+        [program, "-I", str(library), "-T", str(tmp_path), "crane.st"],
+        ["cc", "-O1", "-w", "-I", str(library / "C"), "-I", ".", "main.c", "-o", "main", "-lm"],
+    ):
+        (tmp_path / "main.c").write_text(DRIVER, encoding="utf-8")
+        built = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+        assert built.returncode == 0, built.stderr
+    rng, count = np.random.default_rng(5), 100_000
+    commands = np.cumsum(rng.normal(size=count))
+    slow, even = (1.3 * np.asarray(SHAPER.times)).tolist(), [0.3, 0.3, 0.4]
+    changes = {20_000: ("b 1", None, CYCLE), 30_000: ("b 0", SHAPER, CYCLE)}
+    changes[40_000] = (f"t {' '.join(map(repr, slow))}", js.Shaper(SHAPER.amplitudes, slow), CYCLE)
+    changes[60_000] = (f"a {' '.join(map(repr, even))}", js.Shaper(even, slow), CYCLE)
+    changes[80_000] = ("y 0.04", js.Shaper(even, slow), 0.04)
+    assert min(np.diff(list(changes))) > capacity
+    orders, parts, shaper, cycle, begin = [], [], SHAPER, CYCLE, 0
+    for k, value in enumerate(commands.tolist()):
+        if k in changes:
+            parts.append((begin, k, shaper, cycle))
+            (order, shaper, cycle), begin = changes[k], k
+            orders.append(order)
+        orders.append(f"c {value!r}")
+    parts.append((begin, count, shaper, cycle))
+    run = subprocess.run(["./main"], cwd=tmp_path, input="\n".join(orders), capture_output=True, text=True)
+    shaped_by_it, errors = np.array([line.split() for line in run.stdout.splitlines()], float).T
+    assert not errors.any()
+    # Every change of the command goes through the shaper in force when it comes.
+    expected, moves = np.full(count, commands[0]), np.diff(commands, prepend=commands[0])
+    for begin, end, shaper, cycle in parts:
+        own = np.where((np.arange(count) >= begin) & (np.arange(count) < end), moves, 0.0)
+        taps = np.ones(1) if shaper is None else shaper.digitise(cycle, "split")
+        expected += np.cumsum(own) + np.convolve(own, np.cumsum(taps) - 1)[:count]
+    np.testing.assert_allclose(shaped_by_it, expected, rtol=0, atol=2e-12)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("which", ["source", "table"])
 def test_a_parser_of_others_reads_it(which, request):
@@ -360,3 +482,14 @@ def test_a_parser_of_others_reads_it(which, request):
     parsed = blark.parse_source_code(request.getfixturevalue(which))
     assert parsed.exception is None
     assert parsed.transform().items[0].name == {"source": "Crane", "table": "Hoist"}[which]
+
+
+@pytest.mark.slow
+def test_a_parser_of_others_reads_twincats_file(tmp_path):
+    parse = pytest.importorskip("blark.parse").parse
+    path = tmp_path / "Crane.TcPOU"
+    export(SHAPER, "structured_text", path, sample_time=CYCLE, name="Crane", dialect="twincat")
+    results = list(parse(path))
+    assert [result.exception for result in results] == [None] * len(results)
+    assert {result.identifier for result in results} == {"Crane/declaration", "Crane/implementation"}
+    assert results[0].transform().items[0].name == "Crane"

@@ -106,7 +106,7 @@ class _Writer:
         if kind in _REDUCTIONS:
             return [self.total(written[0], tuple(parameters["axes"]), _REDUCTIONS[kind])]
         if kind == "dot_general":
-            return [self.product(*written, parameters["dimension_numbers"])]
+            return [self.product(written[0], written[1], parameters["dimension_numbers"])]
         raise ValueError(kind)
 
     def elementwise(self, form: Callable[..., str], arrays: list[np.ndarray]) -> np.ndarray:

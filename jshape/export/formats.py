@@ -79,7 +79,7 @@ FORMATS = {
     "klipper": Format(klipper, ".cfg", "[input_shaper] of one axis", "any shaper that Klipper has no name for"),
     "marlin": Format(marlin, ".gcode", "M593 of one axis", "any shaper but the ZV"),
     "reprapfirmware": Format(reprapfirmware, ".g", 'M593 P"custom"', "more than 5 impulses, negative amplitudes"),
-    "matlab": Format(matlab, ".m", "script for MATLAB, Octave, Simulink", ""),
+    "matlab": Format(matlab, ".m", "script for MATLAB and Octave", ""),
 }
 """Every format by its name."""
 
