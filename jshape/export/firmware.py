@@ -168,7 +168,8 @@ def marlin(shaper: Shaper, *, axis: str = "x") -> str:
     Raises:
         ValueError: unless the shaper has two impulses, the second positive and not above the first.
 
-    Source: Marlin's M593 (2.1.2 and later). ζ from K = A₂/A₁ = exp(−ζπ/√(1 − ζ²)), Singer and Seering (1990).
+    Source: Marlin's documentation of M593 (2.1.2 and later) and its ``set_shaping_frequency``. ζ from
+        K = A₂/A₁ = exp(−ζπ/√(1 − ζ²)), Singer and Seering (1990).
     """
     _check.one_of(axis, "axis", ("x", "y", "z"))
     amplitudes, times = numbers(shaper)
@@ -179,13 +180,15 @@ def marlin(shaper: Shaper, *, axis: str = "x") -> str:
         )
     decay = -math.log(min(amplitudes[1] / amplitudes[0], 1.0))
     zeta = decay / math.hypot(math.pi, decay)
+    axis = axis.upper()
     lines = [
         *about(shaper),
         "",
         "F is the damped frequency. Marlin holds amplitudes in steps of 1/128: the second may be that much smaller.",
-        "Needs INPUT_SHAPING_" + axis.upper() + "; M500 keeps it.",
+        f"For Marlin 2.1.2 and later with INPUT_SHAPING_{axis} in Configuration_adv.h, where SHAPING_FREQ_{axis} and",
+        f"SHAPING_ZETA_{axis} are the same numbers. M500 keeps them.",
     ]
-    return comment(";", lines) + f"M593 {axis.upper()} F{0.5 / times[1]:.6f} D{zeta:.6f}\n"
+    return comment(";", lines) + f"M593 {axis} F{0.5 / times[1]:.6f} D{zeta:.6f}\n"
 
 
 def reprapfirmware(shaper: Shaper, *, firmware: str = "3.6") -> str:
@@ -202,7 +205,7 @@ def reprapfirmware(shaper: Shaper, *, firmware: str = "3.6") -> str:
         ValueError: for more than 5 impulses or fewer than 2, an amplitude that is not positive, and impulses less than
             a microsecond apart.
 
-    Source: Duet3D's G-code dictionary on M593; four impulses after the first in the firmware's ``AxisShaper`` (3.5).
+    Source: Duet3D's G-code dictionary on M593; the firmware's ``AxisShaper`` in 3.4, 3.5 and 3.6 (October 2024).
     """
     _check.one_of(firmware, "firmware", REPRAP)
     amplitudes, times = numbers(shaper)
