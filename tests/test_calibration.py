@@ -296,6 +296,33 @@ def test_fit_beside_a_plain_search(version, kind):
     assert (found.vibration, found.smoothing, found.score) == pytest.approx(best[1:], rel=1e-9, abs=1e-12)
 
 
+def test_fits_of_klipper_itself():
+    """As Klipper's own program (v0.13.0-730) prints them for this spectrum: the MZV goes on to where it beats the ZV in
+    both, which its own search would not have found."""
+    spectra = [printer(35.0, 120.0)]
+    fits = calibration.fit_all(spectra)
+    printed = [(f.name, round(f.frequency or 0, 1), f.vibration, f.smoothing) for f in fits]
+    assert printed == [
+        ("zv", 121.6, pytest.approx(0.1979506034929307, rel=1e-9), pytest.approx(0.015641531314382322, rel=1e-9)),
+        ("mzv", 129.0, pytest.approx(0.1972119518624938, rel=1e-9), pytest.approx(0.015620277879296759, rel=1e-9)),
+        ("ei", 40.2, pytest.approx(0.023576368276048063, rel=1e-9), pytest.approx(0.203889601888886, rel=1e-9)),
+        (
+            "2hump_ei",
+            39.8,
+            pytest.approx(0.0030220465883573217, rel=1e-9),
+            pytest.approx(0.35747516971788595, rel=1e-9),
+        ),
+        (
+            "3hump_ei",
+            76.0,
+            pytest.approx(0.0040462971931299685, rel=1e-9),
+            pytest.approx(0.15653458329671172, rel=1e-9),
+        ),
+    ]
+    assert calibration.fit("mzv", spectra).frequency != 129.0
+    assert calibration.recommend(fits).best.name == "3hump_ei"
+
+
 def test_no_frequency_ceiling():
     """A stiff printer's resonance at 190 Hz: Klipper's range ends below the shaper that fits it."""
     f = np.arange(0, 400, 1.6)

@@ -30,7 +30,7 @@ def test_tuned_beside_a_scan(made_up):
     again = impulses(tuned.rated.name, tuned.rated.frequency, tuned.rated.zeta)
     np.testing.assert_allclose(again, [tuned.rated.amplitudes, tuned.rated.times], atol=1e-15)
     bins, best = calibration.Bins(made_up), math.inf
-    frequencies = np.arange(20.0, 150.0, 0.5)
+    frequencies = np.arange(20.0, 150.0, 1.0)
     kinds = [f"mzv({n},{t:.2f})" for n in (3, 4, 5, 8) for t in np.arange(0.5, min((n - 1) / 2 - 0.01, 2), 0.1)]
     for kind in [*kinds, *(f"ei({v:.2f})" for v in np.arange(0.02, 0.3, 0.03)), "zv", "zvd", "2hump_ei", "3hump_ei"]:
         for zeta in (0.05, 0.1, 0.15):

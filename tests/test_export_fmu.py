@@ -158,6 +158,7 @@ def test_no_compiler_is_one_line(monkeypatch):
         js.export(SHAPER, "fmu", sample_time=SAMPLE_TIME, fmi="1.0")
 
 
+@pytest.mark.slow
 def test_another_compiler(monkeypatch, tmp_path):
     """Zig's, from PyPI, where the machine has none."""
     pytest.importorskip("ziglang")

@@ -88,10 +88,11 @@ class Calibration(Result):
         best, mine = self.choice.best, self.stock.rated
         if not self.stock.converged or (mine.name == best.name and mine.frequency == best.frequency):
             return [f"Why this one: it is Klipper's own choice; {self.choice.reason}.", "Tuned, no other is better."]
-        less, more = 1 - mine.smoothing / best.smoothing, mine.max_accel / max(best.max_accel, 1e-9) - 1
+        blur, faster = mine.smoothing / best.smoothing - 1, mine.max_accel / max(best.max_accel, 1e-9) - 1
+        change = lambda ratio: f"{abs(100 * ratio):.1f} % {'more' if ratio > 0 else 'less'}"
         return [
             f"Why this one: it rounds corners by {mine.smoothing:.4f} mm, {best.label} by {best.smoothing:.4f} mm: "
-            f"{100 * less:.1f} % less, {100 * more:.1f} % more acceleration;",
+            f"{change(blur)}, {change(faster)} acceleration;",
             f"it leaves {percent(mine.vibration)} of the measured vibration, that one {percent(best.vibration)}.",
         ]
 
