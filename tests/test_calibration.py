@@ -48,65 +48,6 @@ def test_golden_values(kind):
         assert calibration.max_accel(amplitudes, times) == pytest.approx(fastest, abs=0.051)
 
 
-@pytest.mark.parametrize(("n", "t"), [(3, 0.6), (4, 1.45), (5, 0.5), (6, 0.9), (9, 2.0), (10, 1.189)])
-def test_mzv_beside_the_least_squares_of_its_definition(n, t):
-    """Klipper solves ΣA = 1 and a zero at (1 + i/τ)f, i = 0 … n − 2, by a pseudo-inverse."""
-    tau, places = t * (n - 2) / (n - 2 * t - 1), np.arange(n) * t / (n - 1)
-    rows, wanted = [np.ones(n)], np.r_[1.0, np.zeros(2 * (n - 1))]
-    for i in range(n - 1):
-        phases = 2 * np.pi * (1 + i / tau) * places
-        rows += [np.cos(phases), np.sin(phases)]
-    solved = np.linalg.pinv(np.array(rows)) @ wanted
-    amplitudes, times = impulses(f"mzv(n={n},t={t})", 1.0, 0.0)
-    np.testing.assert_allclose(amplitudes, solved, atol=1e-11)
-    np.testing.assert_allclose(times, places, atol=1e-14)
-    exact = js.design.linear.mzv(2 * np.pi * 50, 0.1, n=n, t=t)
-    damped_ones = klipper_shaper(f"mzv({n}, {t})", 50.0, 0.1)
-    np.testing.assert_allclose(exact.amplitudes, damped_ones.amplitudes, atol=1e-14)
-    np.testing.assert_allclose(exact.times, damped_ones.times, rtol=1e-14)
-    if n > 3:
-        assert float(js.percentage_vibration(exact, 2 * np.pi * 50, 0.1)) < 1e-13
-
-
-def test_families_between_zv_and_zvdd():
-    for kind, plain in [("mzv(t=0.5)", "zv"), ("mzv(n=3,t=0.999998)", "zvd")]:
-        amplitudes, times = impulses(kind, 50.0)
-        wanted, at = impulses(plain, 50.0)
-        kept = amplitudes > 1e-9
-        np.testing.assert_allclose(amplitudes[kept], wanted, atol=2e-7)
-        np.testing.assert_allclose(times[kept], at, rtol=3e-6)
-    # tau is the duration of infinitely many impulses with the same zeros: t = tau (n − 1)/(n + 2 tau − 2).
-    np.testing.assert_array_equal(impulses("mzv(n=4,tau=1.5)", 50.0)[0], impulses("mzv(n=4,t=0.9)", 50.0)[0])
-
-
-@pytest.mark.parametrize(
-    ("kind", "words"),
-    [
-        ("mzv(n=5,1.0)", "all named or none"),
-        ("mzv(n=5.0)", "n must be a whole number, not 5.0"),
-        ("mzv(11)", "n must be from 3 to 10, for which Klipper has room, not 11"),
-        ("mzv(3,1.0)", "t must be from 0.5 to below 1 for n = 3, not 1"),
-        ("mzv(3,0.4)", "t must be from 0.5"),
-        ("mzv(t=1,tau=1)", "only one may be given"),
-        ("mzv(t=0.8,t=0.9)", "once each"),
-        ("mzv(a=1)", "the parameters of mzv are n, t, tau"),
-        ("mzv(5) x", "kind must be one of"),
-        ("zv(1)", "it has no parameters"),
-        ("ei(1e-2)", "cannot be read"),
-        ("ei(1.0)", "v_tol must lie between 0 and 1, not 1"),
-        ("ei(-0.1)", "cannot be read"),
-    ],
-)
-def test_parameters_that_klipper_refuses(kind, words):
-    with pytest.raises(ValueError, match=words):
-        impulses(kind, 50.0)
-
-
-def test_klipper_of_2024_takes_no_parameters():
-    with pytest.raises(ValueError, match="kind must have no parameters for Klipper of 2024"):
-        impulses("mzv(n=4,t=1.0)", 50.0, version="2024")
-
-
 def test_shapers_beside_the_exact_ones():
     """ZV, ZVD and MZV are jshape's own."""
     omega = 2 * np.pi * 50
