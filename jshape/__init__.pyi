@@ -14,6 +14,7 @@ from .design.tuning.pareto import pareto as pareto
 from .design.tuning.solution import Solution as Solution
 from .design.tuning.tune import tune as tune
 from .export.formats import export as export
+from .export.plant import export_plant as export_plant
 from .export.shaper_file import read_shaper as read_shaper
 from .identification import Identified as Identified
 from .identification import IdentifiedDuffing as IdentifiedDuffing

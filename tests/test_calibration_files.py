@@ -259,3 +259,20 @@ def test_files_of_noise(tmp_path_factory, content):
 @given(corrupt())
 def test_ten_thousand_damaged_files(tmp_path_factory, damaged):
     survives(tmp_path_factory.getbasetemp(), *damaged)
+
+
+def test_columns_of_shapers_with_parameters(tmp_path):
+    """Klipper since March 2026 writes their names with commas, not quoted."""
+    path = tmp_path / "spectrum.csv"
+    text = spectrum_text(normalised=True)
+    path.write_text(text, encoding="utf-8")
+    (plain,) = calibration.read(path)
+    lines = text.splitlines()
+    lines[0] = lines[0].replace("mzv(55.0)", "mzv(n=6,t=0.9)(71.2),ei(v_tol=0.1)(80.0)")
+    path.write_text("\n".join([lines[0], *(f"{line},0.125" for line in lines[1:])]) + "\n", encoding="utf-8")
+    (spectrum,) = calibration.read(path)
+    np.testing.assert_array_equal(spectrum.density, plain.density)
+    # A row that lacks a cell is found all the same.
+    path.write_text("\n".join([lines[0], *lines[1:]]) + "\n", encoding="utf-8")
+    with pytest.raises(ValueError, match=r"spectrum.csv:2: has 7 cells where the header has 8"):
+        calibration.read(path)

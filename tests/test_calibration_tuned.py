@@ -185,7 +185,11 @@ def test_calibration_of_everything(found):
     assert tuned.duration <= max(fit.duration for fit in found.fits)
     assert tuned.smoothing < best.smoothing
     assert f"{100 * (1 - tuned.smoothing / best.smoothing):.1f} % less smoothing" in found.message
-    assert set(found.simulated) == {"zv", "mzv", "ei", "2hump_ei", "3hump_ei", "tuned"}
+    assert set(found.simulated) == {"zv", "mzv", "ei", "2hump_ei", "3hump_ei", "klipper_tuned", "tuned"}
+    stock = found.stock.rated
+    assert stock.vibration <= best.vibration
+    assert stock.smoothing < best.smoothing
+    assert f"{100 * (1 - stock.smoothing / best.smoothing):.1f} % less" in found.why[0]
     modes = found.modes[0]
     left = [js.percentage_vibration(tuned.shaper, 2 * np.pi * m.frequency, m.zeta) for m in modes]
     total = math.sqrt(sum(m.share * float(v) ** 2 for m, v in zip(modes, left, strict=True)))

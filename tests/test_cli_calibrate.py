@@ -1,5 +1,6 @@
 """``jshape calibrate`` as its user meets it: the table, the reasons, the files, the lines to paste, mistakes."""
 
+import configparser
 import json
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from typer.testing import CliRunner
 
 from jshape.cli.calibrate import _axes, _axis, calibrate
 from jshape.export import read_shaper
+from jshape.klipper import impulses
 
 app = typer.Typer()
 app.command()(calibrate)
@@ -29,12 +31,14 @@ def folder(tmp_path_factory):
 def result(folder):
     data = folder / "resonances_y_made_up.csv"
     data.write_text(spectrum_text(), encoding="utf-8")
-    return run(data, "--out", folder / "out", "--starts", 4, "--reprapfirmware")
+    return run(data, "--out", folder / "out", "--starts", 4, "--reprapfirmware", "--kalico")
 
 
 def test_table_reasons_and_lines(result):
     assert result.exit_code == 0, result.output
-    for words in ("modes at 55.", "* recommended by Klipper (current): ", " instead: ", "tuned: ", "less smoothing"):
+    expected = ["Why this one: ", "vibration left: how much", "modes left: ", "modes at 55."]
+    expected += ["* recommended by Klipper (current): ", " instead: ", "tuned: ", "less smoothing"]
+    for words in expected:
         assert words in result.output
     assert "shaper_freq_y: " in result.output
     assert 'M593 P"custom" H' in result.output
@@ -46,7 +50,7 @@ def test_files(result, folder):
     record = json.loads((out / "results.json").read_text(encoding="utf-8"))
     assert record["format"] == "jshape-results"
     shapers = {row["name"]: row for row in record["shapers"]}
-    assert list(shapers) == ["zv", "mzv", "ei", "2hump_ei", "3hump_ei", "tuned"]
+    assert list(shapers) == ["zv", "mzv", "ei", "2hump_ei", "3hump_ei", "klipper_tuned", "kalico_smooth", "tuned"]
     best = shapers[record["recommended"]]
     assert shapers["tuned"]["vibration"] <= best["vibration"]
     assert set(record["costs"]) == {"zv", "mzv", "ei", "2hump_ei", "3hump_ei"} - {record["recommended"]}
@@ -59,7 +63,24 @@ def test_files(result, folder):
         assert (out / f"{name}.png").stat().st_size > 10_000
         assert (out / f"{name}.pdf").read_bytes().startswith(b"%PDF")
     pasted = (out / "paste.txt").read_text(encoding="utf-8")
-    assert f"shaper_type_y: {record['recommended']}" in pasted
+    assert f"# shaper_type_y: {record['recommended']}" in pasted
+    # The block as Klipper reads it: one section, whose shaper is the tuned one.
+    parser = configparser.ConfigParser()
+    parser.read_string(pasted[: pasted.index("# For an older")])
+    settings = dict(parser["input_shaper"])
+    assert settings.pop("shaper_type_y") == record["klipper_tuned"]["name"]
+    kind = record["klipper_tuned"]["name"]
+    amplitudes, times = impulses(kind, *(float(settings[f"{key}_y"]) for key in ("shaper_freq", "damping_ratio")))
+    np.testing.assert_allclose(amplitudes, shapers["klipper_tuned"]["amplitudes"], atol=1e-12)
+    np.testing.assert_allclose(times, shapers["klipper_tuned"]["times"], rtol=1e-12)
+    assert shapers["klipper_tuned"]["vibration"] <= best["vibration"]
+    assert shapers["klipper_tuned"]["smoothing"] <= best["smoothing"]
+    # And as Kalico does.
+    kalico = configparser.ConfigParser()
+    kalico.read_string(pasted[pasted.index("# For Kalico") : pasted.rindex("# For Kalico")])
+    lists = [[float(v) for v in kalico["input_shaper"][f"shaper_{letter}_y"].split(",")] for letter in "at"]
+    np.testing.assert_allclose(lists, [shapers["tuned"]["amplitudes"], shapers["tuned"]["times"]], atol=1e-8)
+    assert "smoother_freq_y: " in pasted
 
 
 def test_mistakes_end_with_a_line(folder):
@@ -106,8 +127,11 @@ def test_two_axes(folder):
     for axis in "xy":
         assert f"shaper_freq_{axis}: " in outcome.output
         assert f"shaper_type_{axis}" in (folder / "axes" / axis / "paste.txt").read_text(encoding="utf-8")
-    assert "RepRapFirmware does (--reprapfirmware)" in outcome.output
+    assert "Kalico and RepRapFirmware do" in outcome.output
     assert "M593" not in outcome.output
+    parser = configparser.ConfigParser()
+    parser.read(folder / "axes" / "paste.txt", encoding="utf-8")
+    assert {key[-1] for key in parser["input_shaper"]} == {"x", "y"}
 
 
 def test_axis_from_the_name(tmp_path):

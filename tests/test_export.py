@@ -25,7 +25,8 @@ NEEDED = {"sample_time": 0.01, "modes": [(9.0, 0.017)]}
 
 def made(name, path=None):
     """A format with what it needs, of a shaper that it can carry."""
-    shaper = {"on_off": ON_OFF, "marlin": js.design.linear.zv(9.0)}.get(name, SHAPER)
+    apart = {"on_off": ON_OFF, "marlin": js.design.linear.zv(9.0), "kalico": js.design.linear.zvd(90.0)}
+    shaper = apart.get(name, SHAPER)
     return js.export(
         shaper, name, path, **{option: NEEDED[option] for option, needed in FORMATS[name].options.items() if needed}
     )
@@ -91,7 +92,7 @@ def test_json_against_its_schema():
         validator.validate({key: good[key] for key in ("format", "version", "times")}, schema)
 
 
-@pytest.mark.parametrize("name", FORMATS)
+@pytest.mark.parametrize("name", [name for name in FORMATS if name != "fmu" or shutil.which("cc")])
 def test_every_format_is_written_as_it_is_returned(name, tmp_path):
     path = tmp_path / f"file{FORMATS[name].ending}"
     found = made(name, path)
@@ -101,6 +102,9 @@ def test_every_format_is_written_as_it_is_returned(name, tmp_path):
         assert found.isascii()
         assert found.endswith("\n")
         assert all(line == line.rstrip() for line in found.splitlines())
+        return
+    if isinstance(found, bytes):
+        assert path.read_bytes() == found
         return
     with np.load(path, allow_pickle=False) as kept:
         wanted = found if isinstance(found, dict) else dict(zip("ba", found, strict=True))
@@ -158,6 +162,7 @@ def test_matlab_script_holds_the_filter():
         js.export(SHAPER, "matlab", sample_time=0.01, name="end")
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("octave-cli") is None, reason="no Octave")
 def test_octave_shapes_a_command(tmp_path):
     js.export(SHAPER, "matlab", tmp_path / "crane.m", sample_time=0.01, method="split", name="crane")

@@ -271,3 +271,75 @@ def test_what_c_cannot_carry():
     with pytest.raises(ValueError, match="in fixed point the sum must be below 4 and each below 2"):
         export(wild, "c99", sample_time=0.01, arithmetic="q15")
     assert "2.5f" in export(wild, "c99", sample_time=0.01)
+
+
+ONLY = """
+#include "axis.h"
+axis_state state;
+void start(@sample@ position) { axis_init(&state, position); }
+@sample@ step(@sample@ command) { return axis_step(&state, command); }
+int bypass(int on) { return axis_bypass(&state, on); }
+int set(const axis_taps *taps) { return axis_set(&state, taps); }
+"""
+SAMPLES = {"float": "float", "double": "double", "q15": "int16_t", "q31": "int32_t"}
+
+
+def only(folder, arithmetic):
+    """A file that has the header's functions alone, each once."""
+    shaper, options = CASES[arithmetic]
+    export(shaper, "c99", folder / "axis.h", name="axis", arithmetic=arithmetic, **options)
+    (folder / "only.c").write_text(ONLY.replace("@sample@", SAMPLES[arithmetic]), encoding="utf-8")
+
+
+@pytest.mark.skipif(shutil.which("g++") is None, reason="no C++ compiler")
+@pytest.mark.parametrize("arithmetic", CASES)
+def test_the_same_header_is_c_plus_plus(arithmetic, tmp_path):
+    only(tmp_path, arithmetic)
+    command = ["g++", "-std=c++17", "-x", "c++", *STRICT[1:], "-c", "only.c"]
+    built = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    assert built.returncode == 0, built.stderr
+
+
+ARM = ["arm-none-eabi-gcc", *STRICT, "-mfloat-abi=soft"]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("arm-none-eabi-gcc") is None, reason="no compiler for microcontrollers")
+@pytest.mark.parametrize("arithmetic", ["q15", "q31"])
+def test_a_microcontroller_without_floating_point(arithmetic, tmp_path):
+    """No routine for floating point is needed, nor for division; the size of what is left."""
+    only(tmp_path, arithmetic)
+    for core, most in (("cortex-m0", 900), ("cortex-m4", 800)):
+        command = [*ARM, f"-mcpu={core}", "-mthumb", "-Os", "-ffreestanding", "-c", "only.c"]
+        built = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+        assert built.returncode == 0, built.stderr
+        read = lambda *words: subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=True).stdout
+        # A core without long products calls for one; nothing else is called.
+        missing = re.findall(r"U (\w+)", read("arm-none-eabi-nm", "-u", "only.o"))
+        assert set(missing) <= ({"__aeabi_lmul"} if (arithmetic, core) == ("q31", "cortex-m0") else set())
+        text = int(read("arm-none-eabi-size", "only.o").splitlines()[1].split()[0])
+        assert 300 < text < most
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(
+    shutil.which("arm-none-eabi-gcc") is None or shutil.which("qemu-arm") is None, reason="no emulated processor"
+)
+@pytest.mark.parametrize("arithmetic", ["q15", "q31"])
+def test_an_emulated_processor_without_floating_point(arithmetic, tmp_path):
+    """An ARM926 gives the same samples bit for bit, changes between them."""
+    shaper, options = CASES[arithmetic]
+    _, _, _, capacity = compiled(tmp_path, shaper, arithmetic, 5, **options)
+    rng = np.random.default_rng(11)
+    full = 2.0 ** ({"q15": 16, "q31": 32}[arithmetic] - 1) / 6
+    orders = orders_for(rng, np.rint(full * rng.uniform(-1, 1, 12 * capacity)), capacity)
+    here = answers(tmp_path, orders)
+    command = ["arm-none-eabi-gcc", "-std=c99", "-O2", "-mcpu=arm926ej-s", "-marm", "-mfloat-abi=soft"]
+    built = subprocess.run(
+        [*command, "--specs=rdimon.specs", "main.c", "-o", "main.elf"], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert built.returncode == 0, built.stderr
+    text = "".join(f"{what} {value!r}\n" for what, value in orders)
+    run = ["qemu-arm", "-cpu", "arm926", "./main.elf"]
+    done = subprocess.run(run, cwd=tmp_path, input=text, capture_output=True, text=True, timeout=300)
+    assert [float(line) for line in done.stdout.split()] == here

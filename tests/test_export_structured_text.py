@@ -1,144 +1,21 @@
-"""The function blocks, cycle by cycle, by a small interpreter; their grammar by a parser of others where there is one.
-
-The interpreter knows the statements that the blocks use and is strict where controllers are: types, array bounds.
-"""
+"""The function blocks, cycle by cycle, by a small interpreter; by a compiler and a parser of others where there are."""
 
 import itertools
 import math
+import os
 import re
-from typing import Any
+import shutil
+import subprocess
+from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from function_blocks import Block, shaped
 
 import jshape as js
 from jshape.export import export
 from jshape.export.structured_text import real
-
-KINDS = {"LREAL": float, "DINT": int, "BOOL": bool}
-TOKEN = re.compile(r"\d+\.\d+(?:E[+-]?\d+)?|\d+|[A-Za-z_]\w*|:=|<>|<=|>=|\.\.|[-+*/()\[\],:;=<>]|\S")
-PYTHON = {"AND": "and", "OR": "or", "NOT": "not", "<>": "!=", "=": "==", "TRUE": "True", "FALSE": "False"}
-PYTHON |= {"ABS": "abs", "LREAL_TO_DINT": "to_dint", "DINT_TO_LREAL": "float"}
-
-
-class Numbers(list):
-    """An array of a controller: of one type, without negative indices."""
-
-    def __init__(self, kind, items):
-        super().__init__(items)
-        self.kind = kind
-
-    def __getitem__(self, index):
-        assert 0 <= index < len(self), f"index {index} of {len(self)}"
-        return super().__getitem__(index)
-
-    def __setitem__(self, index, value):
-        assert 0 <= index < len(self), f"index {index} of {len(self)}"
-        assert type(value) is self.kind, (value, self.kind)
-        super().__setitem__(index, value)
-
-
-class Block:
-    """An instance of the one function block of a source; its variables are attributes, a call is a cycle."""
-
-    def __init__(self, source, to_dint=round):
-        text = re.sub(r"\(\*.*?\*\)", "", source, flags=re.S)
-        ((self.__dict__["block"], inner),) = re.findall(r"FUNCTION_BLOCK (\w+)(.*)END_FUNCTION_BLOCK", text, re.S)
-        self.__dict__["kinds"] = {}
-        for section in re.findall(r"VAR(?:_INPUT|_OUTPUT)?\b(.*?)END_VAR", inner, re.S):
-            for declaration in filter(str.strip, section.split(";")):
-                self.declare(declaration)
-        body = inner[inner.rindex("END_VAR") + len("END_VAR") :]
-        self.__dict__["tokens"] = TOKEN.findall(body)
-        lines = ["def run(v):", *self.statements(1, {None}), "    return"]
-        space = {"to_dint": to_dint}
-        exec("\n".join(lines), space)
-        self.__dict__["run"] = space["run"]
-
-    def declare(self, text):
-        form = r"\s*(\w+)\s*:\s*(?:ARRAY \[0\.\.(\d+)\] OF )?(\w+)\s*(?::=\s*(.+?))?\s*"
-        found = re.fullmatch(form, text, re.S)
-        assert found, text
-        name, array, kind, value = found.groups()
-        kind = self.kinds[name] = KINDS[kind]
-        read = lambda word: kind(word == "TRUE") if kind is bool else kind(word)
-        if array is None:
-            self.__dict__[name] = kind() if value is None else read(value)
-            return
-        size = int(array) + 1
-        items = [kind()] * size if value is None else [read(word) for word in value.strip("[]").split(",")]
-        assert len(items) == size
-        self.__dict__[name] = Numbers(kind, items)
-
-    def __getattr__(self, name: str) -> Any:
-        raise AttributeError(name)
-
-    def __setattr__(self, name, value):
-        if isinstance(self.__dict__[name], Numbers):
-            value = Numbers(self.kinds[name], value)
-        else:
-            assert type(value) is self.kinds[name], (name, value)
-        self.__dict__[name] = value
-
-    def __call__(self, **inputs):
-        for name, value in inputs.items():
-            setattr(self, name, value)
-        self.run(self)
-
-    def take(self, *wanted):
-        token = self.tokens.pop(0)
-        assert not wanted or token in wanted, (token, wanted, self.tokens[:9])
-        return token
-
-    def expression(self, *ends):
-        words = []
-        while self.tokens[0] not in ends:
-            word = self.take()
-            words.append(PYTHON.get(word) or (f"v.{word}" if word in self.kinds else word))
-            assert word[0].isdigit() or not word[0].isalpha() or word in PYTHON or word in self.kinds, word
-        self.take(*ends)
-        return " ".join(words)
-
-    def statements(self, depth, ends):
-        lines, pad = [], "    " * depth
-        while (self.tokens[0] if self.tokens else None) not in ends:
-            word = self.take()
-            if word == "IF":
-                lines.append(f"{pad}if {self.expression('THEN')}:")
-                lines += self.statements(depth + 1, {"ELSIF", "ELSE", "END_IF"})
-                while (word := self.take("ELSIF", "ELSE", "END_IF")) != "END_IF":
-                    lines.append(f"{pad}else:" if word == "ELSE" else f"{pad}elif {self.expression('THEN')}:")
-                    lines += self.statements(depth + 1, {"ELSIF", "ELSE", "END_IF"})
-                self.take(";")
-            elif word == "FOR":
-                index = self.take()
-                assert self.kinds[index] is int
-                self.take(":=")
-                first, last = self.expression("TO"), self.expression("DO")
-                lines.append(f"{pad}for v.{index} in range({first}, {last} + 1):")
-                lines += self.statements(depth + 1, {"END_FOR"})
-                self.take("END_FOR")
-                self.take(";")
-            elif word == "RETURN":
-                lines.append(f"{pad}return")
-                self.take(";")
-            else:
-                assert word in self.kinds, word
-                target = f"v.{word}"
-                if self.tokens[0] == "[":
-                    self.take("[")
-                    target += f"[{self.expression(']')}]"
-                self.take(":=")
-                lines.append(f"{pad}{target} = {self.expression(';')}")
-        return lines
-
-
-def shaped(block, commands, **inputs):
-    found = []
-    for command in commands:
-        block(Command=float(command), **inputs)
-        found.append(block.Shaped)
-    return np.array(found)
 
 
 def filtered(taps, commands):
@@ -352,6 +229,123 @@ def test_on_off_cannot_carry():
             export(shaper, "on_off", **options)
 
 
+# Dialects
+
+
+def test_dialects_hold_the_same_block(source, table, commands):
+    """Put together again, CODESYS's and TwinCAT's halves are the block of the standard; so is Siemens's."""
+    made = lambda dialect: export(SHAPER, "structured_text", sample_time=CYCLE, name="Crane", dialect=dialect)
+    assert made("iec") == source
+    plain = re.sub(r"\s+", " ", re.sub(r"\(\*.*?\*\)", "", source, flags=re.S))
+    codesys = made("codesys")
+    assert not codesys.rstrip().endswith("END_FUNCTION_BLOCK")
+    halves = ElementTree.fromstring(made("twincat").encode())
+    twincat = (halves.findtext("POU/Declaration") or "") + (halves.findtext("POU/Implementation/ST") or "")
+    for text in (codesys, twincat):
+        joined = re.sub(r"\s+", " ", re.sub(r"\(\*.*?\*\)", "", f"{text} END_FUNCTION_BLOCK ", flags=re.S))
+        assert joined == plain
+    tia = made("tia")
+    assert "FUNCTION_BLOCK \"Crane\"\n{ S7_Optimized_Access := 'TRUE' }\nVERSION : 0.1\n" in tia
+    declared, body = re.sub(r"\(\*.*?\*\)", "", tia, flags=re.S).split("\nBEGIN\n")
+    variables = set(re.findall(r"^    (\w+) : ", declared, re.M))
+    # Each of the block's own variables is marked, and nothing else is.
+    assert set(re.findall(r"#(\w+)", body)) <= variables
+    assert [word for word in re.findall(r"(?<!#)\b[A-Za-z_]\w*", body) if word in variables] == []
+    found = Block(re.sub(r'"(\w+)"\n\{.*\}\nVERSION.*\n', r"\1\n", tia).replace("\nBEGIN\n", "").replace("#", ""))
+    np.testing.assert_array_equal(shaped(found, commands), shaped(Block(source), commands))
+    assert "#Switches[#Upcoming]" in export(ON_OFF, "on_off", sample_time=0.04, modes=MODES, dialect="tia")
+    with pytest.raises(ValueError, match="dialect must be one of"):
+        made("basic")
+
+
+# By a compiler for controllers
+
+
+DRIVER = """
+#include <stdio.h>
+#include "POUS.h"
+#include "POUS.c"
+#define SET(name) __SET_VAR(data->, name,, value)
+#define PUT(name) __SET_VAR(data->, name,, values)
+static CRANE block, *data = &block;
+TIME __CURRENT_TIME;
+BOOL __DEBUG;
+int main(void) {
+    char what;
+    int i;
+    double value;
+    __ARRAY_OF_LREAL_3 values;
+    CRANE_init__(data, 0);
+    while (scanf(" %c", &what) == 1) {
+        if (what == 'a' || what == 't') {
+            for (i = 0; i < 3; ++i) if (scanf("%lf", &values.table[i]) != 1) return 1;
+            if (what == 'a') { PUT(AMPLITUDES); } else { PUT(TIMES); }
+            continue;
+        }
+        if (scanf("%lf", &value) != 1) return 1;
+        if (what == 'y') { SET(CYCLETIME); }
+        if (what == 'b') { SET(BYPASS); }
+        if (what != 'c') continue;
+        SET(COMMAND);
+        CRANE_body__(data);
+        printf("%.17g %d\\n", __GET_VAR(data->SHAPED), __GET_VAR(data->ERROR));
+    }
+    return 0;
+}
+"""
+
+
+def matiec() -> tuple[str, Path] | None:
+    """The compiler of MATIEC, on the path, and its libraries, in MATIEC_LIB or beside it."""
+    program = shutil.which("iec2c")
+    library = Path(os.environ.get("MATIEC_LIB", Path(program).parent / "lib")) if program else None
+    return (program, library) if program and library and (library / "C" / "iec_std_lib.h").exists() else None
+
+
+@pytest.mark.slow
+def test_a_compiler_for_controllers_runs_it(tmp_path):
+    """By MATIEC: a hundred thousand cycles, bypass, amplitudes, times and cycle time changed in mid-move."""
+    found = matiec()
+    if found is None or shutil.which("cc") is None:
+        pytest.skip("no MATIEC (iec2c)")
+    program, library = found
+    text = export(SHAPER, "structured_text", tmp_path / "crane.st", sample_time=CYCLE, name="Crane")
+    (capacity,) = map(int, re.findall(r"Capacity : DINT := (\d+)", text))
+    for command in (
+        [program, "-I", str(library), "-T", str(tmp_path), "crane.st"],
+        ["cc", "-O1", "-w", "-I", str(library / "C"), "-I", ".", "main.c", "-o", "main", "-lm"],
+    ):
+        (tmp_path / "main.c").write_text(DRIVER, encoding="utf-8")
+        built = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+        assert built.returncode == 0, built.stderr
+    rng, count = np.random.default_rng(5), 100_000
+    commands = np.cumsum(rng.normal(size=count))
+    slow, even = (1.3 * np.asarray(SHAPER.times)).tolist(), [0.3, 0.3, 0.4]
+    changes = {20_000: ("b 1", None, CYCLE), 30_000: ("b 0", SHAPER, CYCLE)}
+    changes[40_000] = (f"t {' '.join(map(repr, slow))}", js.Shaper(SHAPER.amplitudes, slow), CYCLE)
+    changes[60_000] = (f"a {' '.join(map(repr, even))}", js.Shaper(even, slow), CYCLE)
+    changes[80_000] = ("y 0.04", js.Shaper(even, slow), 0.04)
+    assert min(np.diff(list(changes))) > capacity
+    orders, parts, shaper, cycle, begin = [], [], SHAPER, CYCLE, 0
+    for k, value in enumerate(commands.tolist()):
+        if k in changes:
+            parts.append((begin, k, shaper, cycle))
+            (order, shaper, cycle), begin = changes[k], k
+            orders.append(order)
+        orders.append(f"c {value!r}")
+    parts.append((begin, count, shaper, cycle))
+    run = subprocess.run(["./main"], cwd=tmp_path, input="\n".join(orders), capture_output=True, text=True)
+    shaped_by_it, errors = np.array([line.split() for line in run.stdout.splitlines()], float).T
+    assert not errors.any()
+    # Every change of the command goes through the shaper in force when it comes.
+    expected, moves = np.full(count, commands[0]), np.diff(commands, prepend=commands[0])
+    for begin, end, shaper, cycle in parts:
+        own = np.where((np.arange(count) >= begin) & (np.arange(count) < end), moves, 0.0)
+        taps = np.ones(1) if shaper is None else shaper.digitise(cycle, "split")
+        expected += np.cumsum(own) + np.convolve(own, np.cumsum(taps) - 1)[:count]
+    np.testing.assert_allclose(shaped_by_it, expected, rtol=0, atol=2e-12)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("which", ["source", "table"])
 def test_a_parser_of_others_reads_it(which, request):
@@ -360,3 +354,14 @@ def test_a_parser_of_others_reads_it(which, request):
     parsed = blark.parse_source_code(request.getfixturevalue(which))
     assert parsed.exception is None
     assert parsed.transform().items[0].name == {"source": "Crane", "table": "Hoist"}[which]
+
+
+@pytest.mark.slow
+def test_a_parser_of_others_reads_twincats_file(tmp_path):
+    parse = pytest.importorskip("blark.parse").parse
+    path = tmp_path / "Crane.TcPOU"
+    export(SHAPER, "structured_text", path, sample_time=CYCLE, name="Crane", dialect="twincat")
+    results = list(parse(path))
+    assert [result.exception for result in results] == [None] * len(results)
+    assert {result.identifier for result in results} == {"Crane/declaration", "Crane/implementation"}
+    assert results[0].transform().items[0].name == "Crane"

@@ -78,3 +78,15 @@ def test_errors():
 def test_noise_is_no_spring():
     with pytest.raises(ValueError, match="no spring k1 x"):
         identify_duffing(TIMES, np.random.default_rng(0).standard_normal(600))
+
+
+@pytest.mark.slow
+def test_silverbox_twin():
+    """Four parameters of the circuit's twin, and free runs at or below 1.00 mV, with noise of 0.25 mV."""
+    from experiments.identification.silverbox import TRUE, results
+
+    found = results()
+    for name in TRUE:
+        assert found[f"{name} over true"] == pytest.approx(1.0, abs=1e-3)
+    for name in ("multisine", "growing noise"):
+        assert found[f"free run, {name} (mV)"] < 0.3

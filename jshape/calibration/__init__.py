@@ -5,6 +5,8 @@ Read a measured spectrum or a raw record, let Klipper's own method choose, then 
     spectra = calibration.read("resonances_x.csv")             # one file or several that must share a shaper
     fits = calibration.fit_all(spectra)                        # Klipper's five, each at its best frequency
     choice = calibration.recommend(fits)                       # and what each alternative costs
+    stock = calibration.tune_firmware(spectra, vibration=choice.best.vibration)   # Klipper's own, parameters tuned
+    stock.rated.name, stock.rated.frequency, stock.rated.zeta                     # as its configuration takes them
     offer = calibration.tune(spectra, vibration=choice.best.vibration, duration=0.0144)
     offer.shaper, offer.message, offer.rated.smoothing, offer.rated.vibration, offer.finer, offer.simulated
     calibration.calibrate(spectra)                             # all of this at once

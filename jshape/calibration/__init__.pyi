@@ -1,3 +1,4 @@
+from .family import tune_firmware as tune_firmware
 from .files import read as read
 from .fit import fit as fit
 from .fit import fit_all as fit_all

@@ -62,12 +62,23 @@ def _read(path: Path, component: str) -> list[Spectrum]:
         at = next((i for i, line in enumerate(lines) if line.strip() and not line.startswith("#")), 0)
         raise _problem(path, at + 1, f"the file must begin with {','.join(_RAW)!r} or 'freq,…'; it is neither kind")
     rows = _rows(path, lines, header)
-    heading = [cell.strip() for cell in next(rows)[1]]
+    heading = _heading([cell.strip() for cell in next(rows)[1]])
     if heading[0] == "freq":
         return _spectra(path, header + 1, heading, rows, component)
     if heading != _RAW:
         raise _problem(path, header + 1, f"the columns of a raw record must be {','.join(_RAW)!r}")
     return [_record(path, rows, component)]
+
+
+def _heading(cells: list[str]) -> list[str]:
+    """The names of the columns; commas between a shaper's parameters, as in ``mzv(n=6,t=0.9)(71.2)``, part none."""
+    names: list[str] = []
+    for cell in cells:
+        if "shapers:" in names and names[-1].count("(") > names[-1].count(")"):
+            names[-1] += f",{cell}"
+        else:
+            names.append(cell)
+    return names
 
 
 def _text(path: Path) -> str:

@@ -1,15 +1,15 @@
 """Each of Klipper's shapers at the frequency that Klipper gives it."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
 from jshape import _check
+from jshape.calibration.recommend import better
 from jshape.calibration.score import CEILING, ZETAS, Bins, Rated, rate
 from jshape.calibration.smoothing import CORNER_SPEED
 from jshape.calibration.spectrum import Spectrum
-from jshape.klipper import DAMPING, VERSIONS, impulses
+from jshape.klipper import DAMPING, VERSIONS, impulses, parsed
 
 LOWEST = {"zv": 21.0, "mzv": 23.0, "zvd": 29.0, "ei": 29.0, "2hump_ei": 39.0, "3hump_ei": 48.0}
 """Hz, where the search for each shaper's frequency begins."""
@@ -37,7 +37,7 @@ def fit(
     (1.1 times, and since 2025 0.05 % on top) and a lower score.
 
     Args:
-        kind: one of ``LOWEST``.
+        kind: one of ``LOWEST``, with parameters such as ``"mzv(n=5,t=1.05)"`` if need be.
         spectra: measured, that share the shaper.
         version: Klipper's, ``"current"`` or ``"2024"``.
         zeta: damping ratio for which the shaper is made.
@@ -48,15 +48,32 @@ def fit(
     Raises:
         ValueError: for an unknown kind or version and a highest frequency that leaves nothing to search.
     """
-    _check.one_of(kind, "kind", tuple(LOWEST))
+    return _selected(_scan(kind, spectra, version, zeta, zetas, corner_speed, highest), version)
+
+
+def _scan(
+    kind: str,
+    spectra: Sequence[Spectrum],
+    version: str,
+    zeta: float,
+    zetas: Sequence[float],
+    corner_speed: float,
+    highest: float,
+) -> list[Rated]:
+    """A shaper at every frequency that Klipper tries, from the lowest one on."""
     _check.one_of(version, "version", VERSIONS)
-    if not LOWEST[kind] < highest <= 2000:
-        raise ValueError(f"highest must lie between {LOWEST[kind]:g} and 2000 Hz for {kind}, not {highest!r}")
+    lowest = LOWEST[parsed(kind)[0]]
+    if not lowest < highest <= 2000:
+        raise ValueError(f"highest must lie between {lowest:g} and 2000 Hz for {kind}, not {highest!r}")
     bins = Bins(spectra, zetas, ceiling=max(CEILING, highest))
-    found = [
-        rate(kind, *impulses(kind, frequency, zeta, version), bins, corner_speed, float(frequency))
-        for frequency in np.round(np.arange(LOWEST[kind], highest, 0.2), 9)
+    return [
+        rate(kind, *impulses(kind, frequency, zeta, version), bins, corner_speed, float(frequency), zeta)
+        for frequency in np.round(np.arange(lowest, highest, 0.2), 9)
     ]
+
+
+def _selected(found: list[Rated], version: str) -> Rated:
+    """The frequency that Klipper gives a shaper when it looks at that shaper alone."""
     # Of equals the highest frequency, as Klipper has it.
     least = min(reversed(found), key=lambda rated: rated.vibration)
     enough = 1.1 * least.vibration + (0.0005 if version == "current" else 0.0)
@@ -77,6 +94,21 @@ def fit_all(
     corner_speed: float = CORNER_SPEED,
     highest: float = HIGHEST,
 ) -> list[Rated]:
-    """Several of Klipper's shapers, each at its best frequency, in their order; arguments as for ``fit``."""
-    given: Any = dict(version=version, zeta=zeta, zetas=zetas, corner_speed=corner_speed, highest=highest)
-    return [fit(kind, spectra, **given) for kind in kinds]
+    """Several of Klipper's shapers, in their order, at the frequencies at which Klipper recommends among them.
+
+    Each at its best frequency; in the current version at another one where it leaves less vibration and smooths less
+    than the best of those before it. Arguments as for ``fit``.
+    """
+    fits: list[Rated] = []
+    best: Rated | None = None
+    for kind in kinds:
+        found = _scan(kind, spectra, version, zeta, zetas, corner_speed, highest)
+        fitted = _selected(found, version)
+        if best is None or better(fitted, best, version):
+            best = fitted
+        if version == "current":
+            for rated in found:
+                if rated.vibration < best.vibration and rated.smoothing < best.smoothing:
+                    best = fitted = rated
+        fits.append(fitted)
+    return fits

@@ -42,7 +42,7 @@ def recommend(fits: Sequence[Rated], version: str = "current") -> Choice:
         raise ValueError("fits is empty: there is nothing to choose from")
     best, reason = fits[0], "no other is better"
     for other in fits[1:]:
-        won = _better(other, best, version)
+        won = better(other, best, version)
         if won:
             best, reason = other, won
     if best.name == "zv":
@@ -56,8 +56,14 @@ def recommend(fits: Sequence[Rated], version: str = "current") -> Choice:
     return Choice(best, reason, {other.name: cost(other, best) for other in fits if other is not best})
 
 
-def _better(other: Rated, best: Rated, version: str) -> str | None:
-    """Why the other replaces the best so far, if it does."""
+def better(other: Rated, best: Rated, version: str) -> str | None:
+    """Why a shaper replaces the best so far in Klipper's choice, in words; ``None`` where it does not.
+
+    Args:
+        other: the next shaper.
+        best: so far.
+        version: Klipper's.
+    """
     words = f"its score is {best.score / other.score:.3g} times lower than that of {best.label}"
     if other.score * 1.2 < best.score:
         return words

@@ -25,13 +25,14 @@ class Rated:
     """A shaper and its numbers.
 
     Attributes:
-        name: of the shaper.
-        frequency: Hz, of Klipper's; ``None`` for a tuned one.
+        name: of the shaper, with the parameters of a family.
+        frequency: Hz, of those that a firmware has; ``None`` for a tuned list of impulses.
         amplitudes: they sum to 1, shape (impulses,).
         times: s, shape (impulses,).
         vibration: the share that remains, in the worst case.
         smoothing: mm.
         max_accel: mm/s².
+        zeta: damping ratio for which a firmware makes it; ``None`` for a tuned list of impulses.
     """
 
     name: str
@@ -41,6 +42,7 @@ class Rated:
     vibration: float
     smoothing: float
     max_accel: float
+    zeta: float | None = None
 
     @property
     def score(self) -> float:
@@ -116,19 +118,21 @@ class Bins:
                 for factor in factors
             ]
 
-    def vibrations(self, amplitudes: Any, times: Any) -> Float[np.ndarray, " cases"]:
+    def vibrations(self, amplitudes: Any, times: Any, stretch: Any = 1.0) -> Float[np.ndarray, "*stretches cases"]:
         """The share of the vibration that remains in each case.
 
         Args:
             amplitudes: not negative, they sum to 1, shape (impulses,).
             times: s, shape (impulses,).
+            stretch: factor of all times, one or several.
         """
-        return np.concatenate(
-            [
-                np.maximum(np.abs(transform(amplitudes, times, poles)) * density - 1 / 20, 0).sum(axis=1) / excess.sum()
-                for poles, density, excess in self.cases
-            ]
-        )
+        factor = np.asarray(stretch, float)[..., None, None]
+        left = [
+            np.maximum(np.abs(transform(amplitudes, times, factor * poles)) * density - 1 / 20, 0).sum(-1)
+            / excess.sum()
+            for poles, density, excess in self.cases
+        ]
+        return np.concatenate(left, axis=-1)
 
     def worst(self, amplitudes: Any, times: Any) -> float:
         """The greatest of ``vibrations``."""
@@ -184,6 +188,7 @@ def rate(
     bins: Bins,
     corner_speed: float = CORNER_SPEED,
     frequency: float | None = None,
+    zeta: float | None = None,
 ) -> Rated:
     """A shaper with all its numbers.
 
@@ -193,7 +198,8 @@ def rate(
         times: s, shape (impulses,).
         bins: of the spectra.
         corner_speed: mm/s.
-        frequency: Hz, of Klipper's shapers.
+        frequency: Hz, of a firmware's shapers.
+        zeta: damping ratio for which a firmware makes it.
     """
     return Rated(
         name,
@@ -203,4 +209,5 @@ def rate(
         bins.worst(amplitudes, times),
         smoothing(amplitudes, times, corner_speed=corner_speed),
         max_accel(amplitudes, times, corner_speed),
+        zeta,
     )

@@ -15,8 +15,13 @@ TARGET = 0.12
 """mm: a smoothing that is hardly seen."""
 
 
-def _terms(amplitudes: Any, times: Any) -> tuple[float, float, float]:
-    """Smoothing = max(a · reversal, corner · scv + a · turn): the three coefficients (s², s, s²)."""
+def terms(amplitudes: Any, times: Any) -> tuple[float, float, float]:
+    """Smoothing = max(a · reversal, corner · v + a · turn): the three coefficients (s², s, s²).
+
+    Args:
+        amplitudes: of any sum, shape (impulses,).
+        times: s, shape (impulses,).
+    """
     a, t = np.asarray(amplitudes, float), np.asarray(times, float)
     a = a / a.sum()
     lag = t - a @ t
@@ -39,7 +44,7 @@ def smoothing(
     Source: Klipper's published numbers: about the impulses' mean time t_s, the reversal's (a/2) ΣA(T − t_s)²/ΣA and
         the corner's √2 Σ_{T ≥ t_s} A(v + (a/2)(T − t_s))(T − t_s)/ΣA.
     """
-    reversal, corner, turn = _terms(amplitudes, times)
+    reversal, corner, turn = terms(amplitudes, times)
     return max(acceleration * reversal, corner * corner_speed + acceleration * turn)
 
 
@@ -54,7 +59,7 @@ def max_accel(amplitudes: Any, times: Any, corner_speed: float = CORNER_SPEED, t
         corner_speed: mm/s.
         target: the most smoothing, mm.
     """
-    reversal, corner, turn = _terms(amplitudes, times)
+    reversal, corner, turn = terms(amplitudes, times)
     room = target - corner * corner_speed
     limits = [least / slope for least, slope in ((target, reversal), (room, turn)) if slope > 0]
     return max(min(limits, default=float("inf")), 0.0)

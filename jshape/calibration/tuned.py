@@ -144,17 +144,39 @@ def tune(
         )  # fmt: skip
         if least_blur.converged:
             return least_blur
-    between = np.linspace(min(zetas), max(zetas), 21)
-    finer = Bins([_finer(s) for s in spectra], between, shift, ceiling, steps=10)
-    plain = Bins(spectra, zetas, ceiling=ceiling)
-    amplitudes, times = _merged(amplitudes, times)
+    rated = rate("tuned", *_merged(amplitudes, times), Bins(spectra, zetas, ceiling=ceiling), corner_speed)
+    return judged(rated, spectra, met, search.message(met, agree, len(candidates)), shift, zetas, ceiling)
+
+
+def judged(
+    rated: Rated,
+    spectra: Sequence[Spectrum],
+    met: bool,
+    message: str,
+    shift: float = 0.0,
+    zetas: Sequence[float] = ZETAS,
+    ceiling: float = CEILING,
+) -> Tuned:
+    """A tuned shaper with its judges.
+
+    Args:
+        rated: the shaper and its numbers.
+        spectra: measured, that share the shaper.
+        met: whether it keeps to its limit.
+        message: how the search ended.
+        shift: fraction by which all frequencies may be off.
+        zetas: damping ratios of the worst case.
+        ceiling: Hz, up to which the spectra count.
+    """
+    amplitudes, times = rated.amplitudes, rated.times
+    finer = Bins([_finer(s) for s in spectra], np.linspace(min(zetas), max(zetas), 21), shift, ceiling, steps=10)
     return Tuned(
-        rate("tuned", amplitudes, times, plain, corner_speed),
-        bins.worst(amplitudes, times),
+        rated,
+        Bins(spectra, zetas, shift, ceiling).worst(amplitudes, times),
         finer.worst(amplitudes, times),
         _simulated(amplitudes, times, spectra, zetas, ceiling),
         Status.CONVERGED if met else Status.INFEASIBLE,
-        search.message(met, agree, len(candidates)),
+        message,
     )
 
 

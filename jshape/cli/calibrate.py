@@ -30,6 +30,7 @@ def calibrate(
     reprapfirmware: Annotated[
         bool, typer.Option("--reprapfirmware", help="The tuned shaper's line for RepRapFirmware's config.g, too.")
     ] = False,
+    kalico: Annotated[bool, typer.Option("--kalico", help="Lines for Kalico, too: the list, a smooth shaper.")] = False,
     component: Annotated[str, typer.Option(help="What counts of the acceleration: xyz, or x, y, z alone.")] = "xyz",
     zeta: Annotated[float, typer.Option(help="The printer's damping ratio, if it was measured.")] = 0.1,
     corner_speed: Annotated[float, typer.Option(help="Klipper's square corner velocity, mm/s.")] = 5.0,
@@ -49,6 +50,7 @@ def calibrate(
     seed: Annotated[int, typer.Option(help="Of the starting points.")] = 0,
 ) -> None:
     """Choose a shaper for a printer as Klipper does, say why, and tune a better one on the same spectrum."""
+    from jshape._files import write_text
     from jshape.calibration.files import read
 
     axes = _axes(data, axis, loads)
@@ -58,9 +60,10 @@ def calibrate(
         which: results_folder(out / which if out and len(axes) > 1 else out, name) for which, name in names.items()
     }
     prepare_jax()
+    from jshape.calibration.report import axes_together, lines, write
     from jshape.calibration.report import calibrate as calibrate_printer
-    from jshape.calibration.report import lines, write
 
+    all_found = {}
     for which, folder in folders.items():
         with progress_line() as (step, progress):
             found = calibrate_printer(
@@ -76,15 +79,23 @@ def calibrate(
                 shift=shift,
                 starts=starts,
                 seed=seed,
+                kalico=kalico,
                 progress=progress,
             )
             step("files")
-            files = write(found, folder, which, reprapfirmware)
-        _show(found)
-        typer.echo(lines(found, which, reprapfirmware))
+            files = write(found, folder, which, reprapfirmware, kalico)
+        all_found[which] = found
+        _show(found, highest)
+        typer.echo(lines(found, which, reprapfirmware, kalico))
         if axis is None:
             typer.echo(f"(axis {which}, from the file's name; --axis says otherwise)")
         typer.echo(f"results in {folder}: {', '.join(files)}")
+    if len(all_found) > 1:
+        text = axes_together(all_found)
+        typer.echo(f"\n{text}", nl=False)
+        if out:
+            write_text(out / "paste.txt", text)
+            typer.echo(f"(also in {out / 'paste.txt'})")
 
 
 def _axes(data: list[Path], axis: str | None, loads: bool) -> dict[str, list[Path]]:
@@ -111,7 +122,21 @@ def _axis(path: Path) -> str:
     return found[1] if found else "x"
 
 
-def _show(found: "Calibration") -> None:
+MEASURE = (
+    "how much of the vibration that was measured, as far as it rises above a twentieth of its peak, remains at the "
+    "worst of three damping ratios (Klipper's own measure)."
+)
+OTHER_MEASURE = "what a simulation of the resonances keeps, with nothing left out; of use to compare, not to limit."
+
+
+def _range(frequency: float, highest: float) -> str:
+    """The range that a mode's frequency (Hz) is not in, and what follows."""
+    if frequency < 35:
+        return "what some firmware takes (Prusa's ends at 35 Hz below); Klipper and Kalico take it"
+    return f"the range of shapers' frequencies, up to {highest:g} Hz; --highest raises it"
+
+
+def _show(found: "Calibration", highest: float) -> None:
     """The table, why the recommended shaper won, what each other would cost, and what the tuned one brings."""
     from jshape.calibration.recommend import percent
     from jshape.calibration.smoothing import rounded
@@ -121,6 +146,9 @@ def _show(found: "Calibration") -> None:
     for spectrum, modes in zip(found.spectra, found.modes, strict=True):
         words = ", ".join(f"{m.frequency:.1f} Hz (ζ {m.zeta:.3f}, {100 * m.share:.0f} %)" for m in modes)
         say(console, f"{spectrum.name}: modes at {words}")
+        for mode in modes:
+            if not 35 <= mode.frequency <= highest:
+                say(console, f"  {mode.frequency:.1f} Hz lies outside {_range(mode.frequency, highest)}")
     headings = ["Hz", "vibration\nleft", "smoothing\n(mm)", "max_accel\n(mm/s²)", "duration\n(ms)", "score"]
     rows = []
     for rated in found.shapers:
@@ -136,6 +164,8 @@ def _show(found: "Calibration") -> None:
         best = rated is found.choice.best
         rows.append((rated.name + (" *" if best else ""), cells))
     show_table(console, "shaper", [*headings, "modes\nleft"], rows, bold=(f"{found.choice.best.name} *", "tuned"))
+    say(console, f"vibration left: {MEASURE}")
+    say(console, f"modes left: {OTHER_MEASURE}")
     say(console, f"* recommended by Klipper ({found.version}): {found.choice.best.label}: {found.choice.reason}")
     for name, words in found.choice.costs.items():
         say(console, f"  {name} instead: {words}")

@@ -29,13 +29,15 @@ def export(
     name: Annotated[str | None, typer.Option(help="Of the shaper, the function block, the C types.")] = None,
     arithmetic: Annotated[str | None, typer.Option(help="Of C: float, double, q15 or q31.")] = None,
     capacity: Annotated[int | None, typer.Option(help="Of the function block's ring buffer, cycles.")] = None,
+    dialect: Annotated[str | None, typer.Option(help="Of Structured Text: iec, codesys, twincat or tia.")] = None,
     axis: Annotated[str | None, typer.Option(help="Of the printer: x or y.")] = None,
     firmware: Annotated[str | None, typer.Option(help="Klipper: current or 2024; RepRapFirmware: 3.6 or 3.4.")] = None,
+    fmi: Annotated[str | None, typer.Option(help="Of the mock-up unit: 2.0 or 3.0.")] = None,
     tolerance: Annotated[
         float | None, typer.Option(help="How near to one of Klipper's own the shaper must be.")
     ] = None,
 ) -> None:
-    """Write a shaper for a machine: C, Structured Text, a printer's firmware, MATLAB, SciPy, NumPy, JSON, CSV."""
+    """Write a shaper for a machine: C, Structured Text, FMU, printers' firmware, MATLAB, SciPy, NumPy, JSON, CSV."""
     prepare_jax()
     from jshape._files import whole
     from jshape.export import FORMATS, as_bytes, read_shaper
@@ -53,8 +55,10 @@ def export(
         "name": name,
         "arithmetic": arithmetic,
         "capacity": capacity,
+        "dialect": dialect,
         "axis": axis,
         "firmware": firmware,
+        "fmi": fmi,
         "tolerance": tolerance,
     }
     options = {option: value for option, value in given.items() if value is not None}

@@ -18,7 +18,8 @@ import numpy as np
 from jshape import _check
 from jshape._files import whole
 from jshape.export.c99 import c99
-from jshape.export.firmware import klipper, marlin, reprapfirmware
+from jshape.export.firmware import kalico, klipper, marlin, reprapfirmware
+from jshape.export.fmu import shaper_unit
 from jshape.export.matlab import matlab
 from jshape.export.on_off import on_off
 from jshape.export.shaper_file import csv_text, json_text
@@ -71,12 +72,14 @@ FORMATS = {
         as_filter, ".npz", "filter (b, a) for scipy.signal", "times between samples, other than by taps beside them"
     ),
     "c99": Format(c99, ".h", "C99 header: taps and a filter", "times between samples, other than by taps beside them"),
+    "fmu": Format(shaper_unit, ".fmu", "functional mock-up unit, FMI 2.0 or 3.0", "times between samples"),
     "structured_text": Format(structured_text, ".st", "IEC 61131-3 function block", ""),
     "on_off": Format(on_off, ".st", "IEC 61131-3 switching table", "any amplitudes but 1, -1, ..., 1"),
+    "kalico": Format(kalico, ".cfg", "[input_shaper] of one axis, with the impulses", "more than 5 impulses"),
     "klipper": Format(klipper, ".cfg", "[input_shaper] of one axis", "any shaper that Klipper has no name for"),
     "marlin": Format(marlin, ".gcode", "M593 of one axis", "any shaper but the ZV"),
     "reprapfirmware": Format(reprapfirmware, ".g", 'M593 P"custom"', "more than 5 impulses, negative amplitudes"),
-    "matlab": Format(matlab, ".m", "script for MATLAB, Octave, Simulink", ""),
+    "matlab": Format(matlab, ".m", "script for MATLAB and Octave", ""),
 }
 """Every format by its name."""
 
@@ -91,7 +94,8 @@ def export(shaper: Shaper, format: str, path: str | Path | None = None, **option
         options: keyword arguments of the format's function, such as ``sample_time`` (s).
 
     Returns:
-        The text; for ``"numpy"`` a dictionary of arrays, for ``"scipy"`` the arrays (b, a), which a file holds as npz.
+        The text; for ``"numpy"`` a dictionary of arrays, for ``"scipy"`` the arrays (b, a), which a file holds as npz;
+        for ``"fmu"`` the bytes of the file.
 
     Raises:
         ValueError: for an unknown format, an option that it does not have or that is missing, what it cannot carry,
@@ -122,8 +126,8 @@ def export(shaper: Shaper, format: str, path: str | Path | None = None, **option
 
 def as_bytes(made: Any) -> bytes:
     """What ``export`` returns, as the bytes of a file: text in UTF-8, arrays as npz."""
-    if isinstance(made, str):
-        return made.encode()
+    if isinstance(made, str | bytes):
+        return made.encode() if isinstance(made, str) else made
     buffer = io.BytesIO()
     np.savez(buffer, **(made if isinstance(made, dict) else dict(zip("ba", made, strict=True))))
     return buffer.getvalue()

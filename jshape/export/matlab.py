@@ -1,4 +1,4 @@
-"""A shaper as a script for MATLAB and Octave: its numbers, its digital filter and, with Simulink, two blocks."""
+"""A shaper as a script for MATLAB and Octave: its numbers and its digital filter."""
 
 from collections.abc import Sequence
 
@@ -16,7 +16,7 @@ def matlab(
     modes: Sequence[tuple[float, float]] = (),
     name: str = "shaper",
 ) -> str:
-    """A script that defines ``NAME_amplitudes``, ``NAME_times``, ``NAME_b``, ``NAME_a`` and builds Simulink blocks.
+    """A script that defines ``NAME_amplitudes``, ``NAME_times``, ``NAME_b`` and ``NAME_a``.
 
     Args:
         shaper: the shaper.

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from jshape import _check
+from jshape.export.structured_text import in_dialect
 from jshape.export.text import about, fill, identifier, numbers, pairs, vibrations
 from jshape.shaper import Shaper
 from jshape.vibration import pole
@@ -15,7 +16,12 @@ SEARCHED = 12
 
 
 def on_off(
-    shaper: Shaper, *, sample_time: float, modes: Sequence[tuple[float, float]], name: str = "OnOffShaper"
+    shaper: Shaper,
+    *,
+    sample_time: float,
+    modes: Sequence[tuple[float, float]],
+    name: str = "OnOffShaper",
+    dialect: str = "iec",
 ) -> str:
     """A function block in Structured Text that switches an output by a table of whole cycles.
 
@@ -26,6 +32,7 @@ def on_off(
             and after each instant those are taken whose worst vibration there is least (beyond 12 switches, the nearest
             cycles); the comment says what the rounding costs.
         name: of the block.
+        dialect: as for ``structured_text``.
 
     Raises:
         ValueError: unless the amplitudes are 1, −1, …, 1 in turn, for no modes, a name that the language does not
@@ -49,7 +56,7 @@ def on_off(
     table = [f"    {'cycle':>8} {'s':>12}"]
     for index, cycle in enumerate(cycles.tolist()):
         table.append(f"    {cycle:>8} {cycle * sample_time:>12.6g}  {'off' if index % 2 else 'on'}")
-    return fill(
+    text = fill(
         "on_off.st",
         about=about(shaper),
         table=table,
@@ -59,6 +66,7 @@ def on_off(
         last=len(cycles) - 1,
         switches=", ".join(map(str, cycles.tolist())),
     )
+    return in_dialect(text, name, dialect)
 
 
 def switching_cycles(

@@ -6,7 +6,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from jshape import _check
+from jshape import _check, klipper
 from jshape.design.linear._mode import damped, decay, mode
 from jshape.shaper import Shaper
 
@@ -81,20 +81,27 @@ def zvddd(omega: Any, zeta: Any = 0.0) -> Shaper:
     return zvd_n(omega, zeta, order=3)
 
 
-def mzv(omega: Any, zeta: Any = 0.0) -> Shaper:
-    """The modified zero-vibration shaper: three impulses, 0.75 damped periods long; between a ZV and a ZVD.
+def mzv(omega: Any, zeta: Any = 0.0, *, n: int = 3, t: Any = 0.75) -> Shaper:
+    """The modified zero-vibration shaper: n even impulses between a ZV and a ZVD, by default three, 0.75 periods long.
 
-    Arguments and errors as ``zvd_n``.
+    Args:
+        omega: undamped natural frequency, rad/s.
+        zeta: damping ratio in [0, 1).
+        n: impulses, at least 3.
+        t: duration in damped periods, from 1/2 (the ZV) to below (n − 1)/2 (the shaper of n − 2 derivatives).
 
-    Source: the printer firmware Klipper: amplitudes 1 − 1/√2, (√2 − 1)K, (1 − 1/√2)K², normalised, with
-    K = exp(−0.75ζπ/√(1 − ζ²)).
+    Raises:
+        ValueError: as ``zvd_n``, for fewer than three impulses and for a duration outside its range.
+
+    Source: the printer firmware Klipper; the formula is that of ``jshape.klipper.mzv``.
     """
     omega, zeta = mode(omega, zeta)
-    k = jnp.exp(-0.75 * jnp.pi * decay(zeta))
-    outer, middle = 1 - 1 / math.sqrt(2), math.sqrt(2) - 1
-    amplitudes = jnp.stack([outer * jnp.ones_like(k), middle * k, outer * k**2])
-    phases = 0.75 * jnp.pi * jnp.arange(3, dtype=omega.dtype)
-    return Shaper(amplitudes / jnp.sum(amplitudes), phases / damped(omega, zeta))
+    n = _check.count(n, "n", least=3)
+    duration = _check.scalar(t, "t").astype(omega.dtype)
+    if _check.is_concrete(duration) and not 0.5 <= float(duration) < (n - 1) / 2 - 1e-6:
+        raise ValueError(f"t must be from 0.5 to below {(n - 1) / 2:g} for n = {n}, not {_check.show(t)}")
+    amplitudes, periods = klipper.mzv(jnp.asarray(zeta), n, duration)
+    return Shaper(amplitudes / jnp.sum(amplitudes), 2 * jnp.pi * periods / omega)
 
 
 def digital_zvd_n(omega: Any, zeta: Any = 0.0, *, sample_time: Any, order: int = 0) -> Shaper:

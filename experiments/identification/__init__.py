@@ -1,0 +1,1 @@
+"""Identification of what others have measured, on records made up after them."""
