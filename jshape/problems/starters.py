@@ -20,7 +20,7 @@ class Starter(NamedTuple):
         title: in people's words.
         plant: its class.
         values: of the keys that have no default, and of those whose default no machine has.
-        move: a command's class and its keys, or a step's size.
+        move: a command's class and its keys, a step's size, or for each axis a command's class and its keys.
         uncertain: leaf → its range.
         design: what to tune.
     """
@@ -60,15 +60,14 @@ STARTERS = (
     ),
     Starter(
         "hoisting-crane", "crane that hoists while it travels", "HoistingCrane",
-        {
-            "cable_length": "6.5 m", "payload_mass": "4 t",
-            "hoist": {"type": "Trapezoid", "distance": "-2 m", "speed": "0.4 m/s", "acceleration": "0.2 m/s²"},
-        },
-        _TROLLEY, {"cable_length": {"low": "6 m", "high": "7 m", "count": 9}}, {"impulses": 3, "sample_time": "10 ms"},
+        {"cable_length": "6.5 m", "payload_mass": "4 t"},
+        {"trolley": _TROLLEY, "hoist": _trapezoid("-2 m", "0.4 m/s", "0.2 m/s²")},
+        {"cable_length": {"low": "6 m", "high": "7 m", "count": 9}}, {"impulses": 3, "sample_time": "10 ms"},
     ),
     Starter(
         "bridge-crane", "bridge crane, trolley and bridge", "BridgeCrane",
-        {"cable_length": "6.5 m", "payload_mass": "4 t"}, _TROLLEY,
+        {"cable_length": "6.5 m", "payload_mass": "4 t"},
+        {"trolley": _TROLLEY, "bridge": _trapezoid("3 m", "0.5 m/s", "0.2 m/s²")},
         {"cable_length": {"low": "5 m", "high": "8 m", "count": 9}}, {"impulses": 3, "sample_time": "10 ms"},
     ),
     Starter(
@@ -164,11 +163,14 @@ def text(starter: Starter) -> str:
     title = starter.title[0].upper() + starter.title[1:]
     head = [f"title = {_toml(title)}"]
     blocks: list[list[str]] = []
-    if "type" in starter.move:
+    if "distance" not in starter.move or "type" in starter.move:
         blocks.append(head)
-        command = known("AbstractCommand")[starter.move["type"]]
-        note = _sentence(command.summary) + _others(command.name, "AbstractCommand")
-        blocks.append(_table("command", command, starter.move, {"m": unit}, note))
+        moves = {"": starter.move} if "type" in starter.move else starter.move
+        for axis, move in moves.items():
+            command = known("AbstractCommand")[move["type"]]
+            note = _sentence(command.summary) + _others(command.name, "AbstractCommand")
+            units = {"m": entry.command_units().get(axis, unit)}
+            blocks.append(_table(f"command.{axis}" if axis else "command", command, move, units, note))
     else:
         blocks.append([*head, _line("distance", starter.move["distance"], f"of a step, {unit}; or a [command] table")])
     blocks += _object("plant", entry, starter.values)
