@@ -86,6 +86,9 @@ class AbstractPlant(Checked):
     units: ClassVar[Mapping[str, str]] = {}
     """The same of those axes for which it is another."""
 
+    command_units: ClassVar[Mapping[str, str]] = {}
+    """Units of the commands of those axes for which it is not that of the payload."""
+
     force_unit: ClassVar[str] = "N"
     """Unit of the command of a plant that a force drives."""
 
@@ -160,7 +163,10 @@ class AbstractPlant(Checked):
 
     def command_unit(self, axis: int = 0) -> str:
         """Unit of the command of one of the axes: that of the payload, or of a force where one drives the plant."""
-        return self.force_unit if self.drives(axis)[0] == "force" else self.axis_unit(axis)
+        if self.drives(axis)[0] == "force":
+            return self.force_unit
+        unit = self.axis_unit(axis)
+        return self.command_units.get(self.axes[axis], unit) if self.axes else unit
 
     def check_positions(self, positions: Float[np.ndarray, "breaks axes"]) -> None:
         """Raises ``ValueError`` for commanded positions of several axes that the plant cannot take: none, unless a

@@ -33,7 +33,7 @@ WORDS = ("drive",)
 COMMANDS = ("Step", "Trapezoid", "SCurve", "Sampled")
 
 GROUPS = {
-    "cranes": ("AbstractCrane",),
+    "cranes": ("AbstractCrane", "AbstractSlewingCrane"),
     "masses on springs": ("AbstractOscillator", "ForcedTwoMass"),
     "robots": ("FlexibleJoint", "FlexibleLink"),
     "measured modes": ("AbstractModes",),
@@ -82,6 +82,7 @@ class Entry:
         bases: the names of the classes that it descends from, itself first.
         constants: class variables that are words, such as ``drive``.
         axes: of a plant of several axes, each with the unit of the payload along it; empty for one axis.
+        others: axis → unit of its command, where that is another.
     """
 
     name: str
@@ -90,6 +91,7 @@ class Entry:
     bases: tuple[str, ...]
     constants: dict[str, str]
     axes: dict[str, str] = dataclasses.field(default_factory=dict)
+    others: dict[str, str] = dataclasses.field(default_factory=dict)
 
     def command_unit(self, drive: str | None = None) -> str:
         """Unit of the command that drives the plant, whose ``drive`` is as given or as it is by default."""
@@ -98,7 +100,7 @@ class Entry:
 
     def command_units(self, drive: str | None = None) -> dict[str, str]:
         """Units of the commands of several axes; a force drives the first one, if any."""
-        units = dict(self.axes)
+        units = self.axes | self.others
         if units and (unit := self.command_unit(drive)) == self.constants["force_unit"]:
             units[next(iter(units))] = unit
         return units
@@ -202,8 +204,9 @@ def _entry(name: str) -> Entry:
     keys = {key: _documented(field, words.get(key, "")) for key, field in keys.items()}
     units = constants.get("units", {})
     axes = {axis: units.get(axis, constants["unit"]) for axis in constants.get("axes", ())}
+    others = constants.get("command_units", {})
     constants = {key: value for key, value in constants.items() if isinstance(value, str)}
-    return Entry(name, " ".join(summary.split()), keys, bases, constants, axes)
+    return Entry(name, " ".join(summary.split()), keys, bases, constants, axes, others)
 
 
 def _documented(key: Key, words: str) -> Key:

@@ -71,6 +71,24 @@ STARTERS = (
         {"cable_length": {"low": "5 m", "high": "8 m", "count": 9}}, {"impulses": 3, "sample_time": "10 ms"},
     ),
     Starter(
+        "tower-crane", "tower crane, slewing, trolley and hoist", "TowerCrane",
+        {"trolley_radius": "15 m", "cable_length": "20 m", "payload_mass": "4 t"},
+        {
+            "slew": _trapezoid("40 deg", "4 deg/s", "1 deg/s²"), "trolley": _trapezoid("10 m", "1 m/s", "0.3 m/s²"),
+            "hoist": _trapezoid("-3 m", "0.4 m/s", "0.2 m/s²"),
+        },
+        {"cable_length": {"low": "19 m", "high": "21 m", "count": 5}}, {"impulses": 3, "shapers": "per axis"},
+    ),
+    Starter(
+        "boom-crane", "boom crane, slewing, luffing and hoist", "BoomCrane",
+        {"boom_length": "30 m", "luff_angle": "40 deg", "cable_length": "15 m", "payload_mass": "4 t"},
+        {
+            "slew": _trapezoid("30 deg", "4 deg/s", "1 deg/s²"), "luff": _trapezoid("15 deg", "2 deg/s", "1 deg/s²"),
+            "hoist": _trapezoid("3 m", "0.4 m/s", "0.2 m/s²"),
+        },
+        {"cable_length": {"low": "14 m", "high": "16 m", "count": 5}}, {"impulses": 3, "shapers": "per axis"},
+    ),
+    Starter(
         "bob-rod", "mini crane, a bob on a rod", "BobRodPendulum",
         {"rod_mass": "205 g", "bob_mass": "115 g", "rod_length": "1 m", "bob_position": "65 cm"},
         _trapezoid("1.5 m", "0.5 m/s", "1 m/s²"),
@@ -188,6 +206,7 @@ def text(starter: Starter) -> str:
 
 DESIGN = {
     "impulses": "of the shaper",
+    "shapers": "per axis: one for each; shared: one for all",
     "sample_time": "of the controller: impulses fall on its cycles",
     "amplitudes": "positive, bounded, unity or free",
     "objective": "worst, mean, cvar or nominal",
