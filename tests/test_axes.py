@@ -185,3 +185,44 @@ def test_wrong_is_named(case):
     build, message = WRONG[case]
     with pytest.raises(ValueError, match=message):
         build()
+
+
+@pytest.mark.slow
+def test_a_sweep_has_a_value_for_each_axis_that_moves():
+    """Every number beside the metric itself, of shapers for both axes, for one, and of the bare command."""
+    command, length = js.Axes(trolley=TROLLEY, bridge=HOIST), 1.3
+    shapers = {"both": ONE, "one": {"bridge": OTHER}, "bare": None}
+    names = ["residual_energy", "peak_deflection", "overshoot.bridge"]
+    found = js.sweep(plants.BridgeCrane(length, 0.7), shapers, command, {"cable_length": [0.9, 1.2]}, names)
+    assert list(found.data_vars) == [names[0], "peak_deflection.trolley", "peak_deflection.bridge", names[2]]
+    np.testing.assert_allclose(found.attrs["distance"], [1.5, -0.5], atol=1e-15)
+    assert found["overshoot.bridge"].attrs["long_name"] == "overshoot over distance, bridge"
+    for i, ratio in enumerate((0.9, 1.2)):
+        plant = plants.BridgeCrane(ratio * length, 0.7)
+        for name, shaper in shapers.items():
+            energy = js.residual_energy(plant, shaper, command)
+            np.testing.assert_allclose(found["residual_energy"].sel(shaper=name)[i], energy, rtol=1e-8)
+            peaks = [found[f"peak_deflection.{axis}"].sel(shaper=name)[i] for axis in plant.axes]
+            np.testing.assert_allclose(peaks, js.peak_deflection(plant, shaper, command), rtol=1e-5)
+            over = js.overshoot(plant, shaper, command)[1]
+            np.testing.assert_allclose(found["overshoot.bridge"].sel(shaper=name)[i], over, atol=1e-6)
+
+
+def test_a_file_for_each_axis(tmp_path):
+    shapers = {"trolley": ONE, "hoist": OTHER}
+    made = js.export(shapers, "json", tmp_path / "shaper.json", name="crane")
+    for axis, shaper in shapers.items():
+        read = js.read_shaper(tmp_path / f"shaper_{axis}.json")
+        np.testing.assert_array_equal(read.times, shaper.times)
+        assert made[axis] == (tmp_path / f"shaper_{axis}.json").read_text(encoding="utf-8")
+        assert f'"crane_{axis}"' in made[axis]
+
+
+def test_what_a_sweep_is_not_asked_for():
+    over = {"cable_length": [0.9, 1.1]}
+    with pytest.raises(ValueError, match=r"metric must be one of .*, not 'overshoot.slew'"):
+        js.sweep(CRANE, ONE, BOTH, over, "overshoot.slew")
+    with pytest.raises(ValueError, match="shapers: the plant has the axes trolley, hoist, and no slew"):
+        js.sweep(CRANE, {"mine": {"slew": ONE}}, BOTH, over)
+    with pytest.raises(ValueError, match=r"metric must name one axis, as one of overshoot.trolley, overshoot.hoist"):
+        js.sensitivity_indices(CRANE, ONE, BOTH, {"cable_length": (0.9, 1.1)}, "overshoot", samples=4)

@@ -4,8 +4,8 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-from jshape.problems.reading import QUANTITIES, Draft, Part, in_units, lengths, turned
-from jshape.problems.units import shown
+from jshape.problems.reading import QUANTITIES, Draft, Part, turned
+from jshape.problems.units import in_units, lengths, shown
 
 SYMBOLS = ("omega", "zeta", "gains")
 """Keys that are named by what they mean, as all of fewer than four letters are."""

@@ -24,9 +24,9 @@ from jshape.problems.catalogue import COMMANDS, PARTS, REQUIRED, Entry, Key, des
 from jshape.problems.echo import label, understood
 from jshape.problems.lines import Lines
 from jshape.problems.lines import ProblemError as ProblemError
-from jshape.problems.reading import Draft, Part, Units, read, with_class
+from jshape.problems.reading import Draft, Part, read, with_class
 from jshape.problems.schema import Adapt, Design, Front
-from jshape.problems.units import printed
+from jshape.problems.units import Units, printed
 from jshape.sweeps.leaves import check_over, leaf
 
 GREATEST_MULTIPLE = 10.0

@@ -6,7 +6,6 @@ know, such as a load that leaves a frequency negative, is found then.
 
 import dataclasses
 import math
-import re
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,7 +16,7 @@ from jshape.problems import catalogue, limits
 from jshape.problems.catalogue import WORDS, Entry, Key, suggestion
 from jshape.problems.lines import Lines, ProblemError
 from jshape.problems.schema import Adapt, Design, File, Front, Range
-from jshape.problems.units import quantity, question
+from jshape.problems.units import Units, in_units, lengths, quantity, question
 
 QUANTITIES: dict[str, dict[str, str]] = {
     "": {"distance": "m"},
@@ -70,22 +69,6 @@ class Spread(NamedTuple):
     unit: str | None
 
 
-class Units(NamedTuple):
-    """Units of a plant's payload and of its command; of several axes those of each, too.
-
-    Attributes:
-        payload: of the payload's position and of the deflection.
-        command: of the command.
-        payloads: axis → that of the payload.
-        commands: axis → that of the command.
-    """
-
-    payload: str
-    command: str
-    payloads: dict[str, str]
-    commands: dict[str, str]
-
-
 @dataclasses.dataclass(frozen=True)
 class Draft:
     """A problem file that was read and checked.
@@ -108,7 +91,7 @@ class Draft:
     plant: Part
     command: Part | None
     over: dict[str, Spread]
-    units: "Units"
+    units: Units
     questions: list[str]
     lines: Lines
 
@@ -340,20 +323,6 @@ class _Reader:
         except ValueError as error:
             raise self.lines.error(["uncertainty", leaf], str(error)) from None
         return Spread(values, uncertain.count if uncertain.values is None else None, absolute, unit)
-
-
-def lengths(units: Units, key: str) -> tuple[str, dict[str, str]]:
-    """What stands for m in the unit of a design's key, and what for each axis."""
-    if key == "peak_deflection":
-        return units.payload, units.payloads
-    return units.command, units.commands
-
-
-def in_units(unit: str | None, units: dict[str, str]) -> str | None:
-    """A unit with some of its symbols replaced, N/m³ by N m/rad³."""
-    for old, new in units.items():
-        unit = re.sub(rf"(?<![\w^]){old}(?![A-Za-z])", new, unit) if unit else unit
-    return unit
 
 
 def turned(plant: Entry, part: str) -> dict[str, str]:

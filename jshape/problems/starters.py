@@ -5,8 +5,8 @@ from typing import Any, NamedTuple
 
 from jshape.problems import catalogue, reading
 from jshape.problems.catalogue import Entry, Key, known
-from jshape.problems.reading import in_units, turned
-from jshape.problems.units import reprinted
+from jshape.problems.reading import turned
+from jshape.problems.units import in_units, reprinted
 
 WIDTH = 100
 """Columns beyond which a comment begins a new line."""
