@@ -84,17 +84,17 @@ def test_a_shaper_for_each_axis_leaves_no_more_than_a_shared_one():
 @pytest.mark.slow
 def test_limits_and_samples_of_each_axis():
     found = js.tune(
-        CRANE, BOTH, 2, (2.0, 6.0), starts=2, iterations=60, shapers="per axis", sample_time=0.05,
-        peak_deflection={"trolley": 0.18}, speed_limit={"hoist": 0.3}, command_overshoot=0.0,
+        CRANE, BOTH, 2, (2.0, 6.0), starts=2, shapers="per axis", sample_time=0.05,
+        peak_deflection={"trolley": 0.22}, speed_limit={"hoist": 0.3}, command_overshoot=0.0,
     )  # fmt: skip
     assert found.slack > -1e-6
     for shaper in found.shapers.values():
         ticks = np.asarray(shaper.times) / 0.05
         np.testing.assert_allclose(ticks, np.rint(ticks), atol=1e-9)
         assert float(jnp.sum(shaper.amplitudes)) == pytest.approx(1, abs=1e-12)
-    assert float(js.peak_deflection(CRANE, found.shaping, BOTH)[0]) <= 0.18 * (1 + 1e-5)
+    assert float(js.peak_deflection(CRANE, found.shaping, BOTH)[0]) <= 0.22 * (1 + 1e-5)
     bare = float(js.peak_deflection(CRANE, None, BOTH)[0])
-    assert bare > 0.18
+    assert bare > 0.22
     speeds = found.shapers["hoist"].shape(BOTH.commands[1])(jnp.linspace(0, 20, 20001), derivative=1)
     assert float(jnp.max(jnp.abs(speeds))) <= 0.3 * (1 + 1e-6)
 
