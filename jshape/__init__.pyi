@@ -4,6 +4,7 @@ from . import design as design
 from . import moves as moves
 from . import plants as plants
 from . import reports as reports
+from .axes import Axes as Axes
 from .command import Pulse as Pulse
 from .command import Sampled as Sampled
 from .command import SCurve as SCurve

@@ -8,6 +8,9 @@ from jaxtyping import Array, Float
 Scalar = Float[Array, ""]
 """A zero-dimensional array: one mass (kg), one energy (J), one frequency (rad/s), …"""
 
+PerAxis = Float[Array, " *axes"]
+"""A scalar; of a plant of several axes one entry an axis."""
+
 Number = Scalar | float
 """A scalar array or a plain number, where a method is called by hand, too."""
 
@@ -26,8 +29,12 @@ Breaks = Float[Array, " breaks"]
 Coefficients = Float[Array, " breaks powers"]
 """Row j: the polynomial from break j on, in powers 0, 1, 2 … of the time since that break."""
 
+Position = Any
+"""A position, m: a scalar; of a plant of several axes one entry an axis."""
+
 Inputs = Any
-"""What drives a plant at one instant: a scalar, or one scalar for each entry of its ``drive``."""
+"""What drives a plant at one instant: a scalar, or one scalar for each entry of its ``drive``; of a plant of several
+axes a tuple of these."""
 
 Progress = Callable[[str, int, int, float], Any]
 """``progress(stage, done, total, best)``: called along the way of long work; infinite ``best`` where there is none."""

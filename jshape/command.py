@@ -29,7 +29,7 @@ from jaxtyping import Array, Float
 
 from jshape import _check
 from jshape._check import Argument, Checked, as_array, finite, not_zero, positive
-from jshape._types import Breaks, Coefficients, Impulses, Scalar
+from jshape._types import Breaks, Coefficients, Impulses, PerAxis, Scalar
 
 if not TYPE_CHECKING:
     from equinox import AbstractVar
@@ -51,12 +51,12 @@ class AbstractCommand(Checked):
         return self.pieces()[0][-1]
 
     @property
-    def final(self) -> Scalar:
-        """Value after the last break, m (rad, N: the unit of the plant's drive)."""
-        return self.pieces()[1][-1, 0]
+    def final(self) -> PerAxis:
+        """Value after the last break, m (rad, N: the unit of the plant's drive); of several axes, one each."""
+        return self.pieces()[1][-1, ..., 0]
 
     def __call__(self, t: Any, derivative: int = 0) -> Array:
-        """The command's value, or one of its derivatives.
+        """The command's value, or one of its derivatives; of several axes, one each, along the last dimension.
 
         Args:
             t: times, s, of any shape; at a break the later piece counts.
@@ -65,8 +65,9 @@ class AbstractCommand(Checked):
         t = as_array(t, "t")
         breaks, coefficients = self.pieces()
         index = jnp.clip(jnp.searchsorted(breaks, t, side="right") - 1, 0)
-        value = polynomial(coefficients[index], t - breaks[index], derivative)
-        return jnp.where(t < breaks[0], 0.0, value)
+        each = (...,) + (None,) * (coefficients.ndim - 2)
+        value = polynomial(coefficients[index], (t - breaks[index])[each], derivative)
+        return jnp.where((t < breaks[0])[each], 0.0, value)
 
 
 def polynomial(coefficients: Float[Array, "... powers"], t: Array, derivative: int = 0) -> Array:

@@ -1,7 +1,9 @@
 """The performance of a shaped move: residual energy and vibration after it, overshoot, deflection and times during it.
 
 Everywhere ``distance`` is a number (a step of that size) or any command, and the shaper may be ``None`` for the bare
-command. Energies in J, vibrations as fractions of the distance, times in s::
+command. Energies in J, vibrations as fractions of the distance, times in s. Of a plant of several axes the shaper may
+be a mapping from axes to shapers; energies are of the whole plant, everything else has one entry an axis, NaN for what
+is a fraction of the distance of an axis that does not move::
 
     js.residual_energy(plant, shaper, 1.0)
     js.residual_vibration(plant, shaper, 1.0)         # amplitude over distance
@@ -9,6 +11,7 @@ command. Energies in J, vibrations as fractions of the distance, times in s::
 All of them run on the fixed-step kernel: under ``jit`` and ``vmap``, and ``grad`` of any order.
 """
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -18,10 +21,10 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from jshape import _check
-from jshape._types import Number, Scalar, State
+from jshape._types import Number, PerAxis, Scalar, State
 from jshape.compilation_cache import kept
 from jshape.plants import AbstractOscillator, AbstractPlant
-from jshape.shaper import Shaper
+from jshape.shaper import Shaper, Shaping
 from jshape.simulation.integrate import METHODS
 from jshape.simulation.schedule import Schedule, Segments, inputs_at, schedule
 from jshape.simulation.simulate import all_states, final_state, initial, steps_for, with_arrays
@@ -29,6 +32,7 @@ from jshape.simulation.steps import MOST_STEPS, TOLERANCE, checked_state, least_
 from jshape.simulation.trajectory import (
     ACCURACY,
     Trajectory,
+    along_each_axis,
     extremes,
     fine_steps,
     first_above,
@@ -39,7 +43,7 @@ from jshape.simulation.trajectory import (
 
 def residual_energy(
     plant: AbstractPlant,
-    shaper: Shaper | None,
+    shaper: Shaping,
     distance: Any,
     *,
     initial_state: Any = None,
@@ -51,7 +55,7 @@ def residual_energy(
 
     Args:
         plant: the plant.
-        shaper: the shaper, or ``None`` for the bare command.
+        shaper: the shaper, axis → its own, or ``None`` for the bare command.
         distance: m; a number is a step of that size, any command may take its place.
         initial_state: rest at 0 unless given.
         steps: fixed steps a segment, unchecked; unless given, each segment takes as many as the tolerance needs.
@@ -73,7 +77,7 @@ def residual_energy(
 
 def residual_energy_and_error(
     plant: AbstractPlant,
-    shaper: Shaper | None,
+    shaper: Shaping,
     distance: Any,
     *,
     initial_state: Any = None,
@@ -102,8 +106,7 @@ def residual_energy_and_error(
         _require_met(plant, plan, met, error, tolerance)
         if np.any(np.isnan(np.asarray(energy))):
             raise ValueError(
-                f"distance: {type(plant).__name__} has no rest at its final input, "
-                f"{_check.show(plan.coefficients[-1, 0])}"
+                f"distance: {type(plant).__name__} has no rest at its final input, {_check.show(plan.final)}"
             )
     return energy, error
 
@@ -135,13 +138,13 @@ def _require_met(plant: AbstractPlant, plan: Schedule, met: Any, error: Any, tol
 
 def residual_vibration(
     plant: AbstractPlant,
-    shaper: Shaper | None,
+    shaper: Shaping,
     distance: Any,
     *,
     initial_state: Any = None,
     steps: int | None = None,
     tolerance: Number | None = None,
-) -> Scalar:
+) -> PerAxis:
     """The residual vibration: its amplitude after the last impulse, over the distance.
 
     For a mass on a spring, the deflection (the greater of both sides) at which the spring alone stores the residual
@@ -172,7 +175,7 @@ def residual_vibration(
     return value
 
 
-def overshoot(plant: AbstractPlant, shaper: Shaper | None, distance: Any, *, initial_state: Any = None) -> Scalar:
+def overshoot(plant: AbstractPlant, shaper: Shaping, distance: Any, *, initial_state: Any = None) -> PerAxis:
     """The overshoot: how far the payload passes its destination, over the distance.
 
     Observed from the beginning of the move to two periods of the slowest mode after its end.
@@ -190,13 +193,15 @@ def overshoot(plant: AbstractPlant, shaper: Shaper | None, distance: Any, *, ini
     """
     plan, plant, state = _prepare(plant, shaper, distance, initial_state)
     along = _along(plant, plan, state, 2.0, "payload")
-    target = _target(plant, plan)
-    distance = target - _start(plant, state)
-    greatest = jnp.max(extremes((along.value - target) / distance, along.slope / distance, along.step))
-    return jnp.where(along.diverged, jnp.inf, jnp.maximum(greatest, 0.0))
+
+    def greatest(along: Trajectory, target: Scalar, distance: Scalar) -> Scalar:
+        beyond = extremes((along.value - target) / distance, along.slope / distance, along.step)
+        return jnp.maximum(jnp.max(beyond), 0.0)
+
+    return _over_distance(greatest, plant, plan, along)
 
 
-def peak_deflection(plant: AbstractPlant, shaper: Shaper | None, distance: Any, *, initial_state: Any = None) -> Scalar:
+def peak_deflection(plant: AbstractPlant, shaper: Shaping, distance: Any, *, initial_state: Any = None) -> PerAxis:
     """The greatest deflection of the flexible part, either way, from the beginning of the move to a period after it.
 
     Args:
@@ -210,19 +215,18 @@ def peak_deflection(plant: AbstractPlant, shaper: Shaper | None, distance: Any, 
     """
     plan, plant, state = _prepare(plant, shaper, distance, initial_state)
     along = _along(plant, plan, state, 1.0, "deflection")
-    both = [extremes(sign * along.value, sign * along.slope, along.step) for sign in (1, -1)]
-    return jnp.where(along.diverged, jnp.inf, jnp.max(jnp.stack(both)))
+    return jnp.where(along.diverged, jnp.inf, along_each_axis(_amplitude, along))
 
 
 def settling_time(
     plant: AbstractPlant,
-    shaper: Shaper | None,
+    shaper: Shaping,
     distance: Any,
     band: float = 0.02,
     *,
     periods: float = 20.0,
     initial_state: Any = None,
-) -> Scalar:
+) -> PerAxis:
     """The settling time, after which the payload stays within a band around its destination.
 
     Args:
@@ -243,21 +247,24 @@ def settling_time(
     _check.positive(periods, "periods")
     plan, plant, state = _prepare(plant, shaper, distance, initial_state)
     along = _along(plant, plan, state, periods, "payload")
-    target = _target(plant, plan)
-    limit = band * jnp.abs(target - _start(plant, state))
-    sides = [last_above(sign * (along.value - target) - limit, sign * along.slope, along) for sign in (1, -1)]
-    return jnp.where(along.diverged, jnp.inf, jnp.maximum(*sides))
+
+    def settled(along: Trajectory, target: Scalar, distance: Scalar) -> Scalar:
+        limit = band * jnp.abs(distance)
+        sides = [last_above(sign * (along.value - target) - limit, sign * along.slope, along) for sign in (1, -1)]
+        return jnp.maximum(*sides)
+
+    return _over_distance(settled, plant, plan, along)
 
 
 def rise_time(
     plant: AbstractPlant,
-    shaper: Shaper | None,
+    shaper: Shaping,
     distance: Any,
     low: float = 0.1,
     high: float = 0.9,
     *,
     initial_state: Any = None,
-) -> Scalar:
+) -> PerAxis:
     """The rise time of the payload, from first reaching ``low`` to first reaching ``high``.
 
     Args:
@@ -278,13 +285,16 @@ def rise_time(
         raise ValueError(f"low and high must satisfy 0 <= low < high <= 1, not {low} and {high}")
     plan, plant, state = _prepare(plant, shaper, distance, initial_state)
     along = _along(plant, plan, state, 1.0, "payload")
-    begin = _start(plant, state)
-    progress = (along.value - begin) / (_target(plant, plan) - begin)
-    slope = along.slope / (_target(plant, plan) - begin)
-    reach = lambda level: first_above(progress - level, slope, along)
-    end = reach(high)
-    begin = reach(low) if low > 0 else jnp.zeros_like(end)
-    return jnp.where(along.diverged | ~jnp.isfinite(end), jnp.inf, end - jnp.where(jnp.isfinite(begin), begin, 0.0))
+
+    def risen(along: Trajectory, target: Scalar, distance: Scalar) -> Scalar:
+        begin = target - distance
+        progress, slope = (along.value - begin) / distance, along.slope / distance
+        reach = lambda level: first_above(progress - level, slope, along)
+        end = reach(high)
+        first = reach(low) if low > 0 else jnp.zeros_like(end)
+        return jnp.where(jnp.isfinite(end), end - jnp.where(jnp.isfinite(first), first, 0.0), jnp.inf)
+
+    return _over_distance(risen, plant, plan, along)
 
 
 class EnergyProfile(eqx.Module):
@@ -410,25 +420,47 @@ def _residual_energy(plant, plan: Schedule, state, steps: int | None, method: st
 def _residual_vibration(plant, plan: Schedule, state, steps: int | None, fine: int, tolerance):
     end = _end(plant, plan, state, steps, "dopri8", tolerance)
     inputs = plan.final_inputs(plant)
-    distance = jnp.abs(_target(plant, plan) - _start(plant, state))
     met = end.met
     if isinstance(plant, AbstractOscillator) and plant.drives()[0] == "displacement":
         amplitude = plant.spring.amplitude(plant.residual_energy(end.state, inputs))
+        amplitude = amplitude / jnp.abs(_target(plant, plan) - _start(plant, plan))
+        diverged = end.diverged | ~jnp.isfinite(amplitude)
     else:
         still = Schedule(jnp.zeros_like(plan.breaks[-1:]), plan.coefficients[-1:])
         along = trajectory(plant, still, end.state, 2.0, "payload", fine)
-        away = along.value - _target(plant, plan)
-        both = [extremes(sign * away, sign * along.slope, along.step) for sign in (1, -1)]
-        amplitude = jnp.max(jnp.stack(both))
+
+        def departure(along: Trajectory, target: Scalar, distance: Scalar) -> Scalar:
+            away = eqx.tree_at(lambda along: along.value, along, along.value - target)
+            return _amplitude(away) / jnp.abs(distance)
+
+        amplitude = _over_distance(departure, plant, plan, along)
+        diverged = end.diverged | along.diverged
         met = met & (along.met | along.diverged)
-    diverged = end.diverged | ~jnp.isfinite(amplitude)
-    value = jnp.where(met, jnp.where(diverged, jnp.inf, amplitude / distance), jnp.nan)
+    value = jnp.where(met, jnp.where(diverged, jnp.inf, amplitude), jnp.nan)
     return value, end.error, met
 
 
-def _target(plant, plan: Schedule) -> Scalar:
-    return plant.payload(plant.rest_state(plan.final_inputs(plant)), plan.coefficients[-1, 0])
+def _amplitude(along: Trajectory) -> Scalar:
+    """The greatest magnitude of a quantity along a move."""
+    both = [extremes(sign * along.value, sign * along.slope, along.step) for sign in (1, -1)]
+    return jnp.max(jnp.stack(both))
 
 
-def _start(plant, state: State) -> Scalar:
-    return plant.payload(plant.rest_state(plant.zero_inputs()), jnp.zeros_like(state[0]))
+def _over_distance(measure: Callable[..., Array], plant, plan: Schedule, along: Trajectory) -> Array:
+    """``measure(trajectory, target, distance)`` of the payload's every axis; infinite where the plant diverged.
+
+    Of several axes, NaN for those that do not move.
+    """
+    target = _target(plant, plan)
+    distance = target - _start(plant, plan)
+    value = along_each_axis(measure, along, target, distance)
+    value = jnp.where((distance == 0) & bool(plant.axes), jnp.nan, value)
+    return jnp.where(along.diverged, jnp.inf, value)
+
+
+def _target(plant, plan: Schedule) -> PerAxis:
+    return plant.payload(plant.rest_state(plan.final_inputs(plant)), plan.final)
+
+
+def _start(plant, plan: Schedule) -> PerAxis:
+    return plant.payload(plant.rest_state(plant.zero_inputs()), jnp.zeros_like(plan.final))

@@ -10,7 +10,7 @@ A shaper is its normalised amplitudes (they sum to 1) and its times::
 """
 
 import html
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import equinox as eqx
@@ -21,7 +21,8 @@ from jaxtyping import Float
 from jshape import _check
 from jshape._check import Argument, Checked, as_array, finite
 from jshape._types import Impulses, Scalar
-from jshape.command import AbstractCommand, PiecewisePolynomial, superpose
+from jshape.axes import Axes
+from jshape.command import AbstractCommand, superpose
 
 
 class Shaper(Checked):
@@ -122,14 +123,18 @@ class Shaper(Checked):
         times = xp.concatenate([times, xp.repeat(times[-1:], missing)])
         return Shaper(xp.concatenate([amplitudes, xp.zeros(missing, amplitudes.dtype)]), times)
 
-    def shape(self, command: AbstractCommand) -> PiecewisePolynomial:
+    def shape(self, command: AbstractCommand) -> AbstractCommand:
         """The shaped command: the sum of the command's copies, delayed and weighted, itself a command.
+
+        All axes of a command of several axes are shaped alike.
 
         Raises:
             ValueError: for what is no command.
         """
         if not isinstance(command, AbstractCommand):
             raise ValueError(f"command must be a jshape command, such as Step, not {command!r}")
+        if isinstance(command, Axes):
+            return command.mapped(lambda _, one: self.shape(one))
         return superpose(command, self.amplitudes, self.times)
 
     def digitise(
@@ -168,6 +173,35 @@ class Shaper(Checked):
         np.add.at(taps, below, amplitudes * (1 - share))
         np.add.at(taps, np.ceil(position).astype(int), amplitudes * share)
         return taps if method == "split" else _place_zeros(taps, amplitudes, position, float(sample_time), modes)
+
+
+Shaping = Shaper | Mapping[str, Shaper | None] | None
+"""What shapes a command: one shaper for all axes, axis → its own, or none."""
+
+
+def shaped(command: AbstractCommand, shaper: Shaping) -> AbstractCommand:
+    """A command as it is shaped.
+
+    Args:
+        command: of one axis or several.
+        shaper: one for all axes, a mapping from axes to shapers, in which those that are missing or ``None`` are not
+            shaped, or ``None``.
+
+    Raises:
+        ValueError: for what is no shaper, an axis that the command does not have, or a mapping for a plain command.
+    """
+    if shaper is None:
+        return command
+    if isinstance(shaper, Shaper):
+        return shaper.shape(command)
+    if not isinstance(shaper, Mapping):
+        raise ValueError(f"shaper must be a jshape.Shaper or None, or a mapping from axes to these, not {shaper!r}")
+    if not isinstance(command, Axes):
+        raise ValueError(f"shaper must be one for a command of one axis, not a mapping from {', '.join(shaper)}")
+    unknown = [str(name) for name in shaper if name not in command.names]
+    if unknown:
+        raise ValueError(f"shaper: the command has the axes {', '.join(command.names)}, and no {', '.join(unknown)}")
+    return command.mapped(lambda name, one: shaped(one, shaper.get(name)))
 
 
 def _short(leaf: Any) -> str:

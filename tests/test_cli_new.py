@@ -95,7 +95,7 @@ def test_wrong_answers_are_asked_again(monkeypatch, tmp_path):
 
 
 def test_a_plant_of_ones_own_is_an_answer(monkeypatch, tmp_path):
-    output, draft = asked(monkeypatch, tmp_path, ["14"])
+    output, draft = asked(monkeypatch, tmp_path, ["16"])
     assert "a plant of your own" in output
     assert draft.foreign == "own_plant:SinhMass"
     assert (tmp_path / "own_plant.py").exists()

@@ -21,7 +21,6 @@ from jshape.sweeps.leaves import leaf_names
 GRAVITY = 9.81
 HEAVY = plants.Trolley(mass=2.5)
 HOIST = js.Trapezoid(-0.5, speed=0.4, acceleration=0.8)
-CROSS = js.Trapezoid(0.7, speed=0.6, acceleration=1.1)
 
 
 def cranes(drive, trolley=HEAVY, damping=0.0):
@@ -30,11 +29,11 @@ def cranes(drive, trolley=HEAVY, damping=0.0):
     kinds = {
         "Crane": plants.Crane(1.3, 0.7, **given),
         "BobRodPendulum": plants.BobRodPendulum(0.205, 0.115, 1.0, 0.6, **given),
-        "HoistingCrane": plants.HoistingCrane(1.3, HOIST, 0.7, **given),
+        "HoistingCrane": plants.HoistingCrane(1.3, 0.7, **given),
         "DoublePendulumCrane": plants.DoublePendulumCrane(0.9, 0.5, 1.4, 0.8, **given),
     }
     if drive != "force":
-        kinds["BridgeCrane"] = plants.BridgeCrane(1.3, 0.4, CROSS, 0.7, **given)
+        kinds["BridgeCrane"] = plants.BridgeCrane(1.3, 0.7, **given)
     return kinds
 
 
@@ -110,21 +109,25 @@ def spherical(mass, angles, rates, length, acceleration):
     return np.array([bend / (place[0] * sx - place[2] * cx), turn_y])
 
 
-def cross_speed(t):
-    """Speed and acceleration of ``CROSS``, by hand."""
-    ramp, end = 0.6 / 1.1, 0.7 / 0.6
-    push = 1.1 * (t < ramp) - 1.1 * (end < t < end + ramp)
-    return np.interp(t, [0, ramp, end, end + ramp], [0, 0.6, 0.6, 0]), push
+def hoisted(t):
+    """Speed and acceleration of ``HOIST`` by hand: 0.8 m/s² for half a second, 0.4 m/s, and so on."""
+    rows = [(-0.8 * t, -0.8), (-0.4, 0.0), (-0.4 + 0.8 * (t - 1.25), 0.8), (0.0, 0.0)]
+    return rows[np.searchsorted([0.5, 1.25, 1.75], t)]
 
 
-def swept(name, t, angles, rates):
-    """What the bridge's cross axis adds to the rates, y' (0, cos θy) / l, and that term's derivative."""
-    if name != "BridgeCrane":
-        return 0.0, 0.0
-    speed, push = cross_speed(t)
-    coupling = np.array([0.0, np.cos(angles[1])]) / 1.3
-    turning = np.array([0.0, -np.sin(angles[1]) * rates[1]]) / 1.3
-    return speed * coupling, push * coupling + speed * turning
+def inputs_of(plant, motion, t=None, lengths=None):
+    """What drives a crane: ``motion`` of the trolley, of the bridge crane's along both axes, and the hoist's."""
+    if plant.axes == ("trolley", "bridge"):
+        return motion[..., 0], motion[..., 1]
+    if not plant.axes:
+        return motion[..., 0]
+    still = jnp.zeros_like(motion[..., 0])
+    if t is None:
+        hoist = (still,) * (3 if plant.drive == "force" else 2)
+    else:
+        rate, bend = np.array([hoisted(x) for x in t]).T
+        hoist = (bend, rate, lengths[:, 0] - 1.3)[plant.drive != "force" :]
+    return motion[..., 0], hoist
 
 
 def by_particles(name, t, angles, rates, length, speed, pushed):
@@ -134,14 +137,10 @@ def by_particles(name, t, angles, rates, length, speed, pushed):
     if name == "DoublePendulumCrane":
         return planar([1.4, 0.8], angles, rates, [0.9, 0.5], [0.0, 0.0], [0.0, 0.0], speed, pushed)
     if name == "HoistingCrane":
-        # The hoist by hand: 0.8 m/s² for half a second, 0.4 m/s, and so on.
-        rate, bend = [(-0.8 * t, -0.8), (-0.4, 0.0), (-0.4 + 0.8 * (t - 1.25), 0.8), (0.0, 0.0)][
-            np.searchsorted([0.5, 1.25, 1.75], t)
-        ]
+        rate, bend = hoisted(t)
         return planar([0.7], angles, rates, [length], [rate], [bend], speed, pushed)
     if name == "BridgeCrane":
-        main, (_, cross) = pushed[0], cross_speed(t)
-        return main, spherical(0.7, angles, rates, 1.3, [main * np.cos(0.4), main * np.sin(0.4) + cross])
+        return pushed[0], spherical(0.7, angles, rates, 1.3, pushed)
     # The rod by three particles that have its mass, first and second moment, one of them at the pivot.
     inertia, first = 0.205 * (2 / 3 * 0.25 + 1 / 6) + 0.115 * 0.36, 0.205 * (2 / 3 * 0.5 + 1 / 6) + 0.115 * 0.6
     (q,), (w,) = angles, rates
@@ -172,13 +171,13 @@ def examine(plant, t, states, inputs):
         slope = plant.vector_field(t, state, u)
         energy, power = jax.jvp(lambda y: plant.residual_energy(y, u), (state,), (slope,))
         place, rates, _ = plant.relative(state, u)
-        return dict(slope=slope, energy=energy, power=power, rates=rates, coupling=plant.coupling(place))
+        coupling = plant.coupling(place).reshape(len(rates), -1)
+        return dict(slope=slope, energy=energy, power=power, rates=rates, coupling=coupling)
 
     def resting(u):
-        # At 9 s, when whatever else moves has ended.
         rest = plant.rest_state(u)
         energy = lambda y: plant.residual_energy(y, u)
-        field = lambda y: plant.vector_field(jnp.asarray(9.0), y, u)
+        field = lambda y: plant.vector_field(jnp.zeros(()), y, u)
         return dict(
             slope=field(rest),
             matrix=jax.jacfwd(field)(rest),
@@ -188,6 +187,7 @@ def examine(plant, t, states, inputs):
         )
 
     rests = jnp.zeros(3) if plant.drive == "force" else jnp.array([0.0, 2.0, -1.5])
+    rests = inputs_of(plant, jnp.stack([rests, -rests / 2], axis=1))
     return jax.vmap(moving)(t, states, inputs), jax.vmap(resting)(rests), plant.natural_frequency()
 
 
@@ -198,16 +198,14 @@ def field(plant, t, states, inputs):
 @pytest.mark.parametrize(("name", "drive"), each("acceleration"))
 def test_driven_by_acceleration(name, drive):
     t, angles, rates, lengths = some_states(name)
-    pushes = np.linspace(-3.0, 4.0, len(t))
-    more = [swept(name, *row) for row in zip(t, angles, rates, strict=True)]
-    states = np.hstack([angles, rates + np.array([m[0] + 0 * rates[0] for m in more]), lengths])
-    found = field(cranes(drive)[name], t, states, pushes)
+    plant, pushes = cranes(drive)[name], np.linspace([-3.0, 1.0], [4.0, -2.0], len(t))
+    found = field(plant, t, np.hstack([angles, rates]), inputs_of(plant, pushes, t, lengths))
     n = angles.shape[1]
     np.testing.assert_allclose(found[:, :n], rates, atol=1e-14)
     for i, push in enumerate(pushes):
-        vector = np.array([push, 0.0])
+        vector = push if name == "BridgeCrane" else np.array([push[0], 0.0])
         _, turns = by_particles(name, t[i], angles[i], rates[i], float(lengths[i].sum()), 0.0, vector)
-        np.testing.assert_allclose(found[i, n : 2 * n], turns + more[i][1], rtol=1e-11, atol=1e-11)
+        np.testing.assert_allclose(found[i, n:], turns, rtol=1e-11, atol=1e-11)
 
 
 @pytest.mark.parametrize(("name", "drive"), each("force"))
@@ -215,8 +213,8 @@ def test_driven_by_a_force(name, drive):
     t, angles, rates, lengths = some_states(name)
     forces, speeds = np.linspace(-9.0, 7.0, len(t)), np.linspace(1.0, -0.5, len(t))
     plant = cranes(drive, plants.Trolley(2.5, damping=0.3))[name]
-    states = np.hstack([0 * speeds[:, None], angles, speeds[:, None], rates, lengths])
-    found = field(plant, t, states, forces)
+    states = np.hstack([0 * speeds[:, None], angles, speeds[:, None], rates])
+    found = field(plant, t, states, inputs_of(plant, forces[:, None], t, lengths))
     n = angles.shape[1]
     np.testing.assert_array_equal(found[:, : 1 + n], np.hstack([speeds[:, None], rates]))
     for i, force in enumerate(forces):
@@ -227,33 +225,37 @@ def test_driven_by_a_force(name, drive):
 
 @pytest.mark.parametrize(("name", "drive"), each("velocity"))
 def test_driven_by_velocity_it_is_the_same_crane(name, drive):
-    # rates = angles' + v coupling, so rates' = angles'' + a coupling + v coupling', whatever a is.
+    # rates = angles' + coupling v, so rates' = angles'' + coupling a + coupling' v, whatever a is.
     t, angles, rates, lengths = some_states(name)
     plant = cranes(drive)[name]
-    speeds = np.linspace(-1.0, 1.5, len(t))
-    place, n = np.hstack([angles, lengths]), angles.shape[1]
-    still, zero = 0 * rates, 0 * t
-    coupling = lambda place: examine(plant, t, np.hstack([place[:, :n], still, place[:, n:]]), zero)[0]["coupling"]
-    found = field(plant, t, np.hstack([angles, rates + speeds[:, None] * coupling(place), lengths]), speeds)
-    along = np.hstack([found[:, :n], found[:, 2 * n :]])
-    turning = (coupling(place + 1e-5 * along) - coupling(place - 1e-5 * along)) / 2e-5
+    speeds = np.linspace([-1.0, 0.5], [1.5, -0.7], len(t))
+    n, reeled = angles.shape[1], np.array([hoisted(x)[0] for x in t])[:, None]
+    inputs = lambda motion, lengths=lengths: inputs_of(plant, motion, t, lengths)
+
+    def swept(angles, lengths, motion):
+        states = np.hstack([angles, 0 * rates])
+        coupling = np.asarray(examine(plant, t, states, inputs(motion, lengths))[0]["coupling"])
+        return np.einsum("tij,tj->ti", coupling, motion[:, : coupling.shape[2]])
+
+    found = field(plant, t, np.hstack([angles, rates + swept(angles, lengths, speeds)]), inputs(speeds))
+    turned = [swept(angles + h * found[:, :n], lengths + h * reeled, speeds) for h in (1e-5, -1e-5)]
     for push in (0.0, 2.0):
-        held = field(cranes("acceleration")[name], t, np.hstack([angles, rates, lengths]), np.full(len(t), push))
+        pushes = push * np.array([1.0, -0.4]) + 0 * speeds
+        held = field(cranes("acceleration")[name], t, np.hstack([angles, rates]), inputs(pushes))
         np.testing.assert_allclose(found[:, :n], held[:, :n], atol=1e-13)
-        expected = held[:, n : 2 * n] + push * coupling(place) + speeds[:, None] * turning
-        np.testing.assert_allclose(found[:, n : 2 * n], expected, atol=1e-8)
+        expected = held[:, n:] + swept(angles, lengths, pushes) + (turned[0] - turned[1]) / 2e-5
+        np.testing.assert_allclose(found[:, n:], expected, atol=1e-8)
 
 
 @pytest.mark.parametrize(("name", "drive"), each("acceleration", "velocity", "force"))
 def test_energy_is_lost_to_damping_alone(name, drive):
-    # At a constant input, after the plant's own motions have ended: dE/dt = −(what the dampers take), E ≥ 0.
+    # At a constant input: dE/dt = −(what the dampers take), E ≥ 0.
     plant = cranes(drive, plants.Trolley(2.5, damping=0.3), damping=0.2)[name]
     t, angles, rates, lengths = some_states(name)
-    columns = [angles, rates, lengths]
     still = 0 * t[:, None]
-    states = np.hstack([still, angles, still + 0.7, rates, lengths] if drive == "force" else columns)
-    inputs = np.zeros(len(t)) if drive == "force" else np.linspace(-2.0, 3.0, len(t))
-    found = examine(plant, t + 3.0, states, inputs)[0]
+    states = np.hstack([still, angles, still + 0.7, rates] if drive == "force" else [angles, rates])
+    motion = np.zeros((len(t), 2)) if drive == "force" else np.linspace([-2.0, 1.0], [3.0, -1.0], len(t))
+    found = examine(plant, t, states, inputs_of(plant, motion, t + 3.0, lengths))[0]
     w = np.asarray(found["rates"])
     taken = {
         "Crane": lambda: 0.2 * w[:, 0] ** 2,
@@ -270,15 +272,14 @@ def test_energy_is_lost_to_damping_alone(name, drive):
 
 @pytest.mark.parametrize(("name", "drive"), each("acceleration", "velocity", "force"))
 def test_rest(name, drive):
-    plant, (t, angles, _, _) = cranes(drive)[name], some_states(name)
+    plant, (t, angles, _, lengths) = cranes(drive)[name], some_states(name)
     states = np.zeros((len(t), len(plant.rest_state(plant.zero_inputs()))))
-    states[:, -1] = 1.0
-    _, rest, frequency = examine(plant, t, states, 0 * t)
+    _, rest, frequency = examine(plant, t, states, inputs_of(plant, np.zeros((len(t), 2)), t, lengths))
     np.testing.assert_allclose(rest["slope"], 0, atol=1e-14)
     np.testing.assert_allclose(rest["energy"], 0, atol=1e-28)
     np.testing.assert_allclose(rest["gradient"], 0, atol=1e-13)
-    # Positive for every departure but where nothing holds the crane: the track, the cable's length.
-    loose = (drive == "force") + (name == "HoistingCrane")
+    # Positive for every departure but where nothing holds the crane: along the track.
+    loose = int(drive == "force")
     for matrix in rest["curvature"]:
         values = np.linalg.eigvalsh(matrix)
         assert np.all(values[:loose] > -1e-12)
@@ -442,6 +443,7 @@ def test_drives_agree_in_simulation(name):
     # The same smooth move given as acceleration and as velocity.
     command = js.SCurve(1.5, speed=1.0, acceleration=1.5, jerk=8.0)
     one, two = (cranes(drive)[name] for drive in ("acceleration", "velocity"))
+    command = js.Axes(trolley=command, hoist=HOIST) if one.axes else command
     a, b = (js.simulate(plant, command, horizon=4.0, samples=41) for plant in (one, two))
     np.testing.assert_allclose(a.payload, b.payload, atol=1e-8)
     np.testing.assert_allclose(a.deflection, b.deflection, atol=1e-8)
@@ -454,7 +456,8 @@ def test_drives_agree_in_simulation(name):
 def test_hoisting_in_simulation():
     # SciPy on the Cartesian particle, with the exact length, rate and acceleration of the cable.
     plant = cranes("acceleration")["HoistingCrane"]
-    run = js.simulate(plant, js.Trapezoid(1.5, speed=1.0, acceleration=2.0), horizon=3.0, samples=13)
+    command = js.Axes(trolley=js.Trapezoid(1.5, speed=1.0, acceleration=2.0), hoist=HOIST)
+    run = js.simulate(plant, command, horizon=3.0, samples=13)
 
     def length(t):
         ramp = np.clip(t, 0, 0.5), np.clip(t - 0.5, 0, 0.75), np.clip(t - 1.25, 0, 0.5)
@@ -471,8 +474,10 @@ def test_hoisting_in_simulation():
         inside = (begin + 1e-12, end - 1e-12)
         state = solve_ivp(slopes, inside, state, "DOP853", rtol=1e-11, atol=1e-13).y[:, -1]
         rows[end] = state
-    np.testing.assert_allclose(run.states[:, :2], [rows[float(t)] for t in run.times], atol=1e-8)
-    np.testing.assert_allclose(run.states[:, 2], length(np.asarray(run.times)), atol=1e-9)
+    np.testing.assert_allclose(run.states, [rows[float(t)] for t in run.times], atol=1e-8)
+    long, angle = length(np.asarray(run.times)), np.asarray(run.states[:, 0])
+    places = command(run.times)[:, 0] + long * np.sin(angle), long * np.cos(angle) - 1.3
+    np.testing.assert_allclose(run.payload, np.stack(places, axis=1), atol=1e-8)
 
 
 @pytest.mark.parametrize(
@@ -518,12 +523,19 @@ def test_limits_are_reported_not_imposed():
         (plants.BobRodPendulum(0.2, 0.1, 1.0, 0.5), [0.0, 20.0], True),
         (plants.DoublePendulumCrane(1.0, 1.0), [0.1, 1.6, 0.0, 0.0], True),
         (plants.BridgeCrane(1.0), [0.1, -1.5, 0.0, 0.0], False),
-        (plants.HoistingCrane(1.0, HOIST), [0.1, 0.0, 0.4], False),
-        (plants.HoistingCrane(1.0, HOIST), [0.1, 0.0, -0.1], True),
+        (plants.HoistingCrane(1.0), [0.1, 0.0], False),
+        (plants.HoistingCrane(1.0), [1.6, 0.0], True),
     ],
 )
 def test_divergence(plant, state, diverged):
-    assert bool(plant.diverged(jnp.asarray(state), jnp.zeros(()))) is diverged
+    assert bool(plant.diverged(jnp.asarray(state), plant.zero_inputs())) is diverged
+
+
+def test_a_cable_of_no_length_has_diverged():
+    inputs = lambda way: (jnp.zeros(()), (jnp.zeros(()), jnp.asarray(way)))
+    state = jnp.asarray([0.1, 0.0])
+    assert not plants.HoistingCrane(1.0).diverged(state, inputs(-0.9))
+    assert plants.HoistingCrane(1.0).diverged(state, inputs(-1.1))
 
 
 @pytest.mark.slow
@@ -532,7 +544,7 @@ def test_pass_through_transformations(drive):
     # jit and vmap over stacked plants against plain calls; gradients with respect to every leaf against differences.
     for plant in cranes(drive).values():
         size = len(plant.rest_state(plant.zero_inputs()))
-        state, u = jnp.linspace(0.1, 0.6, size), jnp.asarray(0.3)
+        state, u = jnp.linspace(0.1, 0.6, size), jax.tree.map(lambda x: x + 0.3, plant.zero_inputs())
         both = lambda plant, state=state, u=u: jnp.append(
             plant.vector_field(jnp.asarray(0.2), state, u), plant.residual_energy(state, u)
         )
@@ -556,6 +568,10 @@ def test_pass_through_transformations(drive):
             assert float(slope) == pytest.approx(float(up - down) / 2e-6, rel=1e-6, abs=1e-7), name
 
 
+def hoist(length, command):
+    js.residual_energy(plants.HoistingCrane(length), None, js.Axes(trolley=js.Trapezoid(1.0, 0.5, 0.5), hoist=command))
+
+
 WRONG = {
     "cable_length": (lambda: plants.Crane(-1.0), "cable_length must be greater than 0, not -1"),
     "payload_mass": (lambda: plants.Crane(1.0, 0.0), "payload_mass must be greater than 0"),
@@ -567,10 +583,8 @@ WRONG = {
     "speed_limit": (lambda: plants.Trolley(speed_limit=-1.0), "speed_limit must be greater than 0"),
     "bob_position": (lambda: plants.BobRodPendulum(0.2, 0.1, 1.0, 0.0), "bob_position must be greater than 0"),
     "rod_mass": (lambda: plants.BobRodPendulum(0.0, 0.1, 1.0, 0.5), "rod_mass must be greater than 0"),
-    "no hoist": (lambda: plants.HoistingCrane(1.0, 2.0), "hoist must be a command without jumps.*2.0"),
-    "hoist jumps": (lambda: plants.HoistingCrane(1.0, js.Step(0.3)), "hoist must be a command without jumps"),
-    "no cable left": (lambda: plants.HoistingCrane(0.4, HOIST), "hoist must leave some cable, not -0.1 m"),
-    "cross": (lambda: plants.BridgeCrane(1.0, cross=js.Step(1.0)), "cross must be a command without jumps"),
+    "hoist jumps": (lambda: hoist(1.0, js.Step(0.3)), "driven by velocity of hoist, which Step gives only as impulses"),
+    "no cable left": (lambda: hoist(0.4, HOIST), "hoist must leave some cable, not -0.1 m"),
     "bridge drive": (lambda: plants.BridgeCrane(1.0, drive="force"), "drive must be one of 'acceleration', 'velocity'"),
     "hook_mass": (lambda: plants.DoublePendulumCrane(1.0, 1.0, 0.0), "hook_mass must be greater than 0"),
     "a step": (lambda: js.simulate(plants.Crane(1.0), 1.0), "driven by acceleration, which Step"),
@@ -587,22 +601,23 @@ def test_wrong_is_named(case):
 
 
 FILE = """\
-[command]
+[command.trolley]
 type = "Trapezoid"
 distance = 1.0
 speed = 0.5
 acceleration = 1.0
 
-[plant]
-type = "HoistingCrane"
-cable_length = 1.5
-drive = "velocity"
-
-[plant.hoist]
+[command.hoist]
 type = "Trapezoid"
 distance = -0.5
 speed = 0.3
 acceleration = 1.0
+delay = "500 ms"
+
+[plant]
+type = "HoistingCrane"
+cable_length = 1.5
+drive = "velocity"
 
 [plant.trolley]
 type = "Trolley"
@@ -613,15 +628,28 @@ speed_limit = 0.6
 def test_problem_file(tmp_path):
     path = tmp_path / "crane.toml"
     path.write_text(FILE, encoding="utf-8")
-    plant = problem.load(path).plant
+    read = problem.load(path)
+    plant, command = read.plant, read.distance
     assert isinstance(plant, plants.HoistingCrane)
     assert plant.drive == "velocity"
-    assert float(plant.hoist.final) == -0.5
+    assert isinstance(command, js.Axes)
+    assert command.names == ("trolley", "hoist")
+    assert (float(command.delay["hoist"]), *map(float, command.final)) == (0.5, 1.0, -0.5)
+    assert read.understood[0].endswith(
+        "hoist: Trapezoid, distance -0.5 m, speed 0.3 m/s, acceleration 1 m/s², after 0.5 s"
+    )
     assert float(plant.trolley.speed_limit) == 0.6
     for old, new, line, words in [
-        ('"velocity"', "1", 10, "plant.drive: must be a word, not 1"),
-        ('"velocity"', '"sideways"', 10, "plant.drive: must be one of"),
-        ('"Trapezoid"\ndistance = -0.5', '"Crane"\ndistance = -0.5', 13, "plant.hoist.type: must be one of Step"),
+        ('"velocity"', "1", 17, "plant.drive: must be a word, not 1"),
+        ('"velocity"', '"sideways"', 17, "plant.drive: must be one of"),
+        ('"Trapezoid"\ndistance = -0.5', '"Crane"\ndistance = -0.5', 8, "command.hoist.type: must be one of Step"),
+        (
+            "command.hoist",
+            "command.hoyst",
+            7,
+            "command.hoyst: unknown axis; the plant has trolley, hoist; did you mean",
+        ),
+        ('"500 ms"', '"500 mm"', 12, "command.hoist.delay: "),
     ]:
         path.write_text(FILE.replace(old, new), encoding="utf-8")
         with pytest.raises(problem.ProblemError) as caught:

@@ -18,7 +18,7 @@ from jshape.moves.core import CONTEXTS, Params
 from jshape.moves.design import design_table
 from jshape.moves.machine import AbstractMachine
 from jshape.moves.oracle import ShaperTable
-from jshape.moves.physics import Steps
+from jshape.moves.physics import Steps, of_first_axis
 from jshape.moves.sensor import Sensor
 from jshape.plants import AbstractPlant
 from jshape.simulation.schedule import Schedule, schedule
@@ -179,7 +179,7 @@ def _steps(
     pair = Shaper(np.array([0.5, 0.5], distance.dtype), np.array([0.0, gap], distance.dtype))
     found = []
     for plant in plants:
-        plan = schedule(plant, machine.command(distance), pair)
+        plan = schedule(plant, machine.command(distance, jnp.zeros((), jnp.int32)), of_first_axis(plant, pair))
         still = Schedule(jnp.asarray([0.0, window / samples], distance.dtype), plan.coefficients[-2:])
         found.append([steps_for(plant, part, "tsit5", _TOLERANCE) for part in (plan, still)])
     return np.max(found, axis=0).tolist()

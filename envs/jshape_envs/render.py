@@ -119,13 +119,12 @@ def _watch(state: EnvState, action: Array, params: Params) -> tuple[Array, ...]:
     """Times, command, payload and states along the move, times of the impulses, normalised residual energy."""
     machine = params.machine
     plant, shaper = machine.plant(state.payload, state.moves), params.action.shaper(action)
-    plan = plan_move(plant, machine.command(state.distance), shaper, state.position)
-    begin = machine.taken_over(state.plant, plant)
+    plan = plan_move(plant, machine.command(state.distance, state.moves), shaper, state.position)
     horizon = plan.breaks[-1] + params.sensor.window
     steps = max(2, params.steps.window * params.sensor.samples * 2 // SAMPLES)
-    times, command, payload, states = watch_move(plant, plan, begin, horizon, SAMPLES, steps)
+    times, command, payload, states = watch_move(plant, plan, state.plant, horizon, SAMPLES, steps)
     reference, _ = bare_energy_and_oracle_cost(state, params)
-    _, energy = run_move(plant, plan, begin, params.steps)
+    _, energy = run_move(plant, plan, state.plant, params.steps)
     return times, command, payload, states, shaper.times, energy / reference
 
 

@@ -46,7 +46,7 @@ MOST_STEPS = 200_000
 """Of the judge, in a segment."""
 
 Row = dict[str, Any]
-Case = tuple[Any, js.Shaper | None, Any, Any]
+Case = tuple[Any, Any, Any, Any]
 """Plant, shaper, distance or command, initial state."""
 
 
@@ -319,15 +319,14 @@ def _double(drive: str) -> Callable[[Row], Case]:
 
 def _hoisting(row: Row) -> Case:
     hoist = js.Trapezoid(row["length"] * (row["ratio"] / 11 - 0.5), row["length"] * row["omega"] / 9, row["length"])
-    plant = js.plants.HoistingCrane(row["length"], hoist, row["mass"])
-    return plant, _staircase(row), trapezoid(row), jnp.append(row["state"], row["length"])
+    plant = js.plants.HoistingCrane(row["length"], row["mass"])
+    return plant, {"trolley": _staircase(row)}, js.Axes(trolley=trapezoid(row), hoist=hoist), row["state"]
 
 
 def _bridge(row: Row) -> Case:
-    cross = js.Trapezoid(row["length"] * row["ratio"] / 10, row["length"] * row["omega"] / 9, 1.0)
-    damping = row["damping"] * row["mass"] * row["omega"]
-    plant = js.plants.BridgeCrane(row["length"], row["ratio"], cross, row["mass"], damping=damping)
-    return plant, _staircase(row), trapezoid(row), row["state"]
+    bridge = js.Trapezoid(row["length"] * row["ratio"] / 10, row["length"] * row["omega"] / 9, 1.0)
+    plant = js.plants.BridgeCrane(row["length"], row["mass"], damping=row["damping"] * row["mass"] * row["omega"])
+    return plant, {"trolley": _staircase(row)}, js.Axes(trolley=trapezoid(row), bridge=bridge), row["state"]
 
 
 def _draw_modes(rng, cases: int) -> Row:

@@ -24,6 +24,8 @@ from jshape_envs import ENVIRONMENTS, Params, parameters, reset, step
 from experiments.benchmarks.record import about, keep
 from experiments.markdown import table
 from jshape.moves import Steps
+from jshape.moves.physics import of_first_axis
+from jshape.shaper import Shaper
 from jshape.simulation.schedule import schedule
 
 ENVS, MOVES, ROUNDS, JUDGED = 1024, 32, 5, 128
@@ -133,12 +135,12 @@ def gymnax_rows() -> list[dict[str, Any]]:
 def integration_steps(params: Params) -> int:
     """Runge–Kutta steps of one move and its window; 0 for a plant in closed form."""
     shaper = jax.eval_shape(params.action.shaper, jnp.zeros(params.action.size))
-    plant = params.machine.plant(params.payload[0], jnp.zeros((), jnp.int32))
-    command = params.machine.command(params.distance[1])
-    if plant.coast() is not None and schedule(plant, command).coefficients.shape[1] == 1:
+    none = jnp.zeros((), jnp.int32)
+    plant, command = params.machine.plant(params.payload[0], none), params.machine.command(params.distance[1], none)
+    if plant.coast() is not None and schedule(plant, command).coefficients.shape[-1] == 1:
         return 0
-    breaks, own = len(command.pieces()[0]), plant.breaks()
-    segments = len(shaper.times) * breaks - 1 + (0 if own is None else len(own))
+    one = Shaper(jnp.ones_like(shaper.times) / len(shaper.times), jnp.zeros_like(shaper.times))
+    segments = len(schedule(plant, command, of_first_axis(plant, one)).breaks) - 1
     return segments * params.steps.move + params.sensor.samples * params.steps.window
 
 

@@ -96,8 +96,8 @@ def _asked() -> "Starter | None":
             raise ValueError(f"must be a number from 1 to {own}, not {answer!r}")
         return int(answer)
 
-    def distance(answer: str) -> str:
-        quantity(answer, catalogue.plants()[starter.plant].command_unit())
+    def distance(answer: str, unit: str) -> str:
+        quantity(answer, unit)
         return answer
 
     def ends(answer: str) -> dict[str, str]:
@@ -111,9 +111,15 @@ def _asked() -> "Starter | None":
     if chosen == own:
         return None
     starter = STARTERS[chosen - 1]
-    move = dict(starter.move)
+    move, entry = dict(starter.move), catalogue.plants()[starter.plant]
     if "distance" in move:
-        move["distance"] = _ask("How far does it move", move["distance"], distance)
+        move["distance"] = _ask(
+            "How far does it move", move["distance"], lambda answer: distance(answer, entry.command_unit())
+        )
+    for axis, unit in entry.command_units().items():
+        if isinstance(inner := move.get(axis), dict):
+            far = _ask(f"How far: {axis}", inner["distance"], lambda answer, unit=unit: distance(answer, unit))
+            move[axis] = {**inner, "distance": far}
     leaf, spread = next(iter(starter.uncertain.items()))
     default = f"{spread['low']} to {spread['high']}"
     given = _ask(f"Between what does {leaf} lie", default, ends)

@@ -57,6 +57,9 @@ def _show_one(name: str) -> None:
     console = new_console()
     say(console, f"{name}: {known[name].summary}")
     rows = [(key.name, _cells(key)) for key in known[name].keys.values()]
+    if known[name].axes:
+        axes = ", ".join(f"{axis} ({unit})" for axis, unit in known[name].command_units().items())
+        say(console, f"axes, each with a table [command.AXIS]: {axes}")
     show_table(console, "key", ["unit", "default", "meaning"], rows, left=["meaning"])
     if name in catalogue.plants():
         say(console, f"as a problem file has it (jshape new --plant {name} FILE writes all of it):\n")

@@ -9,7 +9,7 @@ options; what it cannot carry stands in the table, and is refused rather than ap
 
 import inspect
 import io
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -84,24 +84,27 @@ FORMATS = {
 """Every format by its name."""
 
 
-def export(shaper: Shaper, format: str, path: str | Path | None = None, **options: Any) -> Any:
+def export(shaper: Shaper | Mapping[str, Shaper], format: str, path: str | Path | None = None, **options: Any) -> Any:
     """The shaper in a format of ``FORMATS``, and as a file if there is a path.
 
     Args:
-        shaper: the shaper.
+        shaper: the shaper; of several axes, axis → shaper: one text and one file (``NAME_AXIS``) an axis, all of which
+            start at the same instant.
         format: a name in ``FORMATS``.
         path: a file, overwritten if it exists.
         options: keyword arguments of the format's function, such as ``sample_time`` (s).
 
     Returns:
-        The text; for ``"numpy"`` a dictionary of arrays, for ``"scipy"`` the arrays (b, a), which a file holds as npz;
-        for ``"fmu"`` the bytes of the file.
+        The text (axis → text); for ``"numpy"`` a dictionary of arrays, for ``"scipy"`` the arrays (b, a), which a file
+        holds as npz; for ``"fmu"`` the bytes of the file.
 
     Raises:
         ValueError: for an unknown format, an option that it does not have or that is missing, what it cannot carry,
             and a sample time longer than the shaper.
     """
     _check.one_of(format, "format", tuple(FORMATS))
+    if isinstance(shaper, Mapping):
+        return _each_axis(shaper, format, None if path is None else Path(path), options)
     if not _check.is_concrete(shaper):
         raise ValueError("a shaper that is being traced cannot be exported")
     known = FORMATS[format].options
@@ -121,6 +124,16 @@ def export(shaper: Shaper, format: str, path: str | Path | None = None, **option
     if path is not None:
         with whole(Path(path)) as file:
             file.write(as_bytes(made))
+    return made
+
+
+def _each_axis(shapers: Mapping[str, Shaper], format: str, path: Path | None, options: dict[str, Any]) -> dict:
+    """Axis → what ``export`` returns of its shaper."""
+    made = {}
+    for axis, shaper in shapers.items():
+        named = {"name": f"{options['name']}_{axis}"} if "name" in options else {}
+        own = None if path is None else path.with_name(f"{path.stem}_{axis}{path.suffix}")
+        made[axis] = export(shaper, format, own, **(options | named))
     return made
 
 

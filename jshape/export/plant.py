@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -45,14 +46,13 @@ def export_plant(
     if not _check.is_concrete(plant):
         raise ValueError("a plant that is being traced cannot be exported")
     name, kind = identifier(name, "c99"), type(plant).__name__
-    drives = plant.drives()
-    inputs = [drive if drives.count(drive) == 1 else f"{drive}_{i}" for i, drive in enumerate(drives, 1)]
+    inputs, structure = _inputs(plant), jax.tree.structure(plant.zero_inputs())
     rest = np.asarray(plant.rest_state(plant.zero_inputs()), float)
-    if rest.ndim != 1 or plant.breaks() is not None:
-        raise ValueError(f"plant: {kind} depends on time or is no single plant; such plants are not written out")
+    if rest.ndim != 1:
+        raise ValueError(f"plant: {kind} is no single plant; such plants are not written out")
     states = [f"x[{i}]" for i in range(len(rest))]
     names = [np.array(states, object), *(np.array(f"m->real[{i}]", object) for i in range(len(inputs)))]
-    as_inputs = lambda u: u[0] if isinstance(plant.drive, str) else tuple(u)
+    as_inputs = lambda u: jax.tree.unflatten(structure, u)
     example: list[Any] = [jnp.asarray(rest), *(jnp.zeros((), rest.dtype) for _ in inputs)]
     time = np.array("TIME", object)
     try:
@@ -89,3 +89,11 @@ def export_plant(
         with whole(Path(path)) as file:
             file.write(made)
     return made
+
+
+def _inputs(plant: AbstractPlant) -> list[str]:
+    """Names of what drives a plant; of several axes, each with that of its axis."""
+    if plant.axes:
+        return [f"{axis}_{drive}" for i, axis in enumerate(plant.axes) for drive in plant.drives(i)]
+    drives = plant.drives()
+    return [drive if drives.count(drive) == 1 else f"{drive}_{i}" for i, drive in enumerate(drives, 1)]

@@ -195,9 +195,9 @@ def move(
     machine, dtype = params.machine, params.period.dtype
     shaper = jax.tree.map(lambda x: x.astype(dtype), shaper)
     plant = machine.plant(state.payload, state.moves)
-    command = machine.command(state.distance)
+    command = machine.command(state.distance, state.moves)
     plan = plan_move(plant, command, shaper, state.position)
-    after, energy = run_move(plant, plan, machine.taken_over(state.plant, plant), params.steps)
+    after, energy = run_move(plant, plan, state.plant, params.steps)
     end, deflection, diverged = run_window(
         plant, plan, after, params.sensor.window, params.sensor.samples, params.steps
     )
@@ -244,7 +244,7 @@ def bare_energy_and_oracle_cost(state: EnvState, params: Params) -> tuple[Scalar
     """The energy by which the next move's residual is normalised, J, and the oracle's cost of that move."""
     machine = params.machine
     table = params.oracle.costs(state.payload, jnp.abs(state.distance), machine.case(state.distance, state.moves))
-    plant, command = machine.plant(state.payload, state.moves), machine.command(state.distance)
+    plant, command = machine.plant(state.payload, state.moves), machine.command(state.distance, state.moves)
     # A bare step takes no time, so that its energy is known without a simulation, exactly.
     at_once = len(schedule(plant, command).breaks) == 1
     return (greatest_energy(plant, command, params.steps) if at_once else table[0]), table[1]

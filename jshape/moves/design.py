@@ -82,7 +82,7 @@ def _design_all(
 
     def design(payload: Scalar, size: Scalar, case: tuple[Scalar, Array]) -> tuple[Array, Array, Scalar, Scalar]:
         sign, moves = case
-        plant, command = machine.plant(payload, moves), machine.command(sign * size)
+        plant, command = machine.plant(payload, moves), machine.command(sign * size, moves)
         state = plant.rest_state(plant.zero_inputs())
         reference = greatest_energy(plant, command, steps)
 

@@ -14,8 +14,9 @@ import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from jshape import _check
-from jshape._types import Number, Scalar, State
-from jshape.command import PiecewisePolynomial, Trapezoid
+from jshape._types import Inputs, Position, Scalar, State
+from jshape.axes import Axes
+from jshape.command import Trapezoid
 from jshape.design.linear import zvd
 from jshape.moves.retuning import retuned
 from jshape.moves.scheduled import AbstractMoves, Moves, Swing, begun
@@ -84,19 +85,18 @@ class HoistingMoves(AbstractMoves):
         self.damping = _check.scalar(damping, "damping")
 
     def plant(self, parameters: Float[Array, " parameters"], known: Hoisting) -> HoistingCrane:
-        # Its polynomials once, and not once for every stage of the integration.
-        hoist = PiecewisePolynomial(*Trapezoid(known.hoist, self.hoist[0], self.hoist[1]).pieces(), smoothness=2)
-        return HoistingCrane(known.cable + parameters[0], hoist, damping=self.damping)
+        return HoistingCrane(known.cable + parameters[0], damping=self.damping)
 
-    def command(self, known: Hoisting) -> Trapezoid:
-        return Trapezoid(known.distance, self.trolley[0], self.trolley[1])
+    def command(self, known: Hoisting) -> Axes:
+        return Axes(trolley=Trapezoid(known.distance, *self.trolley), hoist=Trapezoid(known.hoist, *self.hoist))
 
-    def signal(self, plant: AbstractPlant, state: State, position: Number) -> Scalar:
+    def signal(self, plant: AbstractPlant, state: State, position: Position) -> Scalar:
         return state[0]
 
-    def vibration(self, plant: Any, state: State, energy: Scalar) -> Scalar:
+    def vibration(self, plant: Any, inputs: Inputs, energy: Scalar) -> Scalar:
         """The angle at which the load's height alone holds the energy."""
-        share = energy / (2 * plant.payload_mass * plant.gravity * state[2])
+        (length,) = plant.driven(inputs).lengths
+        share = energy / (2 * plant.payload_mass * plant.gravity * length)
         return 2 * jnp.arcsin(jnp.sqrt(jnp.clip(share, 0.0, 1.0)))
 
     def omega(self, parameters: Float[Array, " parameters"], known: Hoisting, share: float) -> Scalar:

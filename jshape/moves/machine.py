@@ -15,7 +15,8 @@ from jaxtyping import Array, Float, Int
 
 from jshape import _check
 from jshape._check import Argument, Checked, not_negative, positive
-from jshape._types import Scalar, State
+from jshape._types import Scalar
+from jshape.axes import Axes
 from jshape.command import AbstractCommand, PiecewisePolynomial, Step, Trapezoid
 from jshape.plants import AbstractPlant, HoistingCrane, Trolley
 from jshape.plants.springs import as_leaf
@@ -78,8 +79,8 @@ class AbstractMachine(Checked):
         """The plant of the next move, with that payload."""
 
     @abc.abstractmethod
-    def command(self, distance: Scalar) -> AbstractCommand:
-        """The bare command of a move of that distance (m, signed), from 0."""
+    def command(self, distance: Scalar, moves: Int[Array, ""]) -> AbstractCommand:
+        """The bare command of the next move, of that distance (m, signed), from 0."""
 
     @abc.abstractmethod
     def case(self, distance: Scalar, moves: Int[Array, ""]) -> Int[Array, ""]:
@@ -88,10 +89,6 @@ class AbstractMachine(Checked):
     @abc.abstractmethod
     def example(self, case: int) -> tuple[float, int]:
         """A sign of the distance and a number of moves for which the next one is of that kind."""
-
-    @abc.abstractmethod
-    def taken_over(self, state: State, plant: AbstractPlant) -> State:
-        """The state in which ``plant`` begins, from the last state of the plant of the move before."""
 
     def known(self, moves: Int[Array, ""]) -> Float[Array, " known"]:
         """What the machine's own encoders measure of the next move besides its distance, within [−1, 1]: nothing."""
@@ -129,7 +126,7 @@ class Machine(AbstractMachine):
     def plant(self, payload: Scalar, moves: Int[Array, ""]) -> AbstractPlant:
         return with_leaves(self.nominal, {self.payload: payload})
 
-    def command(self, distance: Scalar) -> AbstractCommand:
+    def command(self, distance: Scalar, moves: Int[Array, ""]) -> AbstractCommand:
         return self.profile(distance)
 
     def case(self, distance: Scalar, moves: Int[Array, ""]) -> Int[Array, ""]:
@@ -137,9 +134,6 @@ class Machine(AbstractMachine):
 
     def example(self, case: int) -> tuple[float, int]:
         return (1.0, 0) if case == 0 else (-1.0, 0)
-
-    def taken_over(self, state: State, plant: AbstractPlant) -> State:
-        return state
 
 
 class HoistingMachine(AbstractMachine):
@@ -171,27 +165,22 @@ class HoistingMachine(AbstractMachine):
             raise ValueError(f"low must be deeper than high, {_check.show(self.high)} m, not {_check.show(self.low)} m")
 
     def plant(self, payload: Scalar, moves: Int[Array, ""]) -> AbstractPlant:
-        hoisting = moves % 2 == 0
-        hook = jnp.where(hoisting, self.low, self.high)
-        way = jnp.where(hoisting, self.high - self.low, self.low - self.high)
-        hoist = Trapezoid(way, self.hoist_speed, self.hoist_acceleration)
+        hook = jnp.where(moves % 2 == 0, self.low, self.high)
         # Every leaf of the machine's own type: one of double precision would make all that is computed double.
         one = jnp.ones_like(self.low)
         trolley = Trolley(mass=one, damping=0.0 * one)
-        return HoistingCrane(hook + payload, hoist, one, 9.81 * one, self.damping, trolley)
+        return HoistingCrane(hook + payload, one, 9.81 * one, self.damping, trolley)
 
-    def command(self, distance: Scalar) -> AbstractCommand:
-        return self.profile(distance)
+    def command(self, distance: Scalar, moves: Int[Array, ""]) -> AbstractCommand:
+        way = jnp.where(moves % 2 == 0, self.high - self.low, self.low - self.high)
+        hoist = Trapezoid(way, self.hoist_speed, self.hoist_acceleration)
+        return Axes(trolley=self.profile(distance), hoist=hoist)
 
     def case(self, distance: Scalar, moves: Int[Array, ""]) -> Int[Array, ""]:
         return moves % 2
 
     def example(self, case: int) -> tuple[float, int]:
         return 1.0, case
-
-    def taken_over(self, state: State, plant: AbstractPlant) -> State:
-        assert isinstance(plant, HoistingCrane)
-        return state.at[-1].set(plant.cable_length)
 
     def known(self, moves: Int[Array, ""]) -> Float[Array, " known"]:
         return jnp.where(moves % 2 == 0, 1.0, -1.0).astype(self.low.dtype)[None]

@@ -13,7 +13,7 @@ from jshape._types import Scalar, State
 from jshape.command import AbstractCommand, polynomial
 from jshape.plants import AbstractPlant
 from jshape.plants.base import Coast
-from jshape.shaper import Shaper
+from jshape.shaper import Shaper, Shaping
 from jshape.simulation.integrate import integrate
 from jshape.simulation.schedule import Schedule, Segments, inputs_at, schedule
 from jshape.simulation.simulate import all_states, final_state
@@ -35,14 +35,23 @@ class Steps(eqx.Module):
 
 
 def plan_move(plant: AbstractPlant, command: AbstractCommand, shaper: Shaper | None, position: Scalar) -> Schedule:
-    """The schedule of a (shaped) command that begins at a position (m)."""
+    """The schedule of a (shaped) command that begins at a position (m).
+
+    Of several axes, the first one is shaped, and begins there.
+    """
     plan = schedule(plant, command)
     if shaper is not None and len(plan.breaks) == 1:
         # A step becomes a staircase. There are no segments to merge, which would take a sixth of a move's time.
         plan = Schedule(shaper.times, jnp.cumsum(shaper.amplitudes)[:, None] * plan.coefficients)
     elif shaper is not None:
-        plan = schedule(plant, command, shaper)
-    return Schedule(plan.breaks, plan.coefficients.at[:, 0].add(position))
+        plan = schedule(plant, command, of_first_axis(plant, shaper))
+    first = (slice(None), *(0 for _ in plant.axes[:1]), 0)
+    return Schedule(plan.breaks, plan.coefficients.at[first].add(position))
+
+
+def of_first_axis(plant: AbstractPlant, shaper: Shaper) -> Shaping:
+    """A shaper as that of the first axis, where the plant has several."""
+    return {plant.axes[0]: shaper} if plant.axes else shaper
 
 
 def run_move(plant: AbstractPlant, plan: Schedule, state: State, steps: Steps) -> tuple[State, Scalar]:
@@ -74,7 +83,7 @@ def run_window(
         The last state; deflections from rest, m (rad for an angle); whether the plant left the region from which it
         returns to rest.
     """
-    inputs, place = plan.final_inputs(plant), plan.coefficients[-1, 0]
+    inputs, place = plan.final_inputs(plant), plan.final
     coast = _coast(plant, plan)
     if coast is None:
         last = Segments(plan.breaks[-1:], window[None], jnp.zeros_like(plan.breaks[-1:]), plan.coefficients[-1:])
@@ -86,8 +95,9 @@ def run_window(
         times = window * jnp.arange(1, samples + 1, dtype=window.dtype) / samples
         states = jax.vmap(lambda time: coast(state, inputs, time), out_axes=1)(times)
         end = states[:, -1]
-    rest = plant.deflection(plant.rest_state(inputs), place)
-    deflection = jax.vmap(lambda y: plant.deflection(y, place), in_axes=1)(states)
+    # Of several axes, that along the first one.
+    along = lambda y: jnp.ravel(plant.deflection(y, place))[0]
+    rest, deflection = along(plant.rest_state(inputs)), jax.vmap(along, in_axes=1)(states)
     return end, deflection - rest, plant.diverged(state, inputs) | plant.diverged(end, inputs)
 
 
@@ -132,10 +142,10 @@ def watch_move(
     times = horizon * jnp.linspace(0.0, 1.0, samples, dtype=state.dtype)
     segments, at = plan.sampled(times)
     states = all_states(plant, segments, state, steps)[:, 0][at]
-    command = polynomial(segments.coefficients[at], segments.age[at])
+    command = jax.vmap(polynomial)(segments.coefficients[at], segments.age[at])
     return times, command, jax.vmap(plant.payload)(states, command), states
 
 
 def _coast(plant: AbstractPlant, plan: Schedule) -> Coast | None:
     """The plant's closed form, if there is one and the command is made of steps."""
-    return plant.coast() if plan.coefficients.shape[1] == 1 else None
+    return plant.coast() if plan.coefficients.shape[-1] == 1 else None

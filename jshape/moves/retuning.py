@@ -6,6 +6,7 @@ from jaxtyping import Array
 from jshape._types import State
 from jshape.command import AbstractCommand
 from jshape.levenberg_marquardt import levenberg_marquardt
+from jshape.moves.physics import of_first_axis
 from jshape.moves.scheduled import swing_of
 from jshape.plants import AbstractPlant
 from jshape.shaper import Shaper
@@ -28,7 +29,7 @@ def retuned(plant: AbstractPlant, command: AbstractCommand, near: Shaper, state:
 
     Args:
         plant: as it is now.
-        command: to be shaped.
+        command: to be shaped; of several axes, the first.
         near: the shaper to begin with, of as many impulses.
         state: the plant's initial state.
         steps: fixed ones a segment.
@@ -43,7 +44,7 @@ def retuned(plant: AbstractPlant, command: AbstractCommand, near: Shaper, state:
         return Shaper(jnp.concatenate([1 - jnp.sum(later)[None], later]), jnp.concatenate([jnp.zeros(1), times]))
 
     def residual_swing(change: Array) -> tuple[Array, None]:
-        plan = schedule(plant, command, built(change))
+        plan = schedule(plant, command, of_first_axis(plant, built(change)))
         end, _ = final_state(plant, plan, state, steps)
         return swing_of(plant, end, plan.final_inputs(plant)) / unit, None
 

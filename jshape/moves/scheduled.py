@@ -22,8 +22,9 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from jshape import _check
-from jshape._types import Inputs, Number, Scalar, State, Times
+from jshape._types import Inputs, Position, Scalar, State, Times
 from jshape.command import AbstractCommand, polynomial
+from jshape.moves.physics import of_first_axis
 from jshape.moves.policy import AbstractPolicy
 from jshape.moves.sensor import NoisySensor
 from jshape.plants import AbstractPlant
@@ -84,14 +85,14 @@ class AbstractMoves(eqx.Module):
     def command(self, known: Any) -> AbstractCommand:
         """The command of the move."""
 
-    def signal(self, plant: AbstractPlant, state: State, position: Number) -> Scalar:
+    def signal(self, plant: AbstractPlant, state: State, position: Position) -> Scalar:
         """What the sensor measures, with the command at ``position``: the deflection, unless a machine defines it
         otherwise."""
         return plant.deflection(state, position)
 
     @abc.abstractmethod
-    def vibration(self, plant: AbstractPlant, state: State, energy: Scalar) -> Scalar:
-        """The amplitude of a residual vibration of that energy (J), in the signal's unit."""
+    def vibration(self, plant: AbstractPlant, inputs: Inputs, energy: Scalar) -> Scalar:
+        """The amplitude of a residual vibration of that energy (J) at those inputs, in the signal's unit."""
 
     @abc.abstractmethod
     def design(self, parameters: Float[Array, " parameters"], known: Any, swing: Swing) -> Shaper:
@@ -140,7 +141,7 @@ def along(
     # A segment ends with each sample, so that no segment lies across the ends of the part.
     segments = eqx.tree_at(lambda s: s.duration, segments, jnp.where(there, segments.duration, 0.0))
     every = all_states(plant, segments, state, task.between)[:, 0]
-    states, position = every[at], polynomial(segments.coefficients[at], segments.age[at])
+    states, position = every[at], jax.vmap(polynomial)(segments.coefficients[at], segments.age[at])
     over = jnp.searchsorted(segments.begin, plan.breaks[-1])
     signal = jax.vmap(lambda y, place: task.signal(plant, y, place))(states, position)
     return Along(signal, states, every[over])
@@ -230,20 +231,18 @@ def run_moves(
         if not isinstance(shaper, Shaper):
             raise ValueError(f"strategy must choose shapers, not actions as {type(strategy).__name__} does")
         old, new = (truth.plant(p, move.known) for p in (move.before, move.after))
-        plan = schedule(old, truth.command(move.known), shaper)
+        plan = schedule(old, truth.command(move.known), of_first_axis(old, shaper))
         begin, inputs = begun(old, swing), plan.final_inputs(old)
 
         def part(state: State, item: Any) -> tuple[State, Any]:
-            parameters, first, last, jump = item
+            parameters, first, last = item
             plant = truth.plant(parameters, move.known)
-            run = along(truth, plant, plan, state + jump, (first, last))
+            run = along(truth, plant, plan, state, (first, last))
             energy = plant.residual_energy(run.rest, inputs)
-            return run.states[-1], (run.signal, energy, truth.vibration(plant, run.rest, energy))
+            return run.states[-1], (run.signal, energy, truth.vibration(plant, inputs, energy))
 
-        # The change itself moves the state: a cable's length is one of its entries.
-        jumps = jnp.stack([jnp.zeros_like(begin), begun(new, swing) - begin])
         ends = jnp.stack([0 * move.change, move.change]), jnp.stack([move.change, 0 * move.change + last_sample])
-        parts = (jnp.stack([move.before, move.after]), *ends, jumps)
+        parts = (jnp.stack([move.before, move.after]), *ends)
         end, (signal, energy, vibration) = jax.lax.scan(part, begin, parts)
         # Where the parameters change after the command has come to rest, the move ended with the old ones.
         which = (plan.breaks[-1] >= truth.times[move.change]).astype(int)

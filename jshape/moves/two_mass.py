@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from jshape import _check
-from jshape._types import Scalar, State
+from jshape._types import Inputs, Scalar
 from jshape.command import AbstractCommand, Step
 from jshape.design.energy import three_impulse
 from jshape.moves.retuning import retuned
@@ -69,7 +69,7 @@ class TwoMassMoves(AbstractMoves):
     def command(self, known: Scalar) -> AbstractCommand:
         return Step(known)
 
-    def vibration(self, plant: Any, state: State, energy: Scalar) -> Scalar:
+    def vibration(self, plant: Any, inputs: Inputs, energy: Scalar) -> Scalar:
         return plant.spring.amplitude(energy)
 
     def design(self, parameters: Float[Array, " parameters"], known: Scalar, swing: Swing) -> Shaper:

@@ -23,6 +23,8 @@ from .oscillator import AbstractOscillator as AbstractOscillator
 from .pendulum import BobRodPendulum as BobRodPendulum
 from .pendulum import Crane as Crane
 from .rigid_flexible import RigidFlexible as RigidFlexible
+from .slewing import BoomCrane as BoomCrane
+from .slewing import TowerCrane as TowerCrane
 from .springs import AbstractSpring as AbstractSpring
 from .springs import Duffing as Duffing
 from .springs import ForceSpring as ForceSpring

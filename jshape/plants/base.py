@@ -21,7 +21,7 @@ where it rests. Everything downstream (simulation, gradients, design by ``js.tun
 """
 
 import abc
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, ClassVar
 from typing import ClassVar as AbstractClassVar
 
@@ -31,7 +31,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from jshape._check import Argument, Checked
-from jshape._types import Breaks, Inputs, Number, Scalar, State
+from jshape._types import Inputs, Number, Position, Scalar, State
 
 if not TYPE_CHECKING:
     from equinox import AbstractClassVar
@@ -68,15 +68,26 @@ class AbstractPlant(Checked):
 
     ``inputs``, in every method, is the quantity that ``drive`` names at one instant, a scalar; for several names a
     tuple in their order. The first is what must not jump further than the command allows; the others are taken between
-    the command's jumps.
+    the command's jumps. A plant of several ``axes`` takes a tuple with such an entry for each of them, and its payload,
+    deflection and position are vectors with one entry an axis.
     """
 
-    drive: AbstractClassVar[str | tuple[str, ...]]
+    axes: ClassVar[tuple[str, ...]] = ()
+    """Names of the axes that a command moves; empty for a plant of one axis, which takes a plain command."""
+
+    drive: AbstractClassVar[str | tuple[str, ...] | Mapping[str, str | tuple[str, ...]]]
     """What the command drives: ``"displacement"``, ``"velocity"`` or ``"acceleration"`` of the base, the command being
-    the base's position (m), or ``"force"``, the command being the force itself (N)."""
+    the base's position (m), or ``"force"``, the command being the force itself (N). For a plant of several axes a
+    mapping from each of them to what it drives."""
 
     unit: ClassVar[str] = "m"
     """Unit of the payload's position, of the deflection and, unless a force drives the plant, of the command."""
+
+    units: ClassVar[Mapping[str, str]] = {}
+    """The same of those axes for which it is another."""
+
+    command_units: ClassVar[Mapping[str, str]] = {}
+    """Units of the commands of those axes for which it is not that of the payload."""
 
     force_unit: ClassVar[str] = "N"
     """Unit of the command of a plant that a force drives."""
@@ -98,7 +109,7 @@ class AbstractPlant(Checked):
         formula for it."""
         return None
 
-    def payload(self, state: State, position: Number) -> Scalar:
+    def payload(self, state: State, position: Position) -> Position:
         """What is to arrive without vibration, m: the first state unless a plant defines it otherwise.
 
         Args:
@@ -107,7 +118,7 @@ class AbstractPlant(Checked):
         """
         return state[0]
 
-    def deflection(self, state: State, position: Number) -> Scalar:
+    def deflection(self, state: State, position: Position) -> Position:
         """How far the flexible part is bent, m: payload less command unless a plant defines it otherwise."""
         return self.payload(state, position) - position
 
@@ -128,31 +139,45 @@ class AbstractPlant(Checked):
         frequencies = magnitude[::2]
         return frequencies[0] if len(frequencies) == 1 else frequencies
 
-    def breaks(self) -> Breaks | None:
-        """Instants (s, not negative) at which the plant's own motions, functions of time, have breaks, or ``None``.
+    def axis_drives(self) -> tuple[str | tuple[str, ...], ...]:
+        """What each axis drives, in their order; of a plant of one axis its ``drive`` alone."""
+        drive = self.drive
+        return tuple(drive[axis] for axis in self.axes) if isinstance(drive, Mapping) else (drive,)
 
-        A simulation begins a new segment there, and residual energies are those after the last of them.
-        """
-        return None
-
-    def drives(self) -> tuple[str, ...]:
-        """``drive`` as a tuple.
+    def drives(self, axis: int = 0) -> tuple[str, ...]:
+        """What one of the axes drives, as a tuple.
 
         Raises:
             ValueError: for a word that is not among ``DRIVES``.
         """
-        drives = (self.drive,) if isinstance(self.drive, str) else tuple(self.drive)
+        drive = self.axis_drives()[axis]
+        drives = (drive,) if isinstance(drive, str) else tuple(drive)
         for name in drives:
             if name not in DRIVES:
                 raise ValueError(f"drive of {type(self).__name__} must be among {', '.join(DRIVES)}, not {name!r}")
         return drives
 
-    def command_unit(self) -> str:
-        """Unit of the command: that of the payload, or of a force where one drives the plant."""
-        return self.force_unit if self.drives()[0] == "force" else self.unit
+    def axis_unit(self, axis: int = 0) -> str:
+        """Unit of the payload's position and of the deflection along one of the axes."""
+        return self.units.get(self.axes[axis], self.unit) if self.axes else self.unit
+
+    def command_unit(self, axis: int = 0) -> str:
+        """Unit of the command of one of the axes: that of the payload, or of a force where one drives the plant."""
+        if self.drives(axis)[0] == "force":
+            return self.force_unit
+        unit = self.axis_unit(axis)
+        return self.command_units.get(self.axes[axis], unit) if self.axes else unit
+
+    def check_positions(self, positions: Float[np.ndarray, "breaks axes"]) -> None:
+        """Raises ``ValueError`` for commanded positions of several axes that the plant cannot take: none, unless a
+        plant defines it otherwise."""
 
     def zero_inputs(self) -> Inputs:
         """Inputs that are all zero, in the form that the methods take."""
         kinds = [x.dtype for x in jax.tree.leaves(self) if isinstance(x, jax.Array | np.ndarray)]
         zero = jnp.zeros((), jnp.result_type(*kinds) if kinds else float)
-        return zero if isinstance(self.drive, str) else tuple(zero for _ in self.drives())
+        each = tuple(
+            zero if isinstance(drive, str) else tuple(zero for _ in self.drives(axis))
+            for axis, drive in enumerate(self.axis_drives())
+        )
+        return each if self.axes else each[0]

@@ -8,8 +8,9 @@ import jax.scipy.linalg
 from jaxtyping import Array, Float
 
 from jshape import _check
-from jshape._types import Inputs, Number, Scalar, State
-from jshape.command import as_command, polynomial
+from jshape._types import Inputs, Number, Position, Scalar, State
+from jshape.axes import Axes, for_axes
+from jshape.command import polynomial
 from jshape.plants.base import DRIVES, AbstractPlant
 
 
@@ -19,8 +20,7 @@ class Linearised(AbstractPlant):
     State as that of the plant. ``propagate`` gives its exact response.
 
     Attributes:
-        plant: the plant, whose parameters stay leaves (``"plant.cable_length"``); one that changes in time is taken as
-            it is at time 0.
+        plant: the plant, whose parameters stay leaves (``"plant.cable_length"``).
 
     Raises:
         ValueError: for what is no plant.
@@ -33,9 +33,18 @@ class Linearised(AbstractPlant):
             raise ValueError(f"plant must be a jshape plant, not {self.plant!r}")
 
     @property
-    def drive(self) -> str | tuple[str, ...]:
+    def drive(self) -> Any:
         """The plant's own."""
         return self.plant.drive
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """The plant's own."""
+        return self.plant.axes
+
+    def axis_drives(self) -> tuple[str | tuple[str, ...], ...]:
+        """The plant's own."""
+        return self.plant.axis_drives()
 
     def _rest(self) -> tuple[State, Inputs]:
         zero = self.plant.zero_inputs()
@@ -63,13 +72,13 @@ class Linearised(AbstractPlant):
         rest, zero = self._rest()
         return rest + jax.jvp(self.plant.rest_state, (zero,), (_like(inputs, zero),))[1]
 
-    def payload(self, state: State, position: Number) -> Scalar:
+    def payload(self, state: State, position: Position) -> Position:
         return self._linear(self.plant.payload, state, position)
 
-    def deflection(self, state: State, position: Number) -> Scalar:
+    def deflection(self, state: State, position: Position) -> Position:
         return self._linear(self.plant.deflection, state, position)
 
-    def _linear(self, quantity: Any, state: State, position: Number) -> Scalar:
+    def _linear(self, quantity: Any, state: State, position: Position) -> Position:
         rest, _ = self._rest()
         position = jnp.asarray(position, rest.dtype)
         value, change = jax.jvp(quantity, (rest, jnp.zeros_like(position)), (state - rest, position))
@@ -93,33 +102,41 @@ class Linearised(AbstractPlant):
         Raises:
             ValueError: for what is no command, and one without the derivative that drives the plant.
         """
-        command = as_command(command, "command")
-        orders = [DRIVES[name] for name in self.plant.drives()]
-        if command.smoothness < orders[0]:
-            raise ValueError(f"command has no {self.plant.drives()[0]} between its jumps: {type(command).__name__}")
+        command = for_axes(command, self.axes, type(self.plant).__name__, "command")
+        kinds = command.commands if isinstance(command, Axes) else (command,)
+        for axis, one in enumerate(kinds):
+            drive = self.drives(axis)[0]
+            if one.smoothness < DRIVES[drive]:
+                raise ValueError(f"command has no {drive} between its jumps: {type(one).__name__}")
         breaks, coefficients = command.pieces()
         if time is None:
             durations = jnp.append(jnp.diff(breaks), 0.0)
         else:
             durations = jnp.diff(jnp.clip(jnp.append(breaks, time), max=_check.as_array(time, "time")))
         rest, zero = self._rest()
-        n, powers = len(rest), coefficients.shape[1]
+        n, powers, size = len(rest), coefficients.shape[-1], coefficients[0].size
         system = jax.jacfwd(lambda y: self._slope(y, zero))(jnp.zeros_like(rest))
 
         def driven(derivatives: Array) -> State:
-            values = tuple(derivatives[k] if k < powers else jnp.zeros_like(derivatives[0]) for k in orders)
-            return self._slope(jnp.zeros_like(rest), values[0] if isinstance(self.drive, str) else values)
+            """The slope at rest by the derivatives of all axes, one axis after the other."""
+            rows = jnp.pad(derivatives.reshape(-1, powers), ((0, 0), (0, 3)))
+            each = []
+            for axis, drive in enumerate(self.axis_drives()):
+                values = tuple(rows[axis, DRIVES[name]] for name in self.drives(axis))
+                each.append(values[0] if isinstance(drive, str) else values)
+            return self._slope(jnp.zeros_like(rest), tuple(each) if self.axes else each[0])
 
-        gain = jax.jacfwd(driven)(jnp.zeros(powers, rest.dtype))
-        chain = jnp.eye(powers, k=1, dtype=rest.dtype)
-        whole = jnp.block([[system, gain], [jnp.zeros((powers, n), rest.dtype), chain]])
+        gain = jax.jacfwd(driven)(jnp.zeros(size, rest.dtype))
+        chain = jnp.kron(jnp.eye(size // powers, dtype=rest.dtype), jnp.eye(powers, k=1, dtype=rest.dtype))
+        whole = jnp.block([[system, gain], [jnp.zeros((size, n), rest.dtype), chain]])
         # The command's own derivatives at each break, and the flow of the whole system over each piece.
-        derivatives = jnp.stack([polynomial(coefficients, jnp.zeros_like(breaks), k) for k in range(powers)], axis=1)
+        zeros = jnp.zeros(coefficients.shape[:-1], coefficients.dtype)
+        derivatives = jnp.stack([polynomial(coefficients, zeros, k) for k in range(powers)], axis=-1)
         flows = jax.vmap(lambda duration: jax.scipy.linalg.expm(whole * duration))(durations)
 
         def advance(away: State, piece: tuple[Array, Array]) -> tuple[State, None]:
             flow, driving = piece
-            return (flow @ jnp.concatenate([away, driving]))[:n], None
+            return (flow @ jnp.concatenate([away, driving.reshape(-1)]))[:n], None
 
         away = jnp.zeros_like(rest) if initial_state is None else initial_state - rest
         return rest + jax.lax.scan(advance, away, (flows, derivatives))[0]
@@ -129,5 +146,5 @@ def _like(inputs: Inputs, zero: Inputs) -> Inputs:
     """Inputs in the types of ``zero``, as derivatives along them require."""
     if isinstance(zero, tuple):
         given = inputs if isinstance(inputs, tuple) else (inputs, *zero[1:])
-        return tuple(jnp.asarray(value, like.dtype) for value, like in zip(given, zero, strict=True))
+        return tuple(_like(value, like) for value, like in zip(given, zero, strict=True))
     return jnp.asarray(inputs, zero.dtype)

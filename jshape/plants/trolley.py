@@ -5,18 +5,18 @@ while the trolley stands still, and their coupling to the trolley's acceleration
 """
 
 import abc
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 from typing import ClassVar as AbstractVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool
 
 from jshape._check import Argument, Checked, not_negative, positive
-from jshape._types import Inputs, Number, Scalar, State
-from jshape.command import AbstractCommand, as_command
+from jshape._types import Inputs, Number, Position, Scalar, State
+from jshape.command import as_command
 from jshape.plants.base import AbstractPlant
 
 if not TYPE_CHECKING:
@@ -88,17 +88,6 @@ class Trolley(Checked):
         return TrolleyCheck(speed, acceleration, *limits)
 
 
-def smooth_command(optional: bool = False) -> Argument:
-    """The converter of a field that holds a command without jumps: a motion of the crane's own."""
-
-    def convert(value: Any, name: str) -> AbstractCommand:
-        if not isinstance(value, AbstractCommand) or value.smoothness < 1:
-            raise ValueError(f"{name} must be a command without jumps, such as Trapezoid, not {value!r}")
-        return value
-
-    return Argument(convert=convert, optional=optional)
-
-
 def peaks(command: Any) -> tuple[float, float]:
     """The greatest speed and acceleration, either way, of a position command; exact for its polynomials.
 
@@ -134,6 +123,22 @@ def _peak(curve: np.polynomial.Polynomial, duration: float) -> float:
     return float(np.max(np.abs(curve(np.array([0.0, duration, *turns])))))
 
 
+class Driven(NamedTuple):
+    """What drives a crane at one instant.
+
+    Attributes:
+        trolley: what its ``drive`` names, of its one axis or of each.
+        lengths: of cable that an axis of its own changes, m.
+        speeds: of those lengths, m/s.
+        accelerations: of those lengths, m/s².
+    """
+
+    trolley: Array
+    lengths: Array
+    speeds: Array
+    accelerations: Array
+
+
 class AbstractCrane(AbstractPlant):
     """A load that hangs from a trolley on a straight track, its configuration given by angles.
 
@@ -148,8 +153,7 @@ class AbstractCrane(AbstractPlant):
       above it is all kinetic energy, the trolley's included, and the load's height. Under a constant force there is no
       rest, as the whole crane accelerates; the energy is then counted as if there were no force.
 
-    A trolley's displacement to the right (+) makes the load lag: the angles turn negative. Lengths that change in
-    time stand at the end of the state.
+    A trolley's displacement to the right (+) makes the load lag: the angles turn negative.
     """
 
     gravity: AbstractVar[Scalar]
@@ -178,81 +182,74 @@ class AbstractCrane(AbstractPlant):
         """Everything that hangs from the trolley, kg."""
 
     @abc.abstractmethod
-    def swing_energy(self, place: Array, rates: Array, acceleration: Scalar) -> Scalar:
+    def swing_energy(self, place: Array, rates: Array, acceleration: Array) -> Scalar:
         """Kinetic and potential energy in the trolley's frame, above rest at that acceleration of it, J."""
 
     @abc.abstractmethod
-    def rest_angles(self, acceleration: Scalar) -> Array:
+    def rest_angles(self, acceleration: Array) -> Array:
         """The angles at which the load hangs still behind a trolley with that acceleration, rad."""
 
     @abc.abstractmethod
     def offset(self, place: Array) -> Scalar:
         """How far the payload is ahead of the trolley, m."""
 
-    def beyond(self, place: Array, rates: Array, acceleration: Scalar) -> Bool[Array, ""]:
+    def beyond(self, place: Array, rates: Array, acceleration: Array) -> Bool[Array, ""]:
         """Whether the load cannot return to rest: past the horizontal, unless a crane defines it otherwise."""
         return jnp.any(jnp.abs(place[: self.angles]) >= jnp.pi / 2)
 
-    def lengths(self) -> Float[Array, " lengths"]:
-        """The lengths that change in time, at the beginning, m: none unless a crane has some."""
-        return jnp.zeros(0, self.gravity.dtype)
+    def driven(self, inputs: Inputs) -> Driven:
+        """What drives the trolley, and the lengths that an axis of their own changes: none unless a crane has one."""
+        none = jnp.zeros(0, self.gravity.dtype)
+        return Driven(jnp.asarray(inputs), none, none, none)
 
-    def length_rates(self, t: Number) -> tuple[Array, Array]:
-        """First and second derivative of those lengths at time t (s), m/s and m/s²."""
-        return jnp.zeros(0, self.gravity.dtype), jnp.zeros(0, self.gravity.dtype)
-
-    def swept(self, t: Number, place: Array) -> Array:
-        """What a motion of the trolley across its track adds to the angles' velocities, rad/s: 0 without one."""
-        return jnp.zeros_like(place[: self.angles])
+    def swept(self, place: Array, motion: Array) -> Array:
+        """What a motion of the trolley along all its axes gives the angles, turned back: ``coupling`` times it."""
+        return motion * self.coupling(place)
 
     def vector_field(self, t: Number, state: State, inputs: Inputs) -> State:
-        n = self.angles
-        length_speed, length_acceleration = self.length_rates(t)
+        n, driven = self.angles, self.driven(inputs)
         if self.drive == "force":
-            return self._pushed(state, inputs, length_speed, length_acceleration)
-        place = jnp.concatenate([state[:n], state[2 * n :]])
+            return self._pushed(state, driven)
+        place = jnp.concatenate([state[:n], driven.lengths])
 
         def carried(place: Array) -> Array:
-            swept = self.swept(t, place)
-            return swept + inputs * self.coupling(place) if self.drive == "velocity" else swept
+            return self.swept(place, driven.trolley) if self.drive == "velocity" else jnp.zeros_like(place[:n])
 
-        velocity = state[n : 2 * n] - carried(place)
-        along = jnp.concatenate([velocity, length_speed])
+        velocity = state[n:] - carried(place)
+        along = jnp.concatenate([velocity, driven.speeds])
         # A given speed does not enter the momenta's own balance but through where it carries the angles.
         change = self.free(place, along) + jax.jvp(carried, (place,), (along,))[1]
         if self.drive == "acceleration":
-            change = change - inputs * self.coupling(place)
-        return jnp.concatenate([velocity, change, length_speed])
+            change = change - self.swept(place, driven.trolley)
+        return jnp.concatenate([velocity, change])
 
-    def _pushed(self, state: State, force: Scalar, length_speed: Array, length_acceleration: Array) -> State:
+    def _pushed(self, state: State, driven: Driven) -> State:
         n = self.angles
-        place = jnp.concatenate([state[1 : 1 + n], state[2 + 2 * n :]])
-        speed, velocity = state[1 + n], state[2 + n : 2 + 2 * n]
-        along = jnp.concatenate([velocity, length_speed])
+        place = jnp.concatenate([state[1 : 1 + n], driven.lengths])
+        speed, velocity = state[1 + n], state[2 + n :]
+        along = jnp.concatenate([velocity, driven.speeds])
         free, coupling = self.free(place, along), self.coupling(place)
 
         def slope(place: Array, along: Array) -> Array:
             return jax.jvp(self.moment, (place,), (along,))[1]
 
         # Newton's law for all together: (M + m) s'' + moment'' = force − friction, with angles'' = free − s'' coupling.
-        pull = jax.jvp(slope, (place, along), (along, jnp.concatenate([free, length_acceleration])))[1]
-        turned = slope(place, jnp.concatenate([coupling, jnp.zeros_like(length_acceleration)]))
+        pull = jax.jvp(slope, (place, along), (along, jnp.concatenate([free, driven.accelerations])))[1]
+        turned = slope(place, jnp.concatenate([coupling, jnp.zeros_like(driven.accelerations)]))
         inertia = self.trolley.mass + self.carried() - turned
-        acceleration = (force - self.trolley.damping * speed - pull) / inertia
-        return jnp.concatenate(
-            [speed[None], velocity, acceleration[None], free - acceleration * coupling, length_speed]
-        )
+        acceleration = (driven.trolley - self.trolley.damping * speed - pull) / inertia
+        return jnp.concatenate([speed[None], velocity, acceleration[None], free - acceleration * coupling])
 
-    def relative(self, state: State, inputs: Inputs) -> tuple[Array, Array, Scalar]:
+    def relative(self, state: State, inputs: Inputs) -> tuple[Array, Array, Array]:
         """Angles and lengths, the angles' true velocities (rad/s), the trolley's acceleration (m/s²; 0 without it)."""
-        n = self.angles
+        n, driven = self.angles, self.driven(inputs)
         if self.drive == "force":
-            place = jnp.concatenate([state[1 : 1 + n], state[2 + 2 * n :]])
-            return place, state[2 + n : 2 + 2 * n], jnp.zeros_like(state[0])
-        place, velocity = jnp.concatenate([state[:n], state[2 * n :]]), state[n : 2 * n]
+            place = jnp.concatenate([state[1 : 1 + n], driven.lengths])
+            return place, state[2 + n :], jnp.zeros_like(driven.trolley)
+        place, velocity = jnp.concatenate([state[:n], driven.lengths]), state[n:]
         if self.drive == "velocity":
-            return place, velocity - inputs * self.coupling(place), jnp.zeros_like(state[0])
-        return place, velocity, jnp.asarray(inputs)
+            return place, velocity - self.swept(place, driven.trolley), jnp.zeros_like(driven.trolley)
+        return place, velocity, driven.trolley
 
     def residual_energy(self, state: State, inputs: Inputs) -> Scalar:
         """Energy above that of hanging still behind the trolley as it moves, J.
@@ -269,21 +266,20 @@ class AbstractCrane(AbstractPlant):
         return energy + (self.trolley.mass + self.carried()) * speed**2 / 2 + speed * drift
 
     def rest_state(self, inputs: Inputs) -> State:
-        inputs = jnp.asarray(inputs)
+        driven = self.driven(inputs)
         zero = jnp.zeros(self.angles, self.gravity.dtype)
-        lengths = self.lengths()
         if self.drive == "force":
             still = jnp.zeros_like(self.gravity)[None]
-            return jnp.concatenate([still, zero, still, zero, lengths])
+            return jnp.concatenate([still, zero, still, zero])
         if self.drive == "velocity":
-            return jnp.concatenate([zero, inputs * self.coupling(jnp.concatenate([zero, lengths])), lengths])
-        return jnp.concatenate([self.rest_angles(inputs), zero, lengths])
+            return jnp.concatenate([zero, self.swept(jnp.concatenate([zero, driven.lengths]), driven.trolley)])
+        return jnp.concatenate([self.rest_angles(driven.trolley), zero])
 
-    def payload(self, state: State, position: Number) -> Scalar:
+    def payload(self, state: State, position: Position) -> Position:
         """Where the payload is along the track, m."""
         return (state[0] if self.drive == "force" else position) + self.deflection(state, position)
 
-    def deflection(self, state: State, position: Number) -> Scalar:
+    def deflection(self, state: State, position: Position) -> Position:
         """How far the payload is ahead of the trolley, m."""
         return self.offset(self.relative(state, self.zero_inputs())[0])
 

@@ -23,10 +23,9 @@ PARTS = {
     "controller": "AbstractController",
     "link": "AbstractLink",
     "plant": "AbstractPlant",
-    "hoist": "AbstractCommand",
-    "cross": "AbstractCommand",
+    "command": "AbstractCommand",
 }
-"""The keys of a plant that are tables with a ``type`` of their own, and the class that all of those types belong to."""
+"""The keys that are tables with a ``type`` of their own, and the class that all of those types belong to."""
 
 WORDS = ("drive",)
 """Keys whose value is a word."""
@@ -34,7 +33,7 @@ WORDS = ("drive",)
 COMMANDS = ("Step", "Trapezoid", "SCurve", "Sampled")
 
 GROUPS = {
-    "cranes": ("AbstractCrane",),
+    "cranes": ("AbstractCrane", "AbstractSlewingCrane"),
     "masses on springs": ("AbstractOscillator", "ForcedTwoMass"),
     "robots": ("FlexibleJoint", "FlexibleLink"),
     "measured modes": ("AbstractModes",),
@@ -82,6 +81,8 @@ class Entry:
         keys: its parameters by name, in order.
         bases: the names of the classes that it descends from, itself first.
         constants: class variables that are words, such as ``drive``.
+        axes: of a plant of several axes, each with the unit of the payload along it; empty for one axis.
+        others: axis → unit of its command, where that is another.
     """
 
     name: str
@@ -89,11 +90,20 @@ class Entry:
     keys: dict[str, Key]
     bases: tuple[str, ...]
     constants: dict[str, str]
+    axes: dict[str, str] = dataclasses.field(default_factory=dict)
+    others: dict[str, str] = dataclasses.field(default_factory=dict)
 
     def command_unit(self, drive: str | None = None) -> str:
         """Unit of the command that drives the plant, whose ``drive`` is as given or as it is by default."""
         default = self.keys["drive"].default if "drive" in self.keys else self.constants.get("drive")
         return self.constants["force_unit" if (drive or default) == "force" else "unit"]
+
+    def command_units(self, drive: str | None = None) -> dict[str, str]:
+        """Units of the commands of several axes; a force drives the first one, if any."""
+        units = self.axes | self.others
+        if units and (unit := self.command_unit(drive)) == self.constants["force_unit"]:
+            units[next(iter(units))] = unit
+        return units
 
 
 def plants() -> dict[str, Entry]:
@@ -173,7 +183,7 @@ def _entry(name: str) -> Entry:
     bases = _bases(name)
     keys: dict[str, Key] = {}
     words: dict[str, str] = {}
-    constants: dict[str, str] = {}
+    constants: dict[str, Any] = {}
     own = None
     for base in reversed(bases):
         node, values = _classes()[base]
@@ -184,7 +194,7 @@ def _entry(name: str) -> Entry:
             elif isinstance(item, ast.AnnAssign) and isinstance(item.target, ast.Name):
                 if "ClassVar" in ast.unparse(item.annotation):
                     value = _literal(item.value, values)
-                    constants |= {item.target.id: value} if isinstance(value, str) else {}
+                    constants |= {} if value is None else {item.target.id: value}
                 elif "AbstractVar" not in ast.unparse(item.annotation):
                     keys[item.target.id] = _field(item, values)
     if own is not None:
@@ -192,7 +202,11 @@ def _entry(name: str) -> Entry:
         keys = {key.name: dataclasses.replace(key, checks=checks.get(key.name, ())) for key in own}
     summary = (ast.get_docstring(_classes()[name][0]) or "").split("\n\n")[0].replace("``", "")
     keys = {key: _documented(field, words.get(key, "")) for key, field in keys.items()}
-    return Entry(name, " ".join(summary.split()), keys, bases, constants)
+    units = constants.get("units", {})
+    axes = {axis: units.get(axis, constants["unit"]) for axis in constants.get("axes", ())}
+    others = constants.get("command_units", {})
+    constants = {key: value for key, value in constants.items() if isinstance(value, str)}
+    return Entry(name, " ".join(summary.split()), keys, bases, constants, axes, others)
 
 
 def _documented(key: Key, words: str) -> Key:

@@ -4,8 +4,8 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-from jshape.problems.reading import QUANTITIES, Draft, Part, in_units, turned
-from jshape.problems.units import shown
+from jshape.problems.reading import QUANTITIES, Draft, Part, turned
+from jshape.problems.units import in_units, lengths, shown
 
 SYMBOLS = ("omega", "zeta", "gains")
 """Keys that are named by what they mean, as all of fewer than four letters are."""
@@ -18,8 +18,7 @@ def understood(draft: Draft, nominal: Mapping[str, float]) -> list[str]:
         draft: the file.
         nominal: the nominal value of each uncertain leaf.
     """
-    command = draft.command or f"step of {shown(draft.file.distance, draft.command_unit)}"
-    lines = [f"move: {_part(command, {'m': draft.command_unit})}", f"plant: {_part(draft.plant, {})}"]
+    lines = [f"move: {_move(draft)}", f"plant: {_part(draft.plant, {})}"]
     entry = draft.plant.entry
     if entry is not None:
         absent = [key for key in entry.keys.values() if key.name not in draft.plant.values]
@@ -33,6 +32,22 @@ def understood(draft: Draft, nominal: Mapping[str, float]) -> list[str]:
         how = f"{_range(multiples, spread.between)} times {shown(middle, spread.unit)}"
         lines.append(f"uncertain: {words} ({how}; {spread.between or len(spread.values)} values)")
     return lines + _design(draft)
+
+
+def _move(draft: Draft) -> str:
+    """The command in words, or those of all axes."""
+    command, unit = draft.command, draft.units.command
+    if command is None:
+        return f"step of {shown(draft.file.distance, unit)}"
+    if command.kind != "Axes":
+        return _part(command, {"m": unit})
+    words = []
+    for axis, part in command.values.items():
+        if isinstance(part, Part):
+            words.append(f"{axis}: {_part(part, {'m': draft.units.commands[axis]})}")
+            delay = command.values.get("delay", {}).get(axis)
+            words[-1] += "" if delay is None else f", after {shown(delay, 's')}"
+    return "; ".join(words)
 
 
 def label(plant: Part, leaf: str, unit: str | None) -> str:
@@ -54,9 +69,12 @@ def _design(draft: Draft) -> list[str]:
     design, words = draft.file.design, []
     for name in sorted(design.model_fields_set, key=list(type(design).model_fields).index):
         unit = QUANTITIES["design"].get(name)
-        length = draft.unit if name == "peak_deflection" else draft.command_unit
-        value = getattr(design, name)
-        words.append(f"{name} {shown(value, in_units(unit, {'m': length})) if _is_number(value) else value}")
+        (whole, each), value = lengths(draft.units, name), getattr(design, name)
+        said = lambda value, length, unit=unit: shown(value, in_units(unit, {"m": length}))
+        if isinstance(value, dict) and unit is not None:
+            words += [f"{name} of {axis} {said(part, each.get(axis, whole))}" for axis, part in value.items()]
+        else:
+            words.append(f"{name} {said(value, whole) if _is_number(value) else value}")
     return [f"design: {', '.join(words)}"] if words else []
 
 

@@ -18,6 +18,7 @@ import numpy as np
 from jshape import command as commands
 from jshape import plants
 from jshape._files import printable
+from jshape.axes import Axes
 from jshape.plants import AbstractPlant
 from jshape.problems.catalogue import COMMANDS, PARTS, REQUIRED, Entry, Key, described
 from jshape.problems.echo import label, understood
@@ -25,7 +26,7 @@ from jshape.problems.lines import Lines
 from jshape.problems.lines import ProblemError as ProblemError
 from jshape.problems.reading import Draft, Part, read, with_class
 from jshape.problems.schema import Adapt, Design, Front
-from jshape.problems.units import printed
+from jshape.problems.units import Units, printed
 from jshape.sweeps.leaves import check_over, leaf
 
 GREATEST_MULTIPLE = 10.0
@@ -89,7 +90,7 @@ def load(name: str | Path | Draft) -> Problem:
         kind = _imported(foreign, draft.path, lines)
         draft = with_class(draft, _entry(kind))
     plant = _object(draft.plant, ["plant"], lines, kind)
-    draft = dataclasses.replace(draft, unit=plant.unit, command_unit=plant.command_unit())
+    draft = dataclasses.replace(draft, units=_units(plant))
     distance = file.distance if draft.command is None else _object(draft.command, ["command"], lines)
     over, nominal, questions = {}, {}, list(draft.questions)
     for at, spread in draft.over.items():
@@ -111,6 +112,13 @@ def load(name: str | Path | Draft) -> Problem:
         name, file.title or name, plant, distance, over, file.design, file.pareto, file.adapt, draft.text, foreign,
         labels, understood(draft, nominal), questions,
     )  # fmt: skip
+
+
+def _units(plant: AbstractPlant) -> Units:
+    """The units of a plant's payload and of its command."""
+    payloads = {axis: plant.axis_unit(i) for i, axis in enumerate(plant.axes)}
+    commands = {axis: plant.command_unit(i) for i, axis in enumerate(plant.axes)}
+    return Units(plant.axis_unit(), plant.command_unit(), payloads, commands)
 
 
 def _question(name: str, multiples: np.ndarray, nominal: float, draft: Draft) -> list[str]:
@@ -138,7 +146,8 @@ def _entry(kind: type[AbstractPlant]) -> Entry:
 
 def _object(part: Part, keys: list[str], lines: Lines, kind: type | None = None) -> Any:
     """An object as a file describes it: parts first, then the constructor, whose errors are raised with the line."""
-    made: Any = kind or getattr(commands if part.kind in COMMANDS else plants, part.kind)
+    made: Any = kind or (Axes if part.kind == "Axes" else None)
+    made = made or getattr(commands if part.kind in COMMANDS else plants, part.kind)
     values = {
         name: _object(value, [*keys, name], lines) if isinstance(value, Part) else value
         for name, value in part.values.items()

@@ -6,7 +6,6 @@ know, such as a load that leaves a frequency negative, is found then.
 
 import dataclasses
 import math
-import re
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,7 +16,7 @@ from jshape.problems import catalogue, limits
 from jshape.problems.catalogue import WORDS, Entry, Key, suggestion
 from jshape.problems.lines import Lines, ProblemError
 from jshape.problems.schema import Adapt, Design, File, Front, Range
-from jshape.problems.units import quantity, question
+from jshape.problems.units import Units, in_units, lengths, quantity, question
 
 QUANTITIES: dict[str, dict[str, str]] = {
     "": {"distance": "m"},
@@ -81,8 +80,7 @@ class Draft:
         plant: the nominal plant.
         command: the move, unless the file gives a distance alone.
         over: leaf → its values.
-        unit: of the plant's payload.
-        command_unit: of the command.
+        units: of the plant's payload and of the command.
         questions: what may not be meant as it was written.
         lines: where each key stands.
     """
@@ -93,8 +91,7 @@ class Draft:
     plant: Part
     command: Part | None
     over: dict[str, Spread]
-    unit: str
-    command_unit: str
+    units: Units
     questions: list[str]
     lines: Lines
 
@@ -140,7 +137,7 @@ def read(name: str | Path) -> Draft:
     lines = Lines(path, text)
     for keys, message in limits.exceeded(raw):
         raise lines.error(keys, message)
-    reader = _Reader(lines, *_units(raw))
+    reader = _Reader(lines, _units(raw))
     reader.quantities(raw)
     try:
         file = File.model_validate(raw)
@@ -149,39 +146,38 @@ def read(name: str | Path) -> Draft:
         raise lines.error(_keys(raw, first["loc"]), _message(first)) from None
     if file.distance == 0:
         raise lines.error(["distance"], "must not be 0: there is nothing to shape")
-    command = None
-    if file.command is not None:
-        command = reader.part(file.command, "AbstractCommand", ["command"], {"m": reader.command})
+    command = None if file.command is None else reader.command(file.command)
     plant = reader.plant(file.plant)
     if file.distance is not None:
-        reader.question(file.distance, reader.command, ["distance"], raw["distance"])
+        reader.question(file.distance, reader.units.command, ["distance"], raw["distance"])
     over = {leaf: reader.spread(leaf, uncertain, plant) for leaf, uncertain in file.uncertainty.items()}
     if (number := math.prod(spread.between or len(spread.values) for spread in over.values())) > limits.PLANTS:
         raise lines.error(["uncertainty"], f"makes {number} plants, more than {limits.PLANTS}; take smaller counts")
     if file.design.objective not in (None, "nominal") and not over:
         objective = file.design.objective
         raise lines.error(["design", "objective"], f"{objective!r} needs an [uncertainty] table")
-    return Draft(path, text, file, plant, command, over, reader.unit, reader.command, reader.questions, lines)
+    return Draft(path, text, file, plant, command, over, reader.units, reader.questions, lines)
 
 
 def with_class(draft: Draft, entry: Entry) -> Draft:
     """The draft of a plant of the user's own, once its class is known: its parameters and their ranges are read."""
-    reader = _Reader(draft.lines, draft.unit, draft.command_unit)
+    reader = _Reader(draft.lines, draft.units)
     plant = Part(draft.plant.kind, reader.values(entry, draft.plant.values, ["plant"], {}), entry)
     over = {leaf: reader.spread(leaf, uncertain, plant) for leaf, uncertain in draft.file.uncertainty.items()}
     return dataclasses.replace(draft, plant=plant, over=over, questions=[*draft.questions, *reader.questions])
 
 
-def _units(raw: dict[str, Any]) -> tuple[str, str]:
+def _units(raw: dict[str, Any]) -> Units:
     """The units of the payload and of the command, by the plant that the file names."""
     table = raw.get("plant")
     kind = table.get("type") if isinstance(table, dict) else None
     entry = catalogue.plants().get(kind) if isinstance(kind, str) else None
     if not isinstance(table, dict) or entry is None:
-        return "m", "m"
+        return Units("m", "m", {}, {})
     if entry.name == "Linearised":
         return _units(table)
-    return entry.constants["unit"], entry.command_unit(table.get("drive"))
+    drive = table.get("drive")
+    return Units(entry.constants["unit"], entry.command_unit(drive), entry.axes, entry.command_units(drive))
 
 
 class _Reader:
@@ -189,13 +185,12 @@ class _Reader:
 
     Attributes:
         lines: where its keys stand.
-        unit: of the plant's payload.
-        command: unit of the command.
+        units: of the plant's payload and of the command.
         questions: so far.
     """
 
-    def __init__(self, lines: Lines, unit: str, command: str):
-        self.lines, self.unit, self.command = lines, unit, command
+    def __init__(self, lines: Lines, units: Units):
+        self.lines, self.units = lines, units
         self.questions: list[str] = []
 
     def quantities(self, raw: dict[str, Any]) -> None:
@@ -205,9 +200,16 @@ class _Reader:
             if not isinstance(table, dict):
                 continue
             for key in [key for key in units if key in table]:
-                length = self.unit if key == "peak_deflection" else self.command
-                unit = units[key] if name == "adapt" else in_units(units[key], {"m": length})
-                table[key] = self.quantity(table[key], unit, [name, key] if name else [key])
+                whole, each = lengths(self.units, key)
+                place = [name, key] if name else [key]
+                if isinstance(table[key], dict) and name == "design":
+                    table[key] = {
+                        axis: self.quantity(value, in_units(units[key], {"m": each.get(axis, whole)}), [*place, axis])
+                        for axis, value in table[key].items()
+                    }
+                    continue
+                unit = units[key] if name == "adapt" else in_units(units[key], {"m": whole})
+                table[key] = self.quantity(table[key], unit, place)
 
     def quantity(self, value: Any, unit: str | None, place: list[str]) -> Any:
         """A quantity, or a list of them, in that unit."""
@@ -217,6 +219,26 @@ class _Reader:
             return quantity(value, unit)
         except ValueError as error:
             raise self.lines.error(place, str(error)) from None
+
+    def command(self, table: dict[str, Any]) -> Part:
+        """The move: one command, or a table for each axis."""
+        axes, tables = self.units.commands, [isinstance(value, dict) for value in table.values()]
+        if "type" in table or not any(tables):
+            return self.part(table, "AbstractCommand", ["command"], {"m": self.units.command})
+        values, delay = {}, {}
+        for axis, inner in table.items():
+            place = ["command", axis]
+            if axes and axis not in axes:
+                words = f"unknown axis; the plant has {', '.join(axes)}{suggestion(axis, axes)}"
+                raise self.lines.error(place, words)
+            if not isinstance(inner, dict):
+                raise self.lines.error(place, f"must be the table of an axis, not {inner!r}")
+            unit = {"m": axes.get(axis, self.units.command)}
+            if "delay" in inner:
+                delay[axis] = self.quantity(inner["delay"], "s", [*place, "delay"])
+            given = {key: value for key, value in inner.items() if key != "delay"}
+            values[axis] = self.part(given, "AbstractCommand", place, unit)
+        return Part("Axes", values | ({"delay": delay} if delay else {}), None)
 
     def plant(self, table: dict[str, Any]) -> Part:
         kind, known = table.get("type"), catalogue.plants()
@@ -301,13 +323,6 @@ class _Reader:
         except ValueError as error:
             raise self.lines.error(["uncertainty", leaf], str(error)) from None
         return Spread(values, uncertain.count if uncertain.values is None else None, absolute, unit)
-
-
-def in_units(unit: str | None, units: dict[str, str]) -> str | None:
-    """A unit with some of its symbols replaced, N/m³ by N m/rad³."""
-    for old, new in units.items():
-        unit = re.sub(rf"(?<![\w^]){old}(?![A-Za-z])", new, unit) if unit else unit
-    return unit
 
 
 def turned(plant: Entry, part: str) -> dict[str, str]:

@@ -14,6 +14,7 @@ class Strict(BaseModel):
 
 
 Positive = Annotated[float, Field(gt=0)]
+NotNegative = Annotated[float, Field(ge=0)]
 _Pair = Annotated[tuple[float, float], Field(strict=False)]
 
 
@@ -61,15 +62,16 @@ class Design(Strict):
 
     impulses: int = Field(default=3, ge=2, le=64)
     duration: Positive | list[float] | None = None
-    time_cost: Annotated[float, Field(ge=0)] = 0.0
+    time_cost: NotNegative = 0.0
     sample_time: Positive | None = None
     amplitudes: Literal["positive", "bounded", "unity", "free"] = "positive"
     limit: Positive | None = None
     objective: Literal["nominal", "worst", "mean", "cvar"] | None = None
     also: list[str] | dict[str, Any] = []
-    peak_deflection: Positive | None = None
-    speed_limit: Positive | None = None
-    command_overshoot: Annotated[float, Field(ge=0)] | None = None
+    shapers: Literal["shared", "per axis"] | list[str] = "shared"
+    peak_deflection: Positive | dict[str, Positive] | None = None
+    speed_limit: Positive | dict[str, Positive] | None = None
+    command_overshoot: NotNegative | dict[str, NotNegative] | None = None
     starts: int = Field(default=32, ge=1, le=100_000)
     seed: int = Field(default=0, ge=0)
 

@@ -5,8 +5,8 @@ from typing import Any, NamedTuple
 
 from jshape.problems import catalogue, reading
 from jshape.problems.catalogue import Entry, Key, known
-from jshape.problems.reading import in_units, turned
-from jshape.problems.units import reprinted
+from jshape.problems.reading import turned
+from jshape.problems.units import in_units, reprinted
 
 WIDTH = 100
 """Columns beyond which a comment begins a new line."""
@@ -20,7 +20,7 @@ class Starter(NamedTuple):
         title: in people's words.
         plant: its class.
         values: of the keys that have no default, and of those whose default no machine has.
-        move: a command's class and its keys, or a step's size.
+        move: a command's class and its keys, a step's size, or for each axis a command's class and its keys.
         uncertain: leaf → its range.
         design: what to tune.
     """
@@ -60,16 +60,33 @@ STARTERS = (
     ),
     Starter(
         "hoisting-crane", "crane that hoists while it travels", "HoistingCrane",
-        {
-            "cable_length": "6.5 m", "payload_mass": "4 t",
-            "hoist": {"type": "Trapezoid", "distance": "-2 m", "speed": "0.4 m/s", "acceleration": "0.2 m/s²"},
-        },
-        _TROLLEY, {"cable_length": {"low": "6 m", "high": "7 m", "count": 9}}, {"impulses": 3, "sample_time": "10 ms"},
+        {"cable_length": "6.5 m", "payload_mass": "4 t"},
+        {"trolley": _TROLLEY, "hoist": _trapezoid("-2 m", "0.4 m/s", "0.2 m/s²")},
+        {"cable_length": {"low": "6 m", "high": "7 m", "count": 9}}, {"impulses": 3, "sample_time": "10 ms"},
     ),
     Starter(
         "bridge-crane", "bridge crane, trolley and bridge", "BridgeCrane",
-        {"cable_length": "6.5 m", "payload_mass": "4 t"}, _TROLLEY,
+        {"cable_length": "6.5 m", "payload_mass": "4 t"},
+        {"trolley": _TROLLEY, "bridge": _trapezoid("3 m", "0.5 m/s", "0.2 m/s²")},
         {"cable_length": {"low": "5 m", "high": "8 m", "count": 9}}, {"impulses": 3, "sample_time": "10 ms"},
+    ),
+    Starter(
+        "tower-crane", "tower crane, slewing, trolley and hoist", "TowerCrane",
+        {"trolley_radius": "15 m", "cable_length": "20 m", "payload_mass": "4 t"},
+        {
+            "slew": _trapezoid("40 deg", "4 deg/s", "1 deg/s²"), "trolley": _trapezoid("10 m", "1 m/s", "0.3 m/s²"),
+            "hoist": _trapezoid("-3 m", "0.4 m/s", "0.2 m/s²"),
+        },
+        {"cable_length": {"low": "19 m", "high": "21 m", "count": 5}}, {"impulses": 3, "shapers": "per axis"},
+    ),
+    Starter(
+        "boom-crane", "boom crane, slewing, luffing and hoist", "BoomCrane",
+        {"boom_length": "30 m", "luff_angle": "40 deg", "cable_length": "15 m", "payload_mass": "4 t"},
+        {
+            "slew": _trapezoid("30 deg", "4 deg/s", "1 deg/s²"), "luff": _trapezoid("15 deg", "2 deg/s", "1 deg/s²"),
+            "hoist": _trapezoid("3 m", "0.4 m/s", "0.2 m/s²"),
+        },
+        {"cable_length": {"low": "14 m", "high": "16 m", "count": 5}}, {"impulses": 3, "shapers": "per axis"},
     ),
     Starter(
         "bob-rod", "mini crane, a bob on a rod", "BobRodPendulum",
@@ -164,11 +181,14 @@ def text(starter: Starter) -> str:
     title = starter.title[0].upper() + starter.title[1:]
     head = [f"title = {_toml(title)}"]
     blocks: list[list[str]] = []
-    if "type" in starter.move:
+    if "distance" not in starter.move or "type" in starter.move:
         blocks.append(head)
-        command = known("AbstractCommand")[starter.move["type"]]
-        note = _sentence(command.summary) + _others(command.name, "AbstractCommand")
-        blocks.append(_table("command", command, starter.move, {"m": unit}, note))
+        moves = {"": starter.move} if "type" in starter.move else starter.move
+        for axis, move in moves.items():
+            command = known("AbstractCommand")[move["type"]]
+            note = _sentence(command.summary) + _others(command.name, "AbstractCommand")
+            units = {"m": entry.command_units().get(axis, unit)}
+            blocks.append(_table(f"command.{axis}" if axis else "command", command, move, units, note))
     else:
         blocks.append([*head, _line("distance", starter.move["distance"], f"of a step, {unit}; or a [command] table")])
     blocks += _object("plant", entry, starter.values)
@@ -186,6 +206,7 @@ def text(starter: Starter) -> str:
 
 DESIGN = {
     "impulses": "of the shaper",
+    "shapers": "per axis: one for each; shared: one for all",
     "sample_time": "of the controller: impulses fall on its cycles",
     "amplitudes": "positive, bounded, unity or free",
     "objective": "worst, mean, cvar or nominal",

@@ -5,7 +5,7 @@ A unit is a product of the symbols below with exponents, such as ``N m s/rad``, 
 
 import math
 import re
-from typing import Any
+from typing import Any, NamedTuple
 
 SYMBOLS: dict[str, tuple[float, tuple[int, int, int, int]]] = {
     "": (1.0, (0, 0, 0, 0)),
@@ -146,3 +146,33 @@ def question(value: float, unit: str | None) -> str | None:
     if value == 0 or least <= abs(value) <= greatest:
         return None
     return f"{value:g} is read as {value:g} {unit}; write it with its unit if that is not meant"
+
+
+class Units(NamedTuple):
+    """Units of a plant's payload and of its command; of several axes those of each, too.
+
+    Attributes:
+        payload: of the payload's position and of the deflection.
+        command: of the command.
+        payloads: axis → that of the payload.
+        commands: axis → that of the command.
+    """
+
+    payload: str
+    command: str
+    payloads: dict[str, str]
+    commands: dict[str, str]
+
+
+def lengths(units: Units, key: str) -> tuple[str, dict[str, str]]:
+    """What stands for m in the unit of a design's key, and what for each axis."""
+    if key == "peak_deflection":
+        return units.payload, units.payloads
+    return units.command, units.commands
+
+
+def in_units(unit: str | None, units: dict[str, str]) -> str | None:
+    """A unit with some of its symbols replaced, N/m³ by N m/rad³."""
+    for old, new in units.items():
+        unit = re.sub(rf"(?<![\w^]){old}(?![A-Za-z])", new, unit) if unit else unit
+    return unit

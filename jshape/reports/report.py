@@ -9,7 +9,6 @@ import io
 from collections.abc import Callable, Iterator
 from importlib.metadata import version
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -20,12 +19,13 @@ from jshape.design.closed_forms import closed_forms
 from jshape.design.tuning.solution import Solution
 from jshape.export import export
 from jshape.metrics import energy_profile, residual_energy
-from jshape.plants import AbstractCrane, AbstractOscillator, AbstractPlant
+from jshape.plants import AbstractOscillator
 from jshape.problems.problem import Problem
-from jshape.shaper import Shaper
-from jshape.simulation.simulate import simulate
-from jshape.sweeps.evaluate import evaluate, study
-from jshape.sweeps.leaves import leaf, with_leaves
+from jshape.reports.responses import numbers_of, responses
+from jshape.shaper import Shaper, shaped
+from jshape.sweeps.evaluate import alike_shapers, evaluate, study
+from jshape.sweeps.leaves import leaf
+from jshape.sweeps.sweep import as_metrics, moving
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,17 +34,32 @@ class Row:
 
     Attributes:
         name: of the shaper.
-        shaper: the shaper.
+        shaper: the shaper, or axis → shaper.
         nominal_energy: residual energy of the nominal plant, J; NaN where it was not computed.
         worst_energy: greatest residual energy over the stated uncertainty, J; ``None`` where nothing is uncertain.
-        worst_vibration: likewise, the residual vibration, a fraction of the distance.
+        worst_vibration: likewise, the residual vibration, a fraction of the distance; of several axes the greatest.
     """
 
     name: str
-    shaper: Shaper
+    shaper: Shaper | dict[str, Shaper]
     nominal_energy: float
     worst_energy: float | None
     worst_vibration: float | None
+
+    @property
+    def shapers(self) -> dict[str, Shaper]:
+        """Axis → shaper; ``""`` → the shaper, where one shapes everything."""
+        return self.shaper if isinstance(self.shaper, dict) else {"": self.shaper}
+
+    @property
+    def duration(self) -> float:
+        """Of the shaper that takes longest, s."""
+        return max(float(shaper.duration) for shaper in self.shapers.values())
+
+    @property
+    def impulses(self) -> int:
+        """Of the shaper that has most."""
+        return max(len(shaper.times) for shaper in self.shapers.values())
 
 
 @dataclasses.dataclass(frozen=True)
@@ -82,15 +97,18 @@ class Report:
 
     def move_time(self, row: Row) -> float:
         """From the first impulse to the end of the shaped command, s."""
-        return float(row.shaper.duration) + float(as_command(self.problem.distance).duration)
+        move = as_command(self.problem.distance)
+        if isinstance(row.shaper, Shaper):
+            return float(row.shaper.duration) + float(move.duration)
+        return float(shaped(move, row.shaper).duration)
 
     def gains(self) -> list[str]:
         """What tuning gains over the best closed form that takes no longer, in words: one line, or none."""
         tuned = next((row for row in self.rows if row.name == "tuned"), None)
         if tuned is None or tuned.worst_energy is None or self.problem.objective != "worst":
             return []
-        longest = float(tuned.shaper.duration) * (1 + 1e-6)
-        others = [row for row in self.rows if row is not tuned and float(row.shaper.duration) <= longest]
+        longest = tuned.duration * (1 + 1e-6)
+        others = [row for row in self.rows if row is not tuned and row.duration <= longest]
         best = min(others, key=lambda row: row.worst_energy or 0.0)
         if not best.worst_energy or not tuned.worst_energy or not np.isfinite(best.worst_energy):
             return []
@@ -112,7 +130,7 @@ Draw = Callable[..., None]
 def interrupted(problem: Problem, solution: Solution) -> Report:
     """What is known of an interrupted search without computing anything: its best shaper so far."""
     worst = solution.objective if problem.objective == "worst" else None
-    return Report(problem, [Row("tuned", solution.shaper, np.nan, worst, None)], {}, {}, solution)
+    return Report(problem, [Row("tuned", solution.shaping, np.nan, worst, None)], {}, {}, solution)
 
 
 def build(
@@ -130,16 +148,15 @@ def build(
         closed: what ``closed_forms`` returned, where that has been called already.
     """
     step("closed-form shapers")
-    shapers, left_out = closed_forms(problem.plant, problem.distance) if closed is None else closed
-    if solution is not None:
-        shapers["tuned"] = solution.shaper
+    found, left_out = closed_forms(problem.plant, problem.distance) if closed is None else closed
+    shapers: dict[str, Any] = {**found, **({} if solution is None else {"tuned": solution.shaping})}
     curves: dict[str, Curves] = {}
     energies: Any = [None] * len(shapers)
     vibrations: Any = [None] * len(shapers)
     if not problem.over:
         step("nominal residual energies")
-        longest = max(len(s.times) for s in shapers.values())
-        nominal = [float(residual_energy(problem.plant, s.pad(longest), problem.distance)) for s in shapers.values()]
+        alike = alike_shapers(list(shapers.values()), problem.plant.axes)
+        nominal = [float(residual_energy(problem.plant, shaper, problem.distance)) for shaper in alike]
     else:
         # The nominal plant rides along as the last value of every leaf; with a single leaf, its curve before it, so
         # that one program computes all.
@@ -162,10 +179,17 @@ def build(
     return Report(problem, rows, left_out, curves, solution)
 
 
-def _swept(problem: Problem, shapers: dict[str, Shaper], over: dict[str, Any], *metrics: str) -> list[np.ndarray]:
-    """Each metric of every shaper (its first axis) over a grid of multiples of the leaves (the others)."""
-    asked = study(problem.plant, shapers.values(), problem.distance, over, metrics)
-    return [values.reshape(len(shapers), *(len(v) for v in asked.absolute.values())) for values in evaluate(asked)]
+def _swept(problem: Problem, shapers: dict[str, Any], over: dict[str, Any], *metrics: str) -> list[np.ndarray]:
+    """Each metric of every shaper (its first axis) over a grid of multiples of the leaves (the others).
+
+    Of several axes of the machine, the greatest value.
+    """
+    names = list(as_metrics(metrics, moving(problem.plant, problem.distance)))
+    asked = study(problem.plant, shapers.values(), problem.distance, over, tuple(names))
+    shape = len(shapers), *(len(values) for values in asked.absolute.values())
+    found = dict(zip(names, evaluate(asked), strict=True))
+    each = ([values for name, values in found.items() if name.partition(".")[0] == metric] for metric in metrics)
+    return [np.max(values, axis=0).reshape(shape) for values in each]
 
 
 def _wide(values: Any) -> np.ndarray:
@@ -223,8 +247,7 @@ def numbers(report: Report) -> dict[str, Any]:
     rows = [
         {
             "name": row.name,
-            "amplitudes": np.asarray(row.shaper.amplitudes).tolist(),
-            "times": np.asarray(row.shaper.times).tolist(),
+            **({"shapers": _impulses(row)} if isinstance(row.shaper, dict) else _impulses(row)[""]),
             "move_time": report.move_time(row),
             "nominal_residual_energy": None if np.isnan(row.nominal_energy) else row.nominal_energy,
             "worst_residual_energy": row.worst_energy,
@@ -255,6 +278,14 @@ def numbers(report: Report) -> dict[str, Any]:
     }
 
 
+def _impulses(row: Row) -> dict[str, dict[str, list[float]]]:
+    """Amplitudes and times of each axis's shaper."""
+    return {
+        axis: {"amplitudes": np.asarray(shaper.amplitudes).tolist(), "times": np.asarray(shaper.times).tolist()}
+        for axis, shaper in row.shapers.items()
+    }
+
+
 def figures(report: Report, step: Step = lambda _: None) -> Iterator[tuple[str, str, tuple]]:
     """The report's figures one at a time: name, kind, and the numbers to draw.
 
@@ -271,54 +302,18 @@ def figures(report: Report, step: Step = lambda _: None) -> Iterator[tuple[str, 
         yield "convergence", "convergence", (np.asarray(report.solution.history), objective)
     step("responses")
     shown = _rows_of_panels(chosen)
-    yield "response", "response", _responses(report, shown)
+    horizon = max(report.move_time(row) for row in shown)
+    bare = next(row for row in report.rows if row.name == "unshaped")
+    for name, values in responses(problem, {row.name: row.shaper for row in shown}, bare.shaper, horizon):
+        yield name, "response", values
     if isinstance(problem.plant, AbstractOscillator):
         step("energies")
-        profiles, longest = {}, max(len(row.shaper.times) for row in shown)
-        for row in shown:
-            profile = energy_profile(problem.plant, row.shaper.pad(longest), problem.distance)
-            profiles[row.name] = _numbers(profile, "position", "kinetic", "potential", "total")
+        profiles, alike = {}, alike_shapers([row.shaper for row in shown], ())
+        for row, shaper in zip(shown, alike, strict=True):
+            assert isinstance(shaper, Shaper)
+            profile = energy_profile(problem.plant, shaper, problem.distance)
+            profiles[row.name] = numbers_of(profile, "position", "kinetic", "potential", "total")
         yield "energy", "energy", (profiles,)
-
-
-def _responses(report: Report, shown: list[Row]) -> tuple:
-    """What ``plot.response`` draws: the nominal plant, the ends of the uncertainty and, where it sways, the sway."""
-    problem, plant = report.problem, report.problem.plant
-    bare = next(row for row in report.rows if row.name == "unshaped")
-    longest = max(len(row.shaper.times) for row in shown)
-    natural = float(np.min(np.asarray(plant.natural_frequency())))
-    period = 2 * np.pi / natural if natural > 0 else max(float(row.shaper.duration) for row in shown)
-    move = as_command(problem.distance)
-    horizon = max(float(row.shaper.duration) for row in shown) + float(move.duration) + 1.5 * period
-    turns = plant.unit == "rad"
-    size = 180 / np.pi if turns else 1.0
-    sways = turns or isinstance(plant, AbstractCrane)
-
-    def run(plant: AbstractPlant, row: Row) -> SimpleNamespace:
-        # The kernel that tuned and judged the shapers; its error is far below a line's width, and it compiles soonest.
-        found = simulate(plant, move, row.shaper.pad(longest), horizon=horizon, samples=600, method="fixed")
-        drawn = _numbers(found, "times", "command", "payload", "deflection")
-        drawn.command, drawn.payload = size * drawn.command, size * drawn.payload
-        drawn.deflection = size * drawn.deflection if turns else 1e3 * drawn.deflection
-        return drawn
-
-    ends = [
-        with_leaves(plant, {name: values[at] * leaf(plant, name)})
-        for name, values in problem.over.items()
-        for at in (0, -1)
-    ]
-    nominal = {row.name: run(plant, row) for row in shown}
-    extremes = {row.name: [run(plant, row) for plant in ends] for row in shown}
-    drive = plant.drives()[0]
-    moved = {"displacement": "motor" if turns else "base", "force": ""}.get(drive, "trolley")
-    label = "angle (°)" if turns else "position (m)"
-    sway = ("deflection (°)" if turns else "sway (mm)") if sways else None
-    return nominal, extremes, (moved, "payload"), label, run(plant, bare) if sways else None, sway
-
-
-def _numbers(result: Any, *names: str) -> SimpleNamespace:
-    """What is drawn of a result, as plain arrays."""
-    return SimpleNamespace(**{name: np.asarray(getattr(result, name)) for name in names})
 
 
 def _family(name: str) -> str:
@@ -333,17 +328,17 @@ def _chosen(report: Report) -> list[Row]:
     shorter one beats.
     """
     tuned = next((row for row in report.rows if row.name == "tuned"), None)
-    closed = [row for row in report.rows if row is not tuned and len(row.shaper.times) > 1]
+    closed = [row for row in report.rows if row is not tuned and row.impulses > 1]
     chosen: list[Row] = []
     if tuned is None:
-        for row in sorted(closed, key=lambda row: (float(row.shaper.duration), _badness(row))):
+        for row in sorted(closed, key=lambda row: (row.duration, _badness(row))):
             if not chosen or _badness(row) < _badness(chosen[-1]):
                 chosen.append(row)
         return [row for row in report.rows if any(row is other for other in chosen[-5:])]
-    longest = float(tuned.shaper.duration) * (1 + 1e-6)
+    longest = tuned.duration * (1 + 1e-6)
     for family in dict.fromkeys(_family(row.name) for row in closed):
         members = [row for row in closed if _family(row.name) == family]
-        short = [row for row in members if float(row.shaper.duration) <= longest]
+        short = [row for row in members if row.duration <= longest]
         chosen += [min(rows, key=_badness) for rows in (short, members) if rows]
     return [*[row for row in report.rows if any(row is other for other in chosen)][:4], tuned]
 

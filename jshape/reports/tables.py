@@ -31,7 +31,12 @@ def show_report(report: "Report", folder: Path, figures: list[Path]) -> None:
     console = new_console()
     show_problem(console, report.problem)
     show_table(console, "shaper", *_cells(report), bold=("tuned",))
-    show_impulses(console, [(row.name, row.shaper) for row in report.rows])
+    impulses = [
+        (f"{row.name}, {axis}" if axis else row.name, shaper)
+        for row in report.rows
+        for axis, shaper in row.shapers.items()
+    ]
+    show_impulses(console, impulses)
     _show_left_out(console, report.left_out)
     if report.solution is not None:
         say(console, f"tuned: {report.solution.message}")
@@ -39,7 +44,9 @@ def show_report(report: "Report", folder: Path, figures: list[Path]) -> None:
             say(console, line)
     say(console, f"results in {folder}, figures {', '.join(path.name for path in figures)}")
     if report.solution is not None:
-        shaper, time = folder / "shapers" / "tuned.json", report.problem.design.sample_time
+        shapers, time = report.rows[-1].shapers, report.problem.design.sample_time
+        stem = f"tuned_{next(iter(shapers))}" if len(shapers) > 1 else "tuned"
+        shaper = folder / "shapers" / f"{stem}.json"
         given = f" --sample-time {time:g}" if time is not None else ""
         say(console, f"Next: jshape export {shaper} --format structured_text{given} (--list shows the other formats)")
 

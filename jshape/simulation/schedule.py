@@ -13,32 +13,41 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from jshape import _check
-from jshape._types import Breaks, Coefficients, Inputs, Scalar, Times
-from jshape.command import AbstractCommand, as_command, polynomial, taylor_shift
+from jshape._types import Breaks, Inputs, PerAxis, Scalar, Times
+from jshape.axes import Axes, for_axes
+from jshape.command import AbstractCommand, polynomial
 from jshape.compilation_cache import kept
 from jshape.plants import AbstractPlant
 from jshape.plants.base import DRIVES
-from jshape.shaper import Shaper
+from jshape.shaper import Shaping, shaped
 
 
 class Segments(eqx.Module):
     """Stretches of time on each of which one polynomial drives the plant.
 
     ``begin``: s; ``duration``: s, not negative; ``age``: time since the polynomial's own break, at the beginning, s;
-    ``coefficients``: of that polynomial.
+    ``coefficients``: of that polynomial, of several axes those of each.
     """
 
     begin: Float[Array, " segments"]
     duration: Float[Array, " segments"]
     age: Float[Array, " segments"]
-    coefficients: Float[Array, "segments powers"]
+    coefficients: Float[Array, "segments *axes powers"]
 
 
 class Schedule(eqx.Module):
-    """The shaped command as breaks (s, not decreasing, the first is 0) and coefficients, ready for a plant."""
+    """The shaped command as breaks (s, not decreasing, the first is 0) and coefficients, ready for a plant.
+
+    Of several axes the coefficients are those of each, in the plant's order.
+    """
 
     breaks: Breaks
-    coefficients: Coefficients
+    coefficients: Float[Array, "breaks *axes powers"]
+
+    @property
+    def final(self) -> PerAxis:
+        """The command's value after the last break; of several axes, one each."""
+        return self.coefficients[-1, ..., 0]
 
     def segments(self) -> Segments:
         """From each break to the next: as many segments as breaks, less one."""
@@ -65,42 +74,52 @@ class Schedule(eqx.Module):
         return inputs_at(plant, self.coefficients[-1], jnp.zeros_like(self.breaks[-1]))
 
 
-def inputs_at(plant: AbstractPlant, coefficients: Float[Array, " powers"], age: Scalar) -> Inputs:
+def inputs_at(plant: AbstractPlant, coefficients: Float[Array, "*axes powers"], age: Scalar) -> Inputs:
     """The derivatives of the command that the plant asks for, in the shape that it asks for."""
-    values = tuple(polynomial(coefficients, age, DRIVES[name]) for name in plant.drives())
-    return values[0] if isinstance(plant.drive, str) else values
+
+    def of(axis: int, coefficients: Float[Array, " powers"]) -> Inputs:
+        values = tuple(polynomial(coefficients, age, DRIVES[name]) for name in plant.drives(axis))
+        return values[0] if isinstance(drives[axis], str) else values
+
+    drives = plant.axis_drives()
+    return tuple(of(i, coefficients[i]) for i in range(len(drives))) if plant.axes else of(0, coefficients)
 
 
-def schedule(plant: AbstractPlant, command: AbstractCommand | Any, shaper: Shaper | None = None) -> Schedule:
-    """The schedule of a command (a number is a step of that size), shaped or not.
+def schedule(plant: AbstractPlant, command: AbstractCommand | Any, shaper: Shaping = None) -> Schedule:
+    """The schedule of a command, shaped or not.
 
-    *Raises* ``ValueError`` if the plant is driven by a derivative that the command does not have between impulses (a
-    step has no acceleration), or an argument is of the wrong kind.
+    Args:
+        plant: of one axis or several.
+        command: any command; a number is a step of that size. Of a plant of several axes a plain command moves the
+            first one, and those that are not named rest.
+        shaper: one for all axes, axis → its own, or ``None``.
+
+    Raises:
+        ValueError: if the plant is driven by a derivative that the command does not have between impulses (a step has
+            no acceleration), for an axis that it does not have or a place that it cannot take, if the command does
+            not come to rest, and for an argument of the wrong kind.
     """
     if not isinstance(plant, AbstractPlant):
         raise ValueError(f"plant must be a jshape plant, not {plant!r}")
-    if shaper is not None and not isinstance(shaper, Shaper):
-        raise ValueError(f"shaper must be a jshape.Shaper or None, not {shaper!r}")
-    command = as_command(command)
-    order = DRIVES[plant.drives()[0]]
-    if command.smoothness < order:
-        raise ValueError(
-            f"distance: {type(plant).__name__} is driven by {plant.drives()[0]}, which {type(command).__name__} "
-            "gives only as impulses; use a smoother command, such as Trapezoid"
-        )
-    breaks, coefficients = _pieces(command, shaper, plant.breaks())
-    if _check.is_concrete(coefficients) and np.any(np.asarray(coefficients)[-1, 1:] != 0):
-        raise ValueError("distance: the command does not come to rest: its last piece is not constant")
+    command = for_axes(command, plant.axes, type(plant).__name__)
+    axes = command.items() if isinstance(command, Axes) else [("", command)]
+    for axis, (name, one) in enumerate(axes):
+        drive = plant.drives(axis)[0]
+        if one.smoothness < DRIVES[drive]:
+            raise ValueError(
+                f"distance: {type(plant).__name__} is driven by {drive}{f' of {name}' if name else ''}, which "
+                f"{type(one).__name__} gives only as impulses; use a smoother command, such as Trapezoid"
+            )
+    breaks, coefficients = _pieces(command, shaper)
+    if _check.is_concrete(coefficients):
+        plain = np.asarray(coefficients)
+        if np.any(plain[-1, ..., 1:] != 0):
+            raise ValueError("distance: the command does not come to rest: its last piece is not constant")
+        if plant.axes and _check.is_concrete(plant):
+            plant.check_positions(plain[..., 0])
     return Schedule(breaks, coefficients)
 
 
 @kept
-def _pieces(command: AbstractCommand, shaper: Shaper | None, own: Breaks | None) -> tuple[Breaks, Coefficients]:
-    breaks, coefficients = command.pieces() if shaper is None else shaper.shape(command).pieces()
-    if own is None:
-        return breaks, coefficients
-    # Where the plant's own motions begin new pieces a segment ends, too: inside of each everything is smooth.
-    events = jnp.concatenate([breaks, own])
-    order = jnp.argsort(events, stable=True)
-    active = jnp.cumsum(order < len(breaks)) - 1
-    return events[order], taylor_shift(coefficients[active], events[order] - breaks[active])
+def _pieces(command: AbstractCommand, shaper: Shaping) -> tuple[Breaks, Array]:
+    return shaped(command, shaper).pieces()

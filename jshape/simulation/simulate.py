@@ -20,7 +20,7 @@ from jshape._types import Inputs, Scalar, State, Times
 from jshape.command import polynomial
 from jshape.compilation_cache import kept
 from jshape.plants import AbstractPlant
-from jshape.shaper import Shaper
+from jshape.shaper import Shaping
 from jshape.simulation.integrate import integrate
 from jshape.simulation.schedule import Schedule, Segments, inputs_at, schedule
 from jshape.simulation.steps import TOLERANCE, field_of
@@ -41,7 +41,8 @@ _MOST_STEPS = 65536
 
 
 class Response(Result, eqx.Module):
-    """The response of a plant to a command. All arrays have a leading time axis.
+    """The response of a plant to a command. All arrays have a leading time axis; of a plant of several axes command,
+    payload and deflection have one column each.
 
     Attributes:
         times: s.
@@ -56,9 +57,9 @@ class Response(Result, eqx.Module):
 
     times: Times
     states: Float[Array, "times state"]
-    command: Times
-    payload: Times
-    deflection: Times
+    command: Float[Array, "times *axes"]
+    payload: Float[Array, "times *axes"]
+    deflection: Float[Array, "times *axes"]
     energy: Times
     diverged: Bool[Array, ""]
     error: Scalar
@@ -85,10 +86,13 @@ class Response(Result, eqx.Module):
     def _repr_html_(self) -> str:
         if self.times.ndim != 1 or not _check.is_concrete(self):
             return f"<code>{html.escape(repr(self))}</code>"
-        peak, left = float(jnp.max(jnp.abs(self.deflection))), float(self.energy[-1])
-        rows = [("status", self.message), ("peak deflection", f"{peak:.4g} m"), ("energy at the end", f"{left:.4g} J")]
+        peaks, left = np.atleast_1d(np.max(np.abs(self.deflection), axis=0)).tolist(), float(self.energy[-1])
+        # Of several axes each has a unit of its own.
+        peak = f"{peaks[0]:.4g} m" if len(peaks) == 1 else ", ".join(f"{peak:.4g}" for peak in peaks)
+        rows = [("status", self.message), ("peak deflection", peak), ("energy at the end", f"{left:.4g} J")]
         table = "".join(f"<tr><th>{name}</th><td>{html.escape(text)}</td></tr>" for name, text in rows)
-        return f"<div>{_curves(self.times, self.command, self.payload)}<table>{table}</table></div>"
+        columns = zip(*(np.reshape(x, (len(self.times), -1)).T for x in (self.command, self.payload)), strict=True)
+        return f"<div>{''.join(_curves(self.times, *pair) for pair in columns)}<table>{table}</table></div>"
 
 
 def _curves(times: Any, *curves: Any) -> str:
@@ -111,7 +115,7 @@ def _points(x: np.ndarray, y: np.ndarray) -> str:
 def simulate(
     plant: AbstractPlant,
     command: Any,
-    shaper: Shaper | None = None,
+    shaper: Shaping = None,
     initial_state: Any = None,
     horizon: Any = None,
     samples: int = 500,
@@ -123,7 +127,8 @@ def simulate(
 ) -> Response:
     """Run a plant through a command.
 
-    ``command``: any command; a number is a step of that size. ``initial_state``: at rest at 0 unless given.
+    ``command``: any command; a number is a step of that size. ``shaper``: one, or axis → its own.
+    ``initial_state``: at rest at 0 unless given.
     ``horizon``: s; if not given, the shaped command's duration and four periods of the slowest mode. ``samples``: how
     many, evenly from 0 to the horizon. ``method``: ``"adaptive"`` (Dopri8 at the tolerances; its difference from the
     fixed-step kernel tells the error) or ``"fixed"`` (that kernel, the one of sweeps and gradients, with its embedded
@@ -313,7 +318,7 @@ def _simulate_fixed(plant, plan, state, horizon, samples, steps) -> Response:
 def _response(plant, times, states, segments: Segments, at, error) -> Response:
     coefficients, age = segments.coefficients[at], segments.age[at]
     inputs: Inputs = jax.vmap(lambda c, a: inputs_at(plant, c, a))(coefficients, age)
-    command = polynomial(coefficients, age)
+    command = jax.vmap(polynomial)(coefficients, age)
     end = jax.tree.map(lambda x: x[-1], inputs)
     return Response(
         times=times,

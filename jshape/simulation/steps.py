@@ -234,7 +234,9 @@ def _run(plant: AbstractPlant, segments: Segments, state: State, steps: Int[Arra
     return _Run(*found, diverged)
 
 
-def _in_energy(plant, after: Float[Array, "segments powers"], states, changes, scale) -> Float[Array, " segments"]:
+def _in_energy(
+    plant, after: Float[Array, "segments *axes powers"], states, changes, scale
+) -> Float[Array, " segments"]:
     """What a change of the state at each segment's end can change the energy by, relative to ``scale``.
 
     At the state's own slope of the energy, or where that is small, at the phase at which it is greatest; with the

@@ -1,5 +1,7 @@
 """A quantity along a move: its values, rates, extremes and crossings, by cubic pieces between the steps."""
 
+from collections.abc import Callable
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -24,7 +26,7 @@ class Trajectory(eqx.Module):
 
     Attributes:
         time: s, at the ends of all fixed steps, one row a segment.
-        value: the quantity there.
+        value: the quantity there, of several axes one each.
         slope: its rate there.
         step: of each segment, s.
         diverged: whether the plant diverged.
@@ -32,8 +34,8 @@ class Trajectory(eqx.Module):
     """
 
     time: Float[Array, "segments points"]
-    value: Float[Array, "segments points"]
-    slope: Float[Array, "segments points"]
+    value: Float[Array, "segments points *axes"]
+    slope: Float[Array, "segments points *axes"]
     step: Float[Array, " segments"]
     diverged: Bool[Array, ""]
     met: Bool[Array, ""]
@@ -83,6 +85,16 @@ def trajectory(plant, plan: Schedule, state, periods: float, name: str, steps: i
     diverged = plant.diverged(states[-1, -1], plan.final_inputs(plant)) | ~jnp.all(jnp.isfinite(value))
     met = jnp.all(error <= ACCURACY * jnp.max(jnp.abs(states), axis=(0, 1)))
     return Trajectory(segments.begin[:, None] + local, value, slope, segments.duration / steps, diverged, met)
+
+
+def along_each_axis(measure: Callable[..., Array], along: Trajectory, *rows: Array) -> Array:
+    """``measure(trajectory, *rows)``; of several axes, that of each, with its own entry of the rows."""
+    if along.value.ndim == 2:
+        return measure(along, *rows)
+    parts = lambda along: (along.value, along.slope)
+    axes = zip(*(jnp.moveaxis(x, -1, 0) for x in parts(along)), *rows, strict=True)
+    found = [measure(eqx.tree_at(parts, along, (value, slope)), *row) for value, slope, *row in axes]
+    return jnp.stack(found)
 
 
 def extremes(value, slope, step) -> Array:

@@ -21,10 +21,11 @@ from jaxtyping import Array, Float
 
 from jshape import _check, metrics
 from jshape._types import Progress
-from jshape.command import AbstractCommand, as_command
+from jshape.axes import for_axes
+from jshape.command import AbstractCommand
 from jshape.compilation_cache import kept
 from jshape.plants import AbstractOscillator, AbstractPlant
-from jshape.shaper import Shaper
+from jshape.shaper import Shaper, Shaping
 from jshape.simulation.simulate import with_arrays
 from jshape.simulation.steps import TOLERANCE, least_tolerance
 from jshape.sweeps.checkpoint import in_chunks
@@ -38,7 +39,7 @@ BATCH = 4096
 FORWARD = 4
 """For up to so many leaves one pass forward for each is faster than one pass back for all."""
 
-Metric = Callable[[AbstractPlant, Shaper, AbstractCommand], Array]
+Metric = Callable[[AbstractPlant, Any, AbstractCommand], Array]
 
 CHECKED = ("residual_energy", "residual_vibration")
 """The metrics that take a tolerance."""
@@ -50,18 +51,18 @@ class Evaluation(eqx.Module):
     Attributes:
         plant: the nominal plant.
         command: the move.
-        shapers: stacked along a leading axis.
+        shapers: stacked along a leading axis; axis → shapers, where some axes have their own.
         metrics: by name or as functions.
         slopes: the leaves with respect to which each metric is differentiated, if any.
     """
 
     plant: AbstractPlant
     command: AbstractCommand
-    shapers: Shaper
+    shapers: Shaper | dict[str, Shaper]
     metrics: tuple[str | Metric, ...]
     slopes: tuple[str, ...] = eqx.field(static=True)
 
-    def __call__(self, shaper: Shaper, values: dict[str, Array], tolerance: Any) -> Float[Array, " values"]:
+    def __call__(self, shaper: Shaping, values: dict[str, Array], tolerance: Any) -> Float[Array, " values"]:
         """For one shaper and one plant: each metric, followed by its derivatives."""
         found = []
         for metric in self.metrics:
@@ -70,8 +71,7 @@ class Evaluation(eqx.Module):
                 changed = with_leaves(self.plant, values)
                 if callable(metric):
                     return metric(changed, shaper, self.command)
-                given = dict(tolerance=tolerance) if metric in CHECKED else {}
-                return getattr(metrics, metric)(changed, shaper, self.command, **given)
+                return measure(metric, changed, shaper, self.command, tolerance)
 
             if not self.slopes:
                 found.append(at(values))
@@ -90,6 +90,19 @@ class Evaluation(eqx.Module):
         brief = isinstance(self.plant, AbstractOscillator) and self.plant.drives()[0] == "displacement"
         light = ("residual_energy", "residual_vibration") if brief else ("residual_energy",)
         return BATCH if all(isinstance(m, str) and m in light for m in self.metrics) else max(BATCH // 64, 1)
+
+
+def checked(metric: str | Metric) -> bool:
+    """Whether a metric, by name, takes a tolerance."""
+    return isinstance(metric, str) and metric.partition(".")[0] in CHECKED
+
+
+def measure(metric: str, plant: AbstractPlant, shaper: Shaping, command: AbstractCommand, tolerance: Any = None):
+    """A metric by name, ``"overshoot"``; of one of several axes, ``"overshoot.trolley"``."""
+    name, _, axis = metric.partition(".")
+    given = dict(tolerance=tolerance) if checked(metric) and tolerance is not None else {}
+    value = getattr(metrics, name)(plant, shaper, command, **given)
+    return value[plant.axes.index(axis)] if axis else value
 
 
 @dataclasses.dataclass(frozen=True)
@@ -111,7 +124,7 @@ class Study:
 
 def study(
     plant: AbstractPlant,
-    shapers: Iterable[Shaper | None],
+    shapers: Iterable[Shaping],
     distance: Any,
     over: Mapping[str, Any],
     metrics: tuple[str | Metric, ...],
@@ -124,10 +137,11 @@ def study(
 
     Args:
         plant: the nominal plant.
-        shapers: ``None`` is the bare command.
+        shapers: ``None`` is the bare command, a mapping a shaper for each axis.
         distance: of the move, m, or a command.
         over: leaf → values, multiples of nominal if ``relative``.
-        metrics: names of ``jshape.metrics``, or functions (plant, shaper, command) → scalar.
+        metrics: names of ``jshape.metrics``, of one of several axes with its name (``"overshoot.trolley"``), or
+            functions (plant, shaper, command) → scalar.
         relative: whether values are multiples of nominal.
         combined: whether every combination of the values is a plant; else the n-th values of all leaves are one.
         derivatives: whether each metric is differentiated with respect to each leaf.
@@ -135,23 +149,36 @@ def study(
     Raises:
         ValueError: as ``check_over`` and ``as_command`` do.
     """
-    command, plant = as_command(distance), with_arrays(plant)
+    command, plant = for_axes(distance, plant.axes, type(plant).__name__), with_arrays(plant)
     absolute = check_over(plant, over, relative)
     points = {name: np.asarray(values) for name, values in (grid(absolute) if combined else absolute).items()}
-    # All with the same number of impulses, so that one compiled program runs them.
-    some = [Shaper([1.0], [0.0]) if shaper is None else shaper for shaper in shapers]
-    longest = max(len(shaper.times) for shaper in some)
+    some = alike_shapers(list(shapers), plant.axes)
     values = len(metrics) * (1 + len(absolute) * derivatives)
     _check.memory(len(some) * values * len(next(iter(points.values()))), "over, with the shapers and metrics,")
-    padded = [shaper.pad(longest) for shaper in some]
-    stacked = jax.tree.map(lambda *leaves: np.stack(leaves), *padded)
+    stacked = jax.tree.map(lambda *leaves: np.stack(leaves), *some)
     asked = Evaluation(plant, command, stacked, metrics, tuple(absolute) if derivatives else ())
     count = len(next(iter(points.values())))
-    checked = any(metric in CHECKED for metric in metrics if isinstance(metric, str))
-    chunks = cut(plant, command, points) if checked else slices(np.arange(count))
+    chunks = cut(plant, command, points) if any(map(checked, metrics)) else slices(np.arange(count))
     # With leaves of NumPy, which any device and any process can take.
     asked = jax.tree.map(lambda leaf: np.asarray(leaf) if isinstance(leaf, jax.Array) else leaf, asked)
     return Study(asked, absolute, points, chunks)
+
+
+def alike_shapers(shapers: list[Shaping], axes: tuple[str, ...]) -> list[Shaper | dict[str, Shaper]]:
+    """All with the same number of impulses, so that one compiled program runs them; where some axes have shapers of
+    their own, each a shaper for every axis."""
+    none = Shaper([1.0], [0.0])
+    if any(isinstance(shaper, Mapping) for shaper in shapers):
+        each = [s if isinstance(s, Mapping) else dict.fromkeys(axes, s) for s in shapers]
+        unknown = sorted({axis for row in each for axis in row if axis not in axes})
+        if unknown:
+            raise ValueError(f"shapers: the plant has the axes {', '.join(axes)}, and no {', '.join(unknown)}")
+        rows = [{axis: row.get(axis) or none for axis in axes} for row in each]
+        longest = max(len(shaper.times) for row in rows for shaper in row.values())
+        return [{axis: shaper.pad(longest) for axis, shaper in row.items()} for row in rows]
+    plain = [shaper if isinstance(shaper, Shaper) else none for shaper in shapers]
+    longest = max(len(shaper.times) for shaper in plain)
+    return [shaper.pad(longest) for shaper in plain]
 
 
 def evaluate(
@@ -215,7 +242,7 @@ def _many(of: Evaluation, points: Mapping[str, Any], tolerance: Any, lanes: int)
     def share(arrays: Evaluation, points: Mapping[str, Any], tolerance: Array) -> Array:
         of = eqx.combine(arrays, rest)
 
-        def each(shaper: Shaper) -> Array:
+        def each(shaper: Shaping) -> Array:
             return jax.lax.map(lambda values: of(shaper, values, tolerance), points, batch_size=lanes)
 
         return jnp.moveaxis(jax.lax.map(each, of.shapers), -1, 0)

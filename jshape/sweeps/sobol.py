@@ -17,17 +17,17 @@ from scipy.stats import bootstrap, sobol_indices
 from jshape import _check
 from jshape._types import Progress
 from jshape.plants import AbstractPlant
-from jshape.shaper import Shaper
+from jshape.shaper import Shaper, Shaping
 from jshape.sweeps.evaluate import Metric, evaluate, study
 from jshape.sweeps.sampling import draw_sets
-from jshape.sweeps.sweep import METRICS, as_metrics, named_shapers
+from jshape.sweeps.sweep import about_metric, as_metrics, moving, named_shapers
 
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 
 
 def sensitivity_indices(
     plant: AbstractPlant,
-    shapers: Shaper | Mapping[str, Shaper | None],
+    shapers: Shaper | Mapping[str, Shaping],
     distance: Any,
     over: Mapping[str, Any],
     metric: str | Metric = "residual_vibration",
@@ -78,7 +78,10 @@ def sensitivity_indices(
     resamples = _check.count(resamples, "resamples", least=2)
     if not isinstance(metric, str) and not callable(metric):
         raise ValueError(f"metric must be one name or one function, not {metric!r}")
-    ((name, asked),) = as_metrics(metric).items()
+    ((name, asked), *others) = as_metrics(metric, moving(plant, distance)).items()
+    if others:
+        words = ", ".join([name, *(other for other, _ in others)])
+        raise ValueError(f"metric must name one axis, as one of {words}, not only {metric!r}")
     a, b = draw_sets(over, samples, 2, sampling, seed)
     mixed = [a, b, *({**a, leaf: b[leaf]} for leaf in over)]
     values = {leaf: np.concatenate([part[leaf] for part in mixed]) for leaf in over}
@@ -103,11 +106,12 @@ def sensitivity_indices(
         "leaf": ("leaf", np.array(list(over), object), dict(long_name="leaf")),
         "quantile": ("quantile", list(QUANTILES), dict(long_name="quantile", units="1")),
     }
+    final = np.asarray(of.evaluation.command.final).tolist()
     attrs = dict(
-        plant=type(plant).__name__, distance=float(of.evaluation.command.final), metric=name, samples=samples,
+        plant=type(plant).__name__, distance=final, metric=name, samples=samples,
         sampling=sampling, seed=seed, confidence=confidence,
     )  # fmt: skip
-    variables = _shares(_indices(found), draws.confidence_interval) | _spread(found, *METRICS.get(name, (name, "SI")))
+    variables = _shares(_indices(found), draws.confidence_interval) | _spread(found, *about_metric(name, plant))
     return xr.Dataset(variables, coordinates, attrs)
 
 

@@ -22,15 +22,16 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Array
 
-from jshape import _check, metrics
+from jshape import _check
 from jshape._types import Progress
+from jshape.axes import for_axes
 from jshape.plants import AbstractPlant
-from jshape.shaper import Shaper
+from jshape.shaper import Shaper, Shaping
 from jshape.simulation.schedule import schedule
 from jshape.simulation.simulate import fastest
 from jshape.simulation.steps import TOLERANCE
 from jshape.sweeps.dask import check_client
-from jshape.sweeps.evaluate import CHECKED, Metric, Study, evaluate, side_by_side, study
+from jshape.sweeps.evaluate import Metric, Study, checked, evaluate, measure, side_by_side, study
 from jshape.sweeps.leaves import leaf, with_leaves
 from jshape.sweeps.sampling import draw
 
@@ -62,7 +63,7 @@ UNITS = {
 
 def sweep(
     plant: AbstractPlant,
-    shapers: Shaper | Mapping[str, Shaper | None],
+    shapers: Shaper | Mapping[str, Shaping],
     distance: Any,
     over: Mapping[str, Any],
     metric: str | Metric | Sequence[str | Metric] = "residual_vibration",
@@ -81,10 +82,11 @@ def sweep(
 
     Args:
         plant: the nominal plant.
-        shapers: one, or several by name; ``None`` is the bare command.
+        shapers: one, or several by name; ``None`` is the bare command, a mapping a shaper for each axis.
         distance: of the move, m, or a command.
         over: leaf → values, of which every combination is a plant; with ``samples``, leaf → (least, greatest).
-        metric: one of ``METRICS``, or a function in JAX (plant, shaper, command) → scalar, or several of them.
+        metric: one of ``METRICS``, or a function in JAX (plant, shaper, command) → scalar, or several of them. Of a
+            plant of several axes all but the energy are computed of each that moves (``"overshoot.trolley"``).
         relative: whether the values are multiples of nominal.
         samples: draw so many plants.
         sampling: ``"sobol"``, ``"latin hypercube"``, ``"uniform"``, or ``"normal"``, whose pairs are mean and
@@ -110,7 +112,7 @@ def sweep(
         ImportError: for a client without dask.distributed.
     """
     names = named_shapers(shapers)
-    asked = as_metrics(metric)
+    asked = as_metrics(metric, moving(plant, distance))
     if client is not None:
         check_client(client)
     grid = samples is None
@@ -119,7 +121,8 @@ def sweep(
         relative=relative, combined=grid, derivatives=derivatives,
     )  # fmt: skip
     values = evaluate(found, None if store is None else Path(store), progress, client)
-    attrs: dict[str, Any] = dict(plant=type(plant).__name__, distance=float(found.evaluation.command.final))
+    final = np.asarray(found.evaluation.command.final).tolist()
+    attrs: dict[str, Any] = dict(plant=type(plant).__name__, distance=final)
     slopes = found.evaluation.slopes
     shape = tuple(len(given) for given in found.absolute.values()) if grid else (samples,)
     rows = values.reshape(len(asked), 1 + len(slopes), len(names), *shape)
@@ -129,7 +132,7 @@ def sweep(
     dims = ("shaper", *(found.absolute if grid else ("sample",)))
     variables = {}
     for name, (value, *derived) in zip(asked, rows, strict=True):
-        long_name, unit = METRICS.get(name, (name, "SI"))
+        long_name, unit = about_metric(name, plant)
         about = dict(long_name=long_name, units=unit) | ({"error": errors[name]} if name in errors else {})
         variables[name] = (dims, value, about)
         for leaf_name, slope in zip(slopes, derived, strict=True):
@@ -155,20 +158,41 @@ def summary(data: xr.DataArray) -> xr.Dataset:
     return xr.Dataset({word: part.assign_attrs(data.attrs) for word, part in parts.items()})
 
 
-def named_shapers(shapers: Shaper | Mapping[str, Shaper | None]) -> dict[str, Shaper | None]:
+def named_shapers(shapers: Shaper | Mapping[str, Shaping]) -> dict[str, Shaping]:
     """One shaper or several, by name.
 
     Raises:
         ValueError: if there is none, or one is no shaper.
     """
-    names: dict[str, Shaper | None] = dict(shapers) if isinstance(shapers, Mapping) else {"shaper": shapers}
-    if not names or any(not (s is None or isinstance(s, Shaper)) for s in names.values()):
+    names: dict[str, Shaping] = dict(shapers) if isinstance(shapers, Mapping) else {"shaper": shapers}
+    if not names or any(not (s is None or isinstance(s, Shaper | Mapping)) for s in names.values()):
         raise ValueError(f"shapers must be one shaper or a mapping of names to shapers, not {shapers!r}")
     return names
 
 
-def as_metrics(metric: str | Metric | Sequence[str | Metric]) -> dict[str, str | Metric]:
+def moving(plant: AbstractPlant, distance: Any) -> tuple[str, ...]:
+    """The axes of a plant of several that a command moves to another place."""
+    if not getattr(plant, "axes", ()):
+        return ()
+    final = for_axes(distance, plant.axes, type(plant).__name__).final
+    return tuple(axis for axis, way in zip(plant.axes, np.asarray(final), strict=True) if way != 0)
+
+
+def about_metric(name: str, plant: AbstractPlant) -> tuple[str, str]:
+    """The long name and the unit of a metric, of one axis (``"overshoot.trolley"``) or of the whole plant."""
+    kind, _, axis = name.partition(".")
+    words, unit = METRICS.get(kind, (kind, "SI"))
+    if not axis:
+        return words, unit
+    return f"{words}, {axis}", plant.axis_unit(plant.axes.index(axis)) if kind == "peak_deflection" else unit
+
+
+def as_metrics(metric: str | Metric | Sequence[str | Metric], axes: tuple[str, ...] = ()) -> dict[str, str | Metric]:
     """The metrics by the names of their variables.
+
+    Args:
+        metric: one, or several.
+        axes: of those that have a value for each axis.
 
     Raises:
         ValueError: for no metric, an unknown name, or one given twice.
@@ -176,8 +200,12 @@ def as_metrics(metric: str | Metric | Sequence[str | Metric]) -> dict[str, str |
     several = list(metric) if isinstance(metric, Sequence) and not isinstance(metric, str) else [metric]
     found: dict[str, str | Metric] = {}
     for one in several:
+        if isinstance(one, str) and axes and one in METRICS and one != "residual_energy":
+            found |= {f"{one}.{axis}": f"{one}.{axis}" for axis in axes}
+            continue
         if not callable(one):
-            _check.one_of(one, "metric", tuple(METRICS))
+            kind, _, axis = str(one).partition(".")
+            _check.one_of(kind if axis in axes else one, "metric", tuple(METRICS))
         name = getattr(one, "__name__", "metric") if callable(one) else one
         if name in found:
             raise ValueError(f"metric must name each one once, not {name!r} twice")
@@ -216,20 +244,20 @@ def _errors(found: Study, asked: dict[str, str | Metric], values: np.ndarray) ->
     of = found.evaluation
     some = slice(None, None, max(1, -(-values.shape[2] // 64)))
     few = {name: v[some] for name, v in found.points.items()}
-    checked = dataclasses.replace(of, metrics=tuple(m for m in of.metrics if m in CHECKED), slopes=())
+    again = dataclasses.replace(of, metrics=tuple(m for m in of.metrics if checked(m)), slopes=())
     size, wide = len(values[0, 0, some]), bool(jax.config.jax_enable_x64)  # pyright: ignore[reportAttributeAccessIssue]
-    finer: list[Array] = list(side_by_side(checked, few, size, wide, TOLERANCE / 100)) if checked.metrics else []
+    finer: list[Array] = list(side_by_side(again, few, size, wide, TOLERANCE / 100)) if again.metrics else []
     errors = {}
     for (name, metric), coarse in zip(asked.items(), values[:, :, some], strict=True):
         if callable(metric):
             continue
-        if metric in CHECKED:
+        if checked(metric):
             other = finer.pop(0)
         else:
             plants = [with_leaves(of.plant, {n: v[i] for n, v in few.items()}) for i in range(size)]
             at = int(np.argmax([fastest(one, schedule(one, of.command)) for one in plants]))
             shapers = [jax.tree.map(lambda leaf, i=i: leaf[i], of.shapers) for i in range(values.shape[1])]
-            other = np.array([float(getattr(metrics, metric)(plants[at], shaper, of.command)) for shaper in shapers])
+            other = np.array([float(measure(metric, plants[at], shaper, of.command)) for shaper in shapers])
             coarse = coarse[:, at]
         # Infinite both times is no change.
         with np.errstate(invalid="ignore"):

@@ -88,8 +88,8 @@ def _table(params: Params, bands: Any, payloads: Any) -> tuple[Array, Array]:
 
     def one(case: int, payload: Scalar, share: Scalar) -> tuple[Scalar, Scalar]:
         sign, moves = machine.example(case)
-        plant = machine.plant(payload, jnp.asarray(moves))
-        plan = plan_move(plant, machine.command(sign * size), None, jnp.zeros_like(size))
+        plant, command = machine.plant(payload, jnp.asarray(moves)), machine.command(sign * size, jnp.asarray(moves))
+        plan = plan_move(plant, command, None, jnp.zeros_like(size))
         rest = plant.rest_state(plan.final_inputs(plant))
         after, _ = run_move(plant, plan, plant.rest_state(plant.zero_inputs()), params.steps)
         # The residual vibration of the bare move, and every share of it.

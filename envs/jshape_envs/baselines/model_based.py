@@ -105,8 +105,8 @@ def _predicted(params: Params, memory: BankState, payload: Scalar) -> tuple[Stat
     """The state and the deflections (m) that the last move ends with, had it been made with that payload."""
     machine, sensor = params.machine, params.sensor
     plant = machine.plant(payload, memory.made - 1)
-    plan = plan_move(plant, machine.command(memory.distance), memory.shaper, memory.position)
-    after, _ = run_move(plant, plan, machine.taken_over(memory.plant, plant), params.steps)
+    plan = plan_move(plant, machine.command(memory.distance, memory.made - 1), memory.shaper, memory.position)
+    after, _ = run_move(plant, plan, memory.plant, params.steps)
     end, deflection, _ = run_window(plant, plan, after, sensor.window, sensor.samples, params.steps)
     end = jnp.where(params.carry, end, plant.rest_state(plan.final_inputs(plant)))
     # A model that diverges is the worst of predictions, not none at all.

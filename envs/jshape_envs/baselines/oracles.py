@@ -36,13 +36,12 @@ class FullOracle(AbstractPolicy):
 
     def act(self, memory: tuple[()], observation: Observation, params: Params, state: EnvState) -> Choice:
         machine = params.machine
-        plant, command = machine.plant(state.payload, state.moves), machine.command(state.distance)
-        begin = machine.taken_over(state.plant, plant)
+        plant, command = machine.plant(state.payload, state.moves), machine.command(state.distance, state.moves)
         reference, _ = bare_energy_and_oracle_cost(state, params)
 
         def cost(shaper: Shaper) -> Scalar:
             plan = plan_move(plant, command, shaper, state.position)
-            _, energy = run_move(plant, plan, begin, params.steps)
+            _, energy = run_move(plant, plan, state.plant, params.steps)
             residual = bounded_residual(energy, reference, ~jnp.isfinite(energy))
             return STRICTNESS * params.energy_weight * residual + params.time_weight * shaper.duration / params.period
 

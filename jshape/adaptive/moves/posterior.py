@@ -14,6 +14,7 @@ from jaxtyping import Array, Bool, Float, Int
 from jshape._types import Scalar, State, Times
 from jshape.levenberg_marquardt import LeastSquares, levenberg_marquardt
 from jshape.moves import AbstractMoves, Swing, along, begun, swing_of
+from jshape.moves.physics import of_first_axis
 from jshape.shaper import Shaper
 from jshape.simulation.schedule import schedule
 
@@ -75,7 +76,7 @@ def update(
     usable = jnp.isfinite(readings)
     readings = jnp.where(usable, readings, 0.0)
     nominal = task.plant(last.parameters, known)
-    plan = schedule(nominal, task.command(known), shaper)
+    plan = schedule(nominal, task.command(known), of_first_axis(nominal, shaper))
     root = jnp.linalg.cholesky(last.covariance + jnp.diag(drift**2))
 
     def residuals(unknowns: Array, weights: Times) -> tuple[Array, State]:

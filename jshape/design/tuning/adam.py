@@ -4,6 +4,7 @@ With many starts it goes first, and the best of its ends are refined. It is also
 nor a linear solve with SLSQP, and needs one derivative only.
 """
 
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -70,8 +71,9 @@ def _run(scenarios: Scenarios, bounds: Bounds, objective: Objective, starts: Poi
             value, slope = jax.value_and_grad(loss)(x, sharpness)
             slope = jax.tree.map(jnp.nan_to_num, slope)
             # Along the sums that stay as they are: what points across them would only drown the rest in Adam's scale.
-            level = jnp.where(bounds.fixed_duration, jnp.mean(slope.gaps), 0.0)
-            slope = Point(slope.amplitudes - jnp.mean(slope.amplitudes), slope.gaps - level, slope.leaves)
+            means = [_rows(bounds, jnp.mean, part) for part in (slope.amplitudes, slope.gaps)]
+            level = jnp.where(bounds.fixed_duration, means[1], 0.0)
+            slope = Point(slope.amplitudes - means[0], slope.gaps - level, slope.leaves)
             change, state = optimiser.update(slope, state, x)
             moved: Any = optax.apply_updates(x, change)
             return (_project(moved, bounds), state), value * scale
@@ -80,6 +82,13 @@ def _run(scenarios: Scenarios, bounds: Bounds, objective: Objective, starts: Poi
         return in_units(x), values
 
     return jax.vmap(one)(jax.tree.map(jnp.asarray, starts))
+
+
+def _rows(bounds: Bounds, function: Callable[[Array], Array], values: Array) -> Array:
+    """A function of the amplitudes, or of the gaps, of every shaper."""
+    rows = values.reshape(bounds.shapers, -1)
+    found = jax.vmap(function)(rows)
+    return jnp.broadcast_to(found.reshape(bounds.shapers, -1), rows.shape).reshape(-1)
 
 
 def _smoothed(objective: Objective, energies: Array, scale: Array, sharpness: Array) -> Scalar:
@@ -96,12 +105,16 @@ def _smoothed(objective: Objective, energies: Array, scale: Array, sharpness: Ar
 
 def _project(x: Point, bounds: Bounds) -> Point:
     """The nearest design within the bounds; gaps are over the longest duration, leaves over their span."""
-    clipped = jnp.clip(x.gaps, 0.0, 1.0)
-    total, shortest = jnp.sum(clipped), bounds.shortest / bounds.longest
-    zero, one = jnp.zeros_like(x.gaps), jnp.ones_like(x.gaps)
-    long, short = _onto_sum(x.gaps, zero, one, 1.0), _onto_sum(x.gaps, zero, one, shortest)
-    gaps = jnp.where(total > 1, long, jnp.where(total < shortest, short, clipped))
-    return Point(_onto_sum(x.amplitudes, bounds.lower, bounds.upper, 1.0), gaps, jnp.clip(x.leaves, 0.0, 1.0))
+
+    def within(gaps: Array) -> Array:
+        clipped = jnp.clip(gaps, 0.0, 1.0)
+        total, shortest = jnp.sum(clipped), bounds.shortest / bounds.longest
+        zero, one = jnp.zeros_like(gaps), jnp.ones_like(gaps)
+        long, short = _onto_sum(gaps, zero, one, 1.0), _onto_sum(gaps, zero, one, shortest)
+        return jnp.where(total > 1, long, jnp.where(total < shortest, short, clipped))
+
+    amplitudes = _rows(bounds, lambda a: _onto_sum(a, bounds.lower, bounds.upper, 1.0), x.amplitudes)
+    return Point(amplitudes, _rows(bounds, within, x.gaps), jnp.clip(x.leaves, 0.0, 1.0))
 
 
 def _onto_sum(x: Array, lower: Array, upper: Array, total: Any) -> Array:

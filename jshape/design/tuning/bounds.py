@@ -1,6 +1,6 @@
 """Bounds of a design: of its amplitudes, its duration and the plant's leaves that are designed with them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import equinox as eqx
@@ -29,6 +29,7 @@ class Bounds(eqx.Module):
         leaves: nominal values of the designed leaves, in their units.
         least: lower bounds of those leaves.
         most: upper bounds of those leaves.
+        shapers: how many are designed, each within these bounds.
     """
 
     lower: Any
@@ -38,10 +39,11 @@ class Bounds(eqx.Module):
     leaves: Any
     least: Any
     most: Any
+    shapers: int = eqx.field(static=True, default=1)
 
     @property
     def impulses(self) -> int:
-        """Number of impulses."""
+        """Number of impulses of a shaper."""
         return len(self.lower)
 
     @property
@@ -49,14 +51,21 @@ class Bounds(eqx.Module):
         """Whether the duration is given."""
         return self.shortest == self.longest
 
-    def nearest(self, shaper: Shaper) -> Point:
-        """The nearest amplitudes and gaps within the bounds; the leaves at their nominal values."""
-        return self.clip(Point(shaper.amplitudes, np.diff(np.asarray(shaper.times, float)), self.leaves))
+    def nearest(self, *shapers: Shaper) -> Point:
+        """The nearest amplitudes and gaps within the bounds, of one shaper for all or one each; nominal leaves."""
+        given = shapers * self.shapers if len(shapers) == 1 else shapers
+        amplitudes = np.concatenate([np.asarray(shaper.amplitudes) for shaper in given])
+        gaps = np.concatenate([np.diff(np.asarray(shaper.times, float)) for shaper in given])
+        return self.clip(Point(amplitudes, gaps, self.leaves))
+
+    def each(self, row: Callable[[np.ndarray], np.ndarray], values: Any) -> np.ndarray:
+        """``row`` of the amplitudes, or of the gaps, of every shaper."""
+        return np.concatenate([row(part) for part in np.split(np.asarray(values, float), self.shapers)])
 
     def clip(self, point: Point) -> Point:
         """The nearest amplitudes and leaves within the bounds; gaps in the same proportions."""
-        amplitudes = self.project(np.asarray(point.amplitudes, float))
-        return Point(amplitudes, self.stretch(np.asarray(point.gaps)), np.clip(point.leaves, self.least, self.most))
+        amplitudes, gaps = self.each(self.project, point.amplitudes), self.each(self.stretch, point.gaps)
+        return Point(amplitudes, gaps, np.clip(point.leaves, self.least, self.most))
 
     def stretch(self, gaps: np.ndarray) -> np.ndarray:
         """The gaps in the same proportions, none negative, with the nearest duration within the bounds."""
@@ -81,19 +90,22 @@ class Bounds(eqx.Module):
     def random(self, random: np.random.Generator) -> Point:
         """A random design within the bounds; in every other one, on average, impulses stand close together."""
         spread = np.minimum(self.upper, 2.0) - np.maximum(self.lower, -2.0)
-        amplitudes = self.project(np.maximum(self.lower, -2.0) + spread * random.random(self.impulses))
-        duration = random.uniform(max(self.shortest, 0.4 * self.longest), self.longest)
-        gaps = duration * random.dirichlet(np.full(self.impulses - 1, random.choice([4.0, 0.5])))
-        return Point(amplitudes, gaps, random.uniform(self.least, self.most))
+        amplitudes, gaps = [], []
+        for _ in range(self.shapers):
+            amplitudes.append(self.project(np.maximum(self.lower, -2.0) + spread * random.random(self.impulses)))
+            duration = random.uniform(max(self.shortest, 0.4 * self.longest), self.longest)
+            gaps.append(duration * random.dirichlet(np.full(self.impulses - 1, random.choice([4.0, 0.5]))))
+        return Point(np.concatenate(amplitudes), np.concatenate(gaps), random.uniform(self.least, self.most))
 
     def contains(self, point: Point, tolerance: float = 1e-9) -> bool:
         """Whether a design is within the bounds."""
-        total = point.gaps.sum()
+        amplitudes = point.amplitudes.reshape(self.shapers, -1)
+        totals = point.gaps.reshape(self.shapers, -1).sum(axis=1)
         return bool(
             all(np.all(np.isfinite(part)) for part in point)
-            and np.all((point.amplitudes >= self.lower - tolerance) & (point.amplitudes <= self.upper + tolerance))
+            and np.all((amplitudes >= self.lower - tolerance) & (amplitudes <= self.upper + tolerance))
             and np.all(point.gaps >= -tolerance * self.longest)
-            and self.shortest * (1 - tolerance) <= total <= self.longest * (1 + tolerance)
+            and np.all((self.shortest * (1 - tolerance) <= totals) & (totals <= self.longest * (1 + tolerance)))
             and np.all((point.leaves >= self.least) & (point.leaves <= self.most))
         )
 
@@ -104,6 +116,7 @@ def design_bounds(
     limit: float | None,
     duration: tuple[float, float],
     leaves: Mapping[str, tuple[float, float, float]],
+    shapers: int = 1,
 ) -> Bounds:
     """Bounds by the name of the rule for amplitudes.
 
@@ -113,6 +126,7 @@ def design_bounds(
         limit: greatest magnitude of an amplitude.
         duration: shortest and longest, s.
         leaves: as ``designed_leaves`` returns them.
+        shapers: how many are designed.
 
     Raises:
         ValueError: for an unknown rule, or one that no amplitudes meet.
@@ -138,7 +152,7 @@ def design_bounds(
         "unity": (signs, signs),
     }[amplitudes]
     nominal, least, most = np.array([*leaves.values()], float).reshape(-1, 3).T.copy()
-    return Bounds(lower, upper, *duration, nominal, least, most)
+    return Bounds(lower, upper, *duration, nominal, least, most, shapers)
 
 
 def designed_leaves(

@@ -4,13 +4,17 @@ A slack is not negative where its limit is kept and 1 where none of it is used. 
 move, so that two peaks do not take turns in one number.
 """
 
+from typing import Any
+
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from jshape.axes import Axes
 from jshape.command import AbstractCommand, polynomial
 from jshape.design.tuning.scenarios import Limits, Point, Scenarios
 from jshape.plants import AbstractPlant
+from jshape.shaper import Shaper, shaped
 from jshape.simulation.schedule import schedule
 from jshape.simulation.simulate import fastest, initial
 from jshape.simulation.trajectory import extremes, tail, trajectory
@@ -25,53 +29,66 @@ AFTER = 6
 
 def command_slack(scenarios: Scenarios, point: Point) -> Array:
     """Slacks of the limits on the shaped command itself: its speed, and how far it passes its ends."""
-    limits = scenarios.limits
-    breaks, coefficients = point.shaper.shape(scenarios.command).pieces()
+    limits, command = scenarios.limits, scenarios.command
+    breaks, coefficients = shaped(command, scenarios.shaping(point)).pieces()
     duration = jnp.diff(breaks)
     local = duration[:, None] * jnp.linspace(0.0, 1.0, PARTS + 1)
 
-    def greatest(sign: int, order: int) -> Array:
-        """Greatest value in each segment of plus or minus the command's derivative of that order."""
-        value, slope = (polynomial(coefficients[:-1, None, :], local, k) for k in (order, order + 1))
+    def greatest(axis: str, sign: int, order: int) -> Array:
+        """Greatest value in each segment of plus or minus the derivative of that order of the command of an axis."""
+        rows = coefficients[:-1, _place(scenarios.plant, axis)][:, None, :]
+        value, slope = (polynomial(rows, local, k) for k in (order, order + 1))
         return jnp.max(extremes(sign * value, sign * slope, duration / PARTS), axis=-1)
 
     slacks = [jnp.zeros(0)]
-    if limits.speed_limit is not None:
-        slacks += [1 - greatest(sign, 1) / limits.speed_limit for sign in (1, -1)]
-    if limits.command_overshoot is not None:
-        final = scenarios.command.final
-        values = jnp.stack([greatest(1, 0), greatest(-1, 0)])
+    for axis, limit in limits.speed_limit.items():
+        slacks += [1 - greatest(axis, sign, 1) / limit for sign in (1, -1)]
+    for axis, limit in limits.command_overshoot.items():
+        final = command.final[_place(scenarios.plant, axis)]
+        values = jnp.stack([greatest(axis, 1, 0), greatest(axis, -1, 0)])
         beyond = jnp.where(final > 0, values[0], values[1]) / jnp.abs(final) - 1
         before = jnp.where(final > 0, values[1], values[0]) / jnp.abs(final)
-        slacks += [limits.command_overshoot - beyond, limits.command_overshoot - before]
+        slacks += [limit - beyond, limit - before]
     return jnp.concatenate(slacks)
+
+
+def _place(plant: AbstractPlant, axis: str) -> Any:
+    """The index of an axis among those of a plant; of one axis, that of the whole."""
+    return plant.axes.index(axis) if axis else ...
 
 
 def deflection_slack(scenarios: Scenarios, plant: AbstractPlant, point: Point) -> Array:
     """Slacks of one plant's deflection, either way, in every segment of the move and for a period after it."""
     plant = scenarios.with_design(plant, point)
-    plan = schedule(plant, scenarios.command, point.shaper)
+    plan = schedule(plant, scenarios.command, scenarios.shaping(point))
     along = trajectory(plant, plan, initial(plant, scenarios.state), 1.0, "deflection", scenarios.fine_steps, AFTER)
-    peaks = [jnp.max(extremes(sign * along.value, sign * along.slope, along.step), axis=-1) for sign in (1, -1)]
-    assert scenarios.limits.peak_deflection is not None
-    return 1 - jnp.concatenate(peaks) / scenarios.limits.peak_deflection
+    slacks = []
+    for axis, limit in scenarios.limits.peak_deflection.items():
+        value, slope = (x[..., _place(plant, axis)] if axis else x for x in (along.value, along.slope))
+        peaks = [jnp.max(extremes(sign * value, sign * slope, along.step), axis=-1) for sign in (1, -1)]
+        slacks.append(1 - jnp.concatenate(peaks) / limit)
+    return jnp.concatenate(slacks)
 
 
 def check(limits: Limits, command: AbstractCommand) -> None:
     """*Raises* ``ValueError`` for a limit that this command cannot keep with any shaper."""
-    if limits.speed_limit is not None and command.smoothness < 1:
-        raise ValueError(
-            f"speed_limit: a {type(command).__name__} jumps, its speed has no limit; use a smoother command, such as "
-            "Trapezoid"
-        )
-    if limits.command_overshoot is not None and float(command.final) == 0:
-        raise ValueError("command_overshoot: the command ends where it began, there is nothing to overshoot")
+    each = dict(command.items()) if isinstance(command, Axes) else {"": command}
+    for axis in limits.speed_limit:
+        if each[axis].smoothness < 1:
+            raise ValueError(
+                f"speed_limit: a {type(each[axis]).__name__} jumps, its speed has no limit; use a smoother command, "
+                "such as Trapezoid"
+            )
+    for axis in limits.command_overshoot:
+        if float(each[axis].final) == 0:
+            words = f"command of {axis}" if axis else "command"
+            raise ValueError(f"command_overshoot: the {words} ends where it began, there is nothing to overshoot")
 
 
 def fine_steps(plant: AbstractPlant, command: AbstractCommand, longest: float, impulses: int) -> int:
     """Fixed steps a segment, fine enough for the peaks between them: to 3e-6 of themselves, at 0.2 rad a step."""
-    even = Point(np.full(impulses, 1 / impulses), np.full(impulses - 1, longest / (impulses - 1)), np.zeros(0))
-    plan = schedule(plant, command, even.shaper)
+    even = Shaper(np.full(impulses, 1 / impulses), np.linspace(0.0, longest, impulses))
+    plan = schedule(plant, command, even)
     stretches = np.append(np.diff(np.asarray(plan.breaks)), float(tail(plant, plan, 1.0)) / AFTER)
     angle = fastest(plant, plan) * 1.5 * float(stretches.max())
     return int(np.clip(np.ceil(angle / 0.2), 8, 4096)) if np.isfinite(angle) else 256

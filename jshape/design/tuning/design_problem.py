@@ -13,7 +13,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jshape import _check
-from jshape.command import as_command
+from jshape.axes import Axes, Rest, for_axes
+from jshape.command import AbstractCommand
 from jshape.design.tuning import constraints
 from jshape.design.tuning.bounds import Bounds, design_bounds, designed_leaves
 from jshape.design.tuning.objective import Objective, check_objective, objective_name, value_of
@@ -95,6 +96,7 @@ def design_problem(
     metric: Metric | None = None,
     also: Sequence[str] | Mapping[str, Any] = (),
     time_cost: float = 0.0,
+    shapers: str | Sequence[str] = "shared",
 ) -> DesignProblem:
     """``tune``'s arguments, checked, as a design problem; *Raises* ``ValueError`` where they make no sense."""
     impulses = _check.count(impulses, "impulses", least=2)
@@ -106,13 +108,15 @@ def design_problem(
         raise ValueError(f"metric must be a function (plant, shaper, command) → scalar, not {metric!r}")
     _check.not_negative(time_cost := float(_check.scalar(time_cost, "time_cost")), "time_cost")
     schedule(plant, command)
-    plant, command = with_arrays(plant), as_command(command)
+    plant, command = with_arrays(plant), for_axes(command, plant.axes, type(plant).__name__)
+    groups = _groups(command, shapers)
     uncertain = {} if over is None else check_over(plant, over, relative)
     leaves = designed_leaves(plant, also, uncertain)
-    bounds = design_bounds(impulses, amplitudes, limit, _durations(plant, impulses, duration), leaves)
+    count = len(groups) or 1
+    bounds = design_bounds(impulses, amplitudes, limit, _durations(plant, impulses, duration), leaves, count)
     constraints.check(limits, command)
     fine_steps = 1
-    if limits.peak_deflection is not None:
+    if limits.peak_deflection:
         fine_steps = constraints.fine_steps(plant, command, bounds.longest, impulses)
     scenarios = Scenarios(
         plant=plant,
@@ -123,8 +127,26 @@ def design_problem(
         fine_steps=fine_steps,
         designed=tuple(leaves),
         metric=metric,
+        groups=groups,
     )
     return DesignProblem(scenarios, bounds, objective, time_cost, uncertain)
+
+
+def _groups(command: AbstractCommand, shapers: str | Sequence[str]) -> tuple[tuple[str, ...], ...]:
+    """The axes of each shaper; without any, one shaper shapes the whole command.
+
+    Raises:
+        ValueError: for what is neither ``"shared"`` nor ``"per axis"``, nor a list of axes that move.
+    """
+    moving = [axis for axis, one in command.items() if not isinstance(one, Rest)] if isinstance(command, Axes) else []
+    if isinstance(shapers, str):
+        _check.one_of(shapers, "shapers", ("shared", "per axis"))
+        return tuple((axis,) for axis in moving) if shapers == "per axis" else ()
+    unknown = [repr(axis) for axis in shapers if axis not in moving]
+    if unknown or not shapers:
+        words = f"must be among the axes that move, {', '.join(moving)}" if moving else "names axes; the plant has one"
+        raise ValueError(f"shapers {words}, not {', '.join(unknown) or list(shapers)}")
+    return (tuple(shapers),)
 
 
 def slowest_period(plant: AbstractPlant, argument: str) -> float:

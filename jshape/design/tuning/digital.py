@@ -20,7 +20,7 @@ REDESIGNED = 6
 """Of the roundings, so many of the best have their amplitudes designed."""
 
 Ticks = tuple[int, ...]
-"""Times of the second and further impulses, in samples."""
+"""Times of the second and further impulses, in samples; of several shapers one after the other."""
 
 
 def check(sample_time: float, bounds: Bounds) -> None:
@@ -50,10 +50,12 @@ def on_ticks(
     designs: dict[Ticks, tuple[float, Point]] = {}
 
     def allowed(ticks: Ticks) -> bool:
-        return first <= ticks[-1] <= last and all(b >= a for a, b in itertools.pairwise((0, *ticks)))
+        rows = np.reshape(ticks, (bounds.shapers, -1))
+        return all(first <= row[-1] <= last and np.all(np.diff(row, prepend=0) >= 0) for row in rows)
 
     def rounded(ticks: Ticks, near: Point) -> Point:
-        return Point(near.amplitudes, np.diff((0, *ticks)) * sample_time, near.leaves)
+        gaps = bounds.each(lambda row: np.diff(row, prepend=0) * sample_time, ticks)
+        return Point(near.amplitudes, gaps, near.leaves)
 
     def energy(ticks: Ticks) -> float:
         return value_of(search.problem.objective, search.values(search.vector(rounded(ticks, point)), 1e-8).energies)
@@ -67,7 +69,8 @@ def on_ticks(
             report(len(designs), min(merit for merit, _ in designs.values()))
         return designs[ticks][0]
 
-    roundings = sorted(_roundings(np.cumsum(point.gaps) / sample_time, first, last, allowed), key=energy)
+    exact = np.reshape(bounds.each(np.cumsum, point.gaps), (bounds.shapers, -1)) / sample_time
+    roundings = sorted(_roundings(exact, first, last, allowed), key=energy)
     try:
         best = min(roundings[:REDESIGNED], key=lambda ticks: design(ticks, point))
         improved = True
@@ -85,9 +88,10 @@ def on_ticks(
 
 
 def _roundings(exact: np.ndarray, first: float, last: float, allowed: Callable[[Ticks], bool]) -> list[Ticks]:
-    """Whole numbers of samples around exact ones, all of them where there are few impulses."""
-    around = [sorted({int(np.floor(t)), int(np.ceil(t))}) if len(exact) <= 7 else [round(t)] for t in exact]
-    around[-1] = sorted({int(np.clip(t, np.ceil(first), np.floor(last))) for t in around[-1]})
+    """Whole numbers of samples around exact ones, a row for each shaper; all of them where there are few impulses."""
+    around, latest = [], int(np.floor(last))
+    for row in exact:
+        around += [sorted({int(np.floor(t)), int(np.ceil(t))}) if exact.size <= 7 else [round(t)] for t in row]
+        around[-1] = sorted({int(np.clip(t, np.ceil(first), latest)) for t in around[-1]})
     found = [ticks for ticks in itertools.product(*around) if allowed(ticks)]
-    latest = int(np.floor(last))
-    return found or [(*(int(t) for t in np.minimum(np.round(exact[:-1]), latest)), latest)]
+    return found or [tuple(int(t) for row in exact for t in (*np.minimum(np.round(row[:-1]), latest), latest))]

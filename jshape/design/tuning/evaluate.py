@@ -131,12 +131,14 @@ def linearise(scenarios: Scenarios, point: Point, ends: Any, steps: Any) -> Line
 
 def _move(scenarios: Scenarios, plant: AbstractPlant, point: Point) -> tuple[AbstractPlant, Schedule, State]:
     plant = scenarios.with_design(plant, point)
-    return plant, schedule(plant, scenarios.command, point.shaper), initial(plant, scenarios.state)
+    plan = schedule(plant, scenarios.command, scenarios.shaping(point))
+    return plant, plan, initial(plant, scenarios.state)
 
 
 def _metric(scenarios: Scenarios, plant: AbstractPlant, point: Point) -> Array:
     assert scenarios.metric is not None
-    value = jnp.asarray(scenarios.metric(scenarios.with_design(plant, point), point.shaper, scenarios.command))
+    shaping = scenarios.shaping(point)
+    value = jnp.asarray(scenarios.metric(scenarios.with_design(plant, point), shaping, scenarios.command))
     return jnp.where(jnp.isfinite(value), value, DIVERGED_ENERGY)
 
 
@@ -194,21 +196,34 @@ def _hessian(scenarios: Scenarios, plant: AbstractPlant, point: Point, end: Arra
     energy = lambda y: plant.residual_energy(y, inputs)
     values, vectors = jnp.linalg.eigh(jnp.nan_to_num(jax.hessian(energy)(end)))
     gauss_newton = slopes.T @ ((vectors * jnp.maximum(values, 0.0)) @ (vectors.T @ slopes))
-    gradient, matrix, impulses = jax.grad(energy)(end), jax.jacfwd(field)(end), len(point.amplitudes)
-    gaps = slice(impulses, 2 * impulses - 1)
-    # The move ends with its last impulse: every gap delays the end. First all derivatives at a fixed end.
-    later, away = jnp.zeros(slopes.shape[1]).at[gaps].set(1.0), field(end)
+    gradient, matrix = jax.grad(energy)(end), jax.jacfwd(field)(end)
+    flat, unravel = ravel_pytree(point)
+    count = len(point.amplitudes) - len(point.gaps)
+    impulses = len(point.amplitudes) // count
+    # Where one shaper shapes everything the move ends with its last impulse, and every gap delays the end; among
+    # several axes, the gaps of the shaper whose last impulse ends it. First all derivatives at a fixed end.
+    if scenarios.groups:
+        later = jax.grad(lambda x: _move(scenarios, plant, unravel(x))[1].breaks[-1])(flat)
+    else:
+        later = jnp.zeros_like(flat).at[impulses : 2 * impulses - 1].set(1.0)
+    away = field(end)
     fixed = slopes - away[:, None] * later
-    by_times = fixed[:, gaps] - jnp.pad(fixed[:, gaps][:, 1:], ((0, 0), (0, 1)))
-    amplitudes = point.amplitudes[1:]
-    small = jnp.abs(amplitudes) < 1e-3
-    mixed = jnp.where(small, 0.0, gradient @ by_times / jnp.where(small, 1.0, amplitudes))
-    twice = -gradient @ (matrix @ by_times)
-    # From impulse times to gaps: an impulse comes after all gaps before it.
+    rest = jnp.outer(later, gradient @ (matrix @ (fixed + away[:, None] * later / 2)))
     order = jnp.tril(jnp.ones((impulses - 1, impulses - 1)))
-    delayed = jnp.outer(later, gradient @ (matrix @ (fixed + away[:, None] * later / 2)))
-    rest = delayed.at[1:impulses, gaps].add(mixed[:, None] * order)
-    rest = (rest + rest.T).at[gaps, gaps].add(order.T @ (twice[:, None] * order))
+    twice_each = []
+    for shaper in range(count):
+        begin = len(point.amplitudes) + shaper * (impulses - 1)
+        gaps, others = slice(begin, begin + impulses - 1), slice(shaper * impulses + 1, (shaper + 1) * impulses)
+        by_times = fixed[:, gaps] - jnp.pad(fixed[:, gaps][:, 1:], ((0, 0), (0, 1)))
+        amplitudes = flat[others]
+        small = jnp.abs(amplitudes) < 1e-3
+        mixed = jnp.where(small, 0.0, gradient @ by_times / jnp.where(small, 1.0, amplitudes))
+        twice_each.append((gaps, -gradient @ (matrix @ by_times)))
+        # From impulse times to gaps: an impulse comes after all gaps before it.
+        rest = rest.at[others, gaps].add(mixed[:, None] * order)
+    rest = rest + rest.T
+    for gaps, twice in twice_each:
+        rest = rest.at[gaps, gaps].add(order.T @ (twice[:, None] * order))
     return gauss_newton + jnp.nan_to_num(rest)
 
 
@@ -217,7 +232,7 @@ def slacks(scenarios: Scenarios, point: Point) -> Array:
     if not scenarios.limits.any:
         return jnp.zeros(0)
     found = [command_slack(scenarios, point)]
-    if scenarios.limits.peak_deflection is not None:
+    if scenarios.limits.peak_deflection:
         found.append(_every_plant(scenarios, lambda plant: deflection_slack(scenarios, plant, point)).reshape(-1))
     return jnp.nan_to_num(jnp.concatenate(found), nan=-1.0)
 

@@ -49,7 +49,7 @@ def with_places(problem: DesignProblem) -> DesignProblem:
     if problem.objective != "worst" or not problem.scenarios.samples:
         return problem
     # At a worst case there are at most as many active plants as variables, and one more.
-    places = 2 * problem.bounds.impulses + len(problem.bounds.leaves)
+    places = 2 * problem.bounds.shapers * problem.bounds.impulses + len(problem.bounds.leaves)
     samples = {}
     for name, finer in problem.finer_samples().items():
         at = np.round((np.arange(places) + 0.5) * (len(finer) - 1) / places).astype(int)

@@ -1,5 +1,7 @@
 """Zero residual energy on one plant: Levenberg–Marquardt on the departure from rest, many starts side by side."""
 
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -26,12 +28,21 @@ def levenberg_marquardt(
     """
     bounds = problem.bounds
     fixed_amplitudes = bool(np.all(bounds.lower == bounds.upper))
-    ends, values = _run(problem.scenarios, stack(starts), steps, bounds.fixed_duration, fixed_amplitudes, iterations)
+    fixed = bounds.fixed_duration, fixed_amplitudes
+    ends, values = _run(problem.scenarios, stack(starts), steps, bounds.shapers, *fixed, iterations)
     return unstack(ends), np.asarray(values)
 
 
 @kept
-def _run(scenarios: Scenarios, starts: Point, steps, fixed_duration: bool, fixed_amplitudes: bool, iterations: int):
+def _run(
+    scenarios: Scenarios,
+    starts: Point,
+    steps,
+    shapers: int,
+    fixed_duration: bool,
+    fixed_amplitudes: bool,
+    iterations: int,
+):
     import lineax as lx
     import optimistix as optx
 
@@ -39,14 +50,18 @@ def _run(scenarios: Scenarios, starts: Point, steps, fixed_duration: bool, fixed
     solver = optx.LevenbergMarquardt(rtol=1e-15, atol=1e-15, linear_solver=lx.QR())
 
     def one(start: Point) -> tuple[Point, Array]:
-        amplitudes, gaps, leaves = start
-        total = jnp.sum(gaps)
-        free = (amplitudes[:0] if fixed_amplitudes else amplitudes[:-1], gaps[:-1] if fixed_duration else gaps, leaves)
+        # A row for each shaper.
+        amplitudes, gaps = (part.reshape(shapers, -1) for part in start[:2])
+        total = jnp.sum(gaps, axis=1, keepdims=True)
+        free = amplitudes[:, :0] if fixed_amplitudes else amplitudes[:, :-1], gaps[:, :-1] if fixed_duration else gaps
+        free = (*free, start.leaves)
+
+        def last(row: Array, total: Any) -> Array:
+            return jnp.concatenate([row, total - jnp.sum(row, axis=1, keepdims=True)], axis=1)
 
         def build(y) -> Point:
-            a = amplitudes if fixed_amplitudes else jnp.append(y[0], 1 - jnp.sum(y[0]))
-            g = jnp.append(y[1], total - jnp.sum(y[1])) if fixed_duration else y[1]
-            return Point(a, g, y[2])
+            a = amplitudes if fixed_amplitudes else last(y[0], 1.0)
+            return Point(a.reshape(-1), (last(y[1], total) if fixed_duration else y[1]).reshape(-1), y[2])
 
         def residuals(y, _):
             return scaled_departure(scenarios, build(y), steps), None

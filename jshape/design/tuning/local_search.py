@@ -81,16 +81,20 @@ class LocalSearch:
         self.problem, self.fixed_gaps, self.report = problem, fixed_gaps, report
         self.tightest = max(TOLERANCE, least_tolerance(jnp.result_type(float)))
         bounds = problem.bounds
-        sizes = bounds.impulses, bounds.impulses - 1, len(bounds.leaves)
+        count, n = bounds.shapers, bounds.impulses
+        sizes = count * n, count * (n - 1), len(bounds.leaves)
         span = np.where(bounds.leaves != 0, np.abs(bounds.leaves), bounds.most - bounds.least)
         self.units = np.concatenate([np.ones(sizes[0]), np.full(sizes[1], bounds.longest), span])
-        lower = np.concatenate([bounds.lower, np.zeros(sizes[1]), bounds.least]) / self.units
-        upper = np.concatenate([bounds.upper, np.full(sizes[1], bounds.longest), bounds.most]) / self.units
+        lowest, highest = np.tile(bounds.lower, count), np.tile(bounds.upper, count)
+        lower = np.concatenate([lowest, np.zeros(sizes[1]), bounds.least]) / self.units
+        upper = np.concatenate([highest, np.full(sizes[1], bounds.longest), bounds.most]) / self.units
         amplitudes, self.duration = np.repeat([1.0, 0.0, 0.0], sizes), np.repeat([0.0, 1.0, 0.0], sizes)
         free = (upper > lower) & ((self.duration == 0) | (not fixed_gaps))
-        # Sum of the amplitudes and (negative) duration, as equalities normals · x = levels and inequalities ≥ levels.
-        sums = np.stack([amplitudes, -self.duration])
-        least, most = np.array([1.0, -1.0]), np.array([1.0, -bounds.shortest / bounds.longest])
+        # Of each shaper the sum of the amplitudes and (negative) duration, as equalities normals · x = levels and
+        # inequalities ≥ levels.
+        owner = np.concatenate([np.repeat(np.arange(count), n), np.repeat(np.arange(count), n - 1), 0 * bounds.leaves])
+        sums = np.stack([row * (owner == k) for k in range(count) for row in (amplitudes, -self.duration)])
+        least, most = np.tile([1.0, -1.0], count), np.tile([1.0, -bounds.shortest / bounds.longest], count)
         held = sums[:, free].any(axis=1)
         equal, ranged = held & (least == most), held & (least < most)
         bounded = ranged & (most < 0)
@@ -111,8 +115,8 @@ class LocalSearch:
 
     def point(self, x: Vector) -> Point:
         """The design of a vector."""
-        n = self.problem.bounds.impulses
-        return Point(*np.split(x * self.units, [n, 2 * n - 1]))
+        n, count = self.problem.bounds.impulses, self.problem.bounds.shapers
+        return Point(*np.split(x * self.units, [count * n, count * (2 * n - 1)]))
 
     def values(self, x: Vector, tolerance: float | None = None) -> Values:
         """Energies, slacks and steps, to a tolerance; those of the last vectors are remembered."""

@@ -53,6 +53,7 @@ def pareto(
     starts: int = 16,
     seed: int = 0,
     *,
+    shapers: str | Sequence[str] = "shared",
     relative: bool = True,
     initial_state: Any = None,
     iterations: int = 240,
@@ -76,6 +77,7 @@ def pareto(
         objective: as in ``tune``.
         starts: starting points at each duration; the neighbours on the front, shorter and longer, come on top.
         seed: of the random starting points.
+        shapers: of a plant of several axes, as in ``tune``.
         relative: as in ``tune``.
         initial_state: as in ``tune``.
         iterations: of the local search from each point, at most.
@@ -85,7 +87,8 @@ def pareto(
     Returns:
         Over ``design`` (``"3 positive"``, …) and ``duration``: ``objective`` and ``objective_on_finer_set`` (J),
         ``optimality`` (see ``Solution``), ``status`` (values of ``Status``), ``converged``, ``shaper_duration`` (s),
-        and ``amplitude`` and ``time`` (s) over ``impulse``, filled up with NaN. Over ``closed_form``:
+        and ``amplitude`` and ``time`` (s) over ``impulse``, filled up with NaN, where each axis has a shaper of its own
+        over ``axis``, too. Over ``closed_form``:
         ``closed_objective`` (J) and ``closed_duration`` (s). The objective does not rise with the duration.
 
     Raises:
@@ -105,12 +108,12 @@ def pareto(
     problems = [
         design_problem(
             plant, distance, n, (0.0, float(times[-1])), rule, None if rule == "unity" else limit, over, objective,
-            relative=relative, initial_state=initial_state, limits=Limits(),
+            relative=relative, initial_state=initial_state, limits=Limits(), shapers=shapers,
         )
         for n, rule in designs.values()
     ]  # fmt: skip
-    names, most = list(designs), max(counts)
-    table = np.full((len(designs), len(times), 5 + 2 * most), np.nan)
+    names, most, groups = list(designs), max(counts), problems[0].scenarios.groups
+    table = np.full((len(designs), len(times), 5 + 2 * most * (len(groups) or 1)), np.nan)
     table[..., 3] = STATUSES.index(Status.INTERRUPTED)
 
     def compute(missing: list[int]) -> Iterator[tuple[int, np.ndarray]]:
@@ -125,7 +128,8 @@ def pareto(
             yield index, table[index]
 
     def fingerprint() -> bytes:
-        facts = [names, objective_name(objective), limit, starts, seed, iterations, version("jshape"), version("jax")]
+        facts = [names, groups, objective_name(objective), limit, starts, seed, iterations]
+        facts += [version("jshape"), version("jax")]
         scenarios = problems[0].scenarios
         leaves = jax.tree.leaves((scenarios.plant, scenarios.command, scenarios.samples, scenarios.state))
         return b"|".join([repr(facts).encode(), times.tobytes(), *(np.asarray(x).tobytes() for x in leaves)])
@@ -136,7 +140,7 @@ def pareto(
     except KeyboardInterrupt:
         if np.all(np.isnan(table[..., 0])):
             raise
-    return _dataset(table, designs, times, objective, _closed(problems[0], distance))
+    return _dataset(table, designs, times, objective, _closed(problems[0], distance), groups)
 
 
 def _front(
@@ -178,7 +182,7 @@ def _front(
         front.append(best_of(search, neighbours, starting_points(search.problem, starts, seed), front[-1:]))
     for index in range(len(times) - 2, -1, -1):
         after = front[index + 1].point
-        if after.gaps.sum() > times[index]:
+        if _duration(problem, after) > times[index]:
             front[index] = best_of(searches[index], [after], [], [front[index]])
     for index in range(1, len(times)):
         front[index] = min(front[index], front[index - 1], key=lambda candidate: candidate.merit)
@@ -190,29 +194,35 @@ def _within(problem: DesignProblem, longest: float) -> DesignProblem:
     return dataclasses.replace(problem, bounds=dataclasses.replace(problem.bounds, shortest=0.0, longest=longest))
 
 
+def _duration(problem: DesignProblem, point: Point) -> float:
+    """The duration of the shaper that takes longest, s."""
+    return float(np.reshape(point.gaps, (problem.bounds.shapers, -1)).sum(axis=1).max())
+
+
 def _row(problem: DesignProblem, candidate: Candidate, most: int) -> np.ndarray:
     """A candidate as numbers: both objectives, optimality, status, duration, amplitudes, times."""
     value, point, optimal = candidate
-    duration, n = float(np.sum(point.gaps)), len(point.amplitudes)
+    duration, n, count = _duration(problem, point), problem.bounds.impulses, problem.bounds.shapers
     judge = LocalSearch(_within(problem, max(duration, 1e-12)))
     found = judge.values(judge.vector(point))
     finer = on_finer_set(problem, point, found)
     status = STATUSES.index(status_of(found.energies, found.slacks, optimal))
-    row = np.full(5 + 2 * most, np.nan)
-    row[:5] = value, finer, judge.optimality(point).residual, status, duration
-    row[5 : 5 + n], row[5 + most : 5 + most + n] = point.amplitudes, np.append(0.0, np.cumsum(point.gaps))
-    return row
+    shapers = np.full((2, count, most), np.nan)
+    for i, shaper in enumerate(point.shapers):
+        shapers[:, i, :n] = shaper.amplitudes, shaper.times
+    return np.append([value, finer, judge.optimality(point).residual, status, duration], shapers)
 
 
 def _closed(problem: DesignProblem, distance: Any) -> list[tuple[str, float, float]]:
     """Name, duration (s) and objective (J) of every closed form that applies."""
-    scenarios = problem.scenarios
+    scenarios, bounds = problem.scenarios, problem.bounds
     shapers, _ = closed_forms(scenarios.plant, distance)
     longest = max(len(shaper.times) for shaper in shapers.values())
     found = []
     for name, shaper in shapers.items():
         padded = shaper.pad(longest)
-        point = Point(padded.amplitudes, jnp.diff(padded.times), jnp.zeros(0))
+        amplitudes, gaps = padded.amplitudes, np.diff(padded.times)
+        point = Point(np.tile(amplitudes, bounds.shapers), np.tile(gaps, bounds.shapers), jnp.zeros(0))
         energies = np.asarray(evaluate(scenarios, point, np.float64(TOLERANCE)).energies)
         found.append((name, float(shaper.duration), value_of(problem.objective, energies)))
     return found
@@ -236,9 +246,14 @@ def _dataset(
     times: np.ndarray,
     objective: Objective,
     closed: list[tuple[str, float, float]],
+    groups: tuple[tuple[str, ...], ...],
 ) -> xr.Dataset:
     """Rows of numbers (see ``_row``) as a dataset with names and units."""
-    along, most = ("design", "duration"), (table.shape[2] - 5) // 2
+    along, count = ("design", "duration"), len(groups) or 1
+    shapers = table[..., 5:].reshape(*table.shape[:2], 2, count, -1)
+    # One shaper has no axis of the dataset to itself.
+    each, shapers = ((*along, "axis", "impulse"), shapers) if count > 1 else ((*along, "impulse"), shapers[..., 0, :])
+    amplitude, time = shapers[:, :, 0], shapers[:, :, 1]
     energy = dict(units="J", long_name=f"residual energy, {objective_name(objective)}")
     status = np.array([member.value for member in STATUSES])[table[..., 3].astype(int)]
     variables = {
@@ -248,8 +263,8 @@ def _dataset(
         "status": (along, status, dict(long_name="how the search ended")),
         "converged": (along, status == Status.CONVERGED.value, dict(long_name="whether it ended at an optimum")),
         "shaper_duration": (along, table[..., 4], dict(units="s", long_name="duration that the shaper takes")),
-        "amplitude": ((*along, "impulse"), table[..., 5 : 5 + most], dict(units="1", long_name="amplitude")),
-        "time": ((*along, "impulse"), table[..., 5 + most :], dict(units="s", long_name="time of the impulse")),
+        "amplitude": (each, amplitude, dict(units="1", long_name="amplitude")),
+        "time": (each, time, dict(units="s", long_name="time of the impulse")),
         "closed_objective": ("closed_form", [value for *_, value in closed], energy),
         "closed_duration": ("closed_form", [time for _, time, _ in closed], dict(units="s", long_name="duration")),
     }
@@ -259,5 +274,5 @@ def _dataset(
         "amplitudes": ("design", [rule for _, rule in designs.values()]),
         "duration": ("duration", times, dict(units="s", long_name="longest duration allowed")),
         "closed_form": [name for name, *_ in closed],
-    }
+    } | ({"axis": [", ".join(axes) for axes in groups]} if count > 1 else {})
     return xr.Dataset(variables, coordinates)

@@ -4,7 +4,7 @@
 them. ``Point`` is a design: amplitudes, gaps between the impulses, values of the plant's designed leaves.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -18,16 +18,16 @@ from jshape.plants import AbstractPlant
 from jshape.shaper import Shaper
 from jshape.sweeps.leaves import with_leaves
 
-Metric = Callable[[AbstractPlant, Shaper, AbstractCommand], Array]
+Metric = Callable[[AbstractPlant, Any, AbstractCommand], Array]
 """What one plant is judged by: (plant, shaper, command) → scalar, in JAX."""
 
 
 class Point(NamedTuple):
-    """One design, or with a leading axis several.
+    """One design, or with a leading axis several. That of several shapers holds theirs one after the other.
 
     Attributes:
-        amplitudes: normalised, shape (impulses,).
-        gaps: between the impulses, s, shape (impulses − 1,).
+        amplitudes: normalised, shape (shapers × impulses,).
+        gaps: between the impulses, s, shape (shapers × (impulses − 1),).
         leaves: values of the plant's designed leaves, in their units, shape (leaves,).
     """
 
@@ -36,11 +36,14 @@ class Point(NamedTuple):
     leaves: Any
 
     @property
-    def shaper(self) -> Shaper:
-        """The shaper with those amplitudes and gaps."""
+    def shapers(self) -> list[Shaper]:
+        """The shapers with those amplitudes and gaps."""
         xp = _check.numerics(self.gaps)
-        gaps = xp.asarray(self.gaps)
-        return Shaper(self.amplitudes, xp.concatenate([xp.zeros_like(gaps[:1]), xp.cumsum(gaps)]))
+        # Each has one impulse more than gaps.
+        count = len(self.amplitudes) - len(self.gaps)
+        amplitudes, gaps = (xp.split(xp.asarray(part), count) for part in (self.amplitudes, self.gaps))
+        times = [xp.concatenate([xp.zeros_like(part[:1]), xp.cumsum(part)]) for part in gaps]
+        return [Shaper(*pair) for pair in zip(amplitudes, times, strict=True)]
 
 
 def stack(points: list[Point]) -> Point:
@@ -54,39 +57,51 @@ def unstack(points: Point) -> list[Point]:
 
 
 class Limits(eqx.Module):
-    """Limits on a move; ``None`` where there is none.
+    """Limits on a move: each axis that has one → its value; the axis of a plant of one axis is ``""``.
 
-    Attributes:
-        peak_deflection: greatest deflection of every plant, m.
-        speed_limit: greatest speed of the shaped command, its unit per s.
-        command_overshoot: of the shaped command past its ends, a fraction of the distance.
+    Args:
+        peak_deflection: greatest deflection of every plant, m: a number for every axis, or axis → number.
+        speed_limit: greatest speed of the shaped command, its unit per s, likewise.
+        command_overshoot: of the shaped command past its ends, a fraction of the distance, likewise.
+        axes: of the plant.
 
     Raises:
-        ValueError: for a limit that is not positive, an overshoot that is negative.
+        ValueError: for a limit that is not positive, an overshoot that is negative, and an unknown axis.
     """
 
-    peak_deflection: Array | None
-    speed_limit: Array | None
-    command_overshoot: Array | None
+    peak_deflection: dict[str, Array]
+    speed_limit: dict[str, Array]
+    command_overshoot: dict[str, Array]
 
-    def __init__(self, peak_deflection: Any = None, speed_limit: Any = None, command_overshoot: Any = None):
-        self.peak_deflection = _limit(peak_deflection, "peak_deflection", _check.positive)
-        self.speed_limit = _limit(speed_limit, "speed_limit", _check.positive)
-        self.command_overshoot = _limit(command_overshoot, "command_overshoot", _check.not_negative)
+    def __init__(
+        self,
+        peak_deflection: Any = None,
+        speed_limit: Any = None,
+        command_overshoot: Any = None,
+        axes: tuple[str, ...] = (),
+    ):
+        self.peak_deflection = _limit(peak_deflection, "peak_deflection", _check.positive, axes)
+        self.speed_limit = _limit(speed_limit, "speed_limit", _check.positive, axes)
+        self.command_overshoot = _limit(command_overshoot, "command_overshoot", _check.not_negative, axes)
 
     @property
     def any(self) -> bool:
         """Whether there is any limit."""
-        return not (self.peak_deflection is None and self.speed_limit is None and self.command_overshoot is None)
+        return bool(self.peak_deflection or self.speed_limit or self.command_overshoot)
 
 
-def _limit(value: Any, name: str, check: Callable[[Any, str], None]) -> Array | None:
-    """A limit as a checked scalar array; ``None`` stays ``None``."""
+def _limit(value: Any, name: str, check: Callable[[Any, str], None], axes: tuple[str, ...]) -> dict[str, Array]:
+    """A limit of each axis as a checked scalar array; empty for ``None``."""
     if value is None:
-        return None
-    value = _check.scalar(value, name)
-    check(value, name)
-    return value
+        return {}
+    given = dict(value) if isinstance(value, Mapping) and axes else dict.fromkeys(axes or ("",), value)
+    found = {}
+    for axis, number in given.items():
+        if axes and axis not in axes:
+            raise ValueError(f"{name}: the plant has the axes {', '.join(axes)}, and no {axis}")
+        found[axis] = _check.scalar(number, f"{name} of {axis}" if axis else name)
+        check(found[axis], f"{name} of {axis}" if axis else name)
+    return found
 
 
 class Scenarios(eqx.Module):
@@ -101,6 +116,7 @@ class Scenarios(eqx.Module):
         fine_steps: fixed integration steps a segment, for peaks of the deflection between the steps.
         designed: names of the leaves that are designed with the shaper.
         metric: what takes the residual energy's place; ``None`` for the energy.
+        groups: the axes of each shaper; without any, one shaper shapes the whole command.
     """
 
     plant: AbstractPlant
@@ -111,6 +127,13 @@ class Scenarios(eqx.Module):
     fine_steps: int = eqx.field(static=True)
     designed: tuple[str, ...] = eqx.field(static=True)
     metric: Metric | None = eqx.field(static=True)
+    groups: tuple[tuple[str, ...], ...] = eqx.field(static=True, default=())
+
+    def shaping(self, point: Point) -> Shaper | dict[str, Shaper]:
+        """What shapes the command in a design: the shaper, or axis → its own."""
+        if not self.groups:
+            return point.shapers[0]
+        return {axis: shaper for axes, shaper in zip(self.groups, point.shapers, strict=True) for axis in axes}
 
     def with_design(self, plant: AbstractPlant, point: Point) -> AbstractPlant:
         """The plant with its designed leaves at the values of a design."""

@@ -268,7 +268,7 @@ class Search:
         samples = {name: np.asarray(v) for name, v in scenarios.samples.items()}
         active = {name: v[heaviest] for name, v in samples.items()}
         return Solution(
-            shaper=Point(amplitudes / amplitudes.sum(), gaps, leaves).shaper,
+            shaping=scenarios.shaping(Point(problem.bounds.each(lambda a: a / a.sum(), amplitudes), gaps, leaves)),
             objective=value_of(problem.objective, values),
             status=status,
             message=f"{status.value}: {self.summary}{missed}",
@@ -293,8 +293,9 @@ class Search:
     @functools.cached_property
     def _bare(self) -> float:
         """The energy that the bare command leaves, J."""
-        scenarios, n = self.problem.scenarios, self.problem.bounds.impulses
-        bare = Point(np.eye(n)[0], np.zeros(n - 1), self.problem.bounds.leaves)
+        scenarios, bounds = self.problem.scenarios, self.problem.bounds
+        first, zeros = np.eye(bounds.impulses)[0], np.zeros(bounds.impulses - 1)
+        bare = Point(np.tile(first, bounds.shapers), np.tile(zeros, bounds.shapers), bounds.leaves)
         energy = float(self.judge.values(self.judge.vector(bare)).energies[0])
         if energy >= DIVERGED_ENERGY:
             # It makes the plant diverge; what it stores in it at first is the measure then.

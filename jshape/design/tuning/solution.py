@@ -16,7 +16,7 @@ class Solution(Result):
     """A tuned shaper and how it was found.
 
     Attributes:
-        shaper: the shaper.
+        shaping: what the metrics take: the shaper, or axis → the shaper of that axis.
         objective: residual energy (J; or the metric asked for): the nominal plant's, or the worst, mean or tail mean
             over the uncertain set, or what the objective's function makes of them.
         status: ``CONVERGED`` at an optimum, ``STOPPED`` where the iterations ran out before, ``INFEASIBLE`` where a
@@ -38,7 +38,7 @@ class Solution(Result):
         slack: of the limit on the move that is closest: 1 where none of it is used, negative where it is missed.
     """
 
-    shaper: Shaper
+    shaping: Shaper | dict[str, Shaper]
     objective: float
     status: Status
     message: str
@@ -53,15 +53,38 @@ class Solution(Result):
     leaves: dict[str, float]
     slack: float
 
+    @property
+    def shaper(self) -> Shaper:
+        """The shaper.
+
+        Raises:
+            ValueError: where there is one for each axis: ``shapers``.
+        """
+        if not isinstance(self.shaping, Shaper):
+            raise ValueError(f"shaper: each axis has its own; take shapers, of {', '.join(self.shaping)}")
+        return self.shaping
+
+    @property
+    def shapers(self) -> dict[str, Shaper]:
+        """Axis → shaper; a plant of one axis has the axis ``"command"``."""
+        if not isinstance(self.shaping, Shaper):
+            return self.shaping
+        return dict.fromkeys(self.plant.axes or ("command",), self.shaping)
+
     def __repr__(self) -> str:
         return "\n  ".join([f"Solution({self.message})", *(f"{name}: {text}" for name, text in self._rows())])
 
     def _repr_html_(self) -> str:
         rows = [("status", self.message), *self._rows()]
         table = "".join(f"<tr><th>{name}</th><td>{html.escape(text)}</td></tr>" for name, text in rows)
-        # The shaper draws itself, where it can.
-        picture = getattr(self.shaper, "_repr_html_", str)()
-        return f"<table>{table}</table>{picture}"
+        # Shapers draw themselves, where they can.
+        pictures = [getattr(shaper, "_repr_html_", str)() for shaper in self._distinct().values()]
+        return f"<table>{table}</table>{''.join(pictures)}"
+
+    def _distinct(self) -> dict[str, Shaper]:
+        """The shaper, or those of the axes, by the words before them."""
+        one = isinstance(self.shaping, Shaper)
+        return {"shaper": self.shaper} if one else {f"shaper of {axis}": one for axis, one in self.shapers.items()}
 
     def _rows(self) -> list[tuple[str, str]]:
         """What a person reads first: names and texts."""
@@ -70,7 +93,7 @@ class Solution(Result):
             for row in zip(*self.active.values(), strict=True)
         ]
         return [
-            ("shaper", repr(self.shaper)),
+            *((words, repr(shaper)) for words, shaper in self._distinct().items()),
             (
                 "objective",
                 f"{self.objective:.6g}, {self.objective_on_finer_set:.6g} on the finer set, error {self.error:.1e}",

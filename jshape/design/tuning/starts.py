@@ -18,7 +18,8 @@ from jshape.shaper import Shaper
 
 def starts(problem: DesignProblem, count: int, seed: int) -> list[Point]:
     """``count`` starting points within the bounds: the closed forms come first, the random ones last."""
-    plant, bounds, size = problem.scenarios.plant, problem.bounds, float(problem.scenarios.command.final)
+    plant, bounds, command = problem.scenarios.plant, problem.bounds, problem.scenarios.command
+    size = 0.0 if plant.axes else float(command.final)
     shapers = []
     for impulses in range(bounds.impulses, 1, -1):
         fewer = _linear(plant, impulses) + _energy(plant, size, impulses)

@@ -13,9 +13,9 @@ from typing import Any
 from jshape import _check
 from jshape._types import Progress
 from jshape.design.tuning import digital
-from jshape.design.tuning.design_problem import design_problem
+from jshape.design.tuning.design_problem import DesignProblem, design_problem
 from jshape.design.tuning.objective import Objective
-from jshape.design.tuning.scenarios import Limits, Metric
+from jshape.design.tuning.scenarios import Limits, Metric, Point
 from jshape.design.tuning.search import Search
 from jshape.design.tuning.solution import Solution
 from jshape.design.tuning.starts import starts as starting_points
@@ -40,11 +40,12 @@ def tune(
     time_cost: float = 0.0,
     sample_time: float | None = None,
     also: Sequence[str] | Mapping[str, Any] = (),
-    peak_deflection: float | None = None,
-    speed_limit: float | None = None,
-    command_overshoot: float | None = None,
+    shapers: str | Sequence[str] = "shared",
+    peak_deflection: float | Mapping[str, float] | None = None,
+    speed_limit: float | Mapping[str, float] | None = None,
+    command_overshoot: float | Mapping[str, float] | None = None,
     initial_state: Any = None,
-    start: Shaper | None = None,
+    start: Shaper | Mapping[str, Shaper] | None = None,
     iterations: int | None = None,
     method: str = "second-order",
     progress: Progress | None = None,
@@ -76,15 +77,18 @@ def tune(
         seed: of the random starting points.
         relative: whether ``over`` holds multiples of nominal values, not absolute ones.
         metric: what takes the residual energy's place, a function in JAX (plant, shaper, command) → scalar.
-        time_cost: added to the objective for each second of the shaper, J/s.
+        time_cost: added to the objective for each second of the shaper (of every one, where there are several), J/s.
         sample_time: s; all impulses at multiples of it.
         also: leaves of the plant that are designed with the shaper, a list (within a tenth and ten times nominal) or
             leaf → (least, greatest).
-        peak_deflection: greatest deflection of every plant until a period after the move, m.
+        shapers: of a plant of several axes: ``"shared"``, one for all axes, ``"per axis"``, one each for those that
+            move, or a list of axes that share one, while the others are not shaped.
+        peak_deflection: greatest deflection of every plant until a period after the move, m; this and the next two of
+            several axes a number for every one, or axis → number.
         speed_limit: greatest speed of the shaped command, its unit per s.
         command_overshoot: of the shaped command past its ends, a fraction of the distance; 0 for none.
         initial_state: of every plant; at rest if not given.
-        start: begin at this shaper and nowhere else.
+        start: begin at this shaper (axis → shaper) and nowhere else.
         iterations: at most so many (40 for Levenberg–Marquardt, 360 for the trust region, 1000 for Adam).
         method: ``"second-order"`` or ``"first-order"``.
         progress: called along the way (see ``jshape._types.Progress``).
@@ -102,17 +106,30 @@ def tune(
         iterations = _check.count(iterations, "iterations")
     problem = design_problem(
         plant, distance, impulses, duration, amplitudes, limit, over, objective,
-        relative=relative, metric=metric, also=also, initial_state=initial_state, time_cost=time_cost,
-        limits=Limits(peak_deflection, speed_limit, command_overshoot),
+        relative=relative, metric=metric, also=also, initial_state=initial_state, time_cost=time_cost, shapers=shapers,
+        limits=Limits(peak_deflection, speed_limit, command_overshoot, getattr(plant, "axes", ())),
     )  # fmt: skip
     if sample_time is not None:
         _check.positive(sample_time, "sample_time")
         digital.check(sample_time, problem.bounds)
-    if start is None:
-        points = starting_points(problem, starts, seed)
-    elif len(start.times) != problem.bounds.impulses:
-        raise ValueError(f"start must have {problem.bounds.impulses} impulses, not {len(start.times)}")
-    else:
-        points = [problem.bounds.nearest(start)]
+    points = starting_points(problem, starts, seed) if start is None else [_begin(problem, start)]
     search = Search(problem, progress or (lambda stage, done, total, best: None))
     return search.run(points, method, iterations, sample_time)
+
+
+def _begin(problem: DesignProblem, start: Shaper | Mapping[str, Shaper]) -> Point:
+    """The design to begin with.
+
+    Raises:
+        ValueError: for a shaper with another number of impulses, and where that of an axis is missing.
+    """
+    groups = problem.scenarios.groups or (("command",),)
+    given = dict.fromkeys((axes[0] for axes in groups), start) if isinstance(start, Shaper) else start
+    missing = [axes[0] for axes in groups if axes[0] not in given]
+    if missing:
+        raise ValueError(f"start must name a shaper for each of {', '.join(missing)}, not only {', '.join(given)}")
+    some = [given[axes[0]] for axes in groups]
+    for shaper in some:
+        if len(shaper.times) != problem.bounds.impulses:
+            raise ValueError(f"start must have {problem.bounds.impulses} impulses, not {len(shaper.times)}")
+    return problem.bounds.nearest(*some)

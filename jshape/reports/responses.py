@@ -1,0 +1,87 @@
+"""The responses of a problem's machine to its shapers, as they are drawn: a figure for each axis that moves."""
+
+from collections.abc import Iterator, Mapping
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from jshape.command import as_command
+from jshape.plants import AbstractCrane, AbstractPlant
+from jshape.problems.problem import Problem
+from jshape.shaper import Shaping
+from jshape.simulation.simulate import simulate
+from jshape.sweeps.evaluate import alike_shapers
+from jshape.sweeps.leaves import leaf, with_leaves
+from jshape.sweeps.sweep import moving
+
+
+def responses(
+    problem: Problem, shapers: Mapping[str, Shaping], bare: Shaping, duration: float
+) -> Iterator[tuple[str, tuple]]:
+    """Name and numbers of each figure of ``plot.response``.
+
+    The nominal plant, the ends of the uncertainty and, where it sways, the sway; of several axes a figure for each that
+    moves.
+
+    Args:
+        problem: the problem.
+        shapers: those that are drawn, by name.
+        bare: no shaper.
+        duration: of the longest shaped command, s.
+    """
+    plant, move = problem.plant, as_command(problem.distance)
+    natural = float(np.min(np.asarray(plant.natural_frequency())))
+    horizon = duration + (3 * np.pi / natural if natural > 0 else duration)
+    *alike, unshaped_alike = alike_shapers([*shapers.values(), bare], plant.axes)
+
+    def run(plant: AbstractPlant, shaper: Shaping) -> SimpleNamespace:
+        # The kernel that tuned and judged the shapers; its error is far below a line's width, and it compiles soonest.
+        found = simulate(plant, move, shaper, horizon=horizon, samples=600, method="fixed")
+        return numbers_of(found, "times", "command", "payload", "deflection")
+
+    ends = [
+        with_leaves(plant, {name: values[at] * leaf(plant, name)})
+        for name, values in problem.over.items()
+        for at in (0, -1)
+    ]
+    nominal = {name: run(plant, shaper) for name, shaper in zip(shapers, alike, strict=True)}
+    extremes = {name: [run(end, shaper) for end in ends] for name, shaper in zip(shapers, alike, strict=True)}
+    turning = [plant.axis_unit(i) == "rad" for i in range(max(len(plant.axes), 1))]
+    sways = any(turning) or isinstance(plant, AbstractCrane)
+    unshaped = run(plant, unshaped_alike) if sways else None
+    axes = moving(plant, move)
+    for i, axis in [(plant.axes.index(axis), axis) for axis in axes] or [(0, "")]:
+        turns, drive = turning[i], plant.drives(i)[0]
+        along = lambda drawn, i=i: _along(drawn, i, bool(axes), turning[i])
+        moved = {"displacement": "motor" if turns else "base", "force": ""}.get(drive, "trolley")
+        label = f"{axis} {'angle (°)' if turns else 'position (m)'}".strip()
+        sway = ("deflection (°)" if turns else "sway (mm)") if sways else None
+        values = (
+            {name: along(drawn) for name, drawn in nominal.items()},
+            {name: [along(drawn) for drawn in some] for name, some in extremes.items()},
+            ((axis or moved) if moved else "", "payload"),
+            label,
+            None if unshaped is None else along(unshaped),
+            sway,
+        )
+        yield f"response_{axis}" if axis else "response", values
+
+
+def _along(drawn: SimpleNamespace, axis: int, several: bool, turns: bool) -> SimpleNamespace:
+    """What is drawn of one axis: angles in degrees, deflections in degrees or mm."""
+    size = 180 / np.pi if turns else 1.0
+    command, payload, deflection = (
+        values[:, axis] if several else values for values in (drawn.command, drawn.payload, drawn.deflection)
+    )
+    return SimpleNamespace(
+        times=drawn.times,
+        command=size * command,
+        payload=size * payload,
+        deflection=size * deflection if turns else 1e3 * deflection,
+    )
+
+
+def numbers_of(result: Any, *names: str) -> SimpleNamespace:
+    """What is drawn of a result, as plain arrays."""
+    return SimpleNamespace(**{name: np.asarray(getattr(result, name)) for name in names})
