@@ -226,13 +226,14 @@ class Checked(eqx.Module):
 
 
 def recheck(module: eqx.Module) -> None:
-    """Checks a module and its parts as construction does: for leaves that were replaced since."""
+    """Checks a module and its parts, also those in dictionaries, as construction does: for leaves replaced since."""
     for field in dataclasses.fields(module):
         value, converter = getattr(module, field.name), field.metadata.get("converter")
         if isinstance(converter, Argument):
             converter(value)
-        if isinstance(value, eqx.Module):
-            recheck(value)
+        for part in value.values() if isinstance(value, dict) else (value,):
+            if isinstance(part, eqx.Module):
+                recheck(part)
     for kind in type(module).__mro__:
         if "__check_init__" in vars(kind):
             vars(kind)["__check_init__"](module)

@@ -10,6 +10,7 @@ import jshape
 from jshape.cli import app
 from jshape.problems import catalogue
 from jshape.problems.reading import read
+from jshape.problems.starters import STARTERS
 
 run = CliRunner().invoke
 
@@ -95,7 +96,7 @@ def test_wrong_answers_are_asked_again(monkeypatch, tmp_path):
 
 
 def test_a_plant_of_ones_own_is_an_answer(monkeypatch, tmp_path):
-    output, draft = asked(monkeypatch, tmp_path, ["16"])
+    output, draft = asked(monkeypatch, tmp_path, [str(len(STARTERS) + 1)])
     assert "a plant of your own" in output
     assert draft.foreign == "own_plant:SinhMass"
     assert (tmp_path / "own_plant.py").exists()

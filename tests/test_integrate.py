@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jshape.simulation import integrate as integrate_module
 from jshape.simulation.integrate import METHODS, integrate, runge_kutta_step, tableau_of
 from jshape.simulation.solver import WrittenOut
 
@@ -216,3 +217,17 @@ def test_second_derivatives_of_a_step():
     gradient, point, width = jax.jit(jax.grad(cost)), jnp.asarray([1.0, 0.5, 0.9]), 1e-5
     columns = [(gradient(point + width * e) - gradient(point - width * e)) / (2 * width) for e in jnp.eye(3)]
     np.testing.assert_allclose(jax.hessian(cost)(point), jnp.stack(columns), rtol=0, atol=1e-8)
+
+
+def test_a_loop_over_stages_is_the_same_step(monkeypatch):
+    """What heavy equations take in the place of stages that are written out: state, error and derivatives."""
+
+    def step(state):
+        slope = lambda fraction, y: jnp.stack([y[1], -jnp.sin(y[0]) * (1 + fraction) - 0.1 * y[1], y[0] * y[2]])
+        return jnp.concatenate(runge_kutta_step(tableau_of("dopri8"), slope, state, jnp.asarray(0.3)))
+
+    state = jnp.array([0.4, -1.0, 0.7])
+    written_out, slopes = step(state), jax.jacfwd(step)(state)
+    monkeypatch.setattr(integrate_module, "_WRITTEN_OUT", 0)
+    np.testing.assert_allclose(step(state), written_out, rtol=1e-13, atol=1e-15)
+    np.testing.assert_allclose(jax.jacrev(step)(state), slopes, rtol=1e-11, atol=1e-15)

@@ -19,6 +19,8 @@ from .links import AbstractLink as AbstractLink
 from .links import Beam as Beam
 from .links import TabulatedLink as TabulatedLink
 from .modal import ModalPlant as ModalPlant
+from .mujoco import from_mjcf as from_mjcf
+from .mujoco import from_urdf as from_urdf
 from .oscillator import AbstractOscillator as AbstractOscillator
 from .pendulum import BobRodPendulum as BobRodPendulum
 from .pendulum import Crane as Crane

@@ -27,8 +27,11 @@ PARTS = {
 }
 """The keys that are tables with a ``type`` of their own, and the class that all of those types belong to."""
 
-WORDS = ("drive",)
+WORDS = ("drive", "file", "payload", "keyframe")
 """Keys whose value is a word."""
+
+READERS = {"MJCF": "from_mjcf", "URDF": "from_urdf"}
+"""Plants that are described in a file of their own, and the function of ``jshape.plants`` that reads it."""
 
 COMMANDS = ("Step", "Trapezoid", "SCurve", "Sampled")
 
@@ -38,6 +41,7 @@ GROUPS = {
     "robots": ("FlexibleJoint", "FlexibleLink"),
     "measured modes": ("AbstractModes",),
     "from another plant": ("Linearised",),
+    "from a file": tuple(READERS),
 }
 """Groups of plants, and the classes that are in them or whose subclasses are."""
 
@@ -56,6 +60,7 @@ class Key:
         default: a number, a list or a word; ``REQUIRED`` where there is none, ``None`` where it may be absent.
         part: the class of a part, where the key is a table of its own.
         checks: names of the functions in ``jshape._check`` that its value passes.
+        table: ``"str"`` or ``"float"`` where the value is a table of words or of numbers.
     """
 
     name: str
@@ -64,6 +69,7 @@ class Key:
     default: Any
     part: str | None
     checks: tuple[str, ...]
+    table: str | None = None
 
     @property
     def required(self) -> bool:
@@ -117,7 +123,8 @@ def known(base: str) -> dict[str, Entry]:
     if base == "AbstractCommand":
         return {name: _entry(name) for name in COMMANDS}
     found = {name: _entry(name) for name in _exported() if base in _bases(name) and not name.startswith("Abstract")}
-    return {name: entry for name, entry in found.items() if "function" not in entry.keys}
+    found = {name: entry for name, entry in found.items() if "function" not in entry.keys}
+    return found | {name: _reader(name) for name in READERS} if base == "AbstractPlant" else found
 
 
 def group(name: str) -> str:
@@ -132,9 +139,19 @@ def suggestion(name: str, names: Iterable[str]) -> str:
     return f"; did you mean {lower[near[0]]}?" if near else ""
 
 
-def described(doc: str | None) -> dict[str, str]:
-    """The entries under ``Attributes:`` in a docstring, by name."""
-    _, _, text = inspect.cleandoc(doc or "").partition("\nAttributes:\n")
+def leaf_unit(leaf: str) -> str | None:
+    """Unit of a leaf of a plant that is read from a file; ``None`` for a joint's, which depend on the joint."""
+    part, _, rest = leaf.partition(".")
+    if part == "gravity":
+        return "m/s²"
+    name = next((name for name in reversed(rest.split(".")) if name not in ("x", "y", "z")), "")
+    keys = _entry("Body").keys if part == "body" else {}
+    return keys[name].unit if name in keys else None
+
+
+def described(doc: str | None, title: str = "Attributes") -> dict[str, str]:
+    """The entries under ``Attributes:`` (or ``Args:``) in a docstring, by name."""
+    _, _, text = inspect.cleandoc(doc or "").partition(f"\n{title}:\n")
     block = re.split(r"\n(?=\S)", text)[0]
     found = re.findall(r"^    (\w+): (.*(?:\n     +.*)*)", block, re.M)
     return {name: " ".join(words.replace("``", "").split()) for name, words in found}
@@ -153,6 +170,25 @@ def _classes() -> dict[str, tuple[ast.ClassDef, dict[str, Any]]]:
                 constants[node.targets[0].id] = _literal(node.value, constants)
         found |= {node.name: (node, constants) for node in body if isinstance(node, ast.ClassDef)}
     return found
+
+
+def _reader(name: str) -> Entry:
+    """The keys of a plant that is read from a file: the arguments of the function that reads it."""
+    path = Path(__file__).parents[1] / "plants" / "mujoco.py"
+    body = ast.parse(path.read_text(encoding="utf-8")).body
+    node = next(each for each in body if isinstance(each, ast.FunctionDef) and each.name == READERS[name])
+    doc = ast.get_docstring(node) or ""
+    words, keys = described(doc, "Args"), {}
+    given = [(argument, REQUIRED) for argument in node.args.args] + [
+        (argument, None) for argument in node.args.kwonlyargs
+    ]
+    for argument, default in given:
+        kind = re.search(r"Mapping\[str, (\w+)\]", ast.unparse(argument.annotation or node))
+        key = Key(argument.arg, "", None, default, None, (), kind[1] if kind else None)
+        meaning = words[argument.arg].partition(", or the file's text")[0]
+        keys[key.name] = dataclasses.replace(key, meaning=meaning)
+    summary = " ".join(doc.split("\n\n")[0].replace("``", "").split())
+    return Entry(name, summary, keys, (name,), {"unit": "m", "force_unit": "N"})
 
 
 def _exported() -> list[str]:

@@ -4,6 +4,7 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
+from jshape.problems.catalogue import READERS
 from jshape.problems.reading import QUANTITIES, Draft, Part, turned
 from jshape.problems.units import in_units, lengths, shown
 
@@ -52,6 +53,9 @@ def _move(draft: Draft) -> str:
 
 def label(plant: Part, leaf: str, unit: str | None) -> str:
     """A leaf in words for an axis of a figure, with its unit: ``payload mass (kg)``, ``linear stiffness (N/m)``."""
+    if plant.kind in READERS:
+        words = leaf.replace("_", " ").replace(".", " ")
+        return f"{words} ({unit})" if unit else words
     name, _, rest = leaf.partition(".")
     value = plant.values.get(name)
     if isinstance(value, Part):
@@ -96,7 +100,10 @@ def _part(part: Part | str, units: dict[str, str]) -> str:
     words = []
     for name, value in part.values.items():
         key = part.entry.keys[name] if part.entry else None
-        if isinstance(value, Part):
+        if isinstance(value, dict):
+            pairs = (f"{key} {shown(inner, None)}" for key, inner in value.items())
+            words.append(f"{name} ({', '.join(pairs)})")
+        elif isinstance(value, Part):
             words.append(f"{name} ({_part(value, turned(part.entry, name) if part.entry else {})})")
         else:
             words.append(f"{name} {shown(value, in_units(key.unit, units) if key else None)}")

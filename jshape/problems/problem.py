@@ -20,11 +20,11 @@ from jshape import plants
 from jshape._files import printable
 from jshape.axes import Axes
 from jshape.plants import AbstractPlant
-from jshape.problems.catalogue import COMMANDS, PARTS, REQUIRED, Entry, Key, described
+from jshape.problems.catalogue import COMMANDS, PARTS, READERS, REQUIRED, Entry, Key, described
 from jshape.problems.echo import label, understood
 from jshape.problems.lines import Lines
 from jshape.problems.lines import ProblemError as ProblemError
-from jshape.problems.reading import Draft, Part, read, with_class
+from jshape.problems.reading import Draft, Part, beside, read, with_class
 from jshape.problems.schema import Adapt, Design, Front
 from jshape.problems.units import Units, printed
 from jshape.sweeps.leaves import check_over, leaf
@@ -147,14 +147,16 @@ def _entry(kind: type[AbstractPlant]) -> Entry:
 def _object(part: Part, keys: list[str], lines: Lines, kind: type | None = None) -> Any:
     """An object as a file describes it: parts first, then the constructor, whose errors are raised with the line."""
     made: Any = kind or (Axes if part.kind == "Axes" else None)
-    made = made or getattr(commands if part.kind in COMMANDS else plants, part.kind)
+    made = made or getattr(commands if part.kind in COMMANDS else plants, READERS.get(part.kind, part.kind))
     values = {
         name: _object(value, [*keys, name], lines) if isinstance(value, Part) else value
         for name, value in part.values.items()
     }
+    if part.kind in READERS:
+        values["file"] = beside(lines, values["file"])
     try:
         return made(**values)
-    except (TypeError, ValueError) as error:
+    except (ImportError, TypeError, ValueError) as error:
         message = str(error)
         blamed = next((name for name in values if re.match(rf"{name}\b", message)), None)
         if isinstance(error, TypeError):

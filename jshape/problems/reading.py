@@ -137,7 +137,7 @@ def read(name: str | Path) -> Draft:
     lines = Lines(path, text)
     for keys, message in limits.exceeded(raw):
         raise lines.error(keys, message)
-    reader = _Reader(lines, _units(raw))
+    reader = _Reader(lines, _units(lines, raw))
     reader.quantities(raw)
     try:
         file = File.model_validate(raw)
@@ -167,7 +167,7 @@ def with_class(draft: Draft, entry: Entry) -> Draft:
     return dataclasses.replace(draft, plant=plant, over=over, questions=[*draft.questions, *reader.questions])
 
 
-def _units(raw: dict[str, Any]) -> Units:
+def _units(lines: Lines, raw: dict[str, Any]) -> Units:
     """The units of the payload and of the command, by the plant that the file names."""
     table = raw.get("plant")
     kind = table.get("type") if isinstance(table, dict) else None
@@ -175,9 +175,38 @@ def _units(raw: dict[str, Any]) -> Units:
     if not isinstance(table, dict) or entry is None:
         return Units("m", "m", {}, {})
     if entry.name == "Linearised":
-        return _units(table)
+        return _units(lines, table)
+    if kind in catalogue.READERS:
+        unit = _unit_of_file(lines, table)
+        return Units(unit, unit, {}, {})
     drive = table.get("drive")
     return Units(entry.constants["unit"], entry.command_unit(drive), entry.axes, entry.command_units(drive))
+
+
+def _unit_of_file(lines: Lines, table: dict[str, Any]) -> str:
+    """The unit of a plant that is described in a file of its own: its first driven joint is a slide or a hinge."""
+    from jshape.plants import mujoco_model
+
+    try:
+        model = mujoco_model.load(beside(lines, table.get("file")))
+        return mujoco_model.command_unit(model, mujoco_model.check_driven(model, table.get("driven")))
+    except (ImportError, ValueError) as error:
+        key = "driven" if str(error).startswith("driven") else "file"
+        raise lines.error(["plant", key], str(error).removeprefix(key).lstrip(" :")) from None
+
+
+def beside(lines: Lines, name: Any) -> Path:
+    """The file of that name beside the problem file, or of those that come with jshape.
+
+    Raises:
+        ProblemError: if there is none.
+    """
+    if not isinstance(name, str) or not name:
+        raise lines.error(["plant", "file"], f"must be the name of a file, not {name!r}")
+    for folder in (lines.path.parent, Path(__file__).parent):
+        if (folder / name).is_file():
+            return folder / name
+    raise lines.error(["plant", "file"], f"there is no file {name!r} beside the problem file")
 
 
 class _Reader:
@@ -290,7 +319,12 @@ class _Reader:
         return found
 
     def value(self, key: Key, value: Any, place: list[str], units: dict[str, str]) -> Any:
-        """A number, a list or a word."""
+        """A number, a list, a word, or a table of numbers or words."""
+        if key.table is not None:
+            if not isinstance(value, dict):
+                raise self.lines.error(place, f"must be a table, such as {{ slide = ... }}, not {value!r}")
+            inner = dataclasses.replace(key, name="drive" if key.table == "str" else "", table=None)
+            return {name: self.value(inner, entry, [*place, name], units) for name, entry in value.items()}
         if key.name in WORDS:
             if not isinstance(value, str):
                 raise self.lines.error(place, f"must be a word, not {value!r}")
@@ -340,6 +374,8 @@ def leaf_unit(plant: Part, leaf: str) -> str | None:
     first, _, rest = leaf.partition(".")
     if plant.entry is None:
         return None
+    if plant.kind in catalogue.READERS:
+        return catalogue.leaf_unit(leaf)
     if first not in plant.entry.keys or first in WORDS:
         names = [name for name in plant.entry.keys if name not in WORDS]
         raise ValueError(f"unknown leaf {first!r}: {plant.kind} has {', '.join(names)}{suggestion(first, names)}")

@@ -135,6 +135,17 @@ STARTERS = (
         {"plant": {"type": "Crane", "cable_length": "6.5 m"}}, _TROLLEY,
         {"plant.cable_length": {"low": "5 m", "high": "8 m", "count": 9}}, {"impulses": 3},
     ),
+    Starter(
+        "mjcf", "machine of rigid bodies described in MJCF: a crane with a hook and slings", "MJCF",
+        {"file": "double_pendulum_crane.xml", "driven": {"slide": "trolley"}}, _TROLLEY,
+        {"body.load.mass": {"low": "1 t", "high": "8 t", "count": 9}}, {"impulses": 4, "sample_time": "10 ms"},
+    ),
+    Starter(
+        "urdf", "machine of rigid bodies described in URDF: a gantry whose mast bends", "URDF",
+        {"file": "gantry.urdf", "driven": {"rail": "gantry"}, "stiffness": {"bend": 9000.0}, "damping": {"bend": 8.0}},
+        _trapezoid("0.8 m", "0.5 m/s", "2 m/s²"),
+        {"body.mast.mass": {"low": "8 kg", "high": "20 kg", "count": 9}}, {"impulses": 3, "sample_time": "1 ms"},
+    ),
 )  # fmt: skip
 
 OWN = "own_plant"
@@ -194,8 +205,7 @@ def text(starter: Starter) -> str:
     blocks += _object("plant", entry, starter.values)
     blocks.append(["[uncertainty]  # with a unit: absolute; without: multiples of the value above"])
     for leaf, spread in starter.uncertain.items():
-        pairs = ", ".join(f"{key} = {_toml(value)}" for key, value in spread.items())
-        blocks[-1].append(f"{leaf if '.' not in leaf else _toml(leaf)} = {{ {pairs} }}")
+        blocks[-1].append(f"{leaf if '.' not in leaf else _toml(leaf)} = {_toml(spread)}")
     blocks.append(["[design]", *(_line(key, value, DESIGN.get(key, "")) for key, value in starter.design.items())])
     blocks[-1] += [
         _line("amplitudes", "positive", DESIGN["amplitudes"]),
@@ -216,7 +226,8 @@ DESIGN = {
 
 def _object(path: str, entry: Entry, values: dict[str, Any], units: dict[str, str] | None = None) -> list[list[str]]:
     """The table of a plant or a part and, below it, those of its parts; a part that may be absent is a comment."""
-    plain = {key: value for key, value in values.items() if not isinstance(value, dict)}
+    tables = {key.name for key in entry.keys.values() if key.table}
+    plain = {key: value for key, value in values.items() if not isinstance(value, dict) or key in tables}
     blocks = [_table(path, entry, {"type": entry.name, **plain}, units or {}, _sentence(entry.summary))]
     for key in entry.keys.values():
         if key.part is None:
@@ -290,4 +301,6 @@ def _toml(value: Any) -> str:
         return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
     if isinstance(value, list | tuple):
         return f"[{', '.join(map(_toml, value))}]"
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{key} = {_toml(inner)}" for key, inner in value.items()) + " }"
     return repr(value)

@@ -20,11 +20,13 @@ class Components:
 
     ``others`` and ``vector``: examples. ``captured``: the arrays that the function holds besides its arguments, as
     arguments, so that it can be differentiated with respect to them. ``same``: which components of the result are
-    components of the vector, untouched. Traced, and transformed, once, however often it is called.
+    components of the vector, untouched. ``size``: how many operations it takes. Traced, and transformed, once, however
+    often it is called.
     """
 
     captured: list[Any]
     same: dict[int, int]
+    size: int
 
     def __init__(self, function: Callable[..., Array], *others: Array, vector: Array):
         traced = jax.make_jaxpr(function)(*others, vector)
@@ -38,6 +40,7 @@ class Components:
         self._program = jax.jit(run)
         inside = self._program.trace(traced.consts, *others, parts_of(vector)).jaxpr.jaxpr
         given = inside.invars[-vector.size :]
+        self.size = len(inside.eqns)
         self.same = {i: given.index(result) for i, result in enumerate(inside.outvars) if result in given}
 
     def __call__(self, captured: list[Any], *arguments: Any) -> list[Array]:

@@ -28,6 +28,9 @@ from jshape.simulation.components import Components, parts_of
 if TYPE_CHECKING:
     import diffrax
 
+_WRITTEN_OUT = 400
+"""Operations of an equation of motion up to which its stages are written out."""
+
 METHODS = ("dopri8", "tsit5")
 """Tableaus by name: order 8 for accuracy, order 5 where a few digits are enough."""
 
@@ -57,6 +60,8 @@ def runge_kutta_step(
     differentiate.
     """
     field = Components(slope, jnp.zeros_like(step), vector=state)
+    if field.size > _WRITTEN_OUT:
+        return _looped(tableau, functools.partial(field, field.captured), state, step)
     rates = {i: j for i, j in field.same.items() if j not in field.same}
     whole = lambda state, step, values: _stages(tableau, {}, functools.partial(field, values), state, step, fenced=True)
 
@@ -95,6 +100,22 @@ def _stages(tableau, rates: dict[int, int], slope, state: State, step: Scalar, f
             slopes.append(slope(jnp.asarray(fraction, step.dtype), at))
     end = [y + moved(i, pad(tableau.b_sol)) for i, y in enumerate(begin)]
     return jnp.stack(end), jnp.stack([moved(i, pad(tableau.b_error)) for i in range(len(begin))])
+
+
+def _looped(tableau, slope, state: State, step: Scalar) -> tuple[State, State]:
+    """The same step and error by a loop over its stages, whose body is compiled once."""
+    count = len(tableau.c) + 1
+    pad = lambda weights: jnp.asarray(np.pad(weights, (0, count - len(weights))), state.dtype)
+    rows = jnp.stack([pad(row) for row in [np.zeros(0), *tableau.a_lower]])
+
+    def stage(slopes: Array, item: tuple[Array, Array, Array]) -> tuple[Array, None]:
+        index, fraction, row = item
+        at = state + step * (row @ slopes)
+        return slopes.at[index].set(jnp.stack(slope(fraction, parts_of(at)))), None
+
+    items = (jnp.arange(count), pad(np.array([0.0, *tableau.c])), rows)
+    slopes, _ = jax.lax.scan(stage, jnp.zeros((count, len(state)), state.dtype), items)
+    return state + step * (pad(tableau.b_sol) @ slopes), step * (pad(tableau.b_error) @ slopes)
 
 
 def _fence() -> AbstractContextManager:

@@ -25,9 +25,13 @@ def leaf_names(plant: AbstractPlant) -> list[str]:
     """The dotted paths of all of a plant's leaves, entries of lists one by one."""
     names = []
     for path, leaf in jax.tree_util.tree_leaves_with_path(plant):
-        name = jax.tree_util.keystr(path, simple=True, separator=".")
+        name = _dotted(path)
         names += [name] if jnp.ndim(leaf) == 0 else [f"{name}.{i}" for i in range(jnp.shape(leaf)[0])]
     return names
+
+
+def _dotted(path: tuple[Any, ...]) -> str:
+    return jax.tree_util.keystr(path, simple=True, separator=".")
 
 
 def leaf(plant: AbstractPlant, name: str) -> Array:
@@ -127,19 +131,26 @@ def map_plants(function: Callable[[AbstractPlant], Any], plant: AbstractPlant, s
 
 def _where(plant: AbstractPlant, name: str) -> tuple[Callable[[Any], Any], int | None]:
     """What takes the leaf (or the array that it is an entry of) out of a plant, and the entry's index."""
+    paths = {_dotted(path): path for path, _ in jax.tree_util.tree_leaves_with_path(plant)}
     if not isinstance(name, str) or name not in leaf_names(plant):
         raise ValueError(f"unknown leaf {name!r}: {type(plant).__name__} has {', '.join(leaf_names(plant))}")
-    parts = name.split(".")
     index = None
+    if name not in paths:
+        name, _, entry = name.rpartition(".")
+        index = int(entry)
 
-    def follow(tree: Any, keys: list[str]) -> Any:
-        for key in keys:
-            tree = tree[int(key)] if key.isdigit() else getattr(tree, key)
+    def follow(tree: Any) -> Any:
+        for key in paths[name]:
+            match key:
+                case jax.tree_util.GetAttrKey():
+                    tree = getattr(tree, key.name)
+                case jax.tree_util.DictKey():
+                    tree = tree[key.key]
+                case _:
+                    tree = tree[key.idx]
         return tree
 
-    if parts[-1].isdigit() and isinstance(follow(plant, parts[:-1]), jax.Array | np.ndarray):
-        index = int(parts.pop())
-    return lambda tree: follow(tree, parts), index
+    return follow, index
 
 
 def _check_construction(plant: AbstractPlant, name: str, values: Array) -> None:

@@ -1,0 +1,207 @@
+"""MJCF and URDF files: read by MuJoCo, and refused by name where they describe what a ``Multibody`` does not simulate.
+
+Without JAX: a problem file is checked before that is loaded.
+"""
+
+from collections.abc import Collection, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jshape._files import in_a_line, printable, read_text
+
+Model = Any
+"""MuJoCo's ``MjModel``, which its package has no types for."""
+
+SIZE = 2**24
+"""Bytes of a file, without what it includes."""
+
+HINGE, SLIDE = 3, 2
+"""MuJoCo's types of joints that can be simulated."""
+
+
+def engine() -> Any:
+    """The package ``mujoco``.
+
+    Raises:
+        ImportError: without it; the message says how to install it.
+    """
+    try:
+        import mujoco
+    except ImportError:
+        raise ImportError("MJCF and URDF files need MuJoCo: pip install 'jshape[mujoco]'") from None
+    return mujoco
+
+
+def load(file: str | Path) -> Model:
+    """MuJoCo's model of a file.
+
+    Args:
+        file: a path, or the file's text itself (whatever has a ``<`` in it).
+
+    Raises:
+        ValueError: for a file that cannot be read, and with MuJoCo's own words for one that it does not accept.
+        ImportError: without MuJoCo.
+    """
+    mujoco = engine()
+    if not isinstance(file, str | Path):
+        raise ValueError(f"file must be a path, or the text of an MJCF or URDF file, not {file!r}")
+    text = isinstance(file, str) and "<" in file
+    name = "file" if text else printable(str(file))
+    if text and len(str(file)) > SIZE:
+        raise ValueError(f"file must have at most {SIZE} characters, not {len(str(file))}")
+    if not text:
+        read_text(Path(file), SIZE)
+    try:
+        read = mujoco.MjModel.from_xml_string if text else mujoco.MjModel.from_xml_path
+        return read(str(file))
+    except ValueError as error:
+        raise ValueError(f"{name}: MuJoCo cannot read it: {in_a_line(str(error))}") from None
+
+
+def names(model: Model, kind: str) -> tuple[str, ...]:
+    """The names of all bodies, joints and the like of a model; ``joint3`` for the fourth joint, if it has no name.
+
+    Args:
+        model: MuJoCo's.
+        kind: as in ``mjtObj``, such as ``"body"``, ``"joint"`` or ``"key"``.
+
+    Raises:
+        ValueError: where two have the same one.
+    """
+    mujoco = engine()
+    label = {"equality": mujoco.mjtObj.mjOBJ_EQUALITY}.get(kind, getattr(mujoco.mjtObj, f"mjOBJ_{kind.upper()}"))
+    size = {"body": "nbody", "joint": "njnt", "actuator": "nu", "equality": "neq"}.get(kind, f"n{kind}")
+    given = [mujoco.mj_id2name(model, label, i) or f"{kind}{i}" for i in range(getattr(model, size))]
+    if len(set(given)) < len(given):
+        twice = next(name for name in given if given.count(name) > 1)
+        raise ValueError(f"{kind} {twice!r}: two have this name; give those without a name one")
+    return tuple(given)
+
+
+def check_driven(model: Model, driven: Any) -> dict[str, str]:
+    """``driven`` as a dictionary from joints to axes.
+
+    Raises:
+        ValueError: for what is no such mapping, is empty, or names a joint that there is not.
+    """
+    known = names(model, "joint")
+    if not isinstance(driven, Mapping) or not driven:
+        raise ValueError(f"driven must map joints to axes, such as {{'slide': 'trolley'}}, not {driven!r}")
+    for joint, axis in driven.items():
+        if joint not in known:
+            raise ValueError(f"driven names the joint {joint!r}; there are {', '.join(known)}")
+        if not isinstance(axis, str) or not axis:
+            raise ValueError(f"driven[{joint!r}] must be the name of an axis, not {axis!r}")
+    return dict(driven)
+
+
+def command_unit(model: Model, driven: Mapping[str, str]) -> str:
+    """Unit of the command: m where the first driven joint is a slide, rad where it is a hinge."""
+    first = next(iter(driven))
+    return "m" if model.jnt_type[names(model, "joint").index(first)] == SLIDE else "rad"
+
+
+def moved_bodies(model: Model, by: Collection[str]) -> np.ndarray:
+    """Which bodies these joints move, shape (bodies,)."""
+    found = np.zeros(model.nbody, bool)
+    moving = np.array([name in by for name in names(model, "joint")], bool)
+    for body in range(1, model.nbody):
+        found[body] = found[model.body_parentid[body]] or bool(moving[model.jnt_bodyid == body].any())
+    return found
+
+
+def refuse(model: Model, driven: Mapping[str, str]) -> None:
+    """Check that a model has nothing that a ``Multibody`` does not simulate and that could move its free joints.
+
+    Raises:
+        ValueError: that names what is in the way, and says what to remove.
+    """
+    for found in _obstacles(model, driven):
+        raise ValueError(found)
+
+
+def _obstacles(model: Model, driven: Mapping[str, str]) -> Iterator[str]:
+    disabled, bits = model.opt.disableflags, engine().mjtDisableBit
+    on = lambda flag: not disabled & (flag | bits.mjDSBL_CONSTRAINT)
+    for name in names(model, "tendon"):
+        yield f"tendon {name!r} is not simulated: remove it, and what acts on it"
+    if on(bits.mjDSBL_EQUALITY):
+        for name in names(model, "equality"):
+            yield f"equality constraint {name!r} is not simulated: remove it"
+    for name in names(model, "flex"):
+        yield f"flex {name!r} is not simulated: remove it"
+    if model.nplugin:
+        yield "plugins are not simulated: remove the <plugin> elements"
+    if model.nmocap:
+        yield 'mocap bodies are not simulated: remove mocap="true", or the body'
+    if model.opt.density or model.opt.viscosity:
+        yield "fluid forces are not simulated: remove density and viscosity from <option>"
+    for flag in ("SPRING", "DAMPER"):
+        if disabled & getattr(bits, f"mjDSBL_{flag}"):
+            yield f'<flag {flag.lower()}="disable"/> is not read: remove it, and what it disables'
+    loose = moved_bodies(model, set(names(model, "joint")) - set(driven))
+    yield from _joints(model, driven, on)
+    for body, name in enumerate(names(model, "body")):
+        if loose[body] and model.body_gravcomp[body]:
+            yield f"body {name!r}: gravcomp is not simulated: remove it"
+    if not disabled & bits.mjDSBL_ACTUATION:
+        yield from _actuators(model, driven)
+    if on(bits.mjDSBL_CONTACT):
+        yield from _contacts(model, loose)
+
+
+def _joints(model: Model, driven: Mapping[str, str], on: Any) -> Iterator[str]:
+    """Of joints: other types than hinge and slide, limits, dry friction, springs that yield, odd powers."""
+    bits = engine().mjtDisableBit
+    for i, name in enumerate(names(model, "joint")):
+        kind, dof = model.jnt_type[i], model.jnt_dofadr[i]
+        if kind not in (HINGE, SLIDE):
+            words = "moves its body freely" if kind == 0 else "is a ball joint"
+            yield f"joint {name!r} {words}, which is not simulated: put hinges and slides in its place, or remove it"
+        if name in driven:
+            continue
+        if model.jnt_limited[i] and on(bits.mjDSBL_LIMIT):
+            yield (
+                f'joint {name!r} has limits, which are not simulated: write limited="false" (in a URDF, '
+                'type="continuous")'
+            )
+        if model.dof_frictionloss[dof] and on(bits.mjDSBL_FRICTIONLOSS):
+            yield f"joint {name!r} has dry friction, which is not simulated: remove frictionloss (in a URDF, friction)"
+        if model.jnt_plasticadr[i] >= 0 or model.jnt_springyield[i] > 0:
+            yield f"joint {name!r} has a spring that yields, which is not simulated: remove springyield"
+        if model.jnt_stiffnesspoly[i, 0]:
+            yield f"joint {name!r} has quadratic stiffness, which is not simulated: write 0 for its second number"
+        if np.any(model.dof_dampingpoly[dof]):
+            yield f"joint {name!r} has nonlinear damping, which is not simulated: keep its first number alone"
+
+
+def _actuators(model: Model, driven: Mapping[str, str]) -> Iterator[str]:
+    """Actuators on anything but a driven joint; on one they have no influence, as it follows the command."""
+    kinds, joints = engine().mjtTrn, names(model, "joint")
+    on_a_joint = (int(kinds.mjTRN_JOINT), int(kinds.mjTRN_JOINTINPARENT))
+    for i, name in enumerate(names(model, "actuator")):
+        if model.actuator_trntype[i] not in on_a_joint or joints[model.actuator_trnid[i, 0]] not in driven:
+            yield f"actuator {name!r} acts on what is not driven: remove it, or drive its joint"
+
+
+def _contacts(model: Model, loose: np.ndarray) -> Iterator[str]:
+    """Pairs of geoms that MuJoCo would let collide, one of which at least a free joint moves."""
+    geoms, weld, parent = names(model, "geom"), model.body_weldid, model.body_parentid
+    advice = 'write <flag contact="disable"/> into <option>, or contype="0" conaffinity="0"'
+    for i in range(model.npair):
+        yield f"contact pair {i} is not simulated: remove it, or {advice}"
+    excluded = {int(signature) for signature in model.exclude_signature}
+    filtered = not model.opt.disableflags & engine().mjtDisableBit.mjDSBL_FILTERPARENT
+    for second in range(model.ngeom):
+        for first in range(second):
+            one, two = sorted((int(model.geom_bodyid[first]), int(model.geom_bodyid[second])))
+            a, b = int(weld[one]), int(weld[two])
+            meet = model.geom_contype[first] & model.geom_conaffinity[second]
+            meet = meet or model.geom_contype[second] & model.geom_conaffinity[first]
+            family = filtered and 0 not in (a, b) and (weld[parent[a]] == b or weld[parent[b]] == a)
+            if not meet or a == b or family or (one << 16) + two in excluded or not (loose[one] or loose[two]):
+                continue
+            words = f"contacts between the geoms {geoms[first]!r} and {geoms[second]!r} are not simulated"
+            yield f"{words}: {advice} to either"

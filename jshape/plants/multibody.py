@@ -1,0 +1,328 @@
+"""Trees of rigid bodies with hinges and slides, of which some follow the command and the others move freely.
+
+``js.plants.from_mjcf`` and ``js.plants.from_urdf`` make them from files.
+"""
+
+from collections.abc import Sequence
+from typing import Any, ClassVar, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from jshape._check import finite
+from jshape._types import Inputs, Number, Scalar, State
+from jshape.compilation_cache import kept
+from jshape.plants._rigid_body import (
+    Axis,
+    Inertia,
+    Link,
+    Move,
+    Pose,
+    joint_forces,
+    moment_change,
+    moves,
+    place,
+    solved,
+)
+from jshape.plants._vectors import Entry, Vector, cross, dot, minus, plus, times
+from jshape.plants.base import AbstractPlant
+from jshape.plants.bodies import Body, Entries, Joint, entries, given, vector
+
+_STEPS = 50
+"""Newton steps to a rest state at most."""
+
+_LONGEST = 0.5
+"""Rad or m that a joint moves by in one of them at most."""
+
+
+class Tree(NamedTuple):
+    """What of a tree of bodies is part of the program.
+
+    Attributes:
+        links: the bodies that move, parents first.
+        free: the joints that move freely, in the order of the state.
+        driven: the joints that follow a command, each with the name of its axis.
+        zeros: the coordinates of the driven joints where the command is 0, m or rad.
+        near: coordinates of the free joints near rest, m or rad.
+        payload: index of the link that carries the payload.
+        point: where on it, m; ``None`` for its centre of mass.
+    """
+
+    links: tuple[Link, ...]
+    free: tuple[str, ...]
+    driven: tuple[tuple[str, str], ...]
+    zeros: tuple[float, ...]
+    near: tuple[float, ...]
+    payload: int
+    point: Vector | None
+
+
+class Multibody(AbstractPlant):
+    """A tree of rigid bodies; driven joints follow the command, free ones move on their springs and dampers.
+
+    The command is the way of the driven joint from where it is at the beginning, m, or rad for a hinge. State: the
+    coordinates of the free joints (rad, or m for a slide), as the file counts them, then their velocities.
+
+    The energy is that of the free joints alone: kinetic energy of their motion, and potential energy of gravity and
+    springs above that of rest with the driven joints held where they are. The payload is a point: how far it has come
+    along the slide that is driven, or about the hinge, with the command's own way.
+
+    It counts as diverged where a hinge is half a turn or more from rest.
+
+    Attributes:
+        body: the bodies by name.
+        joint: the joints by name.
+        gravity: acceleration of free fall, m/s².
+        tree: how they are joined.
+
+    Raises:
+        ValueError: for numbers that a ``Body`` or a ``Joint`` cannot have.
+
+    Source: Featherstone (2008), Rigid Body Dynamics Algorithms, Sections 6.1 and 9.1: the equations of the free joints
+    where the motion of the others is given.
+    """
+
+    body: dict[str, Body]
+    joint: dict[str, Joint]
+    gravity: Entries = eqx.field(converter=entries(finite))
+    tree: Tree = eqx.field(static=True)
+    drive: ClassVar = ("acceleration", "velocity", "displacement")
+
+    @property
+    def unit(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """Of the command: m where a slide is driven, rad where a hinge is."""
+        return "m" if self._first().slides else "rad"
+
+    def _first(self) -> Axis:
+        """The joint that is driven, the first of them."""
+        name = self.tree.driven[0][0]
+        return next(axis for link in self.tree.links for axis in link.axes if axis.name == name)
+
+    def _commanded(self, inputs: Inputs) -> dict[str, Any]:
+        """Acceleration, velocity and displacement of each axis, by its name."""
+        return {self.tree.driven[0][1]: inputs}
+
+    def _poses(self, coordinates: Sequence[Entry], ways: dict[str, Entry], steps: Sequence[Entry]) -> dict[str, Pose]:
+        """The poses of all joints.
+
+        Args:
+            coordinates: of the free joints.
+            ways: how far each axis has come.
+            steps: what the coordinates change by to another pose.
+        """
+        poses = {name: Pose(*pair) for name, *pair in zip(self.tree.free, coordinates, steps, strict=True)}
+        for (name, axis), zero in zip(self.tree.driven, self.tree.zeros, strict=True):
+            poses[name] = Pose(plus(ways[axis], zero))
+        return poses
+
+    def _moves(self, coordinates: Sequence[Entry], ways: dict[str, Entry], steps: Sequence[Entry] | None = None) -> Any:
+        """The moves that lead to each link at these coordinates, as ``_poses`` takes them."""
+        positions = [vector(self.body[link.body].position) for link in self.tree.links]
+        anchors = {name: vector(joint.anchor) for name, joint in self.joint.items() if joint.anchor}
+        poses = self._poses(coordinates, ways, [0.0] * len(self.tree.free) if steps is None else steps)
+        return moves(self.tree.links, positions, anchors, poses)
+
+    def _inertias(self) -> list[Inertia]:
+        return [self.body[link.body].inertias() for link in self.tree.links]
+
+    def _mass_matrix(self, along: list[list[tuple[Move, str]]]) -> list[list[Entry]]:
+        """The mass matrix of the free joints at these moves, its lower triangle."""
+        inertias, free = self._inertias(), self.tree.free
+        columns = [joint_forces(self.tree.links, along, inertias, {}, {name: 1.0}) for name in free]
+        matrix = [[columns[j][name] for j in range(i + 1)] for i, name in enumerate(free)]
+        for i, name in enumerate(free):
+            matrix[i][i] = plus(matrix[i][i], given(self.joint[name].armature))
+        return matrix
+
+    def mass_matrix(self, coordinates: Array, ways: dict[str, Entry]) -> Float[Array, "free free"]:
+        """The mass matrix of the free joints, kg m² (kg for slides).
+
+        Args:
+            coordinates: of the free joints, rad or m.
+            ways: how far each axis has come, by its name.
+        """
+        lower, count = self._mass_matrix(self._moves([*coordinates], ways)), range(len(self.tree.free))
+        entries = [[jnp.asarray(lower[max(i, j)][min(i, j)], coordinates.dtype) for j in count] for i in count]
+        return jnp.stack([jnp.stack(row) for row in entries])
+
+    def accelerations(
+        self, coordinates: Sequence[Entry], velocities: Sequence[Entry], commanded: dict[str, Any]
+    ) -> list[Entry]:
+        """The accelerations of the free joints, rad/s² or m/s².
+
+        Args:
+            coordinates: of the free joints, rad or m.
+            velocities: of the free joints.
+            commanded: axis → its acceleration, velocity and displacement.
+        """
+        along = self._moves(coordinates, {axis: moved[2] for axis, moved in commanded.items()})
+        rates = dict(zip(self.tree.free, velocities, strict=True))
+        pushes: dict[str, Entry] = {}
+        for name, axis in self.tree.driven:
+            pushes[name], rates[name] = commanded[axis][0], commanded[axis][1]
+        forces = joint_forces(self.tree.links, along, self._inertias(), rates, pushes, vector(self.gravity))
+        right = []
+        for name, coordinate in zip(self.tree.free, coordinates, strict=True):
+            joint = self.joint[name]
+            resisted = plus(joint.pull(coordinate), times(given(joint.damping), rates[name]))
+            right.append(minus(0.0, plus(resisted, forces[name])))
+        return solved(self._mass_matrix(along), right)[0]
+
+    def vector_field(self, t: Number, state: State, inputs: Inputs) -> State:
+        coordinates, velocities = _halves(state)
+        found = self.accelerations(coordinates, velocities, self._commanded(inputs))
+        return jnp.stack([*velocities, *(jnp.asarray(value, state.dtype) for value in found)])
+
+    def slope(self, coordinates: Sequence[Entry], ways: dict[str, Entry]) -> list[Entry]:
+        """The potential energy's derivative with respect to each free joint's coordinate, N m or N."""
+        along = self._moves(coordinates, ways)
+        forces = joint_forces(self.tree.links, along, self._inertias(), {}, {}, vector(self.gravity))
+        pairs = zip(self.tree.free, coordinates, strict=True)
+        return [plus(forces[name], self.joint[name].pull(coordinate)) for name, coordinate in pairs]
+
+    def stiffness_matrix(self, coordinates: Any) -> Array:
+        """The second derivative of the potential energy where the command is 0, N m/rad (N/m for slides).
+
+        Args:
+            coordinates: of the free joints, rad or m.
+        """
+        zero = self.zero_inputs()[0]
+        ways = {axis: zero for _, axis in self.tree.driven}
+        return jax.jacfwd(lambda q: _slope_of(self, ways, q))(jnp.asarray(coordinates, zero.dtype))
+
+    def _still(self, inputs: Inputs) -> dict[str, Entry]:
+        return {axis: moved[2] for axis, moved in self._commanded(inputs).items()}
+
+    def _rest(self, ways: dict[str, Entry]) -> Array:
+        dtype = self.zero_inputs()[0].dtype
+        return _equilibrium(self, {axis: jnp.asarray(way, dtype) for axis, way in ways.items()})
+
+    def rest_state(self, inputs: Inputs) -> State:
+        """The state of equilibrium with the driven joints held where they are; NaN where none is found.
+
+        By Newton's method from where the file's keyframe settles; a place where the potential energy is no minimum is
+        no rest.
+        """
+        rest = self._rest(self._still(inputs))
+        return jnp.concatenate([rest, jnp.zeros_like(rest)])
+
+    def residual_energy(self, state: State, inputs: Inputs) -> Scalar:
+        ways = self._still(inputs)
+        coordinates, velocities = _halves(state)
+        rest = [*self._rest(ways)]
+        steps = [a - b for a, b in zip(coordinates, rest, strict=True)]
+        along = self._moves(rest, ways, steps)
+        energy = minus(0.0, dot(vector(self.gravity), moment_change(self.tree.links, along, self._inertias())))
+        for name, low, step in zip(self.tree.free, rest, steps, strict=True):
+            energy = plus(energy, self.joint[name].stored(low, step))
+        # The mass matrix times the velocities are the forces that take the tree to them in a second, from rest.
+        here, speeds = self._moves(coordinates, ways), dict(zip(self.tree.free, velocities, strict=True))
+        momenta = joint_forces(self.tree.links, here, self._inertias(), {}, speeds)
+        for name, speed in speeds.items():
+            momentum = plus(momenta[name], times(given(self.joint[name].armature), speed))
+            energy = plus(energy, times(speed, momentum) / 2)
+        return jnp.asarray(energy, state.dtype)
+
+    def deflection(self, state: State, position: Number) -> Scalar:
+        """How far the payload is from where it would be at rest, along the slide (m) or about the hinge (rad)."""
+        ways = {self.tree.driven[0][1]: jnp.asarray(position, state.dtype)}
+        here, still = self._payload(_halves(state)[0], ways), self._payload([*self._rest(ways)], ways)
+        direction = self._first().direction
+        if self._first().slides:
+            return jnp.asarray(dot(direction, here) - dot(direction, still), state.dtype)
+        across = minus(dot(here, still), times(dot(direction, here), dot(direction, still)))
+        return jnp.asarray(jnp.arctan2(dot(direction, cross(still, here)), across), state.dtype)
+
+    def _payload(self, coordinates: Sequence[Entry], ways: dict[str, Entry]) -> Vector:
+        """The payload's place in the frame that the first driven joint moves, m."""
+        tree = self.tree
+        point = tree.point
+        if point is None:
+            point = vector(self.body[tree.links[tree.payload].body].center_of_mass)
+        return place(tree.links, self._moves(coordinates, ways), tree.payload, point, tree.driven[0][0])
+
+    def distance_from_axis(self) -> float:
+        """How far the payload lies from the axis of the hinge that is driven, with all joints as they begin, m."""
+        still = {axis: 0.0 for _, axis in self.tree.driven}
+        x = self._payload(self.tree.near, still)
+        return float(np.linalg.norm(np.cross(self._first().direction, np.array(x, float))))
+
+    def payload(self, state: State, position: Number) -> Scalar:
+        """How far the payload has come, with the command and its own deflection, m or rad."""
+        return position + self.deflection(state, position)
+
+    def diverged(self, state: State, inputs: Inputs) -> Bool[Array, ""]:
+        """Whether a hinge is half a turn or more from rest, or a number is not finite."""
+        rest = self._rest(self._still(inputs))
+        slides = {axis.name for link in self.tree.links for axis in link.axes if axis.slides}
+        far = jnp.abs(state[: len(rest)] - rest) >= jnp.pi
+        turns = jnp.asarray([name not in slides for name in self.tree.free])
+        return ~jnp.all(jnp.isfinite(state)) | jnp.any(far & turns)
+
+    def natural_frequency(self) -> Float[Array, "..."]:
+        """Undamped natural frequencies at rest where the command is 0, rad/s, ascending; a scalar if there is one."""
+        frequencies = jnp.sqrt(_squares(self))
+        return frequencies[0] if len(self.tree.free) == 1 else frequencies
+
+
+def _halves(state: State) -> tuple[list[Array], list[Array]]:
+    count = len(state) // 2
+    return [state[i] for i in range(count)], [state[count + i] for i in range(count)]
+
+
+def _slope_of(plant: Multibody, ways: dict[str, Array], coordinates: Array) -> Array:
+    return jnp.stack([jnp.asarray(value, coordinates.dtype) for value in plant.slope([*coordinates], ways)])
+
+
+@kept
+def _equilibrium(plant: Multibody, ways: dict[str, Array]) -> Array:
+    """Coordinates of the free joints at rest, by Newton's method; differentiable by the implicit function theorem."""
+    dynamic, static = eqx.partition((plant, ways), eqx.is_array)
+
+    def linearised(dynamic: Any, q: Array) -> tuple[Array, Array]:
+        plant, ways = eqx.combine(dynamic, static)
+        slope = lambda q: _slope_of(plant, ways, q)
+        return slope(q), jax.jacfwd(slope)(q)
+
+    @jax.custom_jvp
+    def rest(dynamic: Any) -> Array:
+        start = jnp.asarray(plant.tree.near, next(iter(ways.values())).dtype)
+        tolerance = 8 * float(jnp.finfo(start.dtype).eps)
+
+        def newton(carry: Any) -> Any:
+            q, _, count = carry
+            slope, stiffness = linearised(dynamic, q)
+            # Downhill along each eigenvector, so that an inverted pendulum falls.
+            curvatures, directions = jnp.linalg.eigh(stiffness)
+            step = directions @ (directions.T @ slope / jnp.abs(curvatures))
+            size = jnp.max(jnp.abs(step))
+            return q - step * jnp.minimum(1.0, _LONGEST / size), size, count + 1
+
+        go_on = lambda carry: (carry[1] > tolerance * (1 + jnp.max(jnp.abs(carry[0])))) & (carry[2] < _STEPS)
+        # The first step is always taken; a step of 0 leaves 0/0 nowhere, as its limit is infinite.
+        q, size, _ = jax.lax.while_loop(go_on, newton, (start, jnp.asarray(jnp.inf, start.dtype), 0))
+        _, stiffness = linearised(dynamic, q)
+        sound = (size <= 1e4 * tolerance) & jnp.all(jnp.linalg.eigvalsh(stiffness) > 0)
+        return jnp.where(sound, q, jnp.nan)
+
+    @rest.defjvp
+    def _(primals: Any, tangents: Any):
+        q = rest(*primals)
+        _, stiffness = linearised(primals[0], q)
+        _, shift = jax.jvp(lambda dynamic: linearised(dynamic, q)[0], primals, tangents)
+        return q, -jnp.linalg.solve(stiffness, shift)
+
+    return rest(dynamic)
+
+
+@kept
+def _squares(plant: Multibody) -> Array:
+    """Squares of the natural frequencies at rest, ascending: the eigenvalues of L⁻¹ K L⁻ᵀ with M = L Lᵀ."""
+    rest = plant.rest_state(plant.zero_inputs())[: len(plant.tree.free)]
+    ways = {axis: jnp.zeros_like(rest[0]) for _, axis in plant.tree.driven}
+    root = jnp.linalg.cholesky(plant.mass_matrix(rest, ways))
+    half = jax.scipy.linalg.solve_triangular(root, plant.stiffness_matrix(rest), lower=True)
+    return jnp.linalg.eigvalsh(jax.scipy.linalg.solve_triangular(root, half.T, lower=True))

@@ -1,0 +1,95 @@
+"""Problem files whose plant is described in a file of its own."""
+
+import numpy as np
+import pytest
+from machines import ARM, DOUBLE
+from typer.testing import CliRunner
+
+from jshape.cli import app
+from jshape.problems.problem import load
+from jshape.problems.reading import ProblemError, read
+
+pytest.importorskip("mujoco")
+
+PROBLEM = """
+[command]
+type = "Trapezoid"
+distance = "40 deg"
+speed = "2 rad/s"
+acceleration = "8 rad/s²"
+
+[plant]
+type = "MJCF"
+file = "arm.xml"
+driven = { motor = "turn" }
+
+[uncertainty]
+body.load.mass = { low = "500 g", high = "3 kg", count = 5 }
+joint.elbow.stiffness = { values = [0.9, 1.1] }
+"""
+
+
+@pytest.fixture
+def written(tmp_path):
+    def write(text, machine=ARM):
+        (tmp_path / "arm.xml").write_text(machine, encoding="utf-8")
+        path = tmp_path / "problem.toml"
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return write
+
+
+def test_a_problem_with_a_machine_beside_it(written):
+    problem = load(written(PROBLEM))
+    assert float(problem.distance.distance) == pytest.approx(np.radians(40))
+    assert problem.plant.tree.driven == (("motor", "turn"),)
+    assert (problem.plant.unit, problem.plant.command_unit()) == ("rad", "rad")
+    np.testing.assert_allclose(problem.over["body.load.mass"], np.linspace(0.5, 3.0, 5) / 1.5)
+    assert problem.labels == {
+        "body.load.mass": "body load mass (kg)",
+        "joint.elbow.stiffness": "joint elbow stiffness",
+    }
+    assert "plant: MJCF, file arm.xml, driven (motor turn)" in problem.understood
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('"arm.xml"', '"leg.xml"', r":10: plant.file: there is no file 'leg.xml' beside the problem file"),
+        ('"arm.xml"', "3", r":10: plant.file: must be the name of a file, not 3"),
+        ("{ motor", "{ mover", r":11: plant.driven: names the joint 'mover'; there are motor, shoulder"),
+        ('{ motor = "turn" }', '"motor"', r":11: plant.driven: must map joints to axes"),
+        (
+            '"turn" }',
+            '"turn" }\nstiffness = { elbow = 1 }',
+            r"plant.stiffness: unknown key; MJCF takes file, driven, payload",
+        ),
+        ('"turn" }', '"turn" }\npayload = "no"', r":12: plant.payload: must be one of base, upper, fore, load"),
+        ('"40 deg"', '"4 m"', r"command.distance: must be in rad or a multiple of it, not '4 m'"),
+        ("body.load.mass", "body.crate.mass", r"uncertainty.body.crate.mass: unknown leaf 'body.crate.mass'"),
+        ('"500 g"', '"500 s"', r"uncertainty.body.load.mass: must be in kg"),
+    ],
+)
+def test_what_is_wrong_is_said_with_its_line(written, old, new, words):
+    with pytest.raises(ProblemError, match=words):
+        load(written(PROBLEM.replace(old, new)))
+
+
+def test_machines_that_cannot_be_read(written):
+    with pytest.raises(ProblemError, match=r":10: plant.file: .*arm.xml: MuJoCo cannot read it: XML"):
+        read(written(PROBLEM, "<mujoco>"))
+    with pytest.raises(ProblemError, match=r":8: plant: joint 'elbow' has limits"):
+        load(written(PROBLEM, ARM.replace('name="elbow"', 'name="elbow" range="-1 1"')))
+
+
+def test_without_mujoco(written, monkeypatch):
+    path = written(PROBLEM.replace("motor", "slide").replace("40 deg", "4 m"), DOUBLE)
+    monkeypatch.setitem(__import__("sys").modules, "mujoco", None)
+    with pytest.raises(ProblemError, match=r"plant.file: MJCF and URDF files need MuJoCo: .* 'jshape\[mujoco\]'"):
+        read(path)
+    runner = CliRunner()
+    listed = runner.invoke(app, ["plants"])
+    assert "from a file" in listed.stdout
+    assert "MJCF" in listed.stdout
+    assert runner.invoke(app, ["plants", "URDF"]).exit_code == 0
