@@ -259,7 +259,10 @@ WRONG = {
         dict(command=PiecewisePolynomial([0.0], [[0.0, 1.0]], smoothness=1)),
         "distance: the command does not come to rest",
     ),
-    "shaper": (dict(shaper=[0.5, 0.5]), r"shaper must be a jshape.Shaper or None, not \[0.5, 0.5\]"),
+    "shaper": (
+        dict(shaper=[0.5, 0.5]),
+        r"shaper must be a jshape.Shaper or None, or a mapping from axes to these, not \[0.5, 0.5\]",
+    ),
     "initial_state shape": (dict(initial_state=[1.0]), r"initial_state must have shape \(2,\) for TwoMass, not \(1,\)"),
     "initial_state value": (dict(initial_state=[1.0, np.nan]), "initial_state must be finite"),
     "horizon": (dict(horizon=0.0), "horizon must be greater than 0, not 0"),
