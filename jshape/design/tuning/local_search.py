@@ -231,10 +231,7 @@ class Descent:
         self.search, self.x, self.left = search, search.vector(start), limit
         self.radius, self.penalty, self.widened = RADIUS, PENALTY, 0
         self.ended = self.optimal = self.stopped = False
-        self.tolerance = LOOSEST
-        found = search.values(self.x, LOOSEST)
-        # The objective is known to a thousandth at least.
-        self._tighten(1e-3 * value_of(search.problem.objective, found.energies) / _scale(found.greatest))
+        found = self._begin()
         self.updates: np.ndarray | None = None
         if search.problem.scenarios.metric is not None or len(self.x) > FORWARD:
             self.updates = np.zeros((len(found.energies), len(self.x), len(self.x)))
@@ -244,9 +241,17 @@ class Descent:
         """The best design so far."""
         return self.search.point(self.x)
 
+    def _begin(self) -> Values:
+        """Take the loosest tolerance with which the objective is known to a thousandth at least."""
+        self.tolerance = LOOSEST
+        found = self.search.values(self.x, LOOSEST)
+        self._tighten(1e-3 * value_of(self.search.problem.objective, found.energies) / _scale(found.greatest))
+        return found
+
     def pose(self, problem: DesignProblem) -> None:
         """Go on with other plants in the set."""
         self.search.pose(problem)
+        self._begin()
         self.ended = self.optimal = False
         self.radius = max(self.radius, WIDE)
 
@@ -285,7 +290,7 @@ class Descent:
         now = merit(self.x, found.energies, found.slacks)
         noise = 10 * self.tolerance * _scale(known.greatest) / merit.scale
         if gain <= max(CONVERGED * now, noise):
-            if gain > CONVERGED * now and self.tolerance > search.tightest:
+            if self.tolerance > search.tightest:
                 self._tighten(1e-2 * self.tolerance)
             else:
                 self._end(found)
