@@ -16,6 +16,8 @@ from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
+from jshape.reports.film import film as film
+from jshape.reports.film import save_film as save_film
 from jshape.reports.motion import energy as energy
 from jshape.reports.motion import response as response
 from jshape.reports.style import (

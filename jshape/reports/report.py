@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from jshape._files import digest, write_results, write_text
-from jshape.command import as_command
+from jshape.command import AbstractCommand, as_command
 from jshape.design.closed_forms import closed_forms
 from jshape.design.tuning.solution import Solution
 from jshape.export import export
@@ -314,6 +314,14 @@ def figures(report: Report, step: Step = lambda _: None) -> Iterator[tuple[str, 
             profile = energy_profile(problem.plant, shaper, problem.distance)
             profiles[row.name] = numbers_of(profile, "position", "kinetic", "potential", "total")
         yield "energy", "energy", (profiles,)
+
+
+def best(report: Report) -> Row:
+    """The closed form that leaves the least: of its worst vibration, or of its energy where nothing is uncertain."""
+    rows = [row for row in report.rows if row.name not in ("unshaped", "tuned")]
+    if not rows:
+        raise ValueError(f"no closed form applies to {report.problem.name}: {'; '.join(report.left_out.values())}")
+    return min(rows, key=_badness)
 
 
 def _family(name: str) -> str:
