@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 
 from jshape._files import whole
-from jshape.reports.style import COLOURS, STYLE, looks, plain
+from jshape.reports.style import COLOURS, looks, plain, using
 
 if TYPE_CHECKING:
     from jshape.plants import AbstractPlant
@@ -49,7 +49,12 @@ class Motion:
 
 
 def film(
-    plant: "AbstractPlant", runs: "Mapping[str, Response]", speed: float = 1.0, most_frames: int = MOST_FRAMES
+    plant: "AbstractPlant",
+    runs: "Mapping[str, Response]",
+    speed: float = 1.0,
+    most_frames: int = MOST_FRAMES,
+    *,
+    style: Any = None,
 ) -> animation.FuncAnimation:
     """The machine in motion, a panel for each response, and below them the deflections as they grow.
 
@@ -59,6 +64,7 @@ def film(
         runs: name → response; all to the same horizon.
         speed: at which it is played; 1 is true time, 0.1 ten times slower.
         most_frames: the pictures are as dense as that allows, at most 25 a second.
+        style: any that ``matplotlib.style.use`` takes; jshape's, below the user's ``rcParams``, unless given.
 
     Raises:
         ValueError: for a plant of several axes, no response, responses of different horizons, a speed or number of frames that is not positive,
@@ -79,7 +85,7 @@ def film(
     step = speed * interval / 1000
     times = step * np.arange(max(int(np.ceil(end / step - 1e-9)), 1))
     motions = {name: _motion(plant, run, times) for name, run in runs.items()}
-    with mpl.rc_context(STYLE):
+    with using(style):
         figure, puts = _composed(plant.unit, motions, times)
     if speed != 1:
         figure.text(0.99, 0.99, f"{speed:g} × true time", fontsize=7, ha="right", va="top", color="0.3")
@@ -184,7 +190,8 @@ def _composed(unit: str, motions: Mapping[str, Motion], times: np.ndarray) -> tu
     ratio = np.ptp(view[1]) / np.ptp(view[0])
     height = min(max(6.0 / columns * ratio, 0.7), 3.6) + 0.25
     figure = Figure(figsize=(6.4, round(rows * height + 1.7, 1)), layout="constrained")
-    scenes, below = figure.subfigures(2, 1, height_ratios=[rows * height, 1.7])
+    subfigures: Any = figure.subfigures(2, 1, height_ratios=[rows * height, 1.7])
+    scenes, below = subfigures
     look = looks(motions)
     puts: list[Put] = []
     panels = scenes.subplots(rows, columns, squeeze=False)
@@ -217,11 +224,11 @@ def _crane(axes: Axes, places: np.ndarray, view: tuple[Any, ...], colour: str) -
     """A trolley on its track, a cable, and every body that hangs from it."""
     size = 0.025 * max(np.ptp(view[0]), np.ptp(view[1]))
     axes.axhline(0.0, color="0.6", linewidth=2.0, zorder=0)
-    trolley = axes.add_patch(Rectangle((0, 0), 3 * size, size, color="0.3", zorder=3))
+    trolley: Any = axes.add_patch(Rectangle((0, 0), 3 * size, size, color="0.3", zorder=3))
     (cable,) = axes.plot([], [], color="0.2", linewidth=1.2, zorder=2)
     (path,) = axes.plot([], [], color=colour, linewidth=0.8, alpha=0.5, zorder=1)
     radii = [0.5 * size] * (places.shape[1] - 2) + [0.9 * size]
-    bodies = [axes.add_patch(Circle((0, 0), radius, color=colour, zorder=4)) for radius in radii]
+    bodies: list[Any] = [axes.add_patch(Circle((0, 0), radius, color=colour, zorder=4)) for radius in radii]
 
     def put(frame: int) -> None:
         now = places[frame]
@@ -239,8 +246,8 @@ def _masses(axes: Axes, places: np.ndarray, view: tuple[Any, ...], colour: str) 
     wide = np.ptp(view[0])
     size, gap = 0.06 * wide, view[2]
     axes.axhline(0.0, color="0.5", linewidth=1.0)
-    base = axes.add_patch(Rectangle((0, 0), size, size, color="0.35", zorder=3))
-    payload = axes.add_patch(Rectangle((0, 0), 1.4 * size, 1.4 * size, color=colour, zorder=3))
+    base: Any = axes.add_patch(Rectangle((0, 0), size, size, color="0.35", zorder=3))
+    payload: Any = axes.add_patch(Rectangle((0, 0), 1.4 * size, 1.4 * size, color=colour, zorder=3))
     (spring,) = axes.plot([], [], color="0.2", linewidth=1.0, zorder=2)
     along = np.linspace(0.0, 1.0, 14)
     zigzag = size / 2 + np.concatenate([[0.0], 0.3 * size * (-1.0) ** np.arange(12), [0.0]])
@@ -258,7 +265,7 @@ def _masses(axes: Axes, places: np.ndarray, view: tuple[Any, ...], colour: str) 
 def _link(axes: Axes, angles: np.ndarray, view: tuple[Any, ...], colour: str) -> Put:
     """A link on a motor, from above, bent from the motor's angle to the payload's."""
     axes.add_patch(Circle((0, 0), 0.08, color="0.35", zorder=3))
-    tip = axes.add_patch(Circle((0, 0), 0.07, color=colour, zorder=4))
+    tip: Any = axes.add_patch(Circle((0, 0), 0.07, color=colour, zorder=4))
     (link,) = axes.plot([], [], color="0.2", linewidth=2.5, zorder=2)
     goal = float(angles[-1, 0])
     axes.plot([0.0, 1.15 * np.cos(goal)], [0.0, 1.15 * np.sin(goal)], color="0.6", linewidth=0.8, linestyle=":")
