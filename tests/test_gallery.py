@@ -49,8 +49,6 @@ FINDS = {
 """Example → whether its numbers, by their names in the script, are what its text says."""
 
 SCRIPTS = {path.stem[len("plot_00_") :]: path for path in sorted(GALLERY.glob("plot_*.py"))}
-QUICK = ("printer",)
-"""Those that take less than three seconds."""
 
 
 def test_no_example_is_left_out():
@@ -58,7 +56,8 @@ def test_no_example_is_left_out():
     assert len(SCRIPTS) >= 14
 
 
-@pytest.mark.parametrize("name", [n if n in QUICK else pytest.param(n, marks=pytest.mark.slow) for n in SCRIPTS])
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SCRIPTS)
 def test_example(name, capsys, monkeypatch, tmp_path):
     monkeypatch.syspath_prepend(str(ROOT))
     monkeypatch.chdir(tmp_path)

@@ -39,19 +39,13 @@ class SinhMass(js.plants.AbstractPlant):
 plant = SinhMass(jnp.asarray(1.0), jnp.asarray(10.0))
 linear = js.design.linear.zv(float(plant.natural_frequency()))
 solution = js.tune(plant, 2.0, impulses=2)
-print("linear ZV:", linear)
-print("tuned:    ", solution.shaper)
-left = {
-    name: float(js.residual_energy(plant, each, 2.0)) for name, each in (("linear", linear), ("tuned", solution.shaper))
-}
-for name, energy in left.items():
-    print(f"{name}: {energy:.3g} J")
+shapers = {"linear ZV": linear, "tuned": solution.shaper}
+left = {name: float(js.residual_energy(plant, shaper, 2.0)) for name, shaper in shapers.items()}
+for name, shaper in shapers.items():
+    print(f"{name}: {shaper}, {left[name]:.3g} J")
 
 # %%
 # The payload over time.
-runs = {
-    name: js.simulate(plant, 2.0, each, horizon=4.0)
-    for name, each in (("linear ZV", linear), ("tuned", solution.shaper))
-}
+runs = {name: js.simulate(plant, 2.0, shaper, horizon=4.0) for name, shaper in shapers.items()}
 axes = js.plot.response(runs, names=("base", "payload"))
 print(f"payload at the end: {np.asarray(runs['tuned'].payload)[-1]:.6f} m")
