@@ -100,6 +100,8 @@ def test_what_no_film_can_be_made_of(tmp_path, monkeypatch):
     ]:
         with pytest.raises(ValueError, match=words):
             plot.film(MASSES, runs, **options)
+    with pytest.raises(ValueError, match="plant must have one axis, not trolley, hoist"):
+        plot.film(js.plants.HoistingCrane(cable_length=2.0), {"a": two_masses(1.0)})
     with pytest.raises(ValueError, match=r"\.gif or \.mp4"):
         film.check_film(tmp_path / "a.avi")
     monkeypatch.setattr(animation.writers, "is_available", lambda name: False)

@@ -44,7 +44,7 @@ FINDS = {
     "many_plants": lambda n: n["found"].sizes["sample"] == 100_000 and float(n["vibration"].min()) >= 0,
     "paper_figure": lambda n: float(n["inside"].min()) == float(n["inside"].sel(shaper="tuned")),
     "gradients": lambda n: np.isclose(float(n["slopes"][0]), float(n["difference"]), rtol=1e-6),
-    "hoisting": lambda n: n["left"]["tuned"] < n["left"]["linear ZV"] / 100,
+    "hoisting": lambda n: min(n["energies"]) < n["before"] / 2 and 0 < int(np.argmin(n["energies"])) < 40,
 }
 """Example → whether its numbers, by their names in the script, are what its text says."""
 

@@ -67,8 +67,8 @@ def film(
         style: any that ``matplotlib.style.use`` takes; jshape's, below the user's ``rcParams``, unless given.
 
     Raises:
-        ValueError: for a plant of several axes, no response, responses of different horizons, a speed or number of frames that is not positive,
-            and a speed at which the film would take longer than a picture a second allows.
+        ValueError: for a plant of several axes, no response, responses of different horizons, a speed or number of
+            frames that is not positive, and a speed at which a picture a second is not enough.
     """
     check_machine(plant)
     ends = {round(float(run.times[-1]), 9) for run in runs.values()}

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from jshape._files import digest, write_results, write_text
-from jshape.command import AbstractCommand, as_command
+from jshape.command import as_command
 from jshape.design.closed_forms import closed_forms
 from jshape.design.tuning.solution import Solution
 from jshape.export import export
