@@ -69,7 +69,7 @@ def build(out: Path, run: bool) -> None:
         sources, None, out, out / ".doctrees", "html", confoverrides=configuration(sources, run), warningiserror=True,
         freshenv=True, status=None,
     )  # fmt: skip
-    app.connect("autodoc-process-docstring", with_bars)
+    app.connect("autodoc-process-docstring", as_written)
     app.build()
     if app.statuscode:
         sys.exit(app.statuscode)
@@ -118,9 +118,10 @@ def reference(name: str, room: ModuleType, described: set[int]) -> str:
     return "\n".join(lines)
 
 
-def with_bars(app: Sphinx, what: str, name: str, found: object, options: object, lines: list[str]) -> None:
-    """Magnitudes such as |x| in a docstring, which would be substitutions, are kept as they stand."""
-    lines[:] = [re.sub(r"(``.*?``)|\|", lambda found: found[1] or r"\|", line) for line in lines]
+def as_written(app: Sphinx, what: str, name: str, found: object, options: object, lines: list[str]) -> None:
+    """Bars, as in |x|, and the star of (times, *axes) are kept, which reStructuredText takes for marks."""
+    marks = re.compile(r"(``.*?``)|(\||(?<!\*)\*(?=\w+[^\w*]))")
+    lines[:] = [marks.sub(lambda mark: mark[1] or "\\" + mark[2], line) for line in lines]
 
 
 def public(room: ModuleType) -> list[str]:
