@@ -29,8 +29,8 @@ def main(path: str) -> None:
     ends = [with_leaves(plant, {"m2": m2}) for m2 in (0.8, 1.2)]
     nominal = {name: run(plant, shaper) for name, shaper in shapers.items()}
     extremes = {name: [run(end, shaper) for end in ends] for name, shaper in shapers.items()}
-    figure = plot.response(nominal, extremes, ("base", "payload"))
-    figure.savefig(path, metadata={"Date": None})
+    axes = plot.response(nominal, extremes, ("base", "payload"))
+    axes[0, 0].figure.savefig(path, metadata={"Date": None})
 
 
 if __name__ == "__main__":

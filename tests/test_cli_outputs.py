@@ -5,6 +5,7 @@ import json
 import os
 import re
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 import typer
@@ -54,14 +55,14 @@ def test_names_are_never_markup(words, capsys):
 @pytest.mark.parametrize("name", ["$", "$\\frac$", "$$", "_hidden", "\U0001f600$x$"])
 def test_names_are_never_formulas(name, tmp_path):
     x = np.linspace(0.0, 1.0, 5)
-    figure = plot.curves([(name, x, x), ("other", x, 2 * x)], ("x", "y"))
+    figure = plot.curves([(name, x, x), ("other", x, 2 * x)], ("x", "y")).get_figure(root=True)
     assert len(figure.legends[0].get_texts()) == 2
     figure.canvas.draw()
-    plot.plt.close(figure)
+    plt.close(figure)
     columns = np.stack([x, x], axis=1)
-    figure = plot.prediction(x, columns, columns, [name, name])
+    figure = plot.prediction(x, columns, columns, [name, name])[0].figure
     figure.canvas.draw()
-    plot.plt.close(figure)
+    plt.close(figure)
 
 
 @pytest.mark.parametrize("name", ["\U0001f600 arm.csv", b"\xff\xfe arm.csv", "a\x7f\x1b[2J\nb.csv", '"\\.csv'])

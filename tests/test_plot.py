@@ -1,5 +1,6 @@
 """Figures of a run: what is drawn, in which lines, on which axes; legends stay small."""
 
+import itertools
 import subprocess
 import sys
 from types import SimpleNamespace
@@ -43,9 +44,11 @@ def legend_share(figure) -> float:
 
 def test_a_shaper_has_one_line_in_all_figures():
     vibrations = {name: np.linspace(0.001, 0.5, 20) / (1 + i) for i, name in enumerate(NAMES)}
-    sensitivity = plot.sensitivity("payload mass (kg)", np.linspace(1, 8, 20), vibrations, band=(2, 6))
+    sensitivity = plot.sensitivity("payload mass (kg)", np.linspace(1, 8, 20), vibrations, band=(2, 6)).figure
     runs = {name: run(1.0 + i) for i, name in enumerate(NAMES[:3])} | {"tuned": run(9.0)}
-    moves = plot.response(runs, {"tuned": [run(10.0)]}, ("trolley", "payload"), unshaped=run(20.0), sway="sway (mm)")
+    moves = plot.response(runs, {"tuned": [run(10.0)]}, ("trolley", "payload"), unshaped=run(20.0), sway="sway (mm)")[
+        0, 0
+    ].figure
     colours = {name: line_of(sensitivity.axes[0], 100 * values).get_color() for name, values in vibrations.items()}
     assert len(set(colours.values())) == len(NAMES)
     for row, (name, response) in enumerate(runs.items()):
@@ -125,7 +128,7 @@ def test_pareto_names_the_closed_forms_that_count():
         },
         {"design": ["2 positive"], "duration": [0.4, 1.0], "closed_form": ["unshaped", "good", "beaten", "zero"]},
     )
-    (axis,) = plot.pareto(ds).axes
+    axis = plot.pareto(ds)
     assert [text.get_text() for text in axis.texts] == ["good"]
     assert len(axis.lines) == 3
 
@@ -133,3 +136,63 @@ def test_pareto_names_the_closed_forms_that_count():
 def test_drawing_loads_neither_jax_nor_xarray():
     code = "import sys\nfrom jshape.reports import plot\nassert not {'jax', 'xarray'} & set(sys.modules)"
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+CURVE = np.array([0.5, 0.1, 0.3])
+ONE_PANEL = {
+    "sensitivity": ("m2", CURVE, {"a": CURVE, "b": CURVE / 2}),
+    "convergence": (CURVE, "worst"),
+    "learning": (CURVE, CURVE, CURVE),
+    "regret": ({"a": (0.1, 0.0, 0.2)},),
+    "calibration": ([("record", CURVE, CURVE)], ("a", CURVE, CURVE), [("a", CURVE, CURVE)], [0.2]),
+    "curves": ([("a", CURVE, CURVE), ("b", CURVE, 2 * CURVE)], ("x", "y")),
+}
+
+
+@pytest.mark.parametrize("kind", ONE_PANEL)
+def test_figures_are_drawn_in_the_axes_of_the_user(kind):
+    _, (mine, other) = plt.subplots(1, 2)
+    assert getattr(plot, kind)(*ONE_PANEL[kind], ax=mine) is mine
+    assert mine.lines
+    assert not other.lines
+    assert plt.get_fignums() == [mine.figure.number]
+    # Nothing is put outside these axes, where something of the user's may stand.
+    assert mine.figure.legends == []
+
+
+def test_as_many_axes_as_panels(tmp_path):
+    figure, mine = plt.subplots(2, 2)
+    drawn = plot.response({"a": run(1.0), "b": run(2.0)}, sway="sway (mm)", ax=mine)
+    assert drawn.tolist() == mine.tolist()
+    assert [axis.get_title(loc="left") for axis in mine[:, 0]] == ["a", "b"]
+    assert plot.prediction(CURVE, CURVE[:, None], CURVE[:, None], ["x"], ax=mine[0]).tolist() == mine[0].tolist()
+    for wrong in (mine[0], [1, 2, 3, 4]):
+        with pytest.raises(ValueError, match="ax must be 4 of matplotlib's Axes"):
+            plot.response({"a": run(1.0), "b": run(2.0)}, sway="sway (mm)", ax=wrong)
+    plot.save(mine, tmp_path / "mine.png")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["mine.pdf", "mine.png"]
+    assert not plt.fignum_exists(figure.number)
+
+
+def test_the_look_is_the_users_where_there_is_one():
+    def looks_like(axis):
+        return axis.xaxis.label.get_size(), axis.spines["top"].get_visible()
+
+    def curves(**options):
+        return plot.curves(*ONE_PANEL["curves"], **options)
+
+    assert looks_like(curves()) == (8, False)
+    with mpl.rc_context({"axes.labelsize": 13}):
+        assert looks_like(curves()) == (13, False)
+    assert looks_like(curves(style={"axes.labelsize": 11})) == (11, True)
+    assert looks_like(curves(style="default"))[1]
+    _, mine = plt.subplots()
+    assert looks_like(curves(ax=mine)) == (10, True)
+
+
+def test_shapers_differ_in_grey():
+    """Of the lines of five shapers and the bare command, any two differ in their dashes or, clearly, in lightness."""
+    found = looks(["unshaped", *NAMES])
+    for first, second in itertools.combinations(found.values(), 2):
+        light = [float(np.dot(mpl.colors.to_rgb(line["color"]), (0.299, 0.587, 0.114))) for line in (first, second)]
+        assert first["linestyle"] != second["linestyle"] or abs(light[0] - light[1]) > 0.25

@@ -35,7 +35,7 @@ def dataset(*leaves: str, samples: int = 0) -> xr.Dataset:
 
 def test_one_leaf_is_curves():
     ds = dataset("m2")
-    (axis,) = plot.sweep(ds).axes
+    axis = plot.sweep(ds)
     assert (axis.get_xlabel(), axis.get_ylabel()) == ("m2 over nominal", "residual energy (J)")
     for line, name in zip(axis.lines, ("two", "tuned"), strict=True):
         assert line.get_label() == name
@@ -45,7 +45,7 @@ def test_one_leaf_is_curves():
 def test_two_leaves_are_panels_with_one_scale():
     ds = dataset("m2", "spring.k1")
     ds.residual_energy[0, 0, 0] = np.inf
-    figure = plot.sweep(ds, "residual_energy")
+    figure = plot.sweep(ds, "residual_energy")[0].figure
     meshes = [axis.collections[0] for axis in figure.axes[:2]]
     greatest = float(ds.residual_energy.where(np.isfinite).max())
     for mesh, name in zip(meshes, ("two", "tuned"), strict=True):
@@ -61,7 +61,7 @@ def test_two_leaves_are_panels_with_one_scale():
 
 def test_samples_are_shares_above():
     ds = dataset(samples=20_000)
-    (axis,) = plot.sweep(ds).axes
+    axis = plot.sweep(ds)
     for line, name in zip(axis.lines, ("two", "tuned"), strict=True):
         x, y = map(np.asarray, line.get_data())
         assert len(x) < 1200

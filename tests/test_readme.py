@@ -36,7 +36,11 @@ def test_the_front_page_is_short():
     assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) <= 150
 
 
-@pytest.mark.parametrize("document", [*DOCUMENTS, ".github/CONTRIBUTING.md", "experiments/benchmarks/README.md"])
+PAGES = sorted(path.relative_to(ROOT).as_posix() for path in ROOT.glob("experiments/site/**/*.md"))
+OTHERS = [".github/CONTRIBUTING.md", "experiments/benchmarks/README.md"]
+
+
+@pytest.mark.parametrize("document", sorted({*DOCUMENTS, *PAGES, *OTHERS}))
 def test_links_lead_somewhere(document):
     """Files that a document links to exist, and so do the headings in them."""
     path = ROOT / document

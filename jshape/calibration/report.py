@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
+from matplotlib.axes import Axes
 
 from jshape import _check
 from jshape._files import write_results, write_text
@@ -206,7 +206,7 @@ def write(found: Calibration, folder: Path, axis: str, reprap: bool = False, kal
     return names
 
 
-def figures(found: Calibration) -> Iterator[tuple[str, Figure]]:
+def figures(found: Calibration) -> Iterator[tuple[str, Axes]]:
     """Each figure by its name: spectrum and shapers over the frequency, and the step response."""
     modes, zeta = found.modes[0], found.zeta
     shown = _shown(found)

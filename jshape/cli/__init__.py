@@ -10,6 +10,7 @@ from typing import Annotated
 import typer
 
 from jshape.cli.adapt import adapt
+from jshape.cli.animate import animate
 from jshape.cli.calibrate import calibrate
 from jshape.cli.evaluate import evaluate
 from jshape.cli.export import export
@@ -25,7 +26,8 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     help="Design input shapers: tune them by gradients of the residual energy, compare them with the closed forms.",
 )
-for command in (plants, new, tune, compare, sweep, pareto, adapt, identify, calibrate, export, train, evaluate):
+COMMANDS = (plants, new, tune, compare, animate, sweep, pareto, adapt, identify, calibrate, export, train, evaluate)
+for command in COMMANDS:
     app.command()(command)
 
 

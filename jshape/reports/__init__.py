@@ -1,11 +1,12 @@
 """Reports: figures, tables and result files, written in one place for all commands.
 
 - ``report``: every shaper of a problem compared; ``results``: sweeps and fronts as files.
-- ``plot``: figures, with ``style``, their look, and ``motion``, those of moves; ``tables``: what the prompt shows.
+- ``plot``: figures, with ``style``, their look, and ``motion`` and ``film``, those of moves.
+- ``tables``: what the prompt shows.
 """
 
 import lazy_loader
 
 __getattr__, __dir__, __all__ = lazy_loader.attach(
-    __name__, ["motion", "plot", "report", "results", "style", "tables"], {"tables": ["latex_table"]}
+    __name__, ["film", "motion", "plot", "report", "results", "style", "tables"], {"tables": ["latex_table"]}
 )

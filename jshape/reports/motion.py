@@ -3,12 +3,10 @@
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-import matplotlib as mpl
 import numpy as np
-from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from jshape.reports.style import STYLE, legend, looks, stacked
+from jshape.reports.style import legend, looks, stacked, using
 
 if TYPE_CHECKING:
     from jshape.metrics import EnergyProfile
@@ -26,7 +24,10 @@ def response(
     label: str = "position (m)",
     unshaped: "Response | None" = None,
     sway: str | None = None,
-) -> Figure:
+    *,
+    ax: Any = None,
+    style: Any = None,
+) -> Any:
     """Payload and command over time, a row for each shaper; beside it how far the payload sways, if that is asked for.
 
     Args:
@@ -36,11 +37,16 @@ def response(
         label: of the vertical axis.
         unshaped: the response without a shaper, drawn behind the sway.
         sway: label of the deflection, which is then drawn beside the position.
+        ax: axes to draw in, one a panel; a new figure's unless given.
+        style: any that ``matplotlib.style.use`` takes; jshape's, below the user's ``rcParams``, unless given.
+
+    Returns:
+        The axes, shape (shapers, 1 or 2).
     """
     extremes = extremes or {}
     look = looks(nominal)
-    with mpl.rc_context(STYLE):
-        figure, axes = stacked(list(nominal), columns=2 if sway else 1, sharey="col")
+    with using(style, ax):
+        axes = stacked(list(nominal), ax, columns=2 if sway else 1, sharey="col")
         for row, (name, run) in zip(axes, nominal.items(), strict=True):
             line = {**look[name], "linestyle": "-", "linewidth": 1.4}
             for other in extremes.get(name, []):
@@ -59,8 +65,8 @@ def response(
         parts |= {names[1]: dict(color="black", linewidth=1.4)}
         parts |= {"ends of the uncertainty": dict(color="black", **ENDS)} if any(extremes.values()) else {}
         parts |= {"unshaped": looks(["unshaped"])["unshaped"]} if sway and unshaped is not None else {}
-        legend(figure, parts, handlelength=1.6, columnspacing=1.0)
-    return figure
+        legend(axes[0, 0], ax, parts, handlelength=1.6, columnspacing=1.0)
+    return axes
 
 
 def _sway(axis: Any, run: "Response", extremes: "list[Response]", unshaped: "Response | None", line: dict) -> None:
@@ -72,17 +78,27 @@ def _sway(axis: Any, run: "Response", extremes: "list[Response]", unshaped: "Res
     axis.plot(run.times, run.deflection, **line)
 
 
-def energy(profiles: "Mapping[str, EnergyProfile]") -> Figure:
-    """Kinetic and potential energy against the payload's position, one panel a shaper."""
+def energy(profiles: "Mapping[str, EnergyProfile]", *, ax: Any = None, style: Any = None) -> Any:
+    """Kinetic and potential energy against the payload's position, one panel a shaper.
+
+    Args:
+        profiles: shaper → its energies.
+        ax: axes to draw in, one a panel; a new figure's unless given.
+        style: as for ``response``.
+
+    Returns:
+        The axes, shape (shapers, 1).
+    """
     parts = {"kinetic": "-", "potential": "--", "total": ":"}
     look = looks(profiles)
-    with mpl.rc_context(STYLE):
-        figure, axes = stacked(list(profiles))
+    with using(style, ax):
+        axes = stacked(list(profiles), ax)
         for axis, (name, profile) in zip(axes[:, 0], profiles.items(), strict=True):
             for part, line in parts.items():
                 values = np.asarray(getattr(profile, part)).T
                 axis.plot(np.asarray(profile.position).T, values, color=look[name]["color"], linestyle=line)
             axis.set(ylabel="energy (J)", ylim=(0, None))
         axes[-1, 0].set_xlabel("payload position (m)")
-        legend(figure, {part: dict(color="black", linestyle=line, linewidth=1.2) for part, line in parts.items()})
-    return figure
+        lines = {part: dict(color="black", linestyle=line, linewidth=1.2) for part, line in parts.items()}
+        legend(axes[0, 0], ax, lines)
+    return axes

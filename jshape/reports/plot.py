@@ -1,35 +1,39 @@
 """Figures for papers and reports: column width, units, colours that everybody can tell apart.
 
-Each function draws one figure from numbers and returns it; ``save`` and ``draw`` write it. Nothing here computes, or
-loads JAX or xarray, so that a process of its own can draw. ``style`` says how figures look, ``motion`` draws how a
-machine moves.
+Each function draws one figure from numbers and returns its axes; ``save`` and ``draw`` write it. Two options are
+common to all: ``ax``, the axes to draw in (a new figure's unless given), and ``style``, any that
+``matplotlib.style.use`` takes (jshape's own unless given; what the user has set in ``rcParams`` stands above that).
+Nothing here computes, or loads JAX or xarray, so that a process of its own can draw. ``style`` says how figures look,
+``motion`` and ``film`` draw how a machine moves.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import matplotlib as mpl
-import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm, Normalize
-from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
+from jshape.reports.film import film as film
+from jshape.reports.film import save_film as save_film
 from jshape.reports.motion import energy as energy
 from jshape.reports.motion import response as response
 from jshape.reports.style import (
     COLOURS,
     LINES,
-    STYLE,
     WIDTH,
     decades,
     labelled_lines,
     legend,
     looks,
+    panels,
     plain,
     plain_decades,
+    using,
 )
+from jshape.reports.style import STYLE as STYLE
 from jshape.reports.style import save as save
 
 if TYPE_CHECKING:
@@ -47,7 +51,10 @@ def sensitivity(
     vibrations: Mapping[str, np.ndarray],
     limit: float | None = 5.0,
     band: tuple[float, float] | None = None,
-) -> Figure:
+    *,
+    ax: Axes | None = None,
+    style: Any = None,
+) -> Axes:
     """Residual vibration of each shaper, %, against a parameter of the plant; logarithmic where it spans decades.
 
     Args:
@@ -58,9 +65,9 @@ def sensitivity(
         band: the stated uncertainty, shaded.
     """
     percent = {name: 100 * np.asarray(curve) for name, curve in vibrations.items()}
-    with mpl.rc_context(STYLE):
-        figure, axis = plt.subplots(figsize=(WIDTH, 3.2))
-        labelled_lines(figure, axis, [(name, values, curve) for name, curve in percent.items()])
+    with using(style, ax):
+        axis = panels(ax)[0, 0]
+        labelled_lines(axis, ax, [(name, values, curve) for name, curve in percent.items()])
         axis.set(xlabel=label, ylabel="residual vibration (%)")
         level = [] if limit is None else [np.array([limit])]
         if not decades(axis, [*percent.values(), *level], least=1e-6):
@@ -74,17 +81,17 @@ def sensitivity(
             axis.axvspan(*band, color="0.5", alpha=0.12, linewidth=0, zorder=0)
             place = ("data", "axes fraction")
             axis.annotate("uncertain", (sum(band) / 2, 1.01), xycoords=place, fontsize=7, va="bottom", ha="center")
-    return figure
+    return axis
 
 
-def pareto(dataset: "xr.Dataset") -> Figure:
+def pareto(dataset: "xr.Dataset", *, ax: Axes | None = None, style: Any = None) -> Axes:
     """The least objective (J, logarithmic) against the duration, a line a design, the closed forms as points."""
-    with mpl.rc_context(STYLE):
-        figure, axis = plt.subplots(figsize=(WIDTH, 3.2))
+    with using(style, ax):
+        axis = panels(ax)[0, 0]
         for i, name in enumerate(dataset["design"].values):
             front = dataset.sel(design=name)
-            style: Any = dict(color=COLOURS[i % 7], linestyle=LINES[i % len(LINES)], marker=".", markersize=4)
-            axis.plot(front["duration"], front["objective"], label=str(name), **style)
+            look: Any = dict(color=COLOURS[i % 7], linestyle=LINES[i % len(LINES)], marker=".", markersize=4)
+            axis.plot(front["duration"], front["objective"], label=str(name), **look)
         longest = float(dataset["duration"].max())
         best = np.inf
         closed = zip(
@@ -107,14 +114,23 @@ def pareto(dataset: "xr.Dataset") -> Figure:
         objective = f"{dataset['objective'].attrs['long_name']} (J)"
         axis.set(xlabel="duration of the shaper (s)", ylabel=objective, xlim=(0, None), yscale="log")
         axis.yaxis.set_minor_formatter(NullFormatter())
-        figure.legend(loc="outside upper center", ncols=3)
-    return figure
+        _legend(axis, ax)
+    return axis
 
 
-def convergence(history: np.ndarray, objective: str) -> Figure:
+def _legend(axis: Axes, ax: Any) -> None:
+    """A legend of the labelled lines of a panel: above a new figure, inside the user's axes."""
+    figure = axis.get_figure()
+    if ax is not None or figure is None:
+        axis.legend()
+    else:
+        figure.legend(*axis.get_legend_handles_labels(), loc="outside upper center", ncols=3)
+
+
+def convergence(history: np.ndarray, objective: str, *, ax: Axes | None = None, style: Any = None) -> Axes:
     """The objective (J) over the iterations, logarithmic."""
-    with mpl.rc_context(STYLE):
-        figure, axis = plt.subplots(figsize=(WIDTH, 2.0))
+    with using(style, ax):
+        axis = panels(ax, size=(WIDTH, 2.0))[0, 0]
         values = np.maximum(np.asarray(history, float), 1e-32)
         many = len(values) >= 60
         axis.semilogy(many + np.arange(len(values)), values, **{**looks(["tuned"])["tuned"], "linewidth": 1.4})
@@ -129,10 +145,12 @@ def convergence(history: np.ndarray, objective: str) -> Figure:
         )
         if many:
             plain_decades(axis.xaxis, len(values))
-    return figure
+    return axis
 
 
-def learning(moves: np.ndarray, reward: np.ndarray, regret: np.ndarray) -> Figure:
+def learning(
+    moves: np.ndarray, reward: np.ndarray, regret: np.ndarray, *, ax: Axes | None = None, style: Any = None
+) -> Axes:
     """The mean reward of a move over training, each update's and a running mean, beside the oracle's.
 
     Args:
@@ -144,38 +162,45 @@ def learning(moves: np.ndarray, reward: np.ndarray, regret: np.ndarray) -> Figur
     few = max(1, min(20, len(moves) // 5))
     window = np.ones(few) / few
     smooth = np.convolve(reward, window, "valid")
-    with mpl.rc_context(STYLE):
-        figure, axis = plt.subplots(figsize=(WIDTH, 0.7 * WIDTH))
+    with using(style, ax):
+        axis = panels(ax, size=(WIDTH, 0.7 * WIDTH))[0, 0]
         axis.plot(moves, reward, color=COLOURS[0], alpha=0.25, linewidth=0.6)
         axis.plot(moves[few - 1 :], smooth, color=COLOURS[0], label=f"mean of {few} updates")
         oracle = smooth + np.convolve(regret, window, "valid")
         axis.plot(moves[few - 1 :], oracle, color="0.3", linestyle="--", label="oracle")
         axis.set(xlabel="moves", ylabel="mean reward of a move")
         axis.legend()
-    return figure
+    return axis
 
 
-def regret(intervals: Mapping[str, tuple[float, float, float]]) -> Figure:
+def regret(intervals: Mapping[str, tuple[float, float, float]], *, ax: Axes | None = None, style: Any = None) -> Axes:
     """The regret of each policy, a point with its interval, the least at the top.
 
     Args:
         intervals: policy → (middle, low, high), in the environment's cost of a move.
     """
     names = sorted(intervals, key=lambda name: -intervals[name][0])
-    with mpl.rc_context(STYLE):
-        figure, axis = plt.subplots(figsize=(WIDTH, 0.6 + 0.18 * len(names)))
+    with using(style, ax):
+        axis = panels(ax, size=(WIDTH, 0.6 + 0.18 * len(names)))[0, 0]
         for place, name in enumerate(names):
             middle, low, high = (1000 * x for x in intervals[name])
             axis.plot([low, high], [place, place], color=COLOURS[0])
             axis.plot(middle, place, "o", color=COLOURS[0], markersize=4)
         axis.set_yticks(range(len(names)), map(plain, names))
         axis.set_xlabel("regret against the oracle, 1000 × cost of a move")
-    return figure
+    return axis
 
 
 def prediction(
-    axis: np.ndarray, measured: np.ndarray, fitted: np.ndarray, names: Sequence[str], modes: np.ndarray | None = None
-) -> Figure:
+    axis: np.ndarray,
+    measured: np.ndarray,
+    fitted: np.ndarray,
+    names: Sequence[str],
+    modes: np.ndarray | None = None,
+    *,
+    ax: Any = None,
+    style: Any = None,
+) -> Any:
     """A record, a fit over it and the residual, a pair of panels a channel (six at most).
 
     Args:
@@ -188,11 +213,9 @@ def prediction(
     size = np.real if modes is None else np.abs
     # The channels that are not drawn are as good.
     count = min(len(names), 6)
-    with mpl.rc_context(STYLE):
-        figure, axes = plt.subplots(
-            2 * count, 1, figsize=(WIDTH, 0.5 + 1.7 * count), sharex=True, squeeze=False,
-            height_ratios=[3, 1] * count,
-        )  # fmt: skip
+    with using(style, ax):
+        options: Any = {} if ax is not None else dict(sharex=True, height_ratios=[3, 1] * count)
+        axes = panels(ax, 2 * count, 1, (WIDTH, 0.5 + 1.7 * count), **options)
         for i in range(count):
             above, below = axes[2 * i : 2 * i + 2, 0]
             above.plot(axis, size(measured[:, i]), ".", color="0.55", markersize=2, rasterized=True, label="measured")
@@ -208,8 +231,12 @@ def prediction(
                     above.axvline(frequency, color="0.5", linewidth=0.5, linestyle=":")
         axes[-1, 0].set_xlabel("time (s)" if modes is None else "frequency (Hz)")
         drawn = [pair for axis in axes[:2, 0] for pair in zip(*axis.get_legend_handles_labels(), strict=True)]
-        figure.legend(*zip(*drawn, strict=True), loc="outside upper center", ncols=3)
-    return figure
+        handles, labels = zip(*drawn, strict=True)
+        if ax is not None:
+            axes[0, 0].legend(handles, labels)
+        else:
+            axes[0, 0].figure.legend(handles, labels, loc="outside upper center", ncols=3)
+    return axes[:, 0]
 
 
 def calibration(
@@ -217,7 +244,10 @@ def calibration(
     after: tuple[str, Any, Any],
     vibrations: Sequence[tuple[str, Any, Any]],
     peaks: Iterable[float],
-) -> Figure:
+    *,
+    ax: Axes | None = None,
+    style: Any = None,
+) -> Axes:
     """A printer's measured spectrum, what a shaper leaves of it, and the vibration of every shaper over the frequency.
 
     Args:
@@ -227,8 +257,8 @@ def calibration(
         peaks: frequencies of the modes, Hz, which are written above.
     """
     look = looks(name for name, _, _ in vibrations)
-    with mpl.rc_context(STYLE):
-        figure, left = plt.subplots(figsize=(2 * WIDTH, 3.0))
+    with using(style, ax):
+        left = panels(ax, size=(2 * WIDTH, 3.0))[0, 0]
         right = left.twinx()
         right.spines["right"].set_visible(True)
         right.grid(False)
@@ -248,15 +278,18 @@ def calibration(
             left.axvline(frequency, color="0.5", linewidth=0.5, linestyle=":")
         left.set(xlabel="frequency (Hz)", ylabel="power density over its greatest", ylim=(0, 1.05))
         right.set(ylabel="residual vibration of a shaper (%)", ylim=(0, 105), xlim=(0, vibrations[0][1][-1]))
-        legend(figure, parts | look, ncols=4)
-    return figure
+        legend(left, ax, parts | look, ncols=4)
+    return left
 
 
 def curves(
     lines: Sequence[tuple[str, Any, Any]],
     labels: tuple[str, str],
     up: tuple[float, float] | None = None,
-) -> Figure:
+    *,
+    ax: Axes | None = None,
+    style: Any = None,
+) -> Axes:
     """Labelled curves in one panel.
 
     Args:
@@ -264,17 +297,17 @@ def curves(
         labels: of the horizontal and the vertical axis, with their units.
         up: limits of the vertical axis, which is logarithmic then.
     """
-    with mpl.rc_context(STYLE):
-        figure, axis = plt.subplots(figsize=(WIDTH, 2.6))
-        labelled_lines(figure, axis, lines)
+    with using(style, ax):
+        axis = panels(ax, size=(WIDTH, 2.6))[0, 0]
+        labelled_lines(axis, ax, lines)
         axis.set(xlabel=labels[0], ylabel=labels[1])
         if up is not None:
             axis.set(yscale="log", ylim=up)
             plain_decades(axis.yaxis, up[1] / up[0])
-    return figure
+    return axis
 
 
-def sweep(dataset: "xr.Dataset", metric: str | None = None) -> Figure:
+def sweep(dataset: "xr.Dataset", metric: str | None = None, *, ax: Any = None, style: Any = None) -> Any:
     """A metric of a ``js.sweep``: what depends on the set that was swept.
 
     One leaf: a curve for each shaper. Two: a panel for each shaper, with one colour scale. Samples: the share of the
@@ -295,10 +328,10 @@ def sweep(dataset: "xr.Dataset", metric: str | None = None) -> Figure:
     leaves = [str(name) for name in data.dims if name != "shaper"]
     if len(leaves) > 2:
         raise ValueError(f"dataset has the leaves {', '.join(leaves)}; select values of all but two, as by ds.sel")
-    with mpl.rc_context(STYLE):
+    with using(style, ax):
         if leaves == ["sample"]:
-            return _exceedance(data)
-        return _curves(data, leaves[0]) if len(leaves) == 1 else _panels(data, *leaves)
+            return _exceedance(data, ax, style)
+        return _curves(data, leaves[0], ax, style) if len(leaves) == 1 else _panels(data, leaves[0], leaves[1], ax)
 
 
 def _label(data: "xr.DataArray") -> str:
@@ -307,34 +340,31 @@ def _label(data: "xr.DataArray") -> str:
     return words if unit == "1" else f"{words} ({unit})"
 
 
-def _curves(data: "xr.DataArray", leaf: str) -> Figure:
+def _curves(data: "xr.DataArray", leaf: str, ax: Axes | None, style: Any) -> Axes:
     lines = [(str(name), data[leaf], data.sel(shaper=name)) for name in data["shaper"].values]
-    figure = curves(lines, (_label(data[leaf]), _label(data)))
-    if (
-        not decades(figure.axes[0], (values for _, _, values in lines), least=1e-12, depth=100.0)
-        and np.nanmin(data.values) >= 0
-    ):
-        figure.axes[0].set_ylim(0, None)
-    return figure
+    axis = curves(lines, (_label(data[leaf]), _label(data)), ax=ax, style=style)
+    several = decades(axis, (values for _, _, values in lines), least=1e-12, depth=100.0)
+    if not several and np.nanmin(data.values) >= 0:
+        axis.set_ylim(0, None)
+    return axis
 
 
-def _exceedance(data: "xr.DataArray") -> Figure:
+def _exceedance(data: "xr.DataArray", ax: Axes | None, style: Any) -> Axes:
     count = data.sizes["sample"]
     # Of a million samples a thousand draw the same curve; the last, rare ones are all kept.
     rank = np.unique(
         np.concatenate([np.linspace(0, count - 1, 1000), np.arange(max(count - 100, 0), count)]).astype(int)
     )
     lines = [(str(name), np.sort(data.sel(shaper=name).values)[rank], 1 - rank / count) for name in data.shaper.values]
-    return curves(lines, (_label(data), "share of plants at or above"), up=(1 / count, 1))
+    return curves(lines, (_label(data), "share of plants at or above"), (1 / count, 1), ax=ax, style=style)
 
 
-def _panels(data: "xr.DataArray", vertical: str, across: str) -> Figure:
+def _panels(data: "xr.DataArray", vertical: str, across: str, ax: Any) -> Any:
     shapers = data["shaper"].values
-    columns = min(len(shapers), 2)
+    columns = min(len(shapers), 2) if ax is None else len(shapers)
     rows = -(-len(shapers) // columns)
-    figure, axes = plt.subplots(
-        rows, columns, figsize=(WIDTH, 0.6 + 1.5 * rows), sharex=True, sharey=True, squeeze=False
-    )
+    options: Any = {} if ax is not None else dict(sharex=True, sharey=True)
+    axes = panels(ax, rows, columns, (WIDTH, 0.6 + 1.5 * rows), **options)
     finite = data.values[np.isfinite(data.values)]
     greatest = np.max(finite, initial=1e-300)
     # Shapers differ by orders of magnitude: three decades where nothing is negative, else a plain scale.
@@ -351,8 +381,13 @@ def _panels(data: "xr.DataArray", vertical: str, across: str) -> Figure:
         )  # fmt: skip
         axis.set_title(plain(str(name)), loc="left")
         axis.grid(False)
-    figure.supxlabel(_label(data[across]), fontsize=8)
-    figure.supylabel(_label(data[vertical]), fontsize=8)
+    figure = axes.flat[0].figure
+    if ax is None:
+        figure.supxlabel(_label(data[across]), fontsize=8)
+        figure.supylabel(_label(data[vertical]), fontsize=8)
+    else:
+        for axis in axes.flat:
+            axis.set(xlabel=_label(data[across]), ylabel=_label(data[vertical]))
     drawn = axes.flat[0].collections[0]
     figure.colorbar(drawn, ax=axes, label=_label(data), shrink=0.9, aspect=30, extend="min" if wide else "neither")
-    return figure
+    return axes.flat[: len(shapers)]

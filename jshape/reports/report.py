@@ -316,6 +316,14 @@ def figures(report: Report, step: Step = lambda _: None) -> Iterator[tuple[str, 
         yield "energy", "energy", (profiles,)
 
 
+def best(report: Report) -> Row:
+    """The closed form that leaves the least: of its worst vibration, or of its energy where nothing is uncertain."""
+    rows = [row for row in report.rows if row.name not in ("unshaped", "tuned")]
+    if not rows:
+        raise ValueError(f"no closed form applies to {report.problem.name}: {'; '.join(report.left_out.values())}")
+    return min(rows, key=_badness)
+
+
 def _family(name: str) -> str:
     """The first word of a shaper's name: linear, energy, tuned."""
     return name.split()[0]

@@ -31,8 +31,7 @@ def responses(
         duration: of the longest shaped command, s.
     """
     plant, move = problem.plant, as_command(problem.distance)
-    natural = float(np.min(np.asarray(plant.natural_frequency())))
-    horizon = duration + (3 * np.pi / natural if natural > 0 else duration)
+    horizon = shown_until(plant, duration)
     *alike, unshaped_alike = alike_shapers([*shapers.values(), bare], plant.axes)
 
     def run(plant: AbstractPlant, shaper: Shaping) -> SimpleNamespace:
@@ -66,6 +65,12 @@ def responses(
             sway,
         )
         yield f"response_{axis}" if axis else "response", values
+
+
+def shown_until(plant: AbstractPlant, duration: float) -> float:
+    """Until when a move is drawn, s: one and a half slow periods after the end of a shaped command of that duration."""
+    natural = float(np.min(np.asarray(plant.natural_frequency())))
+    return duration + (3 * np.pi / natural if natural > 0 else duration)
 
 
 def _along(drawn: SimpleNamespace, axis: int, several: bool, turns: bool) -> SimpleNamespace:

@@ -1,14 +1,17 @@
 """How figures look: a journal's column, colours that everybody can tell apart, one for each shaper of a run."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
+import matplotlib as mpl
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_pdf import FigureCanvasPdf
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, FigureBase
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
@@ -42,8 +45,48 @@ WIDTH = 3.5
 """A journal's column, inches."""
 
 
-def save(figure: Figure, path: Path) -> None:
-    """The figure as PNG (300 dpi) and, beside it, as PDF; then it is closed."""
+def using(style: Any = None, ax: Any = None) -> AbstractContextManager[Any]:
+    """Within, figures have that look: what ``rcParams`` say, and jshape's own style where they are the defaults.
+
+    Args:
+        style: any that ``matplotlib.style.use`` takes, in the place of jshape's own.
+        ax: axes of the user's, if they are given; they keep their look.
+    """
+    if style is not None:
+        return plt.style.context(style)
+    own = {} if ax is not None else STYLE
+    return mpl.rc_context({name: own[name] for name in own if mpl.rcParams[name] == mpl.rcParamsDefault[name]})
+
+
+def panels(ax: Any, rows: int = 1, columns: int = 1, size: tuple[float, float] = (WIDTH, 3.2), **options: Any) -> Any:
+    """The axes to draw in, an array of rows and columns.
+
+    Args:
+        ax: the user's; ``None`` for those of a new figure.
+        rows: of panels.
+        columns: of panels.
+        size: of a new figure, inches.
+        options: of ``matplotlib.pyplot.subplots``.
+
+    Raises:
+        ValueError: for another number of axes.
+    """
+    if ax is None:
+        return plt.subplots(rows, columns, figsize=size, squeeze=False, layout="constrained", **options)[1]
+    given = np.asarray(ax, dtype=object)
+    if given.size != rows * columns or not all(isinstance(each, Axes) for each in given.flat):
+        raise ValueError(f"ax must be {rows * columns} of matplotlib's Axes, not {ax!r}")
+    return given.reshape(rows, columns)
+
+
+def save(drawn: Any, path: Path) -> None:
+    """The figure as PNG (300 dpi) and, beside it, as PDF; then it is closed.
+
+    Args:
+        drawn: the figure, or any of its axes.
+        path: of the PNG.
+    """
+    figure = drawn if isinstance(drawn, Figure) else np.asarray(drawn, dtype=object).flat[0].get_figure(root=True)
     # Laid out once, what holds for the one holds for the other; ``savefig`` would go through it four times.
     figure.set_dpi(300)
     layout = figure.get_layout_engine()
@@ -80,29 +123,41 @@ def looks(names: Iterable[str]) -> dict[str, dict[str, Any]]:
     return found
 
 
-def stacked(names: Sequence[str], columns: int = 1, sharey: Any = False) -> tuple[Figure, Any]:
-    """A figure with a row of panels for each name, one under the other; the name stands above the first."""
+def stacked(names: Sequence[str], ax: Any, columns: int = 1, sharey: Any = False) -> Any:
+    """A row of panels for each name, one under the other; the name stands above the first."""
     size = (columns * WIDTH, 0.5 + 1.15 * len(names))
-    figure, axes = plt.subplots(len(names), columns, figsize=size, sharex=True, sharey=sharey, squeeze=False)
+    options = {} if ax is not None else dict(sharex=True, sharey=sharey)
+    axes = panels(ax, len(names), columns, size, **options)
     for axis, name in zip(axes[:, 0], names, strict=True):
         axis.set_title(plain(name), loc="left")
-    return figure, axes
+    return axes
 
 
-def legend(figure: Figure, lines: Mapping[str, dict[str, Any]], **options: Any) -> None:
-    """A legend above the panels, in one row where it is not said otherwise."""
+def legend(axis: Axes, ax: Any, lines: Mapping[str, dict[str, Any]], **options: Any) -> None:
+    """A legend above the panels of a new figure, in one row where it is not said otherwise; inside the user's axes."""
     handles = [Line2D([], [], **line) for line in lines.values()]
-    figure.legend(handles, list(map(plain, lines)), loc="outside upper center", **{"ncols": len(lines), **options})
+    labels = list(map(plain, lines))
+    if ax is not None:
+        axis.legend(handles, labels)
+    else:
+        _of(axis).legend(handles, labels, loc="outside upper center", **{"ncols": len(lines), **options})
 
 
-def labelled_lines(figure: Figure, axis: Any, lines: Sequence[tuple[str, Any, Any]]) -> None:
-    """A line for each name, and a legend above."""
+def _of(axis: Axes) -> FigureBase:
+    """The figure of a panel."""
+    figure = axis.get_figure()
+    assert figure is not None
+    return figure
+
+
+def labelled_lines(axis: Any, ax: Any, lines: Sequence[tuple[str, Any, Any]]) -> None:
+    """A line for each name, and their legend."""
     look = looks(name for name, _, _ in lines)
     for name, x, y in lines:
         axis.plot(x, y, label=plain(name), **look[name])
     axis.margins(x=0)
     if len(lines) > 1:
-        legend(figure, look, ncols=2 if max(map(len, look)) > 12 else 3)
+        legend(axis, ax, look, ncols=2 if max(map(len, look)) > 12 else 3)
 
 
 def decades(axis: Any, lines: Iterable[Any], least: float, depth: float = 10.0) -> bool:

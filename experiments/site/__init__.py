@@ -1,0 +1,1 @@
+"""The documentation: pages, and ``python -m experiments.site``, which builds them."""

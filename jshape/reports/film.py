@@ -1,0 +1,300 @@
+"""Films of a move: the machine without a shaper beside the same machine with one, in true time."""
+
+import dataclasses
+import tempfile
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib import animation
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle, Rectangle
+
+from jshape._files import whole
+from jshape.reports.style import COLOURS, looks, plain, using
+
+if TYPE_CHECKING:
+    from jshape.plants import AbstractPlant
+    from jshape.simulation.simulate import Response
+
+INTERVALS = (40, 50, 80, 100, 200, 250, 400, 500, 800, 1000)
+"""Milliseconds a frame; GIF counts in hundredths of a second, and these are whole rates for a video, too."""
+
+MOST_FRAMES = 300
+"""A film has fewer, so that its file has at most a few megabytes."""
+
+DPI = 100
+
+Put = Callable[[int], None]
+"""Moves the parts of a drawing to where they are in that frame."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Motion:
+    """Where the parts of a machine are in every frame.
+
+    Attributes:
+        kind: ``"crane"``, ``"link"`` or ``"masses"``.
+        places: of each part from the driven one to the payload: positions (x, y), m, of a crane or of masses; the
+            angles, rad, of a link's motor and tip; shape (frames, parts, 2) or (frames, 2).
+        deflection: of the flexible part, m or rad; shape (frames,).
+    """
+
+    kind: str
+    places: np.ndarray
+    deflection: np.ndarray
+
+
+def film(
+    plant: "AbstractPlant",
+    runs: "Mapping[str, Response]",
+    speed: float = 1.0,
+    most_frames: int = MOST_FRAMES,
+    *,
+    style: Any = None,
+) -> animation.FuncAnimation:
+    """The machine in motion, a panel for each response, and below them the deflections as they grow.
+
+    Args:
+        plant: of all responses. Cranes are drawn with their cables, links from above, everything else as two masses on
+            a spring.
+        runs: name → response; all to the same horizon.
+        speed: at which it is played; 1 is true time, 0.1 ten times slower.
+        most_frames: the pictures are as dense as that allows, at most 25 a second.
+        style: any that ``matplotlib.style.use`` takes; jshape's, below the user's ``rcParams``, unless given.
+
+    Raises:
+        ValueError: for a plant of several axes, no response, responses of different horizons, a speed or number of
+            frames that is not positive, and a speed at which a picture a second is not enough.
+    """
+    check_machine(plant)
+    ends = {round(float(run.times[-1]), 9) for run in runs.values()}
+    if len(ends) != 1:
+        raise ValueError(f"runs must be responses to one horizon, not to {sorted(ends)} s")
+    if not 0 < speed < np.inf:
+        raise ValueError(f"speed must be greater than 0 and finite, not {speed!r}")
+    if most_frames < 1:
+        raise ValueError(f"most_frames must be at least 1, not {most_frames!r}")
+    end = ends.pop()
+    interval = next((ms for ms in INTERVALS if 1000 * end / speed <= ms * most_frames), None)
+    if interval is None:
+        raise ValueError(f"speed must be at least {end / most_frames:.3g} for a move of {end:.4g} s, not {speed:g}")
+    step = speed * interval / 1000
+    times = step * np.arange(max(int(np.ceil(end / step - 1e-9)), 1))
+    motions = {name: _motion(plant, run, times) for name, run in runs.items()}
+    with using(style):
+        figure, puts = _composed(plant.unit, motions, times)
+    if speed != 1:
+        figure.text(0.99, 0.99, f"{speed:g} × true time", fontsize=7, ha="right", va="top", color="0.3")
+    # Laid out once, not for every frame.
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")
+
+    def draw(frame: int) -> tuple[()]:
+        for put in puts:
+            put(frame)
+        return ()
+
+    return animation.FuncAnimation(figure, draw, frames=len(times), interval=interval)
+
+
+def check_machine(plant: "AbstractPlant") -> None:
+    """Check that a machine can be drawn.
+
+    Raises:
+        ValueError: for one of several axes.
+    """
+    if plant.axes:
+        axes = ", ".join(plant.axes)
+        raise ValueError(f"plant must have one axis, not {axes}: no films are made of a {type(plant).__name__}")
+
+
+def save_film(
+    made: animation.FuncAnimation, path: Path, progress: Callable[[int, int], Any] = lambda done, total: None
+) -> None:
+    """Write a film as GIF or, by ffmpeg, as MP4; the file is whole or not there.
+
+    Args:
+        made: by ``film``.
+        path: of the file, which ends in ``.gif`` or ``.mp4``.
+        progress: called with the frames that are done and with all.
+
+    Raises:
+        ValueError: for another ending, and for MP4 where there is no ffmpeg.
+    """
+    writer = check_film(path)
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / f"film{path.suffix.lower()}"
+        with mpl.rc_context({"savefig.bbox": None}):
+            made.save(file, writer=writer, dpi=DPI, progress_callback=progress)
+        with whole(path) as written:
+            written.write(file.read_bytes())
+
+
+def check_film(path: Path) -> str:
+    """Matplotlib's writer of such a film.
+
+    Raises:
+        ValueError: as ``save_film``.
+    """
+    kind = path.suffix.lower()
+    if kind not in (".gif", ".mp4"):
+        raise ValueError(f"{path}: a film's name must end in .gif or .mp4")
+    if kind == ".mp4" and not animation.writers.is_available("ffmpeg"):
+        raise ValueError(f"{path}: MP4 is written by ffmpeg, which is not installed; name a .gif instead")
+    return "pillow" if kind == ".gif" else "ffmpeg"
+
+
+def _motion(plant: "AbstractPlant", run: "Response", times: np.ndarray) -> Motion:
+    # Here, since figures of numbers are drawn without JAX.
+    from jshape import plants
+
+    at = np.asarray(run.times, float)
+
+    def sampled(values: Any) -> np.ndarray:
+        """Values (times, …) at the frames."""
+        rows = np.asarray(values, float).reshape(len(at), -1).T
+        return np.stack([np.interp(times, at, row) for row in rows], axis=-1)
+
+    payload, bent = sampled(run.payload)[:, 0], sampled(run.deflection)[:, 0]
+    if plant.unit == "rad":
+        joint = isinstance(plant, plants.FlexibleJoint | plants.FlexibleLink)
+        motor = sampled(run.states)[:, 0] if joint else payload - bent
+        return Motion("link", np.stack([motor, payload], axis=-1), payload - motor)
+    base = payload - bent
+    chain = [np.stack([base, np.zeros_like(base)], axis=-1)]
+    if not isinstance(plant, plants.AbstractCrane):
+        return Motion("masses", np.stack([*chain, np.stack([payload, chain[0][:, 1]], axis=-1)], axis=1), bent)
+    states = sampled(run.states)
+    first = 1 if plant.drive == "force" else 0
+    angles = states[:, first : first + plant.angles]
+    if isinstance(plant, plants.DoublePendulumCrane):
+        hook = chain[0] + float(plant.hook_length) * np.stack([np.sin(angles[:, 0]), -np.cos(angles[:, 0])], axis=-1)
+        chain.append(hook)
+        low = hook[:, 1] - float(plant.payload_length) * np.cos(angles[:, 1])
+    else:
+        rod = plant.bob_position if isinstance(plant, plants.BobRodPendulum) else getattr(plant, "cable_length", 1.0)
+        low = -float(rod) * np.prod(np.cos(angles), axis=1)
+    return Motion("crane", np.stack([*chain, np.stack([payload, low], axis=-1)], axis=1), bent)
+
+
+def _composed(unit: str, motions: Mapping[str, Motion], times: np.ndarray) -> tuple[Figure, list[Put]]:
+    """The figure, and what moves its parts: wide machines one above the other, others side by side."""
+    draw, view = _view(motions)
+    wide = np.ptp(view[0]) > 1.6 * np.ptp(view[1])
+    count = len(motions)
+    rows, columns = (count, 1) if wide else (1, count)
+    ratio = np.ptp(view[1]) / np.ptp(view[0])
+    height = min(max(6.0 / columns * ratio, 0.7), 3.6) + 0.25
+    figure = Figure(figsize=(6.4, round(rows * height + 1.7, 1)), layout="constrained")
+    subfigures: Any = figure.subfigures(2, 1, height_ratios=[rows * height, 1.7])
+    scenes, below = subfigures
+    look = looks(motions)
+    puts: list[Put] = []
+    panels = scenes.subplots(rows, columns, squeeze=False)
+    for panel, (name, motion) in zip(panels.flat, motions.items(), strict=True):
+        panel.set_axis_off()
+        panel.set(xlim=view[0], ylim=view[1], aspect="equal")
+        panel.set_title(plain(name), loc="left")
+        puts.append(draw(panel, motion.places, view, COLOURS[0] if name == "unshaped" else look[name]["color"]))
+    puts.append(_deflections(below.subplots(), unit, motions, times))
+    return figure, puts
+
+
+def _view(motions: Mapping[str, Motion]) -> tuple[Callable[..., Put], tuple[Any, ...]]:
+    """How the machine is drawn; the limits of both axes of a panel; of masses, the distance at rest, too."""
+    kind = next(iter(motions.values())).kind
+    if kind == "link":
+        return _link, ((-1.2, 1.2), (-1.2, 1.2))
+    places = np.concatenate([motion.places.reshape(-1, 2) for motion in motions.values()])
+    (left, bottom), (right, top) = places.min(axis=0), places.max(axis=0)
+    if kind == "crane":
+        edge = 0.06 * max(right - left, top - bottom)
+        return _crane, ((left - 2 * edge, right + 2 * edge), (bottom - 1.5 * edge, top + 1.5 * edge))
+    # Apart by more than the spring is ever compressed.
+    gap = (right - left) / 4 + max(-np.min(motion.deflection) for motion in motions.values())
+    size = right - left + gap
+    return _masses, ((left - 0.1 * size, right + gap + 0.1 * size), (-0.02 * size, 0.2 * size), gap)
+
+
+def _crane(axes: Axes, places: np.ndarray, view: tuple[Any, ...], colour: str) -> Put:
+    """A trolley on its track, a cable, and every body that hangs from it."""
+    size = 0.025 * max(np.ptp(view[0]), np.ptp(view[1]))
+    axes.axhline(0.0, color="0.6", linewidth=2.0, zorder=0)
+    trolley: Any = axes.add_patch(Rectangle((0, 0), 3 * size, size, color="0.3", zorder=3))
+    (cable,) = axes.plot([], [], color="0.2", linewidth=1.2, zorder=2)
+    (path,) = axes.plot([], [], color=colour, linewidth=0.8, alpha=0.5, zorder=1)
+    radii = [0.5 * size] * (places.shape[1] - 2) + [0.9 * size]
+    bodies: list[Any] = [axes.add_patch(Circle((0, 0), radius, color=colour, zorder=4)) for radius in radii]
+
+    def put(frame: int) -> None:
+        now = places[frame]
+        trolley.set_xy((now[0, 0] - 1.5 * size, now[0, 1] - 0.5 * size))
+        cable.set_data(now[:, 0], now[:, 1])
+        for body, place in zip(bodies, now[1:], strict=True):
+            body.set_center((place[0], place[1]))
+        path.set_data(places[: frame + 1, -1, 0], places[: frame + 1, -1, 1])
+
+    return put
+
+
+def _masses(axes: Axes, places: np.ndarray, view: tuple[Any, ...], colour: str) -> Put:
+    """A base that is driven, a spring, and a payload on a floor; where the payload shall stand is marked."""
+    wide = np.ptp(view[0])
+    size, gap = 0.06 * wide, view[2]
+    axes.axhline(0.0, color="0.5", linewidth=1.0)
+    base: Any = axes.add_patch(Rectangle((0, 0), size, size, color="0.35", zorder=3))
+    payload: Any = axes.add_patch(Rectangle((0, 0), 1.4 * size, 1.4 * size, color=colour, zorder=3))
+    (spring,) = axes.plot([], [], color="0.2", linewidth=1.0, zorder=2)
+    along = np.linspace(0.0, 1.0, 14)
+    zigzag = size / 2 + np.concatenate([[0.0], 0.3 * size * (-1.0) ** np.arange(12), [0.0]])
+    axes.axvline(float(places[-1, 0, 0]) + gap, color="0.6", linewidth=0.8, linestyle=":")
+
+    def put(frame: int) -> None:
+        driven, load = float(places[frame, 0, 0]), float(places[frame, 1, 0]) + gap
+        base.set_x(driven - size / 2)
+        payload.set_x(load - 0.7 * size)
+        spring.set_data(driven + (load - driven) * along, zigzag)
+
+    return put
+
+
+def _link(axes: Axes, angles: np.ndarray, view: tuple[Any, ...], colour: str) -> Put:
+    """A link on a motor, from above, bent from the motor's angle to the payload's."""
+    axes.add_patch(Circle((0, 0), 0.08, color="0.35", zorder=3))
+    tip: Any = axes.add_patch(Circle((0, 0), 0.07, color=colour, zorder=4))
+    (link,) = axes.plot([], [], color="0.2", linewidth=2.5, zorder=2)
+    goal = float(angles[-1, 0])
+    axes.plot([0.0, 1.15 * np.cos(goal)], [0.0, 1.15 * np.sin(goal)], color="0.6", linewidth=0.8, linestyle=":")
+    along = np.linspace(0.0, 1.0, 20)
+
+    def put(frame: int) -> None:
+        motor, end = angles[frame]
+        bent = motor + (end - motor) * along
+        link.set_data(along * np.cos(bent), along * np.sin(bent))
+        tip.set_center((np.cos(end), np.sin(end)))
+
+    return put
+
+
+def _deflections(axes: Axes, unit: str, motions: Mapping[str, Motion], times: np.ndarray) -> Put:
+    """The deflection of every motion until now."""
+    factor, words = (180 / np.pi, "deflection (°)") if unit == "rad" else (1e3, "deflection (mm)")
+    curves = {name: factor * motion.deflection for name, motion in motions.items()}
+    look = looks(motions)
+    lines = {name: axes.plot([], [], label=plain(name), **look[name])[0] for name in curves}
+    low, high = (f([f(values) for values in curves.values()]) for f in (np.nanmin, np.nanmax))
+    edge = 0.05 * (high - low) + 1e-9
+    axes.set(xlim=(0.0, times[-1] or 1.0), ylim=(low - edge, high + edge), xlabel="time (s)", ylabel=words)
+    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=len(curves))
+    now = axes.axvline(0.0, color="0.7", linewidth=0.8)
+
+    def put(frame: int) -> None:
+        for name, line in lines.items():
+            line.set_data(times[: frame + 1], curves[name][: frame + 1])
+        now.set_xdata([times[frame], times[frame]])
+
+    return put
