@@ -18,7 +18,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from jshape._check import Argument, Checked, positive
-from jshape._types import Scalar, State
+from jshape._types import Scalar
 from jshape.command import AbstractCommand
 from jshape.moves import (
     AbstractMachine,
@@ -96,17 +96,14 @@ class Swaying(AbstractMachine):
     def plant(self, payload: Scalar, moves: Int[Array, ""]) -> AbstractPlant:
         return self.machine.plant(payload * (1 + self.share * jnp.sin(moves / 2.0)).astype(payload.dtype), moves)
 
-    def command(self, distance: Scalar) -> AbstractCommand:
-        return self.machine.command(distance)
+    def command(self, distance: Scalar, moves: Int[Array, ""]) -> AbstractCommand:
+        return self.machine.command(distance, moves)
 
     def case(self, distance: Scalar, moves: Int[Array, ""]) -> Int[Array, ""]:
         return self.machine.case(distance, moves)
 
     def example(self, case: int) -> tuple[float, int]:
         return self.machine.example(case)
-
-    def taken_over(self, state: State, plant: AbstractPlant) -> State:
-        return self.machine.taken_over(state, plant)
 
     def known(self, moves: Int[Array, ""]) -> Float[Array, " known"]:
         return self.machine.known(moves)

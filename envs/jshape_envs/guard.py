@@ -310,13 +310,12 @@ def _residuals(
 ) -> tuple[Float[Array, " shapers"], Scalar]:
     """What each shaper would leave in the next move with that payload, normalised, and the energy of 1, J."""
     machine = params.machine
-    plant, command = machine.plant(payload, bank.made), machine.command(bank.distance)
-    begin = machine.taken_over(bank.plant, plant)
+    plant, command = machine.plant(payload, bank.made), machine.command(bank.distance, bank.made)
     before = EnvState(bank.plant, bank.position, bank.distance, payload, bank.made, bank.made)
     reference, _ = bare_energy_and_oracle_cost(before, params)
 
     def one(shaper: Shaper) -> Scalar:
-        _, energy = run_move(plant, plan_move(plant, command, shaper, bank.position), begin, params.steps)
+        _, energy = run_move(plant, plan_move(plant, command, shaper, bank.position), bank.plant, params.steps)
         return bounded_residual(energy, reference, ~jnp.isfinite(energy))
 
     return jax.vmap(one)(shapers), reference
