@@ -49,7 +49,7 @@ def test_families_change_what_they_say(duffing, link):
     np.testing.assert_allclose(truth["undamped"].machine.nominal.damper.c, 0.08, rtol=1e-6)
     np.testing.assert_allclose(truth["restless"].change_rate, 0.3, rtol=1e-6)
     np.testing.assert_allclose(truth["noisy"].sensor.noise, 0.02, rtol=1e-6)
-    command = truth["lagging"].machine.command(single(0.5))
+    command = truth["lagging"].machine.command(single(0.5), jnp.asarray(0))
     np.testing.assert_allclose(command.breaks[-1], 0.05 * duffing.period, rtol=1e-6)
     swaying = [float(truth["swaying"].machine.plant(single(1.0), jnp.asarray(n)).m2) for n in range(20)]
     assert min(swaying) < 0.86 < 1.14 < max(swaying)
