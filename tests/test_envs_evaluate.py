@@ -151,10 +151,12 @@ def test_command_writes_what_evaluate_finds(tmp_path):
     [
         (("Duffing",), "environment"),
         (("DuffingPayload", "--preset", "soft"), "preset"),
-        (("DuffingPayload", "--policy", "pid"), "trained or one of zv"),
+        (("DuffingPayload", "--policy", "pid"), "guarded, trained or one of zv"),
         (("DuffingPayload", "--policy", "none.npz"), "none.npz: cannot be read: No such file"),
         (("DuffingPayload", "--context", "noisy", "--policy", "trained"), "no trained policy"),
         (("DuffingPayload", "--seeds", "0"), "--seeds"),
+        (("DuffingPayload", "--family", "odd"), "--family must be one of 'none', 'heavier'"),
+        (("DuffingPayload", "--context", "noisy", "--policy", "guarded"), "no trained policy"),
     ],
 )
 def test_command_reports_what_is_wrong_in_a_line(arguments, words, tmp_path):

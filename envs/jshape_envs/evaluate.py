@@ -127,6 +127,15 @@ def _rollouts(
     return jax.vmap(lambda key: rollout(key, policy, params, moves))(keys)
 
 
+def episode_costs(keys: PRNGKeyArray, policy: AbstractPolicy, params: Params) -> tuple[np.ndarray, np.ndarray]:
+    """The mean cost of a move and its mean regret, an entry for the key of each episode.
+
+    The same keys make the same payloads and moves for every policy, so that policies can be compared by episodes.
+    """
+    rewards, info = _rollouts(keys, policy, params, int(params.horizon))
+    return -np.asarray(rewards, float).mean(axis=1), np.asarray(info.evaluation.regret, float).mean(axis=1)
+
+
 def recovery_times(
     residual: Float[np.ndarray, "episodes moves"], age: np.ndarray, changed: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:

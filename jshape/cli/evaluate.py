@@ -31,18 +31,23 @@ def evaluate(
     policy: Annotated[
         list[str],
         typer.Option(
-            help="A baseline's name, 'trained' (the policy that comes with jshape) or a policy's file (.npz); several "
-            "times. All baselines and the trained policy unless given."
+            help="A baseline's name, 'trained' (the policy that comes with jshape), 'guarded' (the same with a guard) "
+            "or a policy's file (.npz); several times. All baselines and the trained policy unless given."
         ),
     ] = [],  # noqa: B006
+    family: Annotated[
+        str, typer.Option(help="Of shift: the truth differs from what policies know, 'heavier' for one.")
+    ] = "none",
     episodes: Annotated[int, typer.Option(help="Of 64 moves, for each seed.")] = 64,
     seeds: Annotated[int, typer.Option(help="Sets of episodes, which the intervals are over.")] = 5,
 ) -> None:
     """Judge policies on an environment: residual, move time, recovery from changes, regret against the oracle."""
     _shared.need_environments()
     _shared.prepare_jax()
-    from jshape_envs.baselines import BASELINES, applicable
+    from jshape_envs.baselines import BASELINES, FullOracle, Oracle, applicable
     from jshape_envs.evaluate import evaluate, named_policy, summary
+    from jshape_envs.families import FAMILIES, Declared
+    from jshape_envs.guard import guarded
     from jshape_envs.parameters import parameters
     from jshape_envs.policy import shipped_policy
 
@@ -55,30 +60,38 @@ def evaluate(
     # Wrong numbers are reported before the first policy has been made.
     _check.count(episodes, "--episodes")
     _check.count(seeds, "--seeds")
+    _check.one_of(family, "--family", tuple(FAMILIES))
     params = parameters(environment, preset, context=context)
-    chosen = dict(environment=environment, preset=preset, context=context, episodes=episodes, seeds=seeds)
+    true = FAMILIES[family](params)
+    chosen = dict(
+        environment=environment, preset=preset, context=context, family=family, episodes=episodes, seeds=seeds
+    )
     shipped = shipped_policy(environment, context=context)
-    files = {"trained": str(shipped)} if shipped else {}
-    names = list(dict.fromkeys(policy)) or [*applicable(params), *files]
+    names = list(dict.fromkeys(policy)) or [*applicable(params), *(["trained"] if shipped else [])]
     for name in names:
-        if name not in (*BASELINES, "trained") and not name.endswith(".npz"):
-            near = suggestion(name, [*BASELINES, "trained"])
-            words = f"must be a policy's file (.npz), trained or one of {', '.join(BASELINES)}, not {name!r}{near}"
-            raise ValueError(f"--policy {words}")
-    if "trained" in names and not shipped:
+        if name not in (*BASELINES, "trained", "guarded") and not name.endswith(".npz"):
+            near = suggestion(name, [*BASELINES, "trained", "guarded"])
+            words = f"a policy's file (.npz), guarded, trained or one of {', '.join(BASELINES)}, not {name!r}{near}"
+            raise ValueError(f"--policy must be {words}")
+    if not {"trained", "guarded"}.isdisjoint(names) and not shipped:
         raise ValueError(f"--policy: no trained policy comes with jshape for {environment}, payload {context}")
     found: dict[str, dict[str, Interval]] = {}
     with progress_line() as (step, progress):
         for done, name in enumerate(names):
             progress(name, done, len(names), math.inf)
-            found[name] = summary(evaluate(named_policy(files.get(name, name), params), params, episodes, seeds))
+            made = named_policy(str(shipped) if name in ("trained", "guarded") else name, params)
+            made = guarded(params, made) if name == "guarded" else made
+            # Oracles know the truth.
+            made = made if isinstance(made, Oracle | FullOracle) else Declared(made, params)
+            found[name] = summary(evaluate(made, true, episodes, seeds))
             # What is judged is kept, whatever happens to the others.
             write_results(folder, {**chosen, "policies": found})
         step("figure")
         shown = {name: printable(Path(name).stem) if name.endswith(".npz") else name for name in found}
         regrets = {shown[name]: row["regret"] for name, row in found.items()}
         plot.save(plot.regret(regrets), folder / "regret.png")
-    show(f"{environment}, {preset}, payload {context}: {seeds} seeds of {episodes} episodes", found)
+    shift = "" if family == "none" else f", family {family}"
+    show(f"{environment}, {preset}{shift}, payload {context}: {seeds} seeds of {episodes} episodes", found)
     typer.echo(f"results in {folder}: results.json, regret.png, regret.pdf")
 
 

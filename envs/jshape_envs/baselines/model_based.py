@@ -69,10 +69,9 @@ class ModelBased(AbstractPolicy):
 
     def act(self, memory: BankState, observation: Observation, params: Params, state: EnvState) -> Choice:
         samples, distance = observed(observation, params)
-        ends, deflections = jax.vmap(lambda payload: _predicted(params, memory, payload))(self.payloads)
-        error = jnp.sum((jnp.clip(deflections, -params.sensor.reach, params.sensor.reach) - samples) ** 2, axis=1)
-        model_error = MODEL_ERROR * jnp.max(jnp.abs(samples))
-        log_likelihood = -error / (2 * (sensor_deviation(params) ** 2 + model_error**2))
+        ends, deflections, _ = jax.vmap(lambda payload: predicted(params, memory, payload))(self.payloads)
+        error, variance = misfit(params, deflections, samples)
+        log_likelihood = -error / (2 * variance)
         first = memory.made == 0
         log_posterior = jax.nn.log_softmax(memory.log_prior + jnp.where(first, 0.0, log_likelihood))
         place = _mode(log_posterior)
@@ -101,16 +100,25 @@ def model_based(params: Params, models: int = 17) -> ModelBased:
     return ModelBased(evenly(params.payload, _check.count(models, "models", least=3)), no_hedge(params))
 
 
-def _predicted(params: Params, memory: BankState, payload: Scalar) -> tuple[State, Float[Array, " samples"]]:
-    """The state and the deflections (m) that the last move ends with, had it been made with that payload."""
+def predicted(params: Params, memory: BankState, payload: Scalar) -> tuple[State, Float[Array, " samples"], Scalar]:
+    """The state and the deflections (m) that the last move ends with, had it been made with that payload, and the
+    residual energy (J) after its last impulse."""
     machine, sensor = params.machine, params.sensor
     plant = machine.plant(payload, memory.made - 1)
     plan = plan_move(plant, machine.command(memory.distance, memory.made - 1), memory.shaper, memory.position)
-    after, _ = run_move(plant, plan, memory.plant, params.steps)
+    after, energy = run_move(plant, plan, memory.plant, params.steps)
     end, deflection, _ = run_window(plant, plan, after, sensor.window, sensor.samples, params.steps)
     end = jnp.where(params.carry, end, plant.rest_state(plan.final_inputs(plant)))
     # A model that diverges is the worst of predictions, not none at all.
-    return jnp.nan_to_num(end), jnp.nan_to_num(deflection, nan=jnp.inf, posinf=jnp.inf)
+    return jnp.nan_to_num(end), jnp.nan_to_num(deflection, nan=jnp.inf, posinf=jnp.inf), energy
+
+
+def misfit(
+    params: Params, deflections: Float[Array, "models samples"], samples: Float[Array, " samples"]
+) -> tuple[Float[Array, " models"], Scalar]:
+    """The sum of the squared errors of each model's samples, m², and the variance that one of them should have."""
+    error = jnp.sum((jnp.clip(deflections, -params.sensor.reach, params.sensor.reach) - samples) ** 2, axis=1)
+    return error, sensor_deviation(params) ** 2 + (MODEL_ERROR * jnp.max(jnp.abs(samples))) ** 2
 
 
 def _mode(log_posterior: Float[Array, " payloads"]) -> Scalar:

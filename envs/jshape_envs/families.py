@@ -1,0 +1,237 @@
+"""Families of shift: environments whose truth is not the one that a policy has been given.
+
+A family takes an environment's declared params and returns the true ones. A further one is a function of a few lines::
+
+    def rusty(params: Params) -> Params:
+        return scaled(params, {"nominal.damping": 4.0, "nominal.damper.c": 4.0, "damping": 4.0})
+
+    scores = evaluate(Declared(policy, params), rusty(params))
+"""
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from jshape._check import Argument, Checked, positive
+from jshape._types import Scalar
+from jshape.command import AbstractCommand
+from jshape.moves import (
+    AbstractMachine,
+    AbstractPolicy,
+    Choice,
+    EnvState,
+    Observation,
+    Params,
+    RampProfile,
+    Sensor,
+    StepProfile,
+    TrapezoidProfile,
+    observation_names,
+)
+from jshape.plants import AbstractPlant
+
+Family = Callable[[Params], Params]
+"""The true params for declared ones."""
+
+
+class Declared(AbstractPolicy):
+    """A policy that knows the declared environment, in one that may be another.
+
+    Attributes:
+        policy: acts as if the environment were the declared one.
+        params: the declared environment.
+    """
+
+    policy: AbstractPolicy
+    params: Params
+
+    def init(self, params: Params) -> Any:
+        return self.policy.init(self.params)
+
+    def act(self, memory: Any, observation: Observation, params: Params, state: EnvState) -> Choice:
+        place, declared = observation_names(params).index, self.params
+        observation = observation.at[place("distance")].multiply(params.distance[1] / declared.distance[1])
+        if params.context != "hidden":
+            half, others = (jnp.diff(p.payload)[0] / 2 for p in (params, declared))
+            payload = jnp.mean(params.payload) + half * observation[place("payload")]
+            observation = observation.at[place("payload")].set((payload - jnp.mean(declared.payload)) / others)
+        return self.policy.act(memory, observation, self.params, state)
+
+
+class Dropouts(Sensor):
+    """A sensor some of whose samples are missing and read 0.
+
+    Attributes:
+        share: probability that a sample is missing.
+    """
+
+    share: Scalar = eqx.field(default=0.1, converter=Argument(positive))
+
+    def read(self, deflection: Float[Array, " samples"], noise: Float[Array, " samples"]) -> Float[Array, " size"]:
+        # One normal number makes two independent ones: whether a sample is missing, and its noise if it is not.
+        even = jax.scipy.stats.norm.cdf(noise)
+        missing = even < self.share
+        rest = jnp.clip((even - self.share) / (1 - self.share), 1e-6, 1 - 1e-6)
+        return super().read(
+            jnp.where(missing, 0.0, deflection), jnp.where(missing, 0.0, jax.scipy.stats.norm.ppf(rest))
+        )
+
+
+class Swaying(AbstractMachine):
+    """A machine whose payload is another one in every move: more and less, as a sine over the moves.
+
+    Attributes:
+        machine: with a constant payload.
+        share: amplitude of the sine, over the payload.
+    """
+
+    machine: AbstractMachine
+    share: Scalar = eqx.field(converter=Argument(positive))
+
+    def plant(self, payload: Scalar, moves: Int[Array, ""]) -> AbstractPlant:
+        return self.machine.plant(payload * (1 + self.share * jnp.sin(moves / 2.0)).astype(payload.dtype), moves)
+
+    def command(self, distance: Scalar, moves: Int[Array, ""]) -> AbstractCommand:
+        return self.machine.command(distance, moves)
+
+    def case(self, distance: Scalar, moves: Int[Array, ""]) -> Int[Array, ""]:
+        return self.machine.case(distance, moves)
+
+    def example(self, case: int) -> tuple[float, int]:
+        return self.machine.example(case)
+
+    def known(self, moves: Int[Array, ""]) -> Float[Array, " known"]:
+        return self.machine.known(moves)
+
+
+class LaggedStep(Checked):
+    """A step by an actuator that takes a while, at constant speed.
+
+    Attributes:
+        time: that a move takes, s.
+    """
+
+    time: Scalar = eqx.field(converter=Argument(positive))
+
+    def __call__(self, distance: Scalar) -> AbstractCommand:
+        return RampProfile(jnp.abs(distance) / self.time)(distance)
+
+
+def scaled(params: Params, factors: Mapping[str, float]) -> Params:
+    """The params with leaves of the machine, by their dotted paths, times factors; paths that it lacks are left out."""
+
+    def times(path: Any, value: Array) -> Array:
+        return value * factors.get(jax.tree_util.keystr(path, simple=True, separator="."), 1.0)
+
+    return dataclasses.replace(params, machine=jax.tree_util.tree_map_with_path(times, params.machine))
+
+
+def with_payloads(params: Params, least: Any, greatest: Any) -> Params:
+    """The params with payloads between other ends."""
+    return dataclasses.replace(params, payload=jnp.stack([least, greatest]))
+
+
+def with_sensor(params: Params, **values: Any) -> Params:
+    """The params with a sensor some of whose values are others."""
+    return dataclasses.replace(params, sensor=dataclasses.replace(params.sensor, **values))
+
+
+def stiffness(params: Params, spring: float, others: float) -> Params:
+    """The params with a factor of a Duffing spring's cubic stiffness, and one of what else is stiff in a machine."""
+    names = ("nominal.gravity", "nominal.link.omega", "low", "high")
+    return scaled(params, {"nominal.spring.k3": spring, **dict.fromkeys(names, others)})
+
+
+def damping(params: Params, factor: float) -> Params:
+    """The params with a factor of the machine's damping."""
+    names = ("nominal.damper.c", "nominal.damping", "nominal.zeta", "damping")
+    return scaled(params, dict.fromkeys(names, factor))
+
+
+def missing(params: Params, share: float) -> Params:
+    """The params with a sensor of which such a share of the samples is missing."""
+    sensor, kept = params.sensor, {field.name for field in dataclasses.fields(Sensor)}
+    values = {name: getattr(sensor, name) for name in kept}
+    return dataclasses.replace(params, sensor=Dropouts(**values, share=jnp.asarray(share, params.period.dtype)))
+
+
+def heavier(params: Params) -> Params:
+    """Payloads above the range, by up to half of its width."""
+    least, greatest = params.payload
+    return with_payloads(params, greatest, greatest + (greatest - least) / 2)
+
+
+def farther(params: Params) -> Params:
+    """Moves longer than the longest one, by up to a quarter."""
+    return dataclasses.replace(params, distance=params.distance[1] * jnp.array([1.0, 1.25], params.period.dtype))
+
+
+def swaying(params: Params) -> Params:
+    """The payload differs in every move, by up to 15 %."""
+    return dataclasses.replace(params, machine=Swaying(params.machine, jnp.full_like(params.period, 0.15)))
+
+
+def lagging(params: Params) -> Params:
+    """A step takes a twentieth of a period, as does a motor to be on, and accelerations are less by 30 %."""
+    machine, time = params.machine, 0.05 * params.period
+    profile = getattr(machine, "profile", None)
+    if isinstance(profile, StepProfile):
+        slower: Any = LaggedStep(time)
+    elif isinstance(profile, RampProfile):
+        slower = TrapezoidProfile(profile.speed, profile.speed / time)
+    elif isinstance(profile, TrapezoidProfile):
+        slower = TrapezoidProfile(profile.speed, 0.7 * profile.acceleration)
+    else:
+        raise ValueError(f"params: it is not known how a {type(profile).__name__} lags")
+    return dataclasses.replace(params, machine=eqx.tree_at(lambda m: m.profile, machine, slower))
+
+
+def lighter(params: Params) -> Params:
+    """Payloads below the range, by up to a quarter of its width, and by no more than half of the least."""
+    least, greatest = params.payload
+    return with_payloads(params, jnp.maximum(least - (greatest - least) / 4, least / 2), least)
+
+
+def nearer(params: Params) -> Params:
+    """Moves shorter than the shortest one, down to half of it."""
+    return dataclasses.replace(params, distance=params.distance[0] * jnp.array([0.5, 1.0], params.period.dtype))
+
+
+def worn(params: Params) -> Params:
+    """Softer, less damped and noisier, all at once."""
+    found = damping(stiffness(params, 0.75, 0.92), 0.5)
+    return with_sensor(found, noise=2 * params.sensor.noise)
+
+
+DECLARED: dict[str, Family] = {
+    "none": lambda params: params,
+    "heavier": heavier,
+    "farther": farther,
+    "stiffer": lambda params: stiffness(params, 1.5, 1.1),
+    "damped": lambda params: damping(params, 3.0),
+    "noisy": lambda params: with_sensor(params, noise=4 * params.sensor.noise),
+    "missing": lambda params: missing(params, 0.1),
+    "swaying": swaying,
+    "lagging": lagging,
+}
+"""The families that the guard's first debt is calibrated on: payloads and moves beyond the range, another spring law,
+other damping, noise, missing samples, a payload that changes in every move, a slow actuator. ``none`` is no shift."""
+
+HELD_OUT: dict[str, Family] = {
+    "lighter": lighter,
+    "nearer": nearer,
+    "softer": lambda params: stiffness(params, 0.6, 0.88),
+    "undamped": lambda params: damping(params, 0.2),
+    "miscalibrated": lambda params: with_sensor(params, reach=params.sensor.reach / 1.2),
+    "restless": lambda params: dataclasses.replace(params, change_rate=jnp.minimum(3 * params.change_rate, 1.0)),
+    "patchy": lambda params: missing(params, 0.4),
+    "worn": worn,
+}
+"""The families that neither training nor calibration has used; for judging alone."""
+
+FAMILIES = DECLARED | HELD_OUT

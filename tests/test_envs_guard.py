@@ -1,0 +1,204 @@
+"""The guard and the families of shift: its bound beside sums by hand, what it does with policies good and bad."""
+
+import dataclasses
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jshape_envs import Params, parameters, reset
+from jshape_envs.baselines import Fixed, FixedPayload, fixed_linear
+from jshape_envs.baselines.posterior import no_hedge
+from jshape_envs.evaluate import episode_costs
+from jshape_envs.families import DECLARED, FAMILIES, HELD_OUT, Declared, Dropouts
+from jshape_envs.guard import CALIBRATION_SEED, COUNTED, DEBTS, calibrated, guarded, log_likelihood, measured_residual
+
+import jshape as js
+from jshape.moves import move
+
+KEYS = jax.random.split(jax.random.key(31), 8)
+
+
+def single(x) -> jax.Array:
+    return jnp.asarray(x, jnp.float32)
+
+
+@pytest.fixture(scope="module")
+def duffing() -> Params:
+    return parameters("DuffingPayload")
+
+
+@pytest.fixture(scope="module")
+def link() -> Params:
+    return parameters("FlexibleLinkPayload", horizon=16)
+
+
+# --- families ---------------------------------------------------------------------------------------------------------
+
+
+def test_families_change_what_they_say(duffing, link):
+    truth = {name: family(duffing) for name, family in FAMILIES.items()}
+    assert len(HELD_OUT) == 8
+    assert set(DECLARED).isdisjoint(HELD_OUT)
+    np.testing.assert_allclose(truth["heavier"].payload, [1.4, 1.8], rtol=1e-6)
+    np.testing.assert_allclose(truth["lighter"].payload, [0.4, 0.6], rtol=1e-6)
+    np.testing.assert_allclose(truth["farther"].distance, [1.0, 1.25], rtol=1e-6)
+    np.testing.assert_allclose(truth["nearer"].distance, [0.2, 0.4], rtol=1e-6)
+    np.testing.assert_allclose(truth["stiffer"].machine.nominal.spring.k3, 150.0)
+    np.testing.assert_allclose(truth["undamped"].machine.nominal.damper.c, 0.08, rtol=1e-6)
+    np.testing.assert_allclose(truth["restless"].change_rate, 0.3, rtol=1e-6)
+    np.testing.assert_allclose(truth["noisy"].sensor.noise, 0.02, rtol=1e-6)
+    command = truth["lagging"].machine.command(single(0.5), jnp.asarray(0))
+    np.testing.assert_allclose(command.breaks[-1], 0.05 * duffing.period, rtol=1e-6)
+    swaying = [float(truth["swaying"].machine.plant(single(1.0), jnp.asarray(n)).m2) for n in range(20)]
+    assert min(swaying) < 0.86 < 1.14 < max(swaying)
+    nominal, softer = (p.machine.plant(single(5.0), jnp.asarray(0)) for p in (link, HELD_OUT["softer"](link)))
+    np.testing.assert_allclose(softer.natural_frequency(), 0.88 * nominal.natural_frequency(), rtol=1e-5)
+
+
+@pytest.mark.parametrize("name", ["CranePayload", "FlexibleLinkPayload", "HoistingCrane"])
+def test_every_family_is_another_environment(name):
+    params = parameters(name)
+    before = jax.tree.leaves(params)
+    for family, shift in FAMILIES.items():
+        after = jax.tree.leaves(shift(params))
+        same = len(before) == len(after) and all(np.array_equal(a, b) for a, b in zip(before, after, strict=True))
+        assert same == (family == "none"), family
+
+
+def test_missing_samples_are_so_many_and_the_others_have_their_noise():
+    sensor = Dropouts(1.0, noise=0.05, samples=4000, share=0.3)
+    reading = np.asarray(sensor.read(jnp.full(4000, 0.5), jax.random.normal(jax.random.key(0), (4000,))))
+    assert abs(np.mean(reading == 0) - 0.3) < 0.03
+    kept = reading[reading != 0]
+    assert abs(kept.mean() - 0.5) < 0.004
+    assert abs(kept.std() - 0.05) < 0.004
+
+
+@pytest.mark.parametrize("context", ["hidden", "observed"])
+def test_a_declared_policy_observes_in_its_own_units(duffing, context):
+    declared = dataclasses.replace(duffing, context=context)
+    true = FAMILIES["heavier"](FAMILIES["farther"](declared))
+    state, observation = reset(KEYS[0], true)
+
+    class Reads(Fixed):
+        def act(self, memory, observation, params, state):
+            return (observation, params), self.shaper
+
+    policy = Declared(Reads(fixed_linear(duffing).shaper), declared)
+    (seen, params), _ = policy.act(policy.init(true), observation, true, state)
+    assert params is declared
+    place = declared.sensor.size + declared.action.size
+    np.testing.assert_allclose(seen[place] * declared.distance[1], state.distance, rtol=1e-5)
+    if context == "observed":
+        np.testing.assert_allclose(1.0 + 0.4 * seen[place + 1], state.payload, rtol=1e-5)
+
+
+# --- the guard --------------------------------------------------------------------------------------------------------
+
+
+def bad(params: Params) -> Fixed:
+    """A shaper that shapes nothing."""
+    return Fixed(js.Shaper(jnp.ones_like(params.period)[None], jnp.zeros_like(params.period)[None]))
+
+
+def test_measured_residual_is_the_one_of_a_quadratic_plant(duffing):
+    rng = np.random.default_rng(2)
+    shapes = rng.normal(size=(5, 16))
+    samples = 0.3 * shapes[0]
+    residuals = 0.7 * np.mean(shapes**2, axis=1)
+    noise = float(duffing.sensor.noise) ** 2 + float(duffing.sensor.resolution) ** 2 / 12
+    found = measured_residual(duffing, single(samples), single(shapes), single(residuals))
+    np.testing.assert_allclose(found, 0.7 * (np.mean(samples**2) - noise), rtol=1e-4)
+    # A plant that diverges says nothing about the ratio, and a residual is at most 4.
+    shapes[1] = np.inf
+    same = measured_residual(duffing, single(samples), single(shapes), single(residuals))
+    np.testing.assert_allclose(same, found, rtol=1e-4)
+    assert float(measured_residual(duffing, single(100 * samples), single(shapes), single(residuals))) == 4.0
+
+
+def test_no_plant_is_certain_where_none_explains_the_samples(duffing):
+    samples = single(np.full(16, 0.2))
+    near, far = single(np.full((2, 16), 0.2)), single(np.full((2, 16), 0.6))
+    wide = lambda rows: float(jnp.ptp(log_likelihood(duffing, rows.at[1].add(0.02), samples)))
+    assert wide(near) > 50
+    assert wide(far) < 1
+
+
+@eqx.filter_jit
+def debts_and_choices(policy, params, keys):
+    """For each move: debts, who made it, and the excess that was measured of it."""
+
+    def one(key):
+        def advance(carry, key):
+            state, observation, memory = carry
+            memory, shaper = policy.act(memory, observation, params, state)
+            state, observation, *_ = move(key, state, shaper, params)
+            return (state, observation, memory), (memory.debt, memory.chosen)
+
+        first, key = jax.random.split(key)
+        carry = (*reset(first, params), policy.init(params))
+        return jax.lax.scan(advance, carry, jax.random.split(key, 16))[1]
+
+    return jax.vmap(one)(keys)
+
+
+@pytest.mark.slow
+def test_a_bad_proposer_is_not_used_and_an_infinite_debt_leaves_the_fallback_alone(link):
+    fallback = FixedPayload(single(2.5), no_hedge(link))
+    guard = guarded(link, bad(link), fallback)
+    debts, chosen = debts_and_choices(guard, link, KEYS)
+    assert not np.any(chosen == 1)
+    assert np.any(chosen == 2)
+    # Nobody who is not used gets into debt.
+    assert np.all(np.diff(debts[..., 0], axis=1) <= 0)
+    debts, chosen = debts_and_choices(eqx.tree_at(lambda g: g.debt, guard, single(np.inf)), link, KEYS)
+    assert np.all(chosen == 0)
+    assert np.all(np.isinf(debts))
+
+
+@pytest.mark.slow
+def test_a_guard_costs_less_than_a_bad_fallback_and_less_than_a_bad_proposer(link):
+    fallback = FixedPayload(single(2.5), no_hedge(link))
+    unshaped, _ = episode_costs(KEYS, bad(link), link)
+    fixed, _ = episode_costs(KEYS, fallback, link)
+    for proposer, others in ((bad(link), fallback), (fallback, bad(link))):
+        costs, _ = episode_costs(KEYS, guarded(link, proposer, others), link)
+        assert np.all(costs < unshaped)
+        assert np.mean(costs) < np.mean(fixed)
+
+
+@pytest.mark.slow
+def test_calibration_takes_the_least_debt_that_few_episodes_pay_for(link):
+    # Where the fallback happens to know the payload, which never changes, nothing is to be gained.
+    known = lambda params: dataclasses.replace(params, payload=single([2.5, 2.5]), change_rate=single(0.0))
+    fallback = FixedPayload(single(2.5), no_hedge(link))
+    guard = guarded(link, bad(link), fallback)
+    keys = jax.random.split(jax.random.key(CALIBRATION_SEED), 8)
+    fixed, _ = episode_costs(keys, Declared(fallback, link), known(link))
+
+    def more(debt: float) -> int:
+        policy = eqx.tree_at(lambda g: g.debt, guard, single(debt))
+        return int(np.sum(episode_costs(keys, Declared(policy, link), known(link))[0] > fixed + COUNTED))
+
+    counts = [more(debt) for debt in DEBTS]
+    assert counts[0] > 1
+    assert counts[-1] == 0
+    wanted = next(debt for debt, count in zip(DEBTS, counts, strict=True) if count + 1 <= 0.2 * 9)
+    families = {"none": DECLARED["none"], "known": known}
+    assert float(calibrated(guard, link, families, share=0.2, episodes=8).debt) == pytest.approx(wanted)
+    assert float(calibrated(guard, link, {"none": DECLARED["none"]}, share=0.99, episodes=8).debt) == DEBTS[0]
+
+
+def test_wrong_numbers_are_refused(link):
+    fallback = FixedPayload(single(2.5), no_hedge(link))
+    with pytest.raises(ValueError, match="debt must not be negative, not -1"):
+        guarded(link, bad(link), fallback, -1.0)
+    guard = guarded(link, bad(link), fallback)
+    with pytest.raises(ValueError, match=r"share must lie between 1/\(episodes \+ 1\) = 0.111 and 1, not 0.05"):
+        calibrated(guard, link, DECLARED, episodes=8)
+    with pytest.raises(ValueError, match="episodes"):
+        calibrated(guard, link, DECLARED, episodes=0)
+    with pytest.raises(ValueError, match="it is not known how a LaggedStep lags"):
+        FAMILIES["lagging"](FAMILIES["lagging"](link))
