@@ -12,8 +12,9 @@ from jshape.design.tuning import interval
 from jshape.design.tuning.design_problem import design_problem
 from jshape.design.tuning.evaluate import energies
 from jshape.design.tuning.interval import Maximum
-from jshape.design.tuning.local_search import LocalSearch
+from jshape.design.tuning.local_search import Descent, LocalSearch
 from jshape.design.tuning.scenarios import Limits, Point
+from jshape.design.tuning.search import error_of
 
 
 def problem_of(plant, move, impulses, duration, over, objective="worst"):
@@ -77,6 +78,39 @@ def test_the_worst_case_counts_between_the_given_plants(plant):
     assert solution.objective_on_finer_set == pytest.approx(solution.objective, rel=1e-6)
     # One of the plants that decide stands between those given.
     assert any(0.81 < m2 < 1.19 and abs(m2 - 1) > 1e-3 for m2 in solution.active["m2"])
+
+
+@pytest.fixture(scope="module")
+def crane():
+    """Payloads whose slings swing in resonance with the shaper at some fourteen masses."""
+    plant = js.plants.DoublePendulumCrane(6.5, 1.5, 250.0, 4000.0)
+    return problem_of(plant, js.Trapezoid(8.0, 1.0, 0.3), 9, (0.0, 6.2), {"payload_mass": np.linspace(0.25, 2.0, 9)})
+
+
+@pytest.mark.slow
+def test_there_are_places_for_all_maxima(crane):
+    shaper = js.design.linear.multi_mode([(omega, 0.0) for omega in crane.scenarios.plant.natural_frequency()])
+    point, finer = crane.bounds.nearest(shaper), {"payload_mass": np.linspace(1000.0, 8000.0, 1001)}
+    energies = interval.energies_of(crane, point, finer)
+    maxima = np.sum((energies[1:-1] > energies[:-2]) & (energies[1:-1] > energies[2:]))
+    assert maxima > 10
+    assert interval.with_places(crane).added >= maxima
+
+
+@pytest.mark.slow
+def test_a_search_goes_on_where_its_models_bend(crane):
+    """At this shaper SLSQP fails on the models of unbounded curvature, and the search ended as if at an optimum."""
+    amplitudes = [0.07076, 0.08341, 0.09353, 0.136, 0.2031, 0.1624, 0.09571, 0.0868, 0.06829]
+    times = [0.0, 0.2136, 0.5062, 2.724, 3.037, 3.377, 5.574, 5.915, 6.2]
+    search = LocalSearch(crane)
+    start = crane.bounds.nearest(js.Shaper(jnp.array(amplitudes), jnp.array(times)))
+    descent = Descent(search, start, 30)
+    descent.run(30)
+    assert search.merit(descent.point) < 0.5 * search.merit(start)
+    assert not descent.optimal or search.optimality(descent.point).residual < 1e-2
+    # Rounding keeps a long move from a much tighter tolerance: the error is finite all the same.
+    found = search.values(descent.x)
+    assert error_of(crane, descent.point, found) < 1e-10
 
 
 @pytest.mark.slow

@@ -56,7 +56,8 @@ STARTERS = (
     Starter(
         "double-pendulum-crane", "crane with a hook and slings", "DoublePendulumCrane",
         {"hook_length": "6.5 m", "payload_length": "1.5 m", "hook_mass": "250 kg", "payload_mass": "4 t"}, _TROLLEY,
-        {"payload_mass": {"low": "1 t", "high": "8 t", "count": 9}}, {"impulses": 4, "sample_time": "10 ms"},
+        {"payload_mass": {"low": "1 t", "high": "8 t", "count": 9}},
+        {"impulses": 4, "duration": ["0 s", "3.5 s"], "sample_time": "10 ms"},
     ),
     Starter(
         "hoisting-crane", "crane that hoists while it travels", "HoistingCrane",
@@ -138,7 +139,8 @@ STARTERS = (
     Starter(
         "mjcf", "machine of rigid bodies described in MJCF: a crane with a hook and slings", "MJCF",
         {"file": "double_pendulum_crane.xml", "driven": {"slide": "trolley"}}, _TROLLEY,
-        {"body.load.mass": {"low": "1 t", "high": "8 t", "count": 9}}, {"impulses": 4, "sample_time": "10 ms"},
+        {"body.load.mass": {"low": "1 t", "high": "8 t", "count": 9}},
+        {"impulses": 4, "duration": ["0 s", "3.5 s"], "sample_time": "10 ms"},
     ),
     Starter(
         "urdf", "machine of rigid bodies described in URDF: a gantry whose mast bends", "URDF",
@@ -216,6 +218,7 @@ def text(starter: Starter) -> str:
 
 DESIGN = {
     "impulses": "of the shaper",
+    "duration": "of the shaper, shortest and longest: half a period of each mode, and a little",
     "shapers": "per axis: one for each; shared: one for all",
     "sample_time": "of the controller: impulses fall on its cycles",
     "amplitudes": "positive, bounded, unity or free",

@@ -27,6 +27,9 @@ from jshape.sweeps.evaluate import alike_shapers, evaluate, study
 from jshape.sweeps.leaves import leaf
 from jshape.sweeps.sweep import as_metrics, moving
 
+BETWEEN = 100
+"""Plants, about, among which the worst case of a single uncertain leaf is looked for."""
+
 
 @dataclasses.dataclass(frozen=True)
 class Row:
@@ -36,7 +39,8 @@ class Row:
         name: of the shaper.
         shaper: the shaper, or axis → shaper.
         nominal_energy: residual energy of the nominal plant, J; NaN where it was not computed.
-        worst_energy: greatest residual energy over the stated uncertainty, J; ``None`` where nothing is uncertain.
+        worst_energy: greatest residual energy over the stated uncertainty, J, of a single leaf also between its values;
+            ``None`` where nothing is uncertain.
         worst_vibration: likewise, the residual vibration, a fraction of the distance; of several axes the greatest.
     """
 
@@ -158,20 +162,21 @@ def build(
         alike = alike_shapers(list(shapers.values()), problem.plant.axes)
         nominal = [float(residual_energy(problem.plant, shaper, problem.distance)) for shaper in alike]
     else:
-        # The nominal plant rides along as the last value of every leaf; with a single leaf, its curve before it, so
-        # that one program computes all.
+        # The nominal plant rides along as the last value of every leaf; with a single leaf, plants between those that
+        # are stated and its curve before it, so that one program computes all.
         widths = {name: _wide(values) for name, values in problem.over.items()}
         alone = len(widths) == 1
         step("residual energies and vibrations over the uncertainty")
-        over = {name: [*values, *(widths[name] if alone else ()), 1.0] for name, values in problem.over.items()}
+        judged = {name: _between(values) if alone else list(values) for name, values in problem.over.items()}
+        over = {name: [*values, *(widths[name] if alone else ()), 1.0] for name, values in judged.items()}
         energy, vibration = _swept(problem, shapers, over, "residual_energy", "residual_vibration")
         nominal = energy[(slice(None), *(-1 for _ in over))].tolist()
-        stated = (slice(None), *(slice(len(values)) for values in problem.over.values()))
+        stated = (slice(None), *(slice(len(values)) for values in judged.values()))
         leaves = tuple(range(1, 1 + len(over)))
         energies, vibrations = (data[stated].max(axis=leaves).tolist() for data in (energy, vibration))
-        for name, values in problem.over.items():
+        for name in problem.over:
             step(f"sensitivity to {name}")
-            wide, along = widths[name], vibration[:, len(values) : -1]
+            wide, along = widths[name], vibration[:, len(judged[name]) : -1]
             if not alone:
                 (along,) = _swept(problem, shapers, {name: wide}, "residual_vibration")
             curves[name] = Curves(wide, wide * float(leaf(problem.plant, name)), dict(zip(shapers, along, strict=True)))
@@ -190,6 +195,14 @@ def _swept(problem: Problem, shapers: dict[str, Any], over: dict[str, Any], *met
     found = dict(zip(names, evaluate(asked), strict=True))
     each = ([values for name, values in found.items() if name.partition(".")[0] == metric] for metric in metrics)
     return [np.max(values, axis=0).reshape(shape) for values in each]
+
+
+def _between(values: Any) -> list[float]:
+    """The stated values and others evenly between them: a vibration may be greatest where none is stated."""
+    ends = np.sort(np.asarray(values, float))
+    times = max(1, round(BETWEEN / len(ends)))
+    at = np.arange((len(ends) - 1) * times + 1) / times
+    return [*values, *np.setdiff1d(np.interp(at, np.arange(len(ends)), ends), ends)]
 
 
 def _wide(values: Any) -> np.ndarray:

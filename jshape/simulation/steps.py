@@ -43,6 +43,9 @@ _FIRST = 3
 _RUNS = 40
 """Runs of the pilot at most."""
 
+_ROUNDED = 3
+"""So many runs in a row that differ by rounding alone end a pilot that does not meet its tolerance."""
+
 
 class Checked(NamedTuple):
     """The state after the last break, and what is known about it.
@@ -270,7 +273,9 @@ class _Pilot(NamedTuple):
     end: State
     found: Int[Array, " segments"]
     spent: Bool[Array, ""]
-    """Whether the most steps were not enough."""
+    """Whether the most steps were not enough, or rounding is what is left."""
+    rounded: Int[Array, ""]
+    """Runs in a row that differ by rounding alone."""
     runs: Int[Array, ""]
     go_on: Bool[Array, ""]
 
@@ -315,8 +320,11 @@ def _attempt(plant, segments: Segments, plan: Schedule, state: State, tolerance:
     before = jnp.concatenate([jnp.ones(1, bool), run.resolved[:-1]])
     growth = jnp.where(before, jnp.where(run.resolved, jnp.nan_to_num(growth, nan=4.0), 4.0), 1.0)
     wanted = jnp.minimum(jnp.ceil(last.steps * growth - 1e-6), MOST_STEPS)
+    # More steps make no less of rounding, an epsilon a step.
+    rounding = float(jnp.finfo(dtype).eps) * jnp.sum(last.steps).astype(dtype)
+    rounded = jnp.where(compared & (difference <= rounding), last.rounded + 1, 0)
     # A fine branch that waits for the others of its batch does not want to grow either.
-    spent = last.spent | (jnp.all(wanted <= last.steps) & (ready | ~fine))
+    spent = last.spent | (jnp.all(wanted <= last.steps) & (ready | ~fine)) | (rounded >= _ROUNDED)
     done = met | last.met | spent
     steps = _batch_maximum(jnp.where(done, 0.0, wanted)).astype(jnp.int32)
     go_on = (_batch_maximum((~done).astype(dtype)) > 0) & (last.runs + 1 < _RUNS)
@@ -324,7 +332,7 @@ def _attempt(plant, segments: Segments, plan: Schedule, state: State, tolerance:
     return _Pilot(
         jnp.maximum(steps, last.steps), last.steps, run.ends, estimates, fine, kept(last.diverged, diverged),
         kept(last.error, error), kept(last.scale, scale), last.met | met, kept(last.end, run.ends[-1]),
-        kept(last.found, last.steps), spent, last.runs + 1, go_on,
+        kept(last.found, last.steps), spent, rounded, last.runs + 1, go_on,
     )  # fmt: skip
 
 
@@ -336,7 +344,7 @@ def _pilot(plant, segments: Segments, plan: Schedule, state: State, tolerance: S
     no = jnp.asarray(False)
     start = _Pilot(
         first, first, jnp.zeros((count, len(state)), dtype), jnp.zeros(count, dtype), no, no, nothing, nothing, no,
-        state, first, no, jnp.zeros((), jnp.int32), jnp.asarray(True),
+        state, first, no, jnp.zeros((), jnp.int32), jnp.zeros((), jnp.int32), jnp.asarray(True),
     )  # fmt: skip
     attempt = lambda last: _attempt(plant, segments, plan, state, tolerance, last)
     last = jax.lax.while_loop(lambda last: last.go_on, attempt, start)

@@ -46,12 +46,14 @@ class Merit(NamedTuple):
         time_cost: its gradient in the variables, J, shape (variables,).
         scale: J.
         penalty: of a limit that is exceeded by all of itself.
+        least: that an energy can be, 0; of a metric −∞. Models, which are not convex, could promise less.
     """
 
     objective: Objective
     time_cost: Vector
     scale: float
     penalty: float
+    least: float = -np.inf
 
     def __call__(self, x: Vector, energies: np.ndarray, slacks: np.ndarray) -> float:
         """The merit of a design."""
@@ -128,7 +130,7 @@ class _Program:
         self.model, self.space, self.merit, self.begin = model, space, merit, begin
         found = self.found = model(begin)
         self._at = begin.tobytes()
-        cost, self.auxiliary, start, lower = _epigraph(merit.objective, found.energies / merit.scale)
+        cost, self.auxiliary, start, lower = _epigraph(merit, found.energies / merit.scale)
         linear, limits, plants = len(space.inequalities[1]), len(found.slacks), len(self.auxiliary)
         # How much the auxiliary variables add to each inequality: to the epigraph's, and how far limits are exceeded.
         self.columns = np.zeros((linear + limits + plants, len(cost) + bool(limits)))
@@ -190,18 +192,18 @@ class _Program:
         return found
 
 
-def _epigraph(objective: Objective, energies: Vector) -> tuple[Vector, np.ndarray, Vector, Vector]:
+def _epigraph(merit: Merit, energies: Vector) -> tuple[Vector, np.ndarray, Vector, Vector]:
     """Cost, matrix, start and lower bounds of the epigraph's auxiliary variables.
 
     Source: for the conditional value at risk, Rockafellar and Uryasev (2000): minimise τ + mean(max(E − τ, 0)) / tail,
     with a slack variable for each plant.
     """
     plants = len(energies)
-    if objective == "worst":
-        return np.ones(1), np.ones((plants, 1)), np.array([energies.max()]), np.array([-np.inf])
-    if objective == "cvar":
+    if merit.objective == "worst":
+        return np.ones(1), np.ones((plants, 1)), np.array([energies.max()]), np.array([merit.least])
+    if merit.objective == "cvar":
         tau = np.quantile(energies, 1 - TAIL)
         cost = np.append(1.0, np.full(plants, 1 / (TAIL * plants)))
         matrix = np.hstack([np.ones((plants, 1)), np.eye(plants)])
-        return cost, matrix, np.append(tau, np.maximum(energies - tau, 0.0)), np.append(-np.inf, np.zeros(plants))
+        return cost, matrix, np.append(tau, np.maximum(energies - tau, 0.0)), np.append(merit.least, np.zeros(plants))
     return np.zeros(0), np.zeros((0, 0)), np.zeros(0), np.zeros(0)

@@ -28,7 +28,7 @@ DIVERGED_ENERGY = 1e30
 LOOSEST = 1e-5
 """The tolerance of the energies with which a search may begin."""
 
-FORWARD = 16
+FORWARD = 32
 """Up to so many variables derivatives come by forward mode, which compiles in half the time of reverse mode."""
 
 

@@ -17,6 +17,10 @@ from jshape.design.tuning.design_problem import DesignProblem
 from jshape.design.tuning.evaluate import LOOSEST, Values, evaluate
 from jshape.design.tuning.scenarios import Point
 from jshape.simulation.steps import TOLERANCE
+from jshape.sweeps.leaves import with_leaves
+
+MOST_PLACES = 64
+"""Plants that are added to a set, at most, but for as many as there are variables."""
 
 MAXIMA = 6
 """Local maxima that are looked at closely, at most."""
@@ -49,7 +53,8 @@ def with_places(problem: DesignProblem) -> DesignProblem:
     if problem.objective != "worst" or not problem.scenarios.samples:
         return problem
     # At a worst case there are at most as many active plants as variables, and one more.
-    places = 2 * problem.bounds.shapers * problem.bounds.impulses + len(problem.bounds.leaves)
+    variables = 2 * problem.bounds.shapers * problem.bounds.impulses + len(problem.bounds.leaves)
+    places = max(variables, min(variables // 2 + _maxima(problem), MOST_PLACES))
     samples = {}
     for name, finer in problem.finer_samples().items():
         at = np.round((np.arange(places) + 0.5) * (len(finer) - 1) / places).astype(int)
@@ -57,13 +62,25 @@ def with_places(problem: DesignProblem) -> DesignProblem:
     return _with_samples(problem, samples, places)
 
 
+def _maxima(problem: DesignProblem) -> int:
+    """About how many maxima the energy has over the uncertain set: one for each half turn by which the phase of a mode
+    at the end of the longest shaper differs over a leaf's values."""
+    plant, half_turns = problem.scenarios.plant, 0.0
+    for name, values in problem.scenarios.samples.items():
+        some = np.quantile(np.asarray(values, float), [0.0, 0.5, 1.0])
+        plants = [with_leaves(plant, {name: value}) for value in _check.on_device(some)]
+        omega = np.array([np.ravel(one.natural_frequency()) for one in plants])
+        half_turns += np.nansum(np.abs(np.diff(omega, axis=0))) * problem.bounds.longest / np.pi
+    return int(np.ceil(half_turns)) if np.isfinite(half_turns) else 0
+
+
 def with_plants(problem: DesignProblem, maxima: list[Maximum], energies: np.ndarray) -> DesignProblem:
-    """The problem with these plants in the places of those added ones that have the least energies.
+    """The problem with these plants in the places of those added ones that count least.
 
     Args:
         problem: with places.
         maxima: what to add, the greatest first.
-        energies: of all plants at the best design, J.
+        energies: of all plants, over the greatest; of several designs the greatest of these.
     """
     samples = {name: np.array(values) for name, values in problem.scenarios.samples.items()}
     places = problem.given + np.argsort(energies[problem.given :], kind="stable")

@@ -26,6 +26,9 @@ from jshape.simulation.steps import TOLERANCE, least_tolerance
 OPTIMAL = 1e-6
 """An optimality residual that counts as an optimum."""
 
+NEARLY = 1e-2
+"""The same where there is no gain within ``WIDE`` either: the conditions hold as far as differences show."""
+
 EXCEEDED = 1e-6
 """A limit that is exceeded by less, as a fraction of itself, is kept."""
 
@@ -46,6 +49,9 @@ POLISHED = 20, 1e-3
 
 WIDE = 0.01
 """A search ends where there is no gain within so much of the design, or where the conditions of an optimum hold."""
+
+CLOSE = 1e-4
+"""How near a better design is looked for where none is found farther away."""
 
 REMEMBERED = 64
 """Designs whose values are kept."""
@@ -84,7 +90,8 @@ class LocalSearch:
         count, n = bounds.shapers, bounds.impulses
         sizes = count * n, count * (n - 1), len(bounds.leaves)
         span = np.where(bounds.leaves != 0, np.abs(bounds.leaves), bounds.most - bounds.least)
-        self.units = np.concatenate([np.ones(sizes[0]), np.full(sizes[1], bounds.longest), span])
+        self.time_unit = _time_unit(problem)
+        self.units = np.concatenate([np.ones(sizes[0]), np.full(sizes[1], self.time_unit), span])
         lowest, highest = np.tile(bounds.lower, count), np.tile(bounds.upper, count)
         lower = np.concatenate([lowest, np.zeros(sizes[1]), bounds.least]) / self.units
         upper = np.concatenate([highest, np.full(sizes[1], bounds.longest), bounds.most]) / self.units
@@ -94,7 +101,8 @@ class LocalSearch:
         # inequalities ≥ levels.
         owner = np.concatenate([np.repeat(np.arange(count), n), np.repeat(np.arange(count), n - 1), 0 * bounds.leaves])
         sums = np.stack([row * (owner == k) for k in range(count) for row in (amplitudes, -self.duration)])
-        least, most = np.tile([1.0, -1.0], count), np.tile([1.0, -bounds.shortest / bounds.longest], count)
+        shortest, longest = bounds.shortest / self.time_unit, bounds.longest / self.time_unit
+        least, most = np.tile([1.0, -longest], count), np.tile([1.0, -shortest], count)
         held = sums[:, free].any(axis=1)
         equal, ranged = held & (least == most), held & (least < most)
         bounded = ranged & (most < 0)
@@ -207,7 +215,7 @@ class LocalSearch:
     @property
     def time_cost(self) -> Vector:
         """The gradient of the cost of time, J, in the search's units."""
-        return self.problem.time_cost * self.problem.bounds.longest * self.duration
+        return self.problem.time_cost * self.time_unit * self.duration
 
     def _active(self, x: Vector, found: Linearisation, near: float) -> Rows:
         """Gradients of the inequality constraints that are active: linear ones, bounds of the variables, limits."""
@@ -271,7 +279,7 @@ class Descent:
         if residual < OPTIMAL:
             return
         scale = _scale(search.values(self.x).energies)
-        merit = Merit(search.problem.objective, search.time_cost, scale, self.penalty)
+        merit = self._merit(scale)
         lower, upper = np.maximum(space.lower, self.x - reach), np.minimum(space.upper, self.x + reach)
         boxed = space._replace(lower=lower, upper=upper)
         trial = minimise_epigraph(search.linearise, boxed, merit, self.x, iterations)
@@ -285,11 +293,15 @@ class Descent:
         search = self.search
         known = search.values(self.x, self.tolerance)
         found = search.linearise(self.x, self.tolerance)
-        merit = Merit(search.problem.objective, search.time_cost, _scale(found.energies), self.penalty)
-        trial, gain = self._propose(found, merit)
+        merit = self._merit(_scale(found.energies))
         now = merit(self.x, found.energies, found.slacks)
-        noise = 10 * self.tolerance * _scale(known.greatest) / merit.scale
-        if gain <= max(CONVERGED * now, noise):
+        least = max(CONVERGED * now, 10 * self.tolerance * _scale(known.greatest) / merit.scale)
+        trial, gain = self._propose(found, merit, self.radius)
+        if gain <= least and self.radius > CLOSE:
+            # SLSQP may fail where the models bend much: nearby they are almost linear.
+            trial, gain = self._propose(found, merit, CLOSE)
+            self.radius = CLOSE if gain > least else self.radius
+        if gain <= least:
             if self.tolerance > search.tightest:
                 self._tighten(1e-2 * self.tolerance)
             else:
@@ -307,13 +319,18 @@ class Descent:
         elif actual > 0.75 * gain and step > 0.8 * self.radius:
             self.radius = min(2.0 * self.radius, 1.0)
 
-    def _propose(self, found: Linearisation, merit: Merit) -> tuple[Vector, float]:
-        """The best design of the model in the trust region, and by how much it betters the merit there."""
+    def _merit(self, scale: float) -> Merit:
+        problem = self.search.problem
+        least = 0.0 if problem.scenarios.metric is None else -np.inf
+        return Merit(problem.objective, self.search.time_cost, scale, self.penalty, least)
+
+    def _propose(self, found: Linearisation, merit: Merit, radius: float) -> tuple[Vector, float]:
+        """The best design of the model in a trust region, and by how much it betters the merit there."""
         space = self.search.space
         model = QuadraticModel(self.x, found, found.hessians if self.updates is None else self.updates)
         if merit.objective == "worst":
-            model = model.restricted(model.can_be_greatest(self.radius))
-        lower, upper = np.maximum(space.lower, self.x - self.radius), np.minimum(space.upper, self.x + self.radius)
+            model = model.restricted(model.can_be_greatest(radius))
+        lower, upper = np.maximum(space.lower, self.x - radius), np.minimum(space.upper, self.x + radius)
         boxed = space._replace(lower=lower, upper=upper)
         trial = minimise_epigraph(model, boxed, merit, self.x, PROPOSED, 1e-2 * self.tolerance)
         before, after = model(self.x), model(trial)
@@ -338,7 +355,15 @@ class Descent:
             self.radius, self.widened = WIDE, self.widened + 1
         else:
             self.ended = True
-            self.optimal = self.radius >= WIDE or self.search.optimality(self.point).residual < OPTIMAL
+            self.optimal = self.search.optimality(self.point).residual < (NEARLY if self.radius >= WIDE else OPTIMAL)
+
+
+def _time_unit(problem: DesignProblem) -> float:
+    """The period of the fastest mode at rest, s, within a twentieth and all of the longest duration."""
+    omega = np.max(np.asarray(problem.scenarios.plant.natural_frequency(), float))
+    longest = float(problem.bounds.longest)
+    period = 2 * np.pi / omega if np.isfinite(omega) and omega > 0 else longest
+    return float(np.clip(period, longest / 20, longest))
 
 
 def _remember(known: dict, key: bytes, value: Any) -> None:

@@ -148,12 +148,14 @@ class Search:
             descents = [
                 Descent(LocalSearch(self.problem, report=report), start, iterations) for start in ranked[: rounds[0][0]]
             ]
-            for size, most in rounds:
+            exchanged = self.problem.objective == "worst" and bool(self.problem.scenarios.samples)
+            # Where plants will be added, the last ones are not refined to the end before.
+            for size, most in rounds[:-1] if exchanged else rounds:
                 descents = distinct(self.judge, descents)[:size]
                 for descent in side_by_side(descents, most or iterations):
                     self._add(descent.point, descent.optimal)
                     done += 1
-            if self.problem.objective == "worst" and self.problem.scenarios.samples:
+            if exchanged:
                 self._exchange(descents)
             elif all(one.ended for one in descents):
                 self._settled()
@@ -186,7 +188,10 @@ class Search:
             if not maxima and not going and (not all(one.ended for one in descents) or self._settled()):
                 return
             if maxima:
-                self.problem = interval.with_plants(self.problem, maxima, found.energies)
+                # Plants that are among the worst of any design in sight keep their places.
+                values = [found, *(one.search.values(one.x, one.tolerance) for one in descents)]
+                share = np.max([each.energies / max(each.energies.max(), 1e-300) for each in values], axis=0)
+                self.problem = interval.with_plants(self.problem, maxima, share)
                 for search in (self.judge, *descents):
                     search.pose(self.problem)
                 # The best candidates are judged again, on other plants.
@@ -355,9 +360,14 @@ def on_finer_set(problem: DesignProblem, point: Point, found: Values) -> float:
 
 
 def error_of(problem: DesignProblem, point: Point, found: Values) -> float:
-    """How much a tolerance a hundred times tighter changes the objective, J."""
-    again = evaluate(problem.scenarios, point, np.float64(TOLERANCE / 100))
-    return abs(value_of(problem.objective, np.asarray(again.energies)) - value_of(problem.objective, found.energies))
+    """How much a tolerance ten times tighter changes the objective, J.
+
+    Where rounding keeps that from being met, the greatest of the energies' own estimates.
+    """
+    again = np.asarray(evaluate(problem.scenarios, point, np.float64(TOLERANCE / 10)).energies)
+    if np.any((again >= DIVERGED_ENERGY) & (found.energies < DIVERGED_ENERGY)):
+        return float(np.max(found.errors))
+    return abs(value_of(problem.objective, again) - value_of(problem.objective, found.energies))
 
 
 def status_of(values: np.ndarray, slacks: np.ndarray, optimal: bool) -> Status:

@@ -29,7 +29,8 @@ class Solution(Result):
         samples: the leaves of those plants, absolute, one entry a plant.
         objective_on_finer_set: the objective on a set ten times finer along each leaf (as far as that stays under
             20,000 plants), J; in the worst case with the maxima between its plants.
-        error: how much the objective changes with a tolerance of the integration that is a hundred times tighter, J.
+        error: how much the objective changes with a tolerance of the integration that is ten times tighter, J; where
+            rounding keeps that from being met, the greatest error that the energies' own estimates state.
         active: leaves of the active plants, whose energies define the optimum, and under ``"multiplier"`` their
             multipliers, the greatest first; empty without an uncertain set.
         optimality: residual of the Karush–Kuhn–Tucker conditions, relative to the steepest slope; 0 at an optimum.

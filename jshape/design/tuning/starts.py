@@ -3,6 +3,7 @@
 Among the former are those with fewer impulses, filled up with impulses of amplitude 0.
 """
 
+import functools
 from collections.abc import Callable
 
 import numpy as np
@@ -40,19 +41,30 @@ def _within(bounds: Bounds, shaper: Shaper) -> Point:
 
 
 def _linear(plant: AbstractPlant, impulses: int) -> list[Shaper]:
-    """Shapers for the modes at rest."""
+    """Shapers for the modes at rest: a shaper for each mode, convolved; of one impulse for a mode that is not shaped.
+
+    The slowest mode is always shaped; the shortest shaper comes first.
+    """
     if isinstance(plant, ModalPlant):
         omega, zeta = np.asarray(plant.omega, float), np.asarray(plant.zeta, float)
     else:
         omega = np.atleast_1d(np.asarray(plant.natural_frequency(), float))
         zeta = np.zeros_like(omega)
-    modes = [pair for pair in zip(omega, zeta, strict=True) if np.isfinite(pair[0]) and pair[0] > 0]
+    modes = sorted(pair for pair in zip(omega, zeta, strict=True) if np.isfinite(pair[0]) and pair[0] > 0)
     found = []
-    if len(modes) > 1 and impulses == 2 ** len(modes):
-        found.append(linear.multi_mode(modes, kind="zv"))
-    if modes:
-        found.append(linear.zvd_n(*min(modes), order=impulses - 2))
-    return found
+    for counts in _factors(impulses, len(modes)):
+        shaped = [linear.zvd_n(*mode, order=count - 2) for mode, count in zip(modes, counts, strict=True) if count > 1]
+        if counts[0] > 1:
+            found.append(functools.reduce(Shaper.convolve, shaped))
+    return sorted(found, key=lambda shaper: float(shaper.duration))
+
+
+def _factors(number: int, count: int) -> list[tuple[int, ...]]:
+    """All ``count`` whole numbers of at least 1 whose product is ``number``."""
+    if count < 2:
+        return [(number,)] * count
+    divisors = [first for first in range(1, number + 1) if number % first == 0]
+    return [(first, *rest) for first in divisors for rest in _factors(number // first, count - 1)]
 
 
 def _energy(plant: AbstractPlant, size: float, impulses: int) -> list[Shaper]:
