@@ -86,6 +86,8 @@ def test_tune_the_uncertain_payload(tmp_path):
     out = tmp_path / "out"
     result = run(app, ["tune", "paper_001", "--out", str(out)])
     assert result.exit_code == 0, result.output
+    # How much there is to do comes first: a step and three impulses make two segments.
+    assert "work: 41 plants × 32 starts × 2 segments of a move" in result.output.splitlines()[0]
     numbers = json.loads((out / "results.json").read_text(encoding="utf-8"))
     rows = {row["name"]: row for row in numbers["shapers"]}
     paper, tuned = rows["energy 3-impulse"], rows["tuned"]

@@ -11,10 +11,10 @@ import math
 import os
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from jshape._types import Progress
     from jshape.problems.problem import Problem
     from jshape.problems.reading import Draft
+    from jshape.shaper import Shaper
 
 ProblemFile = Annotated[str, typer.Argument(help="A problem file (TOML), or the name of one that comes with jshape.")]
 Out = Annotated[Path | None, typer.Option(help="Folder for the results; NAME-results unless given.")]
@@ -173,3 +174,27 @@ def progress_line() -> Iterator[tuple[Callable[[str], None], "Progress"]]:
             bar.update(task, description=described(stage, done, total, best), total=total or None, completed=done)
 
         yield lambda stage: progress(stage, 0, 0, math.inf), progress
+
+
+def announced(command: Any, plants: int, rows: int, what: str, impulses: int) -> None:
+    """Say on the error stream how much work there is.
+
+    Args:
+        command: of the move.
+        plants: how many there are.
+        rows: how many of what each of them meets.
+        what: starts or shapers, in the plural.
+        impulses: of a shaper, at most.
+    """
+    import jax
+
+    from jshape.command import as_command
+
+    segments = jax.eval_shape(as_command(command).pieces)[0].shape[0] * impulses - 1
+    words = f"{plants:,} plants × {rows:,} {what} × {segments} segments of a move, each in the steps that it needs"
+    typer.echo(f"work: {words}", err=True)
+
+
+def most_impulses(shapers: Iterable["Shaper"]) -> int:
+    """The number of impulses of the shaper that has most."""
+    return max(len(shaper.times) for shaper in shapers)

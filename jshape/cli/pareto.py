@@ -1,11 +1,12 @@
 """``jshape pareto``: what a shaper's duration buys."""
 
+import math
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from jshape.cli._shared import Out, ProblemFile, checked, explained, made, progress_line
+from jshape.cli._shared import Out, ProblemFile, announced, checked, explained, made, progress_line
 
 
 @explained()
@@ -24,21 +25,26 @@ def pareto(
     from jshape.reports.tables import show_front
     from jshape.status import Status
 
+    front = read.front
+    durations = front.durations if isinstance(front.durations, int) else len(front.durations)
+    tasks = len(front.impulses) * durations * front.starts
+    plants = math.prod(len(values) for values in read.over.values())
+    announced(read.distance, plants, tasks, "starts", max(front.impulses))
     with progress_line() as (step, progress):
         step("closed-form shapers")
-        front = front_of(
+        found = front_of(
             read.plant,
             read.distance,
             over=read.over or None,
             objective=read.objective,
             store=store,
             progress=progress,
-            **read.front.model_dump(),
+            **front.model_dump(),
         )
         step("files")
-        files = write_front(read, front, folder)
-    show_front(read, front)
+        files = write_front(read, found, folder)
+    show_front(read, found)
     typer.echo(f"results in {folder}: {', '.join(files)}")
-    if Status.INTERRUPTED.value in front["status"].values:
+    if Status.INTERRUPTED.value in found["status"].values:
         typer.echo("interrupted: what was not computed is empty; with --store DIR the same command goes on", err=True)
         raise typer.Exit(130)

@@ -1,11 +1,12 @@
 """``jshape sweep``: a problem's uncertainty, plant by plant."""
 
+import math
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from jshape.cli._shared import Out, ProblemFile, checked, explained, made, progress_line
+from jshape.cli._shared import Out, ProblemFile, announced, checked, explained, made, most_impulses, progress_line
 
 
 @explained()
@@ -53,6 +54,8 @@ def sweep(
             if name in shapers:
                 raise ValueError(f"--shaper {path}: there is a shaper of that name already, {name!r}")
             shapers[name] = read_shaper(path)
+        plants = samples or math.prod(len(values) for values in over.values())
+        announced(read.distance, plants, len(shapers), "shapers", most_impulses(shapers.values()))
         step("sweep")
         try:
             found = sweep_plants(

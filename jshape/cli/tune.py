@@ -1,5 +1,6 @@
 """``jshape tune`` and ``jshape compare``: a problem's shapers, tuned and in closed form, side by side."""
 
+import math
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -9,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from jshape.cli._artist import artist
-from jshape.cli._shared import Out, ProblemFile, checked, explained, made, progress_line
+from jshape.cli._shared import Out, ProblemFile, announced, checked, explained, made, most_impulses, progress_line
 
 if TYPE_CHECKING:
     from jshape.problems.problem import Problem
@@ -23,6 +24,11 @@ def begun(problem: str, out: Path | None) -> "Iterator[tuple[Problem, Path, Call
     draft, folder = checked(problem, out)
     with artist() as draw:
         yield made(draft), folder, draw
+
+
+def plants_of(problem: "Problem") -> int:
+    """How many plants the uncertain set of a problem has; one where there is none."""
+    return math.prod(len(values) for values in problem.over.values())
 
 
 def tune(
@@ -45,6 +51,8 @@ def tune(
 
         design = read.design
         first = None if start is None else read_shaper(start)
+        count = 1 if first is not None else starts or design.starts
+        announced(read.distance, plants_of(read), count, "starts", design.impulses)
         # The closed forms are compiled beside the search: with two cores that saves some seconds of a first run.
         with progress_line() as (step, progress), ThreadPoolExecutor(1) as beside:
             closed = beside.submit(closed_forms, read.plant, read.distance)
@@ -77,11 +85,16 @@ def compare(problem: ProblemFile, out: Out = None, latex: Latex = False) -> None
     """Set the closed-form shapers that apply to a problem side by side, without tuning."""
     with explained(), begun(problem, out) as (read, folder, draw):
         from jshape._files import write_text
+        from jshape.design.closed_forms import closed_forms
         from jshape.reports import report
         from jshape.reports.tables import latex_table, show_report
 
         with progress_line() as (step, _):
-            result = report.build(read, None, step)
+            step("closed-form shapers")
+            closed = closed_forms(read.plant, read.distance)
+            shapers = closed[0].values()
+            announced(read.distance, plants_of(read), len(shapers), "shapers", most_impulses(shapers))
+            result = report.build(read, None, step, closed)
             figures = report.write(result, folder, step, draw)
         if latex:
             write_text(folder / "table.tex", latex_table(result))
