@@ -28,6 +28,10 @@ from jshape.problems.reading import Draft, Part, beside, read, with_class
 from jshape.problems.schema import Adapt, Design, Front
 from jshape.problems.units import Units, printed
 from jshape.sweeps.leaves import check_over, leaf
+from jshape.time_optimal import TimeOptimal
+
+MADE = {"Axes": Axes, "Synchronised": TimeOptimal.synchronised, "TimeOptimal": TimeOptimal}
+"""What makes the commands that are not in ``command``."""
 
 GREATEST_MULTIPLE = 10.0
 """Multiples of nominal beyond this are questioned: an absolute value may have been meant."""
@@ -146,12 +150,12 @@ def _entry(kind: type[AbstractPlant]) -> Entry:
 
 def _object(part: Part, keys: list[str], lines: Lines, kind: type | None = None) -> Any:
     """An object as a file describes it: parts first, then the constructor, whose errors are raised with the line."""
-    made: Any = kind or (Axes if part.kind == "Axes" else None)
+    made: Any = kind or MADE.get(part.kind)
     made = made or getattr(commands if part.kind in COMMANDS else plants, READERS.get(part.kind, part.kind))
-    values = {
-        name: _object(value, [*keys, name], lines) if isinstance(value, Part) else value
-        for name, value in part.values.items()
-    }
+    values = dict(part.values)
+    for name, value in values.items():
+        if isinstance(value, Part):
+            values[name] = value.values if part.kind == "Synchronised" else _object(value, [*keys, name], lines)
     if part.kind in READERS:
         values["file"] = beside(lines, values["file"])
     try:
@@ -162,7 +166,7 @@ def _object(part: Part, keys: list[str], lines: Lines, kind: type | None = None)
         if isinstance(error, TypeError):
             message = message.replace(f"{made.__name__}.__init__() ", "")
         elif blamed:
-            message = message.removeprefix(blamed).lstrip()
+            message = message.removeprefix(blamed).lstrip(" :")
         raise lines.error([*keys, blamed] if blamed else keys, message) from None
 
 
