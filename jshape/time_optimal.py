@@ -130,7 +130,8 @@ class TimeOptimal(PiecewisePolynomial):
                 raise ValueError(f"{axis}: {error}") from None
         if not checked:
             raise ValueError("moves: there must be one axis at least, such as synchronised(trolley=dict(…))")
-        return Axes(**dict(zip(moves, _fastest(checked), strict=True)))
+        found: dict[str, Any] = dict(zip(moves, _fastest(checked), strict=True))
+        return Axes(**found)
 
 
 def _checked(given: Move) -> Move:
