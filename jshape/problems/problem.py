@@ -24,7 +24,8 @@ from jshape.problems.catalogue import COMMANDS, PARTS, READERS, REQUIRED, Entry,
 from jshape.problems.echo import label, understood
 from jshape.problems.lines import Lines
 from jshape.problems.lines import ProblemError as ProblemError
-from jshape.problems.reading import Draft, Part, beside, read, with_class
+from jshape.problems.machine_files import beside
+from jshape.problems.reading import Draft, Part, read, with_class
 from jshape.problems.schema import Adapt, Design, Front
 from jshape.problems.units import Units, printed
 from jshape.sweeps.leaves import check_over, leaf
@@ -55,6 +56,7 @@ class Problem:
         labels: leaf → its name and unit, for an axis of a figure.
         understood: the file's numbers with their units, lines of text.
         questions: what may not be meant as it was written.
+        files: those that describe its plant, by their names beside the problem file.
     """
 
     name: str
@@ -70,6 +72,7 @@ class Problem:
     labels: dict[str, str]
     understood: list[str]
     questions: list[str]
+    files: dict[str, bytes]
 
     @property
     def objective(self) -> str:
@@ -114,7 +117,7 @@ def load(name: str | Path | Draft) -> Problem:
     name = printable(draft.path.stem)
     return Problem(
         name, file.title or name, plant, distance, over, file.design, file.pareto, file.adapt, draft.text, foreign,
-        labels, understood(draft, nominal), questions,
+        labels, understood(draft, nominal), questions, draft.files,
     )  # fmt: skip
 
 

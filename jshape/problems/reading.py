@@ -15,6 +15,7 @@ from jshape._rules import RULES
 from jshape.problems import catalogue, limits
 from jshape.problems.catalogue import WORDS, Entry, Key, suggestion
 from jshape.problems.lines import Lines, ProblemError
+from jshape.problems.machine_files import machine_files, units_of_file
 from jshape.problems.mistakes import keys_of, message_of
 from jshape.problems.schema import File, Range
 from jshape.problems.units import Units, in_units, lengths, quantity, question
@@ -82,6 +83,7 @@ class Draft:
         units: of the plant's payload and of the command.
         questions: what may not be meant as it was written.
         lines: where each key stands.
+        files: those that describe its plant, by their names beside the problem file.
     """
 
     path: Path
@@ -93,6 +95,7 @@ class Draft:
     units: Units
     questions: list[str]
     lines: Lines
+    files: dict[str, bytes]
 
     @property
     def foreign(self) -> str | None:
@@ -155,7 +158,8 @@ def read(name: str | Path) -> Draft:
     if file.design.objective not in (None, "nominal") and not over:
         objective = file.design.objective
         raise lines.error(["design", "objective"], f"{objective!r} needs an [uncertainty] table")
-    return Draft(path, text, file, plant, command, over, reader.units, reader.questions, lines)
+    files, outside = machine_files(lines, raw["plant"])
+    return Draft(path, text, file, plant, command, over, reader.units, [*reader.questions, *outside], lines, files)
 
 
 def with_class(draft: Draft, entry: Entry) -> Draft:
@@ -176,36 +180,11 @@ def _units(lines: Lines, raw: dict[str, Any]) -> Units:
     if entry.name == "Linearised":
         return _units(lines, table)
     if kind in catalogue.READERS:
-        unit = _unit_of_file(lines, table)
-        return Units(unit, unit, {}, {})
+        units = units_of_file(lines, table)
+        first, several = next(iter(units.values())), units if len(units) > 1 else {}
+        return Units(first, first, several, several)
     drive = table.get("drive")
     return Units(entry.constants["unit"], entry.command_unit(drive), entry.axes, entry.command_units(drive))
-
-
-def _unit_of_file(lines: Lines, table: dict[str, Any]) -> str:
-    """The unit of a plant that is described in a file of its own: its first driven joint is a slide or a hinge."""
-    from jshape.plants import mujoco_model
-
-    try:
-        model = mujoco_model.load(beside(lines, table.get("file")))
-        return mujoco_model.command_unit(model, mujoco_model.check_driven(model, table.get("driven")))
-    except (ImportError, ValueError) as error:
-        key = "driven" if str(error).startswith("driven") else "file"
-        raise lines.error(["plant", key], str(error).removeprefix(key).lstrip(" :")) from None
-
-
-def beside(lines: Lines, name: Any) -> Path:
-    """The file of that name beside the problem file, or of those that come with jshape.
-
-    Raises:
-        ProblemError: if there is none.
-    """
-    if not isinstance(name, str) or not name:
-        raise lines.error(["plant", "file"], f"must be the name of a file, not {name!r}")
-    for folder in (lines.path.parent, Path(__file__).parent):
-        if (folder / name).is_file():
-            return folder / name
-    raise lines.error(["plant", "file"], f"there is no file {name!r} beside the problem file")
 
 
 class _Reader:
