@@ -32,6 +32,9 @@ from jshape.plants._vectors import Entry, Vector, cross, dot, minus, plus, solve
 from jshape.plants.base import AbstractPlant
 from jshape.plants.bodies import Body, Entries, Joint, entries, given, vector
 
+DRIVE = ("acceleration", "velocity", "displacement")
+"""What every axis drives."""
+
 _STEPS = 50
 """Newton steps to a rest state at most."""
 
@@ -100,7 +103,7 @@ class Multibody(AbstractPlant):
     joint: dict[str, Joint]
     gravity: Entries = eqx.field(converter=entries(finite))
     tree: Tree = eqx.field(static=True)
-    drive: ClassVar = ("acceleration", "velocity", "displacement")
+    drive: ClassVar = DRIVE
 
     @property
     def axes(self) -> tuple[str, ...]:  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -119,7 +122,7 @@ class Multibody(AbstractPlant):
         return {axis: "m" if joint.slides else "rad" for axis, joint in self.leading().items()}
 
     def axis_drives(self) -> tuple[str | tuple[str, ...], ...]:
-        return (self.drive,) * len(self.leading())
+        return (DRIVE,) * len(self.leading())
 
     def _of_axes(self, given: Any) -> dict[str, Any]:
         """What is given for each axis, or for the only one, by its name."""

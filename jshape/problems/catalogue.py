@@ -38,7 +38,7 @@ COMMANDS = ("Step", "Trapezoid", "SCurve", "Sampled", "TimeOptimal")
 GROUPS = {
     "cranes": ("AbstractCrane", "AbstractSlewingCrane"),
     "masses on springs": ("AbstractOscillator", "ForcedTwoMass"),
-    "robots": ("FlexibleJoint", "FlexibleLink"),
+    "robots": ("FlexibleJoint", "FlexibleLink", "TwoLinkArm"),
     "measured modes": ("AbstractModes",),
     "from another plant": ("Linearised",),
     "from a file": tuple(READERS),
