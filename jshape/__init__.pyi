@@ -37,6 +37,7 @@ from .simulation.simulate import simulate as simulate
 from .status import Status as Status
 from .sweeps.sobol import sensitivity_indices as sensitivity_indices
 from .sweeps.sweep import sweep as sweep
+from .time_optimal import TimeOptimal as TimeOptimal
 from .vibration import insensitivity as insensitivity
 from .vibration import percentage_vibration as percentage_vibration
 

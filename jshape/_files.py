@@ -55,15 +55,28 @@ def check_writable(folder: Path) -> None:
         raise ValueError(f"{folder}: cannot be written to: {_reason(error)}") from None
 
 
-def check_unedited(folder: Path, text: str | None = None) -> None:
-    """Check that a folder's problem file, if there is one, is as jshape wrote it, or has that text.
+def check_unedited(folder: Path, text: str | None = None, files: Mapping[str, bytes] | None = None) -> None:
+    """Check that a folder's problem file and those beside it, if any, are as jshape wrote them, or have that content.
+
+    Args:
+        folder: of the results.
+        text: of the problem file.
+        files: those that describe its plant, by their names beside it.
 
     Raises:
         ValueError: for one that its user may have edited.
     """
+    record = _results(folder)
+    digests = record.get("file_digests")
+    digests = digests if isinstance(digests, dict) else {}
     path = folder / "problem.toml"
-    if path.exists() and (found := read_text(path)) != text and digest(found) != _results(folder).get("problem_digest"):
-        raise ValueError(f"{path}: has been edited, and is left as it is; name another folder")
+    copies = [(path, read_text(path), text, record.get("problem_digest"))] if path.exists() else []
+    for name, content in (files or {}).items():
+        path = folder / name
+        copies += [(path, read_bytes(path), content, digests.get(name))] if path.exists() else []
+    for path, found, wanted, written in copies:
+        if found != wanted and digest(found) != written:
+            raise ValueError(f"{path}: has been edited, and is left as it is; name another folder")
 
 
 def _results(folder: Path) -> dict[str, Any]:
@@ -75,9 +88,9 @@ def _results(folder: Path) -> dict[str, Any]:
         return {}
 
 
-def digest(text: str) -> str:
-    """The SHA-256 digest of a text."""
-    return hashlib.sha256(text.encode()).hexdigest()
+def digest(content: str | bytes) -> str:
+    """The SHA-256 digest of a text, or of bytes."""
+    return hashlib.sha256(content.encode() if isinstance(content, str) else content).hexdigest()
 
 
 def printable(name: str) -> str:

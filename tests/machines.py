@@ -58,6 +58,27 @@ SAGGING = """<mujoco><option timestep="1e-4" integrator="RK4"><flag contact="dis
 </body></frame></worldbody></mujoco>"""
 """Joints in all directions under gravity, which bends them at rest, more or less by how far the column has turned."""
 
+SLEWING = f"""{HEAD}
+<body name="jib" pos="0 0 6"><joint name="turn" axis="0 0 1"/><inertial pos="1 0 0" mass="9" diaginertia="1 1 1"/>
+  <body name="trolley" pos="3 0 0"><joint name="drive" type="slide" axis="1 0 0"/><geom size="0.1" mass="3"/>
+    <body name="cable"><joint name="outwards" axis="0 1 0"/><joint name="sideways" axis="1 0 0"/>
+      <inertial pos="0 0 0" mass="1e-9" diaginertia="1e-9 1e-9 1e-9"/>
+      <body name="load" pos="0 0 -2"><joint name="winch" type="slide" axis="0 0 -1"/>
+        <inertial pos="0 0 0" mass="5" diaginertia="1e-9 1e-9 1e-9"/></body>
+    </body>
+  </body>
+</body></worldbody></mujoco>"""
+"""A tower crane: a jib that slews, a trolley that drives along it, a winch below the joints of the cable."""
+
+BRIDGE = f"""{HEAD}
+<body name="bridge"><joint name="along" type="slide" axis="0 1 0"/><geom size="0.1" mass="9"/>
+  <body name="trolley"><joint name="over" type="slide" axis="1 0 0"/><geom size="0.1" mass="3"/>
+    <body name="load"><joint name="first" axis="0 1 0"/><joint name="second" axis="1 0 0"/>
+      <inertial pos="0 0 -1.3" mass="0.7" diaginertia="1e-9 1e-9 1e-9"/></body>
+  </body>
+</body></worldbody></mujoco>"""
+"""A bridge crane, whose trolley drives over a bridge that moves, too."""
+
 MACHINES = {
     "crane": (CRANE, "slide"),
     "double pendulum": (DOUBLE, "slide"),
@@ -73,32 +94,46 @@ def address(model, joint):
 
 
 def free_accelerations(mujoco, model, data, driven, push):
-    """Accelerations of all joints by MuJoCo's mass matrix and forces at ``data``'s state, ``driven`` at ``push``."""
+    """Accelerations of all joints by MuJoCo's mass matrix and forces at ``data``'s state, ``driven`` at ``push``.
+
+    One joint and its acceleration, or several of both.
+    """
     matrix = np.zeros((model.nv, model.nv))
     mujoco.mj_fullM(model, data, matrix)
-    free = np.arange(model.nv) != driven
-    right = data.qfrc_passive - data.qfrc_bias - matrix[:, driven] * push
-    found = np.full(model.nv, float(push))
+    free = np.setdiff1d(np.arange(model.nv), driven)
+    found = np.zeros(model.nv)
+    found[driven] = push
+    right = data.qfrc_passive - data.qfrc_bias - matrix @ found
     found[free] = np.linalg.solve(matrix[np.ix_(free, free)], right[free])
     applied = matrix @ found + data.qfrc_bias - data.qfrc_passive
     return found, applied[driven]
 
 
-def stepped(mujoco, text, joint, pushes, rest, last):
-    """The energy (J) above that at ``last`` after steps of MuJoCo's engine, and how far the joint has come.
+def pushes(command, step=1e-4):
+    """The acceleration in each step of a command whose pieces are parabolas, shape (steps,) or (steps, axes)."""
+    breaks, coefficients = map(np.asarray, command.pieces())
+    assert np.max(np.abs(breaks / step - np.round(breaks / step))) < 1e-6
+    assert not np.any(coefficients[..., 3:])
+    counts = np.diff(np.round(breaks / step).astype(int))
+    return np.repeat(2 * coefficients[:-1, ..., 2], counts, axis=0)
 
-    From ``rest``, the joint accelerated by ``pushes``, one a step.
-    The force that gives the joint its acceleration is applied at every stage of a step.
+
+def stepped(mujoco, text, joints, pushes, rest, last):
+    """The energy (J) above that at ``last`` after steps of MuJoCo's engine, and how far the driven joints have come.
+
+    From ``rest``, the joints accelerated by ``pushes``, shape (steps, joints), a row a step.
+    The forces that give the joints their accelerations are applied at every stage of a step.
     """
     model = mujoco.MjModel.from_xml_string(text)
     model.actuator_gainprm[:] = model.actuator_biasprm[:] = 0.0
     model.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_ENERGY
-    data, driven, push = mujoco.MjData(model), address(model, joint), [0.0]
+    data, driven = mujoco.MjData(model), [address(model, joint) for joint in joints]
+    push = [np.zeros(len(driven))]
 
     def control(model, data):
         data.qfrc_applied[driven] = free_accelerations(mujoco, model, data, driven, push[0])[1]
 
-    free = np.arange(model.nv) != driven
+    free = np.setdiff1d(np.arange(model.nv), driven)
     data.qpos[free] = rest
     mujoco.set_mjcb_control(control)
     try:
@@ -111,4 +146,4 @@ def stepped(mujoco, text, joint, pushes, rest, last):
     np.testing.assert_allclose(data.qvel[driven], 0.0, atol=1e-9)
     data.qpos[free], data.qvel[:] = last, 0.0
     mujoco.mj_forward(model, data)
-    return moving - float(np.sum(data.energy)), float(data.qpos[driven])
+    return moving - float(np.sum(data.energy)), data.qpos[driven].tolist()

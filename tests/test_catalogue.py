@@ -8,7 +8,8 @@ import jax
 import numpy as np
 import pytest
 
-from jshape import command, plants
+import jshape as js
+from jshape import plants
 from jshape.problems import catalogue, starters
 from jshape.problems.problem import load
 
@@ -20,7 +21,7 @@ KINDS = {
 
 
 def of(name: str) -> type:
-    return getattr(command if name in catalogue.COMMANDS else plants, catalogue.READERS.get(name, name))
+    return getattr(js if name in catalogue.COMMANDS else plants, catalogue.READERS.get(name, name))
 
 
 def test_every_class_that_takes_no_function_is_listed():

@@ -162,6 +162,61 @@ def test_matlab_script_holds_the_filter():
         js.export(SHAPER, "matlab", sample_time=0.01, name="end")
 
 
+def parameters(text):
+    """Keys and values of a YAML file of nested mappings, lists of numbers and words, by their paths."""
+    found, path = {}, []
+    joined = re.sub(r"\[\s+([^\]]*?)\s+\]", lambda group: f"[{' '.join(group[1].split())}]", text)
+    for line in joined.splitlines():
+        if line.startswith("#"):
+            continue
+        indent, key, value = re.fullmatch(r"( *)(\w+):(?: (.*))?", line).groups()
+        path = [*path[: len(indent) // 2], key]
+        if value:
+            numbers = value.startswith("[")
+            found[".".join(path)] = [float(each) for each in value[1:-1].split(", ")] if numbers else value
+    return found
+
+
+def test_ros2_filter():
+    """The difference equation of the controller's filter, whose history begins empty, gives the shaped samples."""
+    shaper = js.Shaper([0.2, 0.5, 1e-05, 0.29999], [0.0, 0.03, 0.07, 0.2])
+    text = js.export(shaper, "ros2_filter", sample_time=0.01)
+    found = parameters(text)
+    chain = "input_shaper.ros__parameters.filter_chain.filter1"
+    assert found.pop(f"{chain}.type") == "filters/TransferFunctionFilterDouble"
+    assert found.pop(f"{chain}.name") == "input_shaper"
+    a, b = (np.array(found.pop(f"{chain}.params.{key}")) for key in "ab")
+    assert not found
+    # Every number has a point: YAML has no number that is written as 1e-05.
+    assert not re.search(r"[\[, ]\d+e", text.partition("b: [")[2])
+    command = js.SCurve(0.5, 1.0, 4.0, 40.0)
+    given, expected = (np.asarray(one(0.01 * np.arange(100))) for one in (command, shaper.shape(command)))
+    shaped = []
+    for n in range(100):
+        past = [b[k] * given[n - k] for k in range(min(n + 1, len(b)))]
+        shaped.append((sum(past) - sum(a[k] * shaped[n - k] for k in range(1, min(n + 1, len(a))))) / a[0])
+    np.testing.assert_allclose(shaped, expected, rtol=0, atol=1e-14)
+    yaml = pytest.importorskip("yaml")
+    read = yaml.safe_load(text)["input_shaper"]["ros__parameters"]["filter_chain"]["filter1"]["params"]
+    assert all(type(value) is float for key in "ab" for value in read[key])
+    np.testing.assert_array_equal(read["b"], b)
+
+
+def test_ros2_filters_of_several_axes(tmp_path):
+    written = js.export(
+        {"pan": SHAPER, "tilt": SHAPER},
+        "ros2_filter",
+        tmp_path / "s.yaml",
+        sample_time=0.01,
+        method="split",
+        name="arm",
+    )
+    assert next(iter(parameters(written["tilt"]))).startswith("arm_tilt.ros__parameters.")
+    assert (tmp_path / "s_tilt.yaml").read_text(encoding="utf-8") == written["tilt"]
+    with pytest.raises(ValueError, match=r"name must be a letter followed by .*, not 'my-arm'"):
+        js.export(SHAPER, "ros2_filter", sample_time=0.01, name="my-arm")
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(shutil.which("octave-cli") is None, reason="no Octave")
 def test_octave_shapes_a_command(tmp_path):

@@ -251,6 +251,8 @@ def test_plant_beside_scipy(duffing, plant):
 REFUSED = {
     "forced-mass": "the operation while",
     "flexible-link": "complex numbers",
+    "mjcf": "the operation while",
+    "urdf": "the operation while",
 }
 
 
@@ -262,7 +264,7 @@ def test_every_plant_is_written_out_or_refused(starter, tmp_path):
     problem.write_text(starters.text(starter), encoding="utf-8")
     plant = load(problem).plant
     if starter.name in REFUSED:
-        with pytest.raises(ValueError, match=f"{starter.plant}.*{REFUSED[starter.name]}"):
+        with pytest.raises(ValueError, match=f"{type(plant).__name__}.*{REFUSED[starter.name]}"):
             js.export_plant(plant, "fmu")
         return
     fmpy = pytest.importorskip("fmpy")

@@ -5,9 +5,11 @@ import pytest
 from machines import ARM, DOUBLE
 from typer.testing import CliRunner
 
+from jshape._files import check_unedited
 from jshape.cli import app
 from jshape.problems.problem import load
 from jshape.problems.reading import ProblemError, read
+from jshape.reports.report import Report, write_numbers
 
 pytest.importorskip("mujoco")
 
@@ -93,3 +95,45 @@ def test_without_mujoco(written, monkeypatch):
     assert "from a file" in listed.stdout
     assert "MJCF" in listed.stdout
     assert runner.invoke(app, ["plants", "URDF"]).exit_code == 0
+
+
+def test_a_copy_of_a_problem_takes_its_machine_along(tmp_path):
+    """With what the machine's file includes, in its folder; an edited copy stays as it is."""
+    source, folder = tmp_path / "source", tmp_path / "results"
+    (source / "machines" / "parts").mkdir(parents=True)
+    inner = ARM[ARM.index("<body") : ARM.index("</worldbody>")]
+    outer = ARM.replace(inner, '<include file="parts/inner.xml"/>')
+    (source / "machines" / "arm.xml").write_text(outer, encoding="utf-8")
+    part = source / "machines" / "parts" / "inner.xml"
+    part.write_text(f"<mujocoinclude>{inner}</mujocoinclude>", encoding="utf-8")
+    path = source / "problem.toml"
+    path.write_text(PROBLEM.replace('"arm.xml"', '"machines/arm.xml"'), encoding="utf-8")
+    problem = load(path)
+    assert set(problem.files) == {"machines/arm.xml", "machines/parts/inner.xml"}
+    write_numbers(Report(problem, [], {}, {}, None), folder)
+    again = load(folder / "problem.toml")
+    assert again.files == problem.files
+    np.testing.assert_array_equal(again.plant.natural_frequency(), problem.plant.natural_frequency())
+    # A new original may be written over the copy, an edited copy may not, unless it is what is run.
+    copy = folder / "machines" / "parts" / "inner.xml"
+    changed = part.read_bytes().replace(b'mass="1.5"', b'mass="2.5"')
+    check_unedited(folder, problem.text, problem.files | {"machines/parts/inner.xml": changed})
+    copy.write_bytes(changed)
+    with pytest.raises(ValueError, match=r"inner\.xml: has been edited, and is left as it is"):
+        check_unedited(folder, problem.text, problem.files)
+    edited = read(folder / "problem.toml")
+    check_unedited(folder, edited.text, edited.files)
+
+
+def test_a_machine_that_lies_elsewhere_is_named(written, tmp_path):
+    path = written(PROBLEM)
+    (tmp_path / "inside").mkdir()
+    other = tmp_path / "inside" / "problem.toml"
+    other.write_text(PROBLEM.replace('"arm.xml"', '"../arm.xml"'), encoding="utf-8")
+    draft = read(other)
+    assert draft.files == {}
+    assert len(draft.questions) == 1
+    assert (
+        ":10: plant.file: ../arm.xml does not lie beside the problem file, and is not taken along" in draft.questions[0]
+    )
+    assert read(path).questions == []

@@ -18,6 +18,7 @@ from jshape.cli.identify import identify
 from jshape.cli.new import new
 from jshape.cli.pareto import pareto
 from jshape.cli.plants import plants
+from jshape.cli.shape import shape
 from jshape.cli.sweep import sweep
 from jshape.cli.train import train
 from jshape.cli.tune import compare, tune
@@ -26,7 +27,10 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     help="Design input shapers: tune them by gradients of the residual energy, compare them with the closed forms.",
 )
-COMMANDS = (plants, new, tune, compare, animate, sweep, pareto, adapt, identify, calibrate, export, train, evaluate)
+COMMANDS = (
+    *(plants, new, tune, compare, animate, sweep, pareto, adapt, identify, calibrate),
+    *(export, shape, train, evaluate),
+)
 for command in COMMANDS:
     app.command()(command)
 

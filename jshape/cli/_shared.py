@@ -44,7 +44,7 @@ def checked(name: str, out: Path | None) -> tuple["Draft", Path]:
 
     draft = read(name)
     folder = results_folder(out, f"{draft.path.stem}-results")
-    check_unedited(folder, draft.text)
+    check_unedited(folder, draft.text, draft.files)
     if draft.foreign:
         typer.echo(f"{draft.path}: runs code of its own, the plant {draft.foreign}", err=True)
     return draft, folder

@@ -105,6 +105,7 @@ def _not_of(problem: "Problem", folder: Path) -> str | None:
     try:
         record = json.loads(read_text(folder / "results.json"))
         same = record["problem_digest"] == digest(problem.text)
+        same = same and record.get("file_digests", {}) == {name: digest(each) for name, each in problem.files.items()}
     except (ValueError, KeyError, TypeError, RecursionError):
         return f"{folder}: holds no results of jshape tune"
     if not (folder / "shapers" / "tuned.json").exists():

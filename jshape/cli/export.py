@@ -37,7 +37,7 @@ def export(
         float | None, typer.Option(help="How near to one of Klipper's own the shaper must be.")
     ] = None,
 ) -> None:
-    """Write a shaper for a machine: C, Structured Text, FMU, printers' firmware, MATLAB, SciPy, NumPy, JSON, CSV."""
+    """Write a shaper for a machine: C, Structured Text, FMU, printers, ROS, MATLAB, SciPy, NumPy, JSON, CSV."""
     prepare_jax()
     from jshape._files import whole
     from jshape.export import FORMATS, as_bytes, read_shaper

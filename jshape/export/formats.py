@@ -22,6 +22,7 @@ from jshape.export.firmware import kalico, klipper, marlin, reprapfirmware
 from jshape.export.fmu import shaper_unit
 from jshape.export.matlab import matlab
 from jshape.export.on_off import on_off
+from jshape.export.ros2 import ros2_filter
 from jshape.export.shaper_file import csv_text, json_text
 from jshape.export.structured_text import structured_text
 from jshape.shaper import Shaper
@@ -80,6 +81,12 @@ FORMATS = {
     "marlin": Format(marlin, ".gcode", "M593 of one axis", "any shaper but the ZV"),
     "reprapfirmware": Format(reprapfirmware, ".g", 'M593 P"custom"', "more than 5 impulses, negative amplitudes"),
     "matlab": Format(matlab, ".m", "script for MATLAB and Octave", ""),
+    "ros2_filter": Format(
+        ros2_filter,
+        ".yaml",
+        "parameters of ros2_control's chained filter",
+        "times between samples, other than by taps beside them",
+    ),
 }
 """Every format by its name."""
 

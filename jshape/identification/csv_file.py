@@ -74,7 +74,7 @@ def read_csv(
     if inputs is not None:
         driven, data, names = data[:, -1], data[:, :-1], names[:-1]
     if sample_rate is None:
-        axis, data = data[:, 0] * _unit(names[0], spectrum), data[:, 1:]
+        axis, data = data[:, 0] * axis_unit(names[0], spectrum), data[:, 1:]
         names = names[1:]
     else:
         axis = np.arange(len(data)) / sample_rate
@@ -188,7 +188,7 @@ def _missing(cell: str) -> bool:
     return cell.strip().lower() in MISSING_WORDS
 
 
-def _unit(name: str, spectrum: bool) -> float:
+def axis_unit(name: str, spectrum: bool) -> float:
     """The factor to SI units of the column's name: what stands in brackets or after the last separator."""
     known = FREQUENCIES if spectrum else UNITS
     found = re.search(r"[\[(/_,\s]\s*([\wµμ/]+)\s*[\])]?\s*$", name)

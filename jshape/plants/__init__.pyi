@@ -36,4 +36,5 @@ from .springs import PowerLawSpring as PowerLawSpring
 from .springs import SaturatingSpring as SaturatingSpring
 from .trolley import AbstractCrane as AbstractCrane
 from .trolley import Trolley as Trolley
+from .two_link import TwoLinkArm as TwoLinkArm
 from .two_mass import TwoMass as TwoMass

@@ -10,7 +10,7 @@ of vectors in each body's own frame.
 """
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from jshape import _check
 from jshape.plants._vectors import (
@@ -29,6 +29,7 @@ from jshape.plants._vectors import (
     plus,
     rotated,
     scaled,
+    subtracted,
     times,
     transposed,
     turned,
@@ -117,6 +118,9 @@ class Shift(NamedTuple):
     def place(self, point: Vector) -> Vector:
         return added(point, self.by)
 
+    def back(self, point: Vector) -> Vector:
+        return subtracted(point, self.by)
+
     def moved(self, moment: Moment) -> Moment:
         return moment._replace(first=added(moment.first, scaled(moment.mass, self.by)))
 
@@ -135,6 +139,9 @@ class Turn(NamedTuple):
 
     def place(self, point: Vector) -> Vector:
         return turned(self.by, point)
+
+    def back(self, point: Vector) -> Vector:
+        return turned(transposed(self.by), point)
 
     def moved(self, moment: Moment) -> Moment:
         return Moment(moment.mass, turned(self.by, moment.first), turned(self.by, moment.change))
@@ -161,6 +168,9 @@ class Hinge(NamedTuple):
 
     def place(self, point: Vector) -> Vector:
         return rotated(self.axis, self.angle, point)
+
+    def back(self, point: Vector) -> Vector:
+        return rotated(self.axis, self.angle._replace(sine=-self.angle.sine), point)
 
     def moved(self, moment: Moment) -> Moment:
         there = added(moment.first, moment.change)
@@ -193,6 +203,9 @@ class Slide(NamedTuple):
 
     def place(self, point: Vector) -> Vector:
         return added(point, scaled(self.way, self.axis))
+
+    def back(self, point: Vector) -> Vector:
+        return subtracted(point, scaled(self.way, self.axis))
 
     def moved(self, moment: Moment) -> Moment:
         moment = Shift(scaled(self.way, self.axis)).moved(moment)
@@ -334,42 +347,34 @@ def moment_change(links: Sequence[Link], ways: list[list[tuple[Move, str]]], ine
     return total.change
 
 
-def place(links: Sequence[Link], ways: list[list[tuple[Move, str]]], index: int, point: Vector, joint: str) -> Vector:
-    """A point of a link in the frame that a joint on the way to it moves, m."""
-    while True:
+def place(
+    links: Sequence[Link], ways: list[list[tuple[Move, str]]], index: int, point: Vector, joint: str | None = None
+) -> Vector:
+    """A point of a link in the frame that a joint on the way to it moves, m; in space without one."""
+    while index >= 0:
         for move, name in reversed(ways[index]):
             if name == joint:
                 return point
             point = move.place(point)
         index = links[index].parent
+    return point
 
 
-def solved(matrix: list[list[Any]], right: list[Any]) -> tuple[list[Any], list[Any]]:
-    """The solution x of A x = b for a positive definite A, by L D Lᵀ, and the pivots D.
+def seen(links: Sequence[Link], ways: list[list[tuple[Move, str]]], point: Vector, joint: str) -> Vector:
+    """A point of space in the frame that a joint moves, m."""
+    for index in ancestry(links, joint):
+        for move, name in ways[index]:
+            point = move.back(point)
+            if name == joint:
+                break
+    return point
 
-    Args:
-        matrix: A, of which the lower triangle is read.
-        right: b.
-    """
-    count = len(right)
-    lower: list[list[Any]] = [[0.0] * count for _ in range(count)]
-    pivots: list[Any] = []
-    for i in range(count):
-        for j in range(i):
-            rest = matrix[i][j]
-            for k in range(j):
-                rest = minus(rest, times(times(lower[i][k], lower[j][k]), pivots[k]))
-            lower[i][j] = 0.0 if is_number(rest, 0.0) else rest / pivots[j]
-        pivot = matrix[i][i]
-        for k in range(i):
-            pivot = minus(pivot, times(times(lower[i][k], lower[i][k]), pivots[k]))
-        pivots.append(pivot)
-    x = list(right)
-    for i in range(count):
-        for k in range(i):
-            x[i] = minus(x[i], times(lower[i][k], x[k]))
-    x = [value / pivot for value, pivot in zip(x, pivots, strict=True)]
-    for i in range(count - 1, -1, -1):
-        for k in range(i + 1, count):
-            x[i] = minus(x[i], times(lower[k][i], x[k]))
-    return x, pivots
+
+def ancestry(links: Sequence[Link], joint: str) -> list[int]:
+    """The links from the first that moves to that of a joint."""
+    index = next(i for i, link in enumerate(links) if any(axis.name == joint for axis in link.axes))
+    found = []
+    while index >= 0:
+        found.insert(0, index)
+        index = links[index].parent
+    return found

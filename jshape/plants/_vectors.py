@@ -127,3 +127,34 @@ def rotation(quaternion: Any) -> Matrix:
     )
     first, second, third = (plain(row) for row in rows)
     return first, second, third
+
+
+def solved(matrix: list[list[Any]], right: list[Any]) -> tuple[list[Any], list[Any]]:
+    """The solution x of A x = b for a positive definite A, by L D Lᵀ, and the pivots D.
+
+    Args:
+        matrix: A, of which the lower triangle is read.
+        right: b.
+    """
+    count = len(right)
+    lower: list[list[Any]] = [[0.0] * count for _ in range(count)]
+    pivots: list[Any] = []
+    for i in range(count):
+        for j in range(i):
+            rest = matrix[i][j]
+            for k in range(j):
+                rest = minus(rest, times(times(lower[i][k], lower[j][k]), pivots[k]))
+            lower[i][j] = 0.0 if is_number(rest, 0.0) else rest / pivots[j]
+        pivot = matrix[i][i]
+        for k in range(i):
+            pivot = minus(pivot, times(times(lower[i][k], lower[i][k]), pivots[k]))
+        pivots.append(pivot)
+    x = list(right)
+    for i in range(count):
+        for k in range(i):
+            x[i] = minus(x[i], times(lower[i][k], x[k]))
+    x = [value / pivot for value, pivot in zip(x, pivots, strict=True)]
+    for i in range(count - 1, -1, -1):
+        for k in range(i + 1, count):
+            x[i] = minus(x[i], times(lower[k][i], x[k]))
+    return x, pivots

@@ -7,7 +7,7 @@ The equation is written out from the numbers that MuJoCo has read, and compared 
 differ at any of 64 random states, or the file describes what is not simulated, there is no plant.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from jshape.plants import mujoco_model
 from jshape.plants._rigid_body import Axis, Link
 from jshape.plants._vectors import IDENTITY, Vector, plain, rotation
 from jshape.plants.mujoco_model import Model
-from jshape.plants.multibody import Body, Joint, Multibody, Tree
+from jshape.plants.multibody import Body, Joint, Multibody, Tree, first_joints
 
 STATES = 64
 """Random states at which accelerations are compared with MuJoCo's."""
@@ -37,7 +37,7 @@ def from_mjcf(
 
     Args:
         file: a path, or the file's text itself.
-        driven: for each joint that follows the command, the name of its axis. There is one axis today.
+        driven: for each joint that follows the command, the name of its axis; several joints may follow one.
         payload: a body (its centre of mass) or a site whose motion is that of the payload; the last body that both a
             driven and a free joint move unless given.
         keyframe: name of the keyframe where the machine begins, from which rest is sought; the first one unless given,
@@ -64,7 +64,7 @@ def from_urdf(
 
     Args:
         file: a path, or the file's text itself.
-        driven: for each joint that follows the command, the name of its axis. There is one axis today.
+        driven: for each joint that follows the command, the name of its axis; several joints may follow one.
         stiffness: for each free joint that has a spring, N m/rad, or N/m where it is prismatic.
         damping: for each free joint whose damping is not that of the file, N m s/rad, or N s/m.
         payload: a link (its centre of mass) whose motion is that of the payload; the last one that both a driven and a
@@ -96,8 +96,6 @@ def from_urdf(
 
 def _plant(model: Model, driven: Any, payload: str | None, keyframe: str | None) -> Multibody:
     axes = mujoco_model.check_driven(model, driven)
-    if len(set(axes.values())) > 1:
-        raise ValueError(f"driven must name one axis, not {', '.join(sorted(set(axes.values())))}")
     mujoco_model.refuse(model, axes)
     joints = mujoco_model.names(model, "joint")
     free = tuple(name for name in joints if name not in axes)
@@ -111,8 +109,8 @@ def _plant(model: Model, driven: Any, payload: str | None, keyframe: str | None)
     tree = Tree(
         links=links,
         free=free,
-        driven=tuple((name, axes[name]) for name in joints if name in axes),
-        zeros=tuple(begin[joints.index(name)] for name in joints if name in axes),
+        driven=tuple(axes.items()),
+        zeros=tuple(begin[joints.index(name)] for name in axes),
         near=tuple(begin[joints.index(name)] for name in free),
         payload=carried,
         point=point,
@@ -199,7 +197,9 @@ def _payload(
 ) -> tuple[int, Vector | None]:
     """The link that carries the payload, and the point on it; ``None`` for its centre of mass."""
     joints = set(mujoco_model.names(model, "joint"))
-    loose, led = (mujoco_model.moved_bodies(model, by) for by in (joints - set(axes), {next(iter(axes))}))
+    loose = mujoco_model.moved_bodies(model, joints - set(axes))
+    firsts = first_joints(axes.items()).values()
+    led = np.all([mujoco_model.moved_bodies(model, {joint}) for joint in firsts], axis=0)
     bodies, sites = mujoco_model.names(model, "body"), mujoco_model.names(model, "site")
     if payload is None:
         body, point = int(np.flatnonzero(loose & led if np.any(loose & led) else loose)[-1]), None
@@ -215,17 +215,18 @@ def _payload(
 
 
 def _check_payload(plant: Multibody) -> None:
-    """Check that the driven joint moves the payload, and that about a hinge it has an angle."""
+    """Check that of every axis a driven joint moves the payload, and that about a hinge it has an angle."""
     tree = plant.tree
-    name, index, above = tree.driven[0][0], tree.payload, []
+    index, above = tree.payload, []
     while index >= 0:
         above += [axis.name for axis in tree.links[index].axes]
         index = tree.links[index].parent
     body = tree.links[tree.payload].body
-    if name not in above:
-        raise ValueError(f"payload {body!r} is not moved by the driven joint {name!r}")
-    if plant.unit == "rad" and plant.distance_from_axis() < 1e-9:
-        raise ValueError(f"payload {body!r} lies on the axis of {name!r}: name a body or a site beside it")
+    for joint in plant.leading().values():
+        if joint.name not in above:
+            raise ValueError(f"payload {body!r} is not moved by the driven joint {joint.name!r}")
+        if not joint.slides and plant.distance_from_axis(joint) < 1e-9:
+            raise ValueError(f"payload {body!r} lies on the axis of {joint.name!r}: name a body or a site beside it")
 
 
 def _compare(plant: Multibody, model: Model, begin: list[float]) -> None:
@@ -243,7 +244,7 @@ def _compare(plant: Multibody, model: Model, begin: list[float]) -> None:
     # What acts on a driven joint has no influence on the others, whose actuators have been refused.
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_ACTUATION
     model.dof_frictionloss[driven] = 0.0
-    states = _random_states(model, begin, driven)
+    states = _random_states(model, begin, plant.tree.driven)
     single = any(leaf.dtype == np.float32 for leaf in jax.tree.leaves(plant))
     ours = _accelerated(plant, begin, joints, *states)
     data, worst = mujoco.MjData(model), 0.0
@@ -260,26 +261,32 @@ def _compare(plant: Multibody, model: Model, begin: list[float]) -> None:
         )
 
 
-def _random_states(model: Model, begin: list[float], driven: list[int]) -> list[np.ndarray]:
-    """Coordinates, velocities and accelerations of all joints, each (states, joints); driven ones move together."""
+def _random_states(
+    model: Model, begin: list[float], driven: Sequence[tuple[str, str]]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Coordinates, velocities, accelerations of all joints, each (states, joints); those of an axis move together."""
     random, shape = np.random.default_rng(0), (STATES, len(begin))
+    joints, firsts = mujoco_model.names(model, "joint"), first_joints(driven)
     low, high = np.array(begin) - 1.0, np.array(begin) + 1.0
-    for i in driven:
+    for i in [joints.index(name) for name, _ in driven]:
         if model.jnt_limited[i]:
             # Its limits are for who plans the command.
             low[i], high[i] = np.clip([low[i], high[i]], *model.jnt_range[i])
     coordinates = low + (high - low) * random.uniform(size=shape)
     velocities, accelerations = random.uniform(-2.0, 2.0, (2, *shape))
-    for i in driven[1:]:
-        coordinates[:, i] = coordinates[:, driven[0]] - begin[driven[0]] + begin[i]
-        velocities[:, i], accelerations[:, i] = velocities[:, driven[0]], accelerations[:, driven[0]]
-    return [coordinates, velocities, accelerations]
+    for name, axis in driven:
+        i, first = joints.index(name), joints.index(firsts[axis])
+        coordinates[:, i] = coordinates[:, first] - begin[first] + begin[i]
+        velocities[:, i], accelerations[:, i] = velocities[:, first], accelerations[:, first]
+    return coordinates, velocities, accelerations
 
 
 def _accelerated(plant: Multibody, begin: list[float], joints: tuple[str, ...], q: Any, v: Any, a: Any) -> np.ndarray:
     """The accelerations with our own for the free joints in their places."""
-    first = joints.index(plant.tree.driven[0][0])
-    commanded = {plant.tree.driven[0][1]: (a[:, first], v[:, first], q[:, first] - begin[first])}
+    commanded = {}
+    for axis, joint in plant.leading().items():
+        i = joints.index(joint.name)
+        commanded[axis] = (a[:, i], v[:, i], q[:, i] - begin[i])
     free = [joints.index(name) for name in plant.tree.free]
     numbers = jax.tree.map(np.asarray, plant)
     found = numbers.accelerations([q[:, i] for i in free], [v[:, i] for i in free], commanded)

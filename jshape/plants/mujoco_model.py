@@ -60,6 +60,11 @@ def load(file: str | Path) -> Model:
         raise ValueError(f"{name}: MuJoCo cannot read it: {in_a_line(str(error))}") from None
 
 
+def dependencies(file: Path) -> list[Path]:
+    """The other files that an MJCF or URDF file includes or names, such as meshes."""
+    return sorted(Path(name) for name in engine().mju_getXMLDependencies(str(file)) if not file.samefile(name))
+
+
 def names(model: Model, kind: str) -> tuple[str, ...]:
     """The names of all bodies, joints and the like of a model; ``joint3`` for the fourth joint, if it has no name.
 
@@ -97,10 +102,12 @@ def check_driven(model: Model, driven: Any) -> dict[str, str]:
     return dict(driven)
 
 
-def command_unit(model: Model, driven: Mapping[str, str]) -> str:
-    """Unit of the command: m where the first driven joint is a slide, rad where it is a hinge."""
-    first = next(iter(driven))
-    return "m" if model.jnt_type[names(model, "joint").index(first)] == SLIDE else "rad"
+def command_units(model: Model, driven: Mapping[str, str]) -> dict[str, str]:
+    """Unit of each axis's command: m where the first joint that follows it is a slide, rad where it is a hinge."""
+    known, found = names(model, "joint"), {}
+    for joint, axis in driven.items():
+        found.setdefault(axis, "m" if model.jnt_type[known.index(joint)] == SLIDE else "rad")
+    return found
 
 
 def moved_bodies(model: Model, by: Collection[str]) -> np.ndarray:

@@ -3,7 +3,7 @@
 ``js.plants.from_mjcf`` and ``js.plants.from_urdf`` make them from files.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from jshape._check import finite
-from jshape._types import Inputs, Number, Scalar, State
+from jshape._types import Inputs, Number, Position, Scalar, State
 from jshape.compilation_cache import kept
 from jshape.plants._rigid_body import (
     Axis,
@@ -21,15 +21,19 @@ from jshape.plants._rigid_body import (
     Link,
     Move,
     Pose,
+    ancestry,
     joint_forces,
     moment_change,
     moves,
     place,
-    solved,
+    seen,
 )
-from jshape.plants._vectors import Entry, Vector, cross, dot, minus, plus, times
+from jshape.plants._vectors import Entry, Vector, cross, dot, minus, plus, solved, times
 from jshape.plants.base import AbstractPlant
 from jshape.plants.bodies import Body, Entries, Joint, entries, given, vector
+
+DRIVE = ("acceleration", "velocity", "displacement")
+"""What every axis drives."""
 
 _STEPS = 50
 """Newton steps to a rest state at most."""
@@ -60,15 +64,25 @@ class Tree(NamedTuple):
     point: Vector | None
 
 
+def first_joints(driven: Iterable[tuple[str, str]]) -> dict[str, str]:
+    """Of each axis, in their order, the first joint that follows it; ``driven``: joints and their axes."""
+    found: dict[str, str] = {}
+    for joint, axis in driven:
+        found.setdefault(axis, joint)
+    return found
+
+
 class Multibody(AbstractPlant):
     """A tree of rigid bodies; driven joints follow the command, free ones move on their springs and dampers.
 
-    The command is the way of the driven joint from where it is at the beginning, m, or rad for a hinge. State: the
-    coordinates of the free joints (rad, or m for a slide), as the file counts them, then their velocities.
+    The command is the way of the driven joint from where it is at the beginning, m, or rad for a hinge; where joints
+    follow several axes, that of each axis. State: the coordinates of the free joints (rad, or m for a slide), as the
+    file counts them, then their velocities.
 
     The energy is that of the free joints alone: kinetic energy of their motion, and potential energy of gravity and
     springs above that of rest with the driven joints held where they are. The payload is a point: how far it has come
-    along the slide that is driven, or about the hinge, with the command's own way.
+    along the slide that is driven, or about the hinge, with the command's own way; of several axes, along or about the
+    first joint that follows each, as that joint lies at rest.
 
     It counts as diverged where a hinge is half a turn or more from rest.
 
@@ -89,21 +103,34 @@ class Multibody(AbstractPlant):
     joint: dict[str, Joint]
     gravity: Entries = eqx.field(converter=entries(finite))
     tree: Tree = eqx.field(static=True)
-    drive: ClassVar = ("acceleration", "velocity", "displacement")
+    drive: ClassVar = DRIVE
+
+    @property
+    def axes(self) -> tuple[str, ...]:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """Of the command, in the order of the driven joints; empty where there is one alone."""
+        names = tuple(self.leading())
+        return names if len(names) > 1 else ()
 
     @property
     def unit(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """Of the command: m where a slide is driven, rad where a hinge is."""
-        return "m" if self._first().slides else "rad"
+        """Of the command: m where a slide is driven, rad where a hinge is; of several axes that of the first."""
+        return next(iter(self.units.values()))
 
-    def _first(self) -> Axis:
-        """The joint that is driven, the first of them."""
-        name = self.tree.driven[0][0]
-        return next(axis for link in self.tree.links for axis in link.axes if axis.name == name)
+    @property
+    def units(self) -> Mapping[str, str]:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """The same of each axis."""
+        return {axis: "m" if joint.slides else "rad" for axis, joint in self.leading().items()}
+
+    def axis_drives(self) -> tuple[str | tuple[str, ...], ...]:
+        return (DRIVE,) * len(self.leading())
+
+    def _of_axes(self, given: Any) -> dict[str, Any]:
+        """What is given for each axis, or for the only one, by its name."""
+        return dict(zip(self.leading(), given if self.axes else (given,), strict=True))
 
     def _commanded(self, inputs: Inputs) -> dict[str, Any]:
         """Acceleration, velocity and displacement of each axis, by its name."""
-        return {self.tree.driven[0][1]: inputs}
+        return self._of_axes(inputs)
 
     def _poses(self, coordinates: Sequence[Entry], ways: dict[str, Entry], steps: Sequence[Entry]) -> dict[str, Pose]:
         """The poses of all joints.
@@ -189,7 +216,7 @@ class Multibody(AbstractPlant):
         Args:
             coordinates: of the free joints, rad or m.
         """
-        zero = self.zero_inputs()[0]
+        zero = jax.tree.leaves(self.zero_inputs())[0]
         ways = {axis: zero for _, axis in self.tree.driven}
         return jax.jacfwd(lambda q: _slope_of(self, ways, q))(jnp.asarray(coordinates, zero.dtype))
 
@@ -197,7 +224,7 @@ class Multibody(AbstractPlant):
         return {axis: moved[2] for axis, moved in self._commanded(inputs).items()}
 
     def _rest(self, ways: dict[str, Entry]) -> Array:
-        dtype = self.zero_inputs()[0].dtype
+        dtype = jax.tree.leaves(self.zero_inputs())[0].dtype
         return _equilibrium(self, {axis: jnp.asarray(way, dtype) for axis, way in ways.items()})
 
     def rest_state(self, inputs: Inputs) -> State:
@@ -226,31 +253,49 @@ class Multibody(AbstractPlant):
             energy = plus(energy, times(speed, momentum) / 2)
         return jnp.asarray(energy, state.dtype)
 
-    def deflection(self, state: State, position: Number) -> Scalar:
-        """How far the payload is from where it would be at rest, along the slide (m) or about the hinge (rad)."""
-        ways = {self.tree.driven[0][1]: jnp.asarray(position, state.dtype)}
-        here, still = self._payload(_halves(state)[0], ways), self._payload([*self._rest(ways)], ways)
-        direction = self._first().direction
-        if self._first().slides:
-            return jnp.asarray(dot(direction, here) - dot(direction, still), state.dtype)
-        across = minus(dot(here, still), times(dot(direction, here), dot(direction, still)))
-        return jnp.asarray(jnp.arctan2(dot(direction, cross(still, here)), across), state.dtype)
+    def deflection(self, state: State, position: Position) -> Position:
+        """How far the payload is from where it would be at rest: along a slide (m) or about a hinge (rad)."""
+        ways = {axis: jnp.asarray(way, state.dtype) for axis, way in self._of_axes(position).items()}
+        coordinates, rest = _halves(state)[0], [*self._rest(ways)]
+        found = [self._ahead(joint, coordinates, rest, ways) for joint in self.leading().values()]
+        found = [jnp.asarray(value, state.dtype) for value in found]
+        return jnp.stack(found) if self.axes else found[0]
 
-    def _payload(self, coordinates: Sequence[Entry], ways: dict[str, Entry]) -> Vector:
-        """The payload's place in the frame that the first driven joint moves, m."""
-        tree = self.tree
+    def _ahead(self, joint: Axis, coordinates: Sequence[Entry], rest: Sequence[Entry], ways: dict[str, Entry]) -> Entry:
+        """The payload's deflection along or about one of the driven joints."""
+        here, still = (self._payload(each, rest, ways, joint.name) for each in (coordinates, rest))
+        direction = joint.direction
+        if joint.slides:
+            return minus(dot(direction, here), dot(direction, still))
+        across = minus(dot(here, still), times(dot(direction, here), dot(direction, still)))
+        return jnp.arctan2(dot(direction, cross(still, here)), across)
+
+    def _payload(
+        self, coordinates: Sequence[Entry], rest: Sequence[Entry], ways: dict[str, Entry], joint: str
+    ) -> Vector:
+        """The payload's place in the frame that a driven joint moves where the free joints are at rest, m."""
+        tree, along = self.tree, self._moves(coordinates, ways)
         point = tree.point
         if point is None:
             point = vector(self.body[tree.links[tree.payload].body].center_of_mass)
-        return place(tree.links, self._moves(coordinates, ways), tree.payload, point, tree.driven[0][0])
+        before = [axis.name for index in ancestry(tree.links, joint) for axis in tree.links[index].axes]
+        if not set(before[: before.index(joint)]) & set(tree.free):
+            # Rest is where that frame is in any case.
+            return place(tree.links, along, tree.payload, point, joint)
+        return seen(tree.links, self._moves(rest, ways), place(tree.links, along, tree.payload, point), joint)
 
-    def distance_from_axis(self) -> float:
-        """How far the payload lies from the axis of the hinge that is driven, with all joints as they begin, m."""
+    def distance_from_axis(self, joint: Axis) -> float:
+        """How far the payload lies from the axis of a driven hinge, with all joints as they begin, m."""
         still = {axis: 0.0 for _, axis in self.tree.driven}
-        x = self._payload(self.tree.near, still)
-        return float(np.linalg.norm(np.cross(self._first().direction, np.array(x, float))))
+        x = self._payload(self.tree.near, self.tree.near, still, joint.name)
+        return float(np.linalg.norm(np.cross(joint.direction, np.array(x, float))))
 
-    def payload(self, state: State, position: Number) -> Scalar:
+    def leading(self) -> dict[str, Axis]:
+        """Of each axis the first joint that follows it."""
+        joints = {axis.name: axis for link in self.tree.links for axis in link.axes}
+        return {axis: joints[name] for axis, name in first_joints(self.tree.driven).items()}
+
+    def payload(self, state: State, position: Position) -> Position:
         """How far the payload has come, with the command and its own deflection, m or rad."""
         return position + self.deflection(state, position)
 

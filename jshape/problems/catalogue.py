@@ -33,12 +33,12 @@ WORDS = ("drive", "file", "payload", "keyframe")
 READERS = {"MJCF": "from_mjcf", "URDF": "from_urdf"}
 """Plants that are described in a file of their own, and the function of ``jshape.plants`` that reads it."""
 
-COMMANDS = ("Step", "Trapezoid", "SCurve", "Sampled")
+COMMANDS = ("Step", "Trapezoid", "SCurve", "Sampled", "TimeOptimal")
 
 GROUPS = {
     "cranes": ("AbstractCrane", "AbstractSlewingCrane"),
     "masses on springs": ("AbstractOscillator", "ForcedTwoMass"),
-    "robots": ("FlexibleJoint", "FlexibleLink"),
+    "robots": ("FlexibleJoint", "FlexibleLink", "TwoLinkArm"),
     "measured modes": ("AbstractModes",),
     "from another plant": ("Linearised",),
     "from a file": tuple(READERS),
@@ -162,7 +162,7 @@ def _classes() -> dict[str, tuple[ast.ClassDef, dict[str, Any]]]:
     """Every class in the sources of plants and commands, and the constants of its module."""
     folder = Path(__file__).parents[1]
     found = {}
-    for path in [*sorted((folder / "plants").glob("*.py")), folder / "command.py"]:
+    for path in [*sorted((folder / "plants").glob("*.py")), folder / "command.py", folder / "time_optimal.py"]:
         body = ast.parse(path.read_text(encoding="utf-8")).body
         constants = {}
         for node in body:
@@ -223,7 +223,7 @@ def _entry(name: str) -> Entry:
     own = None
     for base in reversed(bases):
         node, values = _classes()[base]
-        words |= described(ast.get_docstring(node))
+        words |= described(ast.get_docstring(node)) | described(ast.get_docstring(node), "Args")
         for item in node.body:
             if isinstance(item, ast.FunctionDef) and item.name == "__init__":
                 own = _arguments(item, values)

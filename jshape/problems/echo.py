@@ -40,7 +40,7 @@ def _move(draft: Draft) -> str:
     command, unit = draft.command, draft.units.command
     if command is None:
         return f"step of {shown(draft.file.distance, unit)}"
-    if command.kind != "Axes":
+    if command.kind not in ("Axes", "Synchronised"):
         return _part(command, {"m": unit})
     words = []
     for axis, part in command.values.items():
@@ -48,7 +48,7 @@ def _move(draft: Draft) -> str:
             words.append(f"{axis}: {_part(part, {'m': draft.units.commands[axis]})}")
             delay = command.values.get("delay", {}).get(axis)
             words[-1] += "" if delay is None else f", after {shown(delay, 's')}"
-    return "; ".join(words)
+    return "; ".join(words) + ("; synchronised" if command.kind == "Synchronised" else "")
 
 
 def label(plant: Part, leaf: str, unit: str | None) -> str:

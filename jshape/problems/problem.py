@@ -24,10 +24,15 @@ from jshape.problems.catalogue import COMMANDS, PARTS, READERS, REQUIRED, Entry,
 from jshape.problems.echo import label, understood
 from jshape.problems.lines import Lines
 from jshape.problems.lines import ProblemError as ProblemError
-from jshape.problems.reading import Draft, Part, beside, read, with_class
+from jshape.problems.machine_files import beside
+from jshape.problems.reading import Draft, Part, read, with_class
 from jshape.problems.schema import Adapt, Design, Front
 from jshape.problems.units import Units, printed
 from jshape.sweeps.leaves import check_over, leaf
+from jshape.time_optimal import TimeOptimal
+
+MADE = {"Axes": Axes, "Synchronised": TimeOptimal.synchronised, "TimeOptimal": TimeOptimal}
+"""What makes the commands that are not in ``command``."""
 
 GREATEST_MULTIPLE = 10.0
 """Multiples of nominal beyond this are questioned: an absolute value may have been meant."""
@@ -51,6 +56,7 @@ class Problem:
         labels: leaf → its name and unit, for an axis of a figure.
         understood: the file's numbers with their units, lines of text.
         questions: what may not be meant as it was written.
+        files: those that describe its plant, by their names beside the problem file.
     """
 
     name: str
@@ -66,6 +72,7 @@ class Problem:
     labels: dict[str, str]
     understood: list[str]
     questions: list[str]
+    files: dict[str, bytes]
 
     @property
     def objective(self) -> str:
@@ -110,7 +117,7 @@ def load(name: str | Path | Draft) -> Problem:
     name = printable(draft.path.stem)
     return Problem(
         name, file.title or name, plant, distance, over, file.design, file.pareto, file.adapt, draft.text, foreign,
-        labels, understood(draft, nominal), questions,
+        labels, understood(draft, nominal), questions, draft.files,
     )  # fmt: skip
 
 
@@ -146,12 +153,12 @@ def _entry(kind: type[AbstractPlant]) -> Entry:
 
 def _object(part: Part, keys: list[str], lines: Lines, kind: type | None = None) -> Any:
     """An object as a file describes it: parts first, then the constructor, whose errors are raised with the line."""
-    made: Any = kind or (Axes if part.kind == "Axes" else None)
+    made: Any = kind or MADE.get(part.kind)
     made = made or getattr(commands if part.kind in COMMANDS else plants, READERS.get(part.kind, part.kind))
-    values = {
-        name: _object(value, [*keys, name], lines) if isinstance(value, Part) else value
-        for name, value in part.values.items()
-    }
+    values = dict(part.values)
+    for name, value in values.items():
+        if isinstance(value, Part):
+            values[name] = value.values if part.kind == "Synchronised" else _object(value, [*keys, name], lines)
     if part.kind in READERS:
         values["file"] = beside(lines, values["file"])
     try:
@@ -162,7 +169,7 @@ def _object(part: Part, keys: list[str], lines: Lines, kind: type | None = None)
         if isinstance(error, TypeError):
             message = message.replace(f"{made.__name__}.__init__() ", "")
         elif blamed:
-            message = message.removeprefix(blamed).lstrip()
+            message = message.removeprefix(blamed).lstrip(" :")
         raise lines.error([*keys, blamed] if blamed else keys, message) from None
 
 

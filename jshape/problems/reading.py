@@ -9,13 +9,15 @@ import math
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from pydantic import BaseModel, ValidationError
+from pydantic import ValidationError
 
 from jshape._rules import RULES
 from jshape.problems import catalogue, limits
 from jshape.problems.catalogue import WORDS, Entry, Key, suggestion
 from jshape.problems.lines import Lines, ProblemError
-from jshape.problems.schema import Adapt, Design, File, Front, Range
+from jshape.problems.machine_files import machine_files, units_of_file
+from jshape.problems.mistakes import keys_of, message_of
+from jshape.problems.schema import File, Range
 from jshape.problems.units import Units, in_units, lengths, quantity, question
 
 QUANTITIES: dict[str, dict[str, str]] = {
@@ -35,8 +37,6 @@ QUANTITIES: dict[str, dict[str, str]] = {
     },
 }
 """Units of the tables' numbers; for m, the plant's own counts (that of its command, but in ``peak_deflection``)."""
-
-TABLES: dict[str, type[BaseModel]] = {"design": Design, "pareto": Front, "adapt": Adapt, "uncertainty": Range}
 
 
 class Part(NamedTuple):
@@ -83,6 +83,7 @@ class Draft:
         units: of the plant's payload and of the command.
         questions: what may not be meant as it was written.
         lines: where each key stands.
+        files: those that describe its plant, by their names beside the problem file.
     """
 
     path: Path
@@ -94,6 +95,7 @@ class Draft:
     units: Units
     questions: list[str]
     lines: Lines
+    files: dict[str, bytes]
 
     @property
     def foreign(self) -> str | None:
@@ -143,7 +145,7 @@ def read(name: str | Path) -> Draft:
         file = File.model_validate(raw)
     except ValidationError as error:
         first = error.errors()[0]
-        raise lines.error(_keys(raw, first["loc"]), _message(first)) from None
+        raise lines.error(keys_of(raw, first["loc"]), message_of(first)) from None
     if file.distance == 0:
         raise lines.error(["distance"], "must not be 0: there is nothing to shape")
     command = None if file.command is None else reader.command(file.command)
@@ -156,7 +158,8 @@ def read(name: str | Path) -> Draft:
     if file.design.objective not in (None, "nominal") and not over:
         objective = file.design.objective
         raise lines.error(["design", "objective"], f"{objective!r} needs an [uncertainty] table")
-    return Draft(path, text, file, plant, command, over, reader.units, reader.questions, lines)
+    files, outside = machine_files(lines, raw["plant"])
+    return Draft(path, text, file, plant, command, over, reader.units, [*reader.questions, *outside], lines, files)
 
 
 def with_class(draft: Draft, entry: Entry) -> Draft:
@@ -177,36 +180,11 @@ def _units(lines: Lines, raw: dict[str, Any]) -> Units:
     if entry.name == "Linearised":
         return _units(lines, table)
     if kind in catalogue.READERS:
-        unit = _unit_of_file(lines, table)
-        return Units(unit, unit, {}, {})
+        units = units_of_file(lines, table)
+        first, several = next(iter(units.values())), units if len(units) > 1 else {}
+        return Units(first, first, several, several)
     drive = table.get("drive")
     return Units(entry.constants["unit"], entry.command_unit(drive), entry.axes, entry.command_units(drive))
-
-
-def _unit_of_file(lines: Lines, table: dict[str, Any]) -> str:
-    """The unit of a plant that is described in a file of its own: its first driven joint is a slide or a hinge."""
-    from jshape.plants import mujoco_model
-
-    try:
-        model = mujoco_model.load(beside(lines, table.get("file")))
-        return mujoco_model.command_unit(model, mujoco_model.check_driven(model, table.get("driven")))
-    except (ImportError, ValueError) as error:
-        key = "driven" if str(error).startswith("driven") else "file"
-        raise lines.error(["plant", key], str(error).removeprefix(key).lstrip(" :")) from None
-
-
-def beside(lines: Lines, name: Any) -> Path:
-    """The file of that name beside the problem file, or of those that come with jshape.
-
-    Raises:
-        ProblemError: if there is none.
-    """
-    if not isinstance(name, str) or not name:
-        raise lines.error(["plant", "file"], f"must be the name of a file, not {name!r}")
-    for folder in (lines.path.parent, Path(__file__).parent):
-        if (folder / name).is_file():
-            return folder / name
-    raise lines.error(["plant", "file"], f"there is no file {name!r} beside the problem file")
 
 
 class _Reader:
@@ -255,7 +233,10 @@ class _Reader:
         if "type" in table or not any(tables):
             return self.part(table, "AbstractCommand", ["command"], {"m": self.units.command})
         values, delay = {}, {}
+        together = table.get("synchronised", False)
         for axis, inner in table.items():
+            if axis == "synchronised" and isinstance(together, bool):
+                continue
             place = ["command", axis]
             if axes and axis not in axes:
                 words = f"unknown axis; the plant has {', '.join(axes)}{suggestion(axis, axes)}"
@@ -267,7 +248,13 @@ class _Reader:
                 delay[axis] = self.quantity(inner["delay"], "s", [*place, "delay"])
             given = {key: value for key, value in inner.items() if key != "delay"}
             values[axis] = self.part(given, "AbstractCommand", place, unit)
-        return Part("Axes", values | ({"delay": delay} if delay else {}), None)
+        if together is not True:
+            return Part("Axes", values | ({"delay": delay} if delay else {}), None)
+        for axis, part in values.items():
+            if part.kind != "TimeOptimal" or axis in delay:
+                words = f"synchronised axes must be of type TimeOptimal and without delay; {axis} is not"
+                raise self.lines.error(["command", axis], words)
+        return Part("Synchronised", values, None)
 
     def plant(self, table: dict[str, Any]) -> Part:
         kind, known = table.get("type"), catalogue.plants()
@@ -383,32 +370,3 @@ def leaf_unit(plant: Part, leaf: str) -> str | None:
     if key.part is None:
         return key.unit
     return in_units(leaf_unit(value, rest), turned(plant.entry, first)) if isinstance(value, Part) else None
-
-
-def _keys(raw: Any, place: tuple[int | str, ...]) -> list[str]:
-    """The keys of the file among those of pydantic's place, which also names the branches of a union."""
-    keys: list[str] = []
-    node = raw
-    for key in place:
-        if isinstance(node, dict):
-            keys.append(str(key))
-            node = node.get(key)
-        elif isinstance(node, list) and isinstance(key, int) and key < len(node):
-            keys.append(str(key))
-            node = node[key]
-    return keys
-
-
-def _message(error: Any) -> str:
-    """pydantic's complaint in this project's words."""
-    given = error["input"]
-    if error["type"] == "missing":
-        return "is missing"
-    if error["type"] == "extra_forbidden":
-        table = TABLES.get(str(error["loc"][0]), File) if len(error["loc"]) > 1 else File
-        names = list(table.model_fields)
-        return f"unknown key; there are {', '.join(names)}{suggestion(str(error['loc'][-1]), names)}"
-    if error["type"] == "value_error":
-        return str(error["ctx"]["error"])
-    message = error["msg"][0].lower() + error["msg"][1:]
-    return f"{message}, not {given!r}"

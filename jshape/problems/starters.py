@@ -120,6 +120,19 @@ STARTERS = (
         {"load": {"low": 0.0, "high": 2.0, "count": 11}}, {"impulses": 5},
     ),
     Starter(
+        "two-link-arm", "robot arm of two links, joints that bend", "TwoLinkArm",
+        {
+            "upper_length": "0.5 m", "fore_length": "0.4 m", "upper_mass": "8 kg", "fore_mass": "4 kg",
+            "load_mass": "3 kg", "shoulder_stiffness": "4000 N m/rad", "elbow_stiffness": "1500 N m/rad",
+            "elbow_angle": "30 deg",
+        },
+        {
+            "shoulder": _trapezoid("60 deg", "90 deg/s", "360 deg/s²"),
+            "elbow": _trapezoid("70 deg", "120 deg/s", "480 deg/s²"),
+        },
+        {"load_mass": {"low": "0.5 kg", "high": "5 kg", "count": 5}}, {"impulses": 3, "shapers": "per axis"},
+    ),
+    Starter(
         "printer-axis", "printer axis, modes measured", "ModalPlant",
         {"omega": ["45 Hz", "82 Hz"], "zeta": ["5 %", "4 %"], "gains": [0.8, 0.2]},
         _trapezoid("20 mm", "200 mm/s", "5000 mm/s²"),

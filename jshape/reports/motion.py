@@ -1,6 +1,6 @@
-"""Figures of how a machine moves: positions, sway and energies, a row of panels for each shaper."""
+"""Figures of how a machine moves: positions, sway and energies, a row of panels for each shaper; joints over time."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -101,4 +101,36 @@ def energy(profiles: "Mapping[str, EnergyProfile]", *, ax: Any = None, style: An
         axes[-1, 0].set_xlabel("payload position (m)")
         lines = {part: dict(color="black", linestyle=line, linewidth=1.2) for part, line in parts.items()}
         legend(axes[0, 0], ax, lines)
+    return axes
+
+
+def joints(
+    unshaped: tuple[np.ndarray, np.ndarray],
+    shaped: tuple[np.ndarray, np.ndarray],
+    labels: Sequence[str],
+    *,
+    ax: Any = None,
+    style: Any = None,
+) -> Any:
+    """The positions of joints over time, unshaped and shaped, a panel for each (six at most).
+
+    Args:
+        unshaped: times, s, shape (points,), and positions, shape (points, joints).
+        shaped: the same.
+        labels: of the joints, with their units.
+        ax: axes to draw in, one a panel; a new figure's unless given.
+        style: as for ``response``.
+
+    Returns:
+        The axes, shape (joints, 1).
+    """
+    parts = {"unshaped": COMMAND, "shaped": dict(color="black", linewidth=1.2)}
+    with using(style, ax):
+        axes = stacked(labels[:6], ax)
+        for i, axis in enumerate(axes[:, 0]):
+            for (times, positions), line in zip((unshaped, shaped), parts.values(), strict=True):
+                axis.plot(times, positions[:, i], **line)
+            axis.margins(x=0)
+        axes[-1, 0].set_xlabel("time (s)")
+        legend(axes[0, 0], ax, parts)
     return axes

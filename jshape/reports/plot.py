@@ -19,6 +19,7 @@ from matplotlib.ticker import NullFormatter
 from jshape.reports.film import film as film
 from jshape.reports.film import save_film as save_film
 from jshape.reports.motion import energy as energy
+from jshape.reports.motion import joints as joints
 from jshape.reports.motion import response as response
 from jshape.reports.style import (
     COLOURS,

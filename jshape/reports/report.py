@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from jshape._files import digest, write_results, write_text
+from jshape._files import digest, whole, write_results, write_text
 from jshape.command import as_command
 from jshape.design.closed_forms import closed_forms
 from jshape.design.tuning.solution import Solution
@@ -245,6 +245,10 @@ def write_numbers(report: Report, folder: Path) -> None:
         export(row.shaper, "json", folder / "shapers" / f"{stem}.json", name=row.name)
         export(row.shaper, "csv", folder / "shapers" / f"{stem}.csv")
     write_text(folder / "problem.toml", report.problem.text)
+    for name, content in report.problem.files.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        with whole(folder / name) as beside:
+            beside.write(content)
     for name, curves in report.curves.items():
         file = io.StringIO()
         table = csv.writer(file, lineterminator="\n")
@@ -282,6 +286,7 @@ def numbers(report: Report) -> dict[str, Any]:
     return {
         "problem": report.problem.name,
         "problem_digest": digest(report.problem.text),
+        "file_digests": {name: digest(content) for name, content in report.problem.files.items()},
         "title": report.problem.title,
         "units": {"times": "s", "energies": "J", "vibrations": "fraction of the distance"},
         "shapers": rows,

@@ -1,0 +1,173 @@
+"""Sampled trajectories shaped joint by joint, and what that does to them.
+
+Between its points a trajectory is taken as controllers of robots take it (ROS's joint_trajectory_controller is one): a
+straight line where only positions are given, a cubic with velocities, a polynomial of the fifth degree with
+accelerations, too. Before its first and after its last point it rests. Shaping is then exact at any impulse times,
+and so are the samples of the result.
+"""
+
+import dataclasses
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from scipy.interpolate import PPoly
+from scipy.spatial import KDTree
+
+from jshape import _check
+from jshape.shaper import Shaper
+from jshape.trajectories.files import Trajectory
+
+UNEVEN = 0.02
+"""By how much of itself an interval may differ from the sample time."""
+
+BETWEEN = 8
+"""Places at which each interval is looked at between its samples."""
+
+States = Float[np.ndarray, "times joints orders"]
+
+
+class Effect(NamedTuple):
+    """What shaping does to a trajectory.
+
+    Attributes:
+        trajectory: the shaped one.
+        seconds: that it takes longer, s, by joint.
+        behind: the greatest distance of each joint from its unshaped position at the same time.
+        between: how far the straight lines or polynomials between the samples are from the exact shaped motion, by
+            joint, at most.
+        path: unit → the greatest distance of the shaped path from the unshaped one, in the space of the joints of that
+            unit.
+    """
+
+    trajectory: Trajectory
+    seconds: Float[np.ndarray, " joints"]
+    behind: Float[np.ndarray, " joints"]
+    between: Float[np.ndarray, " joints"]
+    path: dict[str, float]
+
+
+def sample_time(trajectory: Trajectory) -> float:
+    """The interval between a trajectory's points, s; the last one may be shorter.
+
+    Raises:
+        ValueError: where they are uneven.
+    """
+    steps = np.diff(trajectory.times)
+    whole = steps if len(steps) == 1 else steps[:-1]
+    step = float(np.sum(whole) / len(whole))
+    if np.max(np.abs(whole - step)) > UNEVEN * step or steps[-1] > (1 + UNEVEN) * step:
+        raise ValueError(
+            f"the points are not equally far apart, {np.min(steps):.6g} to {np.max(steps):.6g} s: give --sample-time"
+        )
+    return step
+
+
+def shape(trajectory: Trajectory, shapers: Mapping[str, Shaper], step: float) -> Effect:
+    """A trajectory with joints that are shaped.
+
+    A shaper's amplitudes are scaled to sum to 1 exactly, so that every joint ends where it did.
+
+    Args:
+        trajectory: the joints' motion.
+        shapers: of the joints that are shaped, by name.
+        step: sample time of the result, s.
+
+    Raises:
+        ValueError: for a joint that there is not, a sample time that is longer than a shaper, and for too many samples.
+    """
+    unknown = [name for name in shapers if name not in trajectory.names]
+    if unknown:
+        raise ValueError(f"there is no joint {unknown[0]!r}; there are {', '.join(trajectory.names)}")
+    _check.positive(step, "sample_time")
+    delays = np.array([float(shapers[name].duration) if name in shapers else 0.0 for name in trajectory.names])
+    for name, delay in zip(trajectory.names, delays, strict=True):
+        if 0 < delay < step:
+            raise ValueError(
+                f"{name}: the sample time, {step:.6g} s, must not be longer than the shaper, {delay:.6g} s"
+            )
+    begin, last = trajectory.times[0], trajectory.times[-1]
+    _check.samples(last - begin + delays.max(), step)
+    count = int(np.ceil((last - begin + delays.max()) / step - 1e-9)) + 1
+    impulses = sum(len(each.times) for each in shapers.values())
+    _check.memory((count * BETWEEN + impulses * len(trajectory.times)) * trajectory.states[0].size, "the trajectory")
+    at = begin + step * np.arange(count)
+    # At the last sample all joints have arrived, also where rounding puts it a digit before their end.
+    found = shaped_states(trajectory, shapers, np.append(at[:-1], max(at[-1], last + delays.max())))
+    done = dataclasses.replace(trajectory, times=at, states=found)
+    # Straight lines are farthest from each other at their corners.
+    delayed = [trajectory.times + time for one in shapers.values() for time in np.asarray(one.times, float)]
+    fine = np.linspace(at[:-1], at[1:], BETWEEN, endpoint=False)
+    fine = np.unique(np.concatenate([fine.ravel(), trajectory.times, at[-1:], *delayed]))
+    fine = fine[fine <= at[-1]]
+    exact = shaped_states(trajectory, shapers, fine)[:, :, 0]
+    unshaped = shaped_states(trajectory, {}, fine)[:, :, 0]
+    return Effect(
+        done,
+        delays,
+        np.max(np.abs(exact - unshaped), axis=0),
+        np.max(np.abs(shaped_states(done, {}, fine)[:, :, 0] - exact), axis=0),
+        {
+            unit: distance(exact[:, same], unshaped[:, same])
+            for unit in dict.fromkeys(trajectory.units)
+            for same in [[other == unit for other in trajectory.units]]
+        },
+    )
+
+
+def shaped_states(trajectory: Trajectory, shapers: Mapping[str, Shaper], at: Float[np.ndarray, " times"]) -> States:
+    """Positions and, where the trajectory has them, velocities and accelerations of all joints at any times (s)."""
+    first, orders = trajectory.states[0], trajectory.states.shape[2]
+    found = np.empty((len(at), *first.shape))
+    begin, last = trajectory.times[0], trajectory.times[-1]
+    for j, name in enumerate(trajectory.names):
+        shaper = shapers.get(name)
+        amplitudes, times = np.ones(1), np.zeros(1)
+        if shaper is not None:
+            amplitudes, times = (np.asarray(each, float) for each in (shaper.amplitudes, shaper.times))
+        motion = _polynomial(trajectory.times, trajectory.states[:, j])
+        derivatives = [motion.derivative(k) for k in range(orders)]
+        found[:, j] = first[j] * (np.arange(orders) == 0)
+        for amplitude, time in zip(amplitudes / np.sum(amplitudes), times, strict=True):
+            since = at - time
+            moving = (since >= begin) & (since <= last)
+            for k, derivative in enumerate(derivatives):
+                values = np.where(moving, derivative(np.clip(since, begin, last)), 0.0)
+                if k == 0:
+                    values = derivative(np.clip(since, begin, last)) - first[j, 0]
+                found[:, j, k] += amplitude * values
+    return found
+
+
+def _polynomial(times: Float[np.ndarray, " points"], states: Float[np.ndarray, "points orders"]) -> PPoly:
+    """The polynomials between the points of a joint, which have its derivatives there."""
+    h, way = np.diff(times), np.diff(states[:, 0])
+    start = states[:-1, 0]
+    if states.shape[1] == 1:
+        return PPoly(np.array([way / h, start]), times)
+    v, w = states[:-1, 1], states[1:, 1]
+    if states.shape[1] == 2:
+        return PPoly(np.array([(v + w - 2 * way / h) / h**2, (3 * way / h - 2 * v - w) / h, v, start]), times)
+    a, b = states[:-1, 2], states[1:, 2]
+    fifth = (12 * way - 6 * (v + w) * h + (b - a) * h**2) / (2 * h**5)
+    fourth = (-30 * way + (16 * v + 14 * w) * h + (3 * a - 2 * b) * h**2) / (2 * h**4)
+    third = (20 * way - (12 * v + 8 * w) * h - (3 * a - b) * h**2) / (2 * h**3)
+    return PPoly(np.array([fifth, fourth, third, a / 2, v, start]), times)
+
+
+def distance(points: Float[np.ndarray, "points joints"], path: Float[np.ndarray, "rest joints"]) -> float:
+    """The greatest distance of points from a path, which is given by points on it and the straight lines between."""
+    # Of the points at which it stands still, one is enough.
+    path = path[np.append(True, np.any(np.diff(path, axis=0) != 0, axis=1))]
+    if len(path) == 1:
+        return float(np.max(np.linalg.norm(points - path, axis=1)))
+    _, nearest = KDTree(path).query(points)
+    greatest = np.full(len(points), np.inf)
+    for first in (np.maximum(nearest - 1, 0), np.minimum(nearest, len(path) - 2)):
+        begin, line = path[first], path[first + 1] - path[first]
+        length = np.sum(line**2, axis=1)
+        along = np.sum((points - begin) * line, axis=1) / np.where(length > 0, length, 1.0)
+        foot = begin + np.clip(along, 0.0, 1.0)[:, None] * line
+        greatest = np.minimum(greatest, np.linalg.norm(points - foot, axis=1))
+    return float(np.max(greatest))
