@@ -18,6 +18,7 @@ from jshape.cli.identify import identify
 from jshape.cli.new import new
 from jshape.cli.pareto import pareto
 from jshape.cli.plants import plants
+from jshape.cli.studio import studio
 from jshape.cli.sweep import sweep
 from jshape.cli.train import train
 from jshape.cli.tune import compare, tune
@@ -26,7 +27,22 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     help="Design input shapers: tune them by gradients of the residual energy, compare them with the closed forms.",
 )
-COMMANDS = (plants, new, tune, compare, animate, sweep, pareto, adapt, identify, calibrate, export, train, evaluate)
+COMMANDS = (
+    plants,
+    new,
+    studio,
+    tune,
+    compare,
+    animate,
+    sweep,
+    pareto,
+    adapt,
+    identify,
+    calibrate,
+    export,
+    train,
+    evaluate,
+)
 for command in COMMANDS:
     app.command()(command)
 

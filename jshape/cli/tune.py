@@ -43,24 +43,15 @@ def tune(
         from jshape.reports.tables import latex_table, show_report
         from jshape.status import Status
 
-        design = read.design
         first = None if start is None else read_shaper(start)
         # The closed forms are compiled beside the search: with two cores that saves some seconds of a first run.
         with progress_line() as (step, progress), ThreadPoolExecutor(1) as beside:
             closed = beside.submit(closed_forms, read.plant, read.distance)
             step("tuning")
-            given = design.model_dump(exclude={"objective", "starts", "seed"})
-            solution = tune_shaper(
-                read.plant,
-                read.distance,
-                over=read.over or None,
-                objective=read.objective,
-                starts=starts or design.starts,
-                seed=design.seed if seed is None else seed,
-                start=first,
-                progress=progress,
-                **given,
-            )
+            given = read.tuning | {"starts": starts or read.design.starts}
+            if seed is not None:
+                given["seed"] = seed
+            solution = tune_shaper(read.plant, read.distance, start=first, progress=progress, **given)
             if solution.status is Status.INTERRUPTED:
                 # An interrupted command ends soon: what was found is written before anything else is computed.
                 report.write_numbers(report.interrupted(read, solution), folder)

@@ -1,0 +1,71 @@
+"""The studio's server: on 127.0.0.1 alone, behind ``guard``, with one worker that computes for all pages."""
+
+import contextlib
+import secrets
+import socket
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+from nicegui import app, ui
+
+from jshape.studio import curves
+from jshape.studio.guard import MOST, Guard
+from jshape.studio.page import Page
+from jshape.studio.state import State
+
+HOST = "127.0.0.1"
+
+TITLE = "jshape studio"
+
+
+def serve(state: State, port: int, show: bool, say: Callable[[str], None]) -> None:
+    """Serve the page until an interrupt.
+
+    Args:
+        state: with which every new tab begins.
+        port: of this machine; 0 for a free one.
+        show: whether the browser is opened.
+        say: called with the page's address once it answers.
+    """
+    port, token = port or _free_port(), secrets.token_urlsafe(24)
+    # One thread: computing uses all cores by itself, and two compilations at once would only take longer.
+    worker = ThreadPoolExecutor(1, thread_name_prefix="curves")
+    worker.submit(_warm, state)
+    script = Path(__file__).with_name("scene.js").read_text(encoding="utf-8")
+
+    @ui.page("/")
+    async def page() -> None:
+        ui.add_head_html(f"<script>{script}</script>")
+        await ui.context.client.connected()
+        Page(app.storage.tab.get("state", state), worker).build()
+
+    app.add_middleware(Guard, token=token, port=port)
+    app.on_startup(lambda: say(f"http://{HOST}:{port}/?token={token}"))
+    app.on_shutdown(lambda: worker.shutdown(wait=False, cancel_futures=True))
+    ui.run(
+        host=HOST,
+        port=port,
+        title=TITLE,
+        show=f"/?token={token}" if show else False,
+        reload=False,
+        show_welcome_message=False,
+        # A curve is some ten kilobytes, and only the newest counts.
+        message_history_length=20,
+        reconnect_timeout=30.0,
+        ws_max_size=MOST,
+        timeout_graceful_shutdown=2,
+    )
+
+
+def _free_port() -> int:
+    with socket.socket() as one:
+        one.bind((HOST, 0))
+        return int(one.getsockname()[1])
+
+
+def _warm(state: State) -> None:
+    """Compile the programs of the first page."""
+    with contextlib.suppress(ValueError):
+        for _ in curves.stages(state):
+            pass
