@@ -35,13 +35,25 @@ def chart(title: str, across: str, up: str) -> dict[str, Any]:
     }  # fmt: skip
     return {
         "animation": False,
-        "title": {"text": title, "textStyle": {"fontSize": 14, "color": TEXT}, "padding": 2},
-        "legend": {"top": 22, "left": 0, "itemWidth": 22, "textStyle": {"color": TEXT}, "padding": 2},
+        "title": {"text": title, "left": 2, "top": 0, "textStyle": {"fontSize": 14, "color": TEXT}, "padding": 2},
+        "legend": {
+            "top": 21,
+            "left": 0,
+            "itemWidth": 26,
+            "icon": "path://M0,4h26v2h-26z",
+            "textStyle": {"color": TEXT},
+            "padding": 2,
+        },
         "grid": {"left": 58, "right": 16, "top": 50, "bottom": 40},
         "tooltip": {"trigger": "axis", "confine": True},
-        "toolbox": {"right": 4, "itemSize": 13, "feature": {"dataZoom": {}, "restore": {}, "saveAsImage": {}}},
+        "toolbox": {
+            "right": 4,
+            "top": 0,
+            "itemSize": 13,
+            "feature": {"dataZoom": {}, "restore": {}, "saveAsImage": {}},
+        },
         "dataZoom": [{"type": "inside", "xAxisIndex": 0}],
-        "xAxis": {**axis, "name": across, "nameGap": 24},
+        "xAxis": {**axis, "name": across, "nameGap": 24, "axisLabel": {**axis["axisLabel"], "showMaxLabel": False}},
         "yAxis": {**axis, "name": up, "nameGap": 42},
         "series": [],
     }
@@ -92,7 +104,7 @@ def vibration(found: Linear) -> dict[str, Any]:
     marks = [{"xAxis": shortened(mode)} for mode in found.modes]
     style = {"symbol": "none", "silent": True, "lineStyle": {"color": "#888"}, "label": {"formatter": "mode"}}
     lines[0]["markLine"] = {**style, "data": marks}
-    return {"series": lines, "xAxis": _span(found.frequencies), "yAxis": {"min": 0}}
+    return {"series": lines, "xAxis": {**_span(found.frequencies), "min": 0}, "yAxis": {"min": 0}}
 
 
 def sensitivity(found: Sensitivity | None) -> dict[str, Any]:
@@ -112,7 +124,12 @@ def impulses(state: State) -> dict[str, Any]:
     data = [[shortened(time), shortened(a)] for a, time in zip(state.amplitudes, state.times, strict=True)]
     end = max(state.times) or 1.0
     bars = {"type": "bar", "name": "impulses", "barWidth": 8, "data": data, "itemStyle": {"color": "#0072B2"}}
-    return {"series": [bars], "xAxis": {"min": shortened(-0.05 * end), "max": shortened(1.05 * end)}}
+    return {
+        "series": [bars],
+        "legend": {"show": False},
+        "yAxis": {"scale": False},
+        "xAxis": {"min": shortened(-0.05 * end), "max": shortened(1.05 * end)},
+    }
 
 
 def history(best: list[tuple[int, float]]) -> dict[str, Any]:

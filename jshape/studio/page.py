@@ -20,8 +20,12 @@ STYLE = """
 .studio-left { width: 368px; height: calc(100vh - 44px); overflow-y: auto; border-right: 1px solid #ddd; }
 .studio-main { flex: 1; height: calc(100vh - 44px); overflow-y: auto; min-width: 320px; }
 .studio-grid { display: grid; grid-template-columns: 1fr 1fr; gap: 6px; padding: 6px; width: 100%; }
-.studio-grid .cell { height: calc((100vh - 44px - 40px - 24px) / 3); min-height: 200px; position: relative;
+.studio-grid .cell { height: calc((100vh - 44px - 26px) / 3); min-height: 200px; position: relative;
   border: 1px solid #e2e2e2; border-radius: 4px; padding: 4px; }
+.q-tab-panel, .q-tab-panel .nicegui-column { gap: 4px !important; }
+.q-uploader { max-height: 44px; } .q-uploader__list, .q-uploader__subtitle { display: none; }
+.studio-number .q-field__control, .studio-number .q-field__marginal { height: 30px !important; min-height: 30px; }
+.studio-number .q-field__suffix, .studio-number .q-field__prefix { padding: 0 !important; line-height: 28px; }
 .q-tab { min-height: 36px !important; } .q-tab-panel { padding: 10px !important; }
 @media (max-width: 820px) { .studio-body { flex-direction: column !important; flex-wrap: nowrap; }
   .studio-left { width: 100%; height: auto; order: 2; } .studio-main { height: auto; order: 1; width: 100%; }
@@ -40,6 +44,11 @@ CONTROLS = """
 <input id="scene-at" type="range" min="0" max="1000" value="0" aria-label="time of the drawing" style="flex:1"
   oninput="jshapeScene.scrub(this.value / 1000)"><span id="scene-time"></span></div>
 """
+
+MADE = """return new Promise((done) => {
+  const wait = () => (MADE.every((id) => getElement(id)?.chart) ? done(true) : setTimeout(wait, 20));
+  wait();
+})"""
 
 CHARTS = {
     "position": ("Response", "time (s)", "position"),
@@ -70,7 +79,7 @@ class Page:
         self.followers: list[Callable[[], None]] = []
 
     def build(self) -> None:
-        """Lay the tab out and ask for its first curves."""
+        """Lay the tab out."""
         self.client, self.kept = ui.context.client, app.storage.tab
         ui.add_css(STYLE)
         ui.colors(primary="#005a94")
@@ -86,6 +95,11 @@ class Page:
                 self.warning.style("background:#fdecea;color:#7a1b12").set_visibility(False)
                 self._grid()
         self.client.on_delete(self._closed)
+
+    async def start(self) -> None:
+        """Ask for the first curves, once the browser has made the charts."""
+        made = [chart.id for chart in self.charts.values()]
+        await self.client.run_javascript(MADE.replace("MADE", json.dumps(made)), timeout=30.0)
         self.draw("impulses", charts.impulses(self.state))
         self.want()
 

@@ -42,9 +42,10 @@ def _machine(page: "Page") -> None:
         for parameter in state.parameters(page.state):
             _parameter(page, parameter)
 
-    def begin(made: Callable[[], State]) -> None:
+    async def begin(made: Callable[[], State]) -> None:
         page.change(lambda _: made(), impulses=True)
         sliders.refresh()
+        await _closed_form(page, takeaway.SIMPLEST)
 
     async def loaded(event: events.UploadEventArguments) -> None:
         try:
@@ -53,8 +54,8 @@ def _machine(page: "Page") -> None:
         except ValueError as error:
             page.warn(f"{event.file.name}: {error}")
             return
-        begin(lambda: begin_with)
         upload.reset()
+        await begin(lambda: begin_with)
 
     plant = page.state.starter.plant
     choose = ui.select(state.plants(), value=plant, label="machine").classes("w-full").props("dense")
@@ -74,9 +75,15 @@ def _parameter(page: "Page", parameter: Parameter) -> None:
     with ui.row().classes("w-full no-wrap items-center gap-2"):
         label = ui.label(words).classes("text-sm").style("flex:1")
         label.tooltip(parameter.meaning or words)
-        number = ui.number(value=_rounded(parameter.value), suffix=parameter.unit).style("width:128px")
+        number = (
+            ui.number(value=_rounded(parameter.value), suffix=parameter.unit)
+            .classes("studio-number")
+            .style("width:124px")
+        )
         number.props(f'dense outlined aria-label="{words}" debounce=300')
-        share = ui.number(value=_share(parameter), min=0, max=99, suffix="%").style("width:74px")
+        share = (
+            ui.number(value=_share(parameter), min=0, max=99, suffix="%").classes("studio-number").style("width:74px")
+        )
         share.props(f'dense outlined prefix=± aria-label="{words}: uncertain by" placeholder="–" debounce=300')
         share.set_visibility(leaf is not None)
     step = (parameter.high - parameter.low) / 200
@@ -195,10 +202,11 @@ def _tune(page: "Page") -> None:
     best: list[tuple[int, float]] = []
     design = page.state.starter.design
     with ui.row().classes("w-full no-wrap gap-2"):
-        count = ui.number("impulses", value=design.get("impulses", 3), min=2, max=16, precision=0).props("dense")
+        count = ui.number("impulses", value=design.get("impulses", 3), min=2, max=16, precision=0)
+        count.props("dense").style("width:80px")
         kind = ui.select(["positive", "bounded", "unity", "free"], label="amplitudes", value="positive")
         kind.props("dense").style("width:110px")
-        duration = ui.number("duration, s", placeholder="free", min=0).props("dense")
+        duration = ui.number("duration, s (free)", min=0).props("dense").style("flex:1")
     with ui.row().classes("w-full items-center gap-2"):
         start = ui.button("Tune").props("dense no-caps data-testid=tune").classes("px-4")
         stop = ui.button("Stop", on_click=page.tuning.stop).props("dense outline no-caps").classes("px-4")

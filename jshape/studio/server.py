@@ -1,5 +1,6 @@
 """The studio's server: on 127.0.0.1 alone, behind ``guard``, with one worker that computes for all pages."""
 
+import asyncio
 import contextlib
 import secrets
 import socket
@@ -9,10 +10,10 @@ from pathlib import Path
 
 from nicegui import app, ui
 
-from jshape.studio import curves
+from jshape.studio import curves, takeaway
 from jshape.studio.guard import MOST, Guard
 from jshape.studio.page import Page
-from jshape.studio.state import State
+from jshape.studio.state import State, with_impulses
 
 HOST = "127.0.0.1"
 
@@ -31,14 +32,18 @@ def serve(state: State, port: int, show: bool, say: Callable[[str], None]) -> No
     port, token = port or _free_port(), secrets.token_urlsafe(24)
     # One thread: computing uses all cores by itself, and two compilations at once would only take longer.
     worker = ThreadPoolExecutor(1, thread_name_prefix="curves")
-    worker.submit(_warm, state)
+    first = worker.submit(_first, state)
+    worker.submit(lambda: _warm(first.result()))
     script = Path(__file__).with_name("scene.js").read_text(encoding="utf-8")
 
     @ui.page("/")
     async def page() -> None:
         ui.add_head_html(f"<script>{script}</script>")
         await ui.context.client.connected()
-        Page(app.storage.tab.get("state", state), worker).build()
+        begin = app.storage.tab.get("state") or await asyncio.wrap_future(first)
+        made = Page(begin, worker)
+        made.build()
+        await made.start()
 
     app.add_middleware(Guard, token=token, port=port)
     app.on_startup(lambda: say(f"http://{HOST}:{port}/?token={token}"))
@@ -54,6 +59,8 @@ def serve(state: State, port: int, show: bool, say: Callable[[str], None]) -> No
         message_history_length=20,
         reconnect_timeout=30.0,
         ws_max_size=MOST,
+        # It goes no further than this machine.
+        ws_per_message_deflate=False,
         timeout_graceful_shutdown=2,
     )
 
@@ -62,6 +69,14 @@ def _free_port() -> int:
     with socket.socket() as one:
         one.bind((HOST, 0))
         return int(one.getsockname()[1])
+
+
+def _first(state: State) -> State:
+    """The state with the simplest shaper for its machine, where there is one."""
+    try:
+        return with_impulses(state, *takeaway.closed_form(state, takeaway.SIMPLEST))
+    except ValueError:
+        return state
 
 
 def _warm(state: State) -> None:

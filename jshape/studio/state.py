@@ -120,9 +120,8 @@ def from_draft(draft: Draft) -> State:
     if draft.foreign is not None:
         raise ValueError(f"plant.type: the studio runs no code of a problem file's own, here {kind!r}")
     entry = catalogue.plants()[kind]
-    if kind in catalogue.READERS or entry.axes:
-        words = f"has the axes {', '.join(entry.axes)}" if entry.axes else "is described in another file"
-        raise ValueError(f"plant.type: {kind} {words}, which the studio does not show")
+    if entry.axes:
+        raise ValueError(f"plant.type: {kind} has the axes {', '.join(entry.axes)}, which the studio does not show")
     state = State(
         Starter(
             name=kind, title=file.title or kind, plant=kind,
@@ -187,9 +186,24 @@ def _draft(text: str) -> Iterator[Draft]:
         path = Path(folder) / FILE
         write_text(path, text)
         try:
+            # Before it is read any further: such a plant names a file of this machine.
+            if kinds := _kinds(limits.parse(path)[1]) & set(catalogue.READERS):
+                raise ValueError(
+                    f"plant.type: {min(kinds)} is described in another file, which the studio does not open"
+                )
             yield read(path)
         except ValueError as error:
             raise ValueError(str(error).replace(str(path), path.name)) from None
+
+
+def _kinds(table: Any) -> set[str]:
+    """Every ``type`` in a file's tables."""
+    if isinstance(table, list):
+        return set().union(*map(_kinds, table))
+    if not isinstance(table, dict):
+        return set()
+    named = {table["type"]} if isinstance(table.get("type"), str) else set()
+    return named.union(*map(_kinds, table.values()))
 
 
 def parameters(state: State) -> list[Parameter]:
@@ -220,7 +234,10 @@ def _numbers(
         if key.table is not None or key.name in catalogue.WORDS:
             continue
         unit = in_units(key.unit, units) or ""
-        several = isinstance(given, list)
+        several = isinstance(given, list | tuple)
+        if several and path != "plant":
+            # A table, such as that of a measured link.
+            continue
         for i, value in enumerate(given if several else [given]):
             at = f"{path}.{key.name}.{i}" if several else f"{path}.{key.name}"
             if isinstance(value, int | float | str) and value != catalogue.REQUIRED:
@@ -251,7 +268,9 @@ def with_value(state: State, path: str, value: float) -> State:
     written = value if not unit or "^p" in unit else f"{value!r} {unit}"
     table, _, rest = path.partition(".")
     if table == "plant":
-        return _with(state, values=_placed(starter.values, rest.split("."), written))
+        keys = catalogue.plants()[starter.plant].keys.values()
+        lists = {key.name: list(key.default) for key in keys if isinstance(key.default, list | tuple)}
+        return _with(state, values=_placed(lists | starter.values, rest.split("."), written))
     return _with(state, move=_placed(starter.move, [rest or table], written if rest else value))
 
 

@@ -14,8 +14,11 @@ from jshape.export.formats import Format
 from jshape.studio.curves import Moves, Sensitivity, shaper_of
 from jshape.studio.state import FILE, State, problem
 
-USUAL = {"sample_time": "0.01", "axis": "x"}
-"""What stands in the field of an option that has no default."""
+USUAL = {"sample_time": "0.01"}
+"""What stands at first in the field of an option that must be given."""
+
+SIMPLEST = "linear ZV"
+"""The closed form with which a machine begins."""
 
 
 def needed(format: str) -> dict[str, str]:

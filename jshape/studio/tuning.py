@@ -6,11 +6,11 @@ none is left behind.
 """
 
 import asyncio
-import contextlib
 import json
 import math
 import os
 import signal
+import subprocess
 import sys
 import threading
 from collections.abc import Callable
@@ -20,16 +20,19 @@ PATIENCE = 5.0
 """How long a process may take to end after a stop, s."""
 
 
+SAYING = threading.Lock()
+
+
 class Tuning:
     """A tuning process of one page."""
 
     def __init__(self) -> None:
-        self._process: asyncio.subprocess.Process | None = None
+        self._process: subprocess.Popen[bytes] | None = None
 
     @property
     def running(self) -> bool:
         """Whether it runs."""
-        return self._process is not None and self._process.returncode is None
+        return self._process is not None and self._process.poll() is None
 
     async def run(self, text: str, progress: Callable[[dict[str, Any]], None]) -> dict[str, Any]:
         """Tune a shaper for a problem file.
@@ -47,44 +50,45 @@ class Tuning:
         """
         if self.running:
             raise ValueError("a shaper is being tuned already; stop it first")
-        pipe = asyncio.subprocess.PIPE
-        command = (sys.executable, "-P", "-m", "jshape.studio.tuning")
-        self._process = process = await asyncio.create_subprocess_exec(*command, stdin=pipe, stdout=pipe)
+        command = [sys.executable, "-P", "-m", "jshape.studio.tuning"]
+        # Not asyncio's own: with uvloop that forks this process, whose JAX has threads.
+        self._process = process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
         assert process.stdin is not None
         assert process.stdout is not None
+        answer: dict[str, Any] = {}
         try:
             process.stdin.write(json.dumps(text).encode() + b"\n")
-            await process.stdin.drain()
-            answer: dict[str, Any] = {}
-            async for line in process.stdout:
+            process.stdin.flush()
+            while line := await asyncio.to_thread(process.stdout.readline):
                 answer = json.loads(line)
                 if "progress" in answer:
                     progress(answer["progress"])
-            await process.wait()
+        except BrokenPipeError:
+            pass
         finally:
-            if process.returncode is None:
-                process.kill()
+            self.kill()
+            code = await asyncio.to_thread(process.wait)
+            process.stdin.close()
+            process.stdout.close()
         if "shaper" in answer:
             return answer["shaper"]
-        raise ValueError(answer.get("error", f"the tuning process ended without an answer (code {process.returncode})"))
+        raise ValueError(answer.get("error", f"the tuning process ended without an answer (code {code})"))
 
     async def stop(self) -> None:
         """Interrupt it: the best shaper so far is its answer."""
         process = self._process
-        if process is None or process.returncode is not None:
+        if process is None or process.poll() is not None:
             return
-        with contextlib.suppress(ProcessLookupError):
-            process.send_signal(signal.SIGINT if os.name == "posix" else signal.SIGTERM)
+        process.send_signal(signal.SIGINT if os.name == "posix" else signal.SIGTERM)
         try:
-            await asyncio.wait_for(process.wait(), PATIENCE)
-        except TimeoutError:
-            self.kill()
+            await asyncio.to_thread(process.wait, PATIENCE)
+        except subprocess.TimeoutExpired:
+            process.kill()
 
     def kill(self) -> None:
         """End it at once."""
-        if self._process is not None and self._process.returncode is None:
-            with contextlib.suppress(ProcessLookupError):
-                self._process.kill()
+        if self._process is not None and self._process.poll() is None:
+            self._process.kill()
 
 
 def main() -> None:
@@ -122,11 +126,16 @@ def _tuned(text: str) -> dict[str, Any]:
 
 
 def _say(line: dict[str, Any]) -> None:
-    print(json.dumps(line), flush=True)
+    # From several threads: a line is written whole.
+    with SAYING:
+        sys.stdout.write(json.dumps(line) + "\n")
+        sys.stdout.flush()
 
 
 def _end_with_input() -> None:
-    sys.stdin.read()
+    # Not by sys.stdin, whose lock would keep the process from ending.
+    while os.read(0, 4096):
+        pass
     os._exit(1)
 
 
