@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -48,7 +48,7 @@ def tune(
         with progress_line() as (step, progress), ThreadPoolExecutor(1) as beside:
             closed = beside.submit(closed_forms, read.plant, read.distance)
             step("tuning")
-            given = read.tuning | {"starts": starts or read.design.starts}
+            given: dict[str, Any] = read.tuning | {"starts": starts or read.design.starts}
             if seed is not None:
                 given["seed"] = seed
             solution = tune_shaper(read.plant, read.distance, start=first, progress=progress, **given)

@@ -4,71 +4,69 @@ import asyncio
 import functools
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from nicegui import events, ui
 
 from jshape.export import FORMATS
 from jshape.studio import charts, state, takeaway
 from jshape.studio.state import Parameter, State
-
-if TYPE_CHECKING:
-    from jshape.studio.page import Page
+from jshape.studio.tab import Tab
 
 SHAPERS = ("unshaped", "linear ZV", "linear ZVD", "linear ZVDD", "linear EI")
 ENERGY = ("energy 2-impulse", "energy 3-impulse", "energy 4-impulse", "energy fast 3-impulse", "energy negative")
 """The closed forms, as ``jshape.design.closed_forms`` names them."""
 
 
-def build(page: "Page") -> None:
+def build(tab: Tab) -> None:
     """The three panels."""
     with ui.tabs().classes("w-full").props("dense align=justify no-caps") as tabs:
         for name in ("Machine", "Shaper", "Take away"):
             ui.tab(name)
     with ui.tab_panels(tabs, value="Machine", animated=False, keep_alive=True).classes("w-full"):
         with ui.tab_panel("Machine"):
-            _machine(page)
+            _machine(tab)
         with ui.tab_panel("Shaper"):
-            _shaper(page)
+            _shaper(tab)
         with ui.tab_panel("Take away"):
-            _take_away(page)
+            _take_away(tab)
 
 
-def _machine(page: "Page") -> None:
+def _machine(tab: Tab) -> None:
     """Choose a machine; a slider for each of its parameters."""
 
     @ui.refreshable
     def sliders() -> None:
-        for parameter in state.parameters(page.state):
-            _parameter(page, parameter)
+        for parameter in state.parameters(tab.state):
+            _parameter(tab, parameter)
 
     async def begin(made: Callable[[], State]) -> None:
-        page.change(lambda _: made(), impulses=True)
+        tab.change(lambda _: made(), impulses=True)
         sliders.refresh()
-        await _closed_form(page, takeaway.SIMPLEST)
+        await _closed_form(tab, takeaway.SIMPLEST)
 
     async def loaded(event: events.UploadEventArguments) -> None:
         try:
             text = (await event.file.read()).decode()
             begin_with = state.from_text(text)
         except ValueError as error:
-            page.warn(f"{event.file.name}: {error}")
+            tab.warn(f"{event.file.name}: {error}")
             return
         upload.reset()
         await begin(lambda: begin_with)
 
-    plant = page.state.starter.plant
+    plant = tab.state.starter.plant
     choose = ui.select(state.plants(), value=plant, label="machine").classes("w-full").props("dense")
     choose.on_value_change(lambda event: begin(lambda: state.begin(event.value)))
     upload = ui.upload(
         label="or a problem file", on_upload=loaded, auto_upload=True, max_file_size=2**19, max_files=1
     ).classes("w-full").props('accept=".toml" flat bordered dense')  # fmt: skip
-    upload.on("rejected", lambda: page.warn("a problem file must have at most 524288 bytes"))
+    upload.on("rejected", lambda: tab.warn("a problem file must have at most 524288 bytes"))
     ui.label("± marks what is uncertain").classes("text-xs q-mt-sm text-grey-8")
     sliders()
 
 
-def _parameter(page: "Page", parameter: Parameter) -> None:
+def _parameter(tab: Tab, parameter: Parameter) -> None:
     """A slider, a number beside it, and a mark for what is uncertain."""
     path, leaf = parameter.path, parameter.leaf
     words = path.removeprefix("plant.").removeprefix("command.").replace("_", " ")
@@ -101,11 +99,11 @@ def _parameter(page: "Page", parameter: Parameter) -> None:
         value = float(event.value)
         slider.props["min"], slider.props["max"] = min(value, parameter.low), max(value, parameter.high)
         slider.set_value(value)
-        page.change(lambda before: state.with_value(before, path, value))
+        tab.change(lambda before: state.with_value(before, path, value))
 
     def uncertain(event: Any) -> None:
         part = None if not event.value else event.value / 100
-        page.change(lambda before: state.with_uncertainty(before, str(leaf), part))
+        tab.change(lambda before: state.with_uncertainty(before, str(leaf), part))
 
     slider.on_value_change(moved)
     number.on_value_change(given)
@@ -121,25 +119,23 @@ def _share(parameter: Parameter) -> float | None:
     return None if parameter.share is None else float(f"{100 * parameter.share:.3g}")
 
 
-def _shaper(page: "Page") -> None:
+def _shaper(tab: Tab) -> None:
     """Closed forms, the impulses, and tuning."""
     ui.label("Closed forms").classes("text-sm text-weight-bold")
     with ui.row().classes("gap-1"):
         for name in (*SHAPERS, *ENERGY):
-            made = ui.button(name.removeprefix("linear "), on_click=functools.partial(_closed_form, page, name))
+            made = ui.button(name.removeprefix("linear "), on_click=functools.partial(_closed_form, tab, name))
             made.props("dense outline no-caps size=sm").classes("px-2")
     with ui.row().classes("w-full items-center q-mt-md"):
         ui.label("Impulses: amplitude, and time in s").classes("text-sm text-weight-bold")
-        ui.button("add", on_click=lambda: page.change(state.with_one_more, impulses=True)).props("dense flat no-caps")
-        ui.button("remove", on_click=lambda: page.change(state.with_one_less, impulses=True)).props(
-            "dense flat no-caps"
-        )
-    _impulses(page)
+        ui.button("add", on_click=lambda: tab.change(state.with_one_more, impulses=True)).props("dense flat no-caps")
+        ui.button("remove", on_click=lambda: tab.change(state.with_one_less, impulses=True)).props("dense flat no-caps")
+    _impulses(tab)
     ui.label("Tune: least residual energy").classes("text-sm text-weight-bold q-mt-md")
-    _tune(page)
+    _tune(tab)
 
 
-def _impulses(page: "Page") -> None:
+def _impulses(tab: Tab) -> None:
     """Two sliders an impulse; the amplitudes keep their sum, the times their order."""
     rows: list[tuple[ui.slider, ui.slider, ui.label]] = []
     following = False
@@ -147,8 +143,8 @@ def _impulses(page: "Page") -> None:
     @ui.refreshable
     def sliders() -> None:
         rows.clear()
-        longest = max(1.5 * page.state.times[-1], 1e-3)
-        for i, (amplitude, time) in enumerate(zip(page.state.amplitudes, page.state.times, strict=True)):
+        longest = max(1.5 * tab.state.times[-1], 1e-3)
+        for i, (amplitude, time) in enumerate(zip(tab.state.amplitudes, tab.state.times, strict=True)):
             with ui.row().classes("w-full no-wrap items-center gap-2"):
                 ends = min(-1.0, amplitude), max(1.5, amplitude)
                 first = ui.slider(min=ends[0], max=ends[1], step=0.005, value=amplitude).style("flex:1")
@@ -156,51 +152,51 @@ def _impulses(page: "Page") -> None:
                 second = ui.slider(min=0.0, max=longest, step=longest / 300, value=time).style("flex:1")
                 second.props(f'dense aria-label="time {i + 1}" data-testid="time-{i}"')
                 second.set_enabled(i > 0)
-                label = ui.label(_impulse(page.state, i)).classes("text-xs").style("width:104px")
+                label = ui.label(_impulse(tab.state, i)).classes("text-xs").style("width:104px")
             first.on_value_change(lambda event, i=i: moved(state.with_amplitude, i, event))
             second.on_value_change(lambda event, i=i: moved(state.with_time, i, event))
             rows.append((first, second, label))
 
     def moved(make: Callable[[State, int, float], State], i: int, event: Any) -> None:
         if not following:
-            page.change(lambda before: make(before, i, float(event.value)), impulses=True)
+            tab.change(lambda before: make(before, i, float(event.value)), impulses=True)
 
     def follow() -> None:
         nonlocal following
-        if len(rows) != len(page.state.times) or page.state.times[-1] > float(rows[-1][1].props["max"]):
+        if len(rows) != len(tab.state.times) or tab.state.times[-1] > float(rows[-1][1].props["max"]):
             sliders.refresh()
             return
         following = True
         for i, (first, second, label) in enumerate(rows):
-            first.set_value(page.state.amplitudes[i])
-            second.set_value(page.state.times[i])
-            label.set_text(_impulse(page.state, i))
+            first.set_value(tab.state.amplitudes[i])
+            second.set_value(tab.state.times[i])
+            label.set_text(_impulse(tab.state, i))
         following = False
 
     sliders()
-    page.followers.append(follow)
+    tab.followers.append(follow)
 
 
 def _impulse(shown: State, index: int) -> str:
     return f"{shown.amplitudes[index]:.4g} at {shown.times[index]:.4g} s"
 
 
-async def _closed_form(page: "Page", name: str) -> None:
+async def _closed_form(tab: Tab, name: str) -> None:
     """Show a closed form for the machine as it is, or say why there is none."""
-    before = page.state
+    before = tab.state
     try:
-        found = await asyncio.get_running_loop().run_in_executor(page.worker, takeaway.closed_form, before, name)
+        found = await asyncio.get_running_loop().run_in_executor(tab.worker, takeaway.closed_form, before, name)
     except ValueError as error:
-        page.warn(str(error))
+        tab.warn(str(error))
         return
-    page.warn("")
-    page.change(lambda now: state.with_impulses(now, *found), impulses=True)
+    tab.warn("")
+    tab.change(lambda now: state.with_impulses(now, *found), impulses=True)
 
 
-def _tune(page: "Page") -> None:
+def _tune(tab: Tab) -> None:
     """Tune in a process, with progress and a stop."""
     best: list[tuple[int, float]] = []
-    design = page.state.starter.design
+    design = tab.state.starter.design
     with ui.row().classes("w-full no-wrap gap-2"):
         count = ui.number("impulses", value=design.get("impulses", 3), min=2, max=16, precision=0)
         count.props("dense").style("width:80px")
@@ -209,7 +205,7 @@ def _tune(page: "Page") -> None:
         duration = ui.number("duration, s (free)", min=0).props("dense").style("flex:1")
     with ui.row().classes("w-full items-center gap-2"):
         start = ui.button("Tune").props("dense no-caps data-testid=tune").classes("px-4")
-        stop = ui.button("Stop", on_click=page.tuning.stop).props("dense outline no-caps").classes("px-4")
+        stop = ui.button("Stop", on_click=tab.tuning.stop).props("dense outline no-caps").classes("px-4")
         stop.set_enabled(False)
     said = ui.label("").classes("text-xs w-full").props('data-testid=tuned aria-live="polite"')
     shown = ui.echart(charts.chart("", "step", "best, J") | {"legend": {"show": False}, "toolbox": {}})
@@ -227,14 +223,14 @@ def _tune(page: "Page") -> None:
         best.clear()
         limits = {"limit": 1.5} if kind.value == "bounded" else {"limit": None}
         wanted = {"impulses": int(count.value or 3), "amplitudes": kind.value, "duration": duration.value or None}
-        page.change(lambda before: state.with_design(before, **wanted, **limits))
+        tab.change(lambda before: state.with_design(before, **wanted, **limits))
         start.set_enabled(False)
         stop.set_enabled(True)
         said.set_text("the process starts …")
         shown.set_visibility(True)
         try:
-            found = await page.tuning.run(page.state.text, progress)
-            page.change(lambda now: state.with_impulses(now, found["amplitudes"], found["times"]), impulses=True)
+            found = await tab.tuning.run(tab.state.text, progress)
+            tab.change(lambda now: state.with_impulses(now, found["amplitudes"], found["times"]), impulses=True)
             said.set_text(found["message"])
         except ValueError as error:
             said.set_text(str(error))
@@ -245,7 +241,7 @@ def _tune(page: "Page") -> None:
     start.on_click(run)
 
 
-def _take_away(page: "Page") -> None:
+def _take_away(tab: Tab) -> None:
     """Files: the shaper in every format, the problem, a script, the curves."""
     fields: dict[str, ui.input] = {}
 
@@ -260,20 +256,20 @@ def _take_away(page: "Page") -> None:
         try:
             name, content = made()
         except ValueError as error:
-            page.warn(str(error))
+            tab.warn(str(error))
             return
-        page.warn("")
+        tab.warn("")
         ui.download.content(content, name)
 
     def shaper() -> tuple[str, bytes]:
-        return takeaway.exported(page.state, chosen.value, {name: field.value or "" for name, field in fields.items()})
+        return takeaway.exported(tab.state, chosen.value, {name: field.value or "" for name, field in fields.items()})
 
     def preview() -> None:
         try:
             _, content = shaper()
             text.set_content(content.decode()[:8000] if chosen.value not in ("fmu", "numpy", "scipy") else "(binary)")
         except ValueError as error:
-            page.warn(str(error))
+            tab.warn(str(error))
 
     names = {name: f"{name}: {form.what}" for name, form in FORMATS.items()}
     chosen = ui.select(names, value="structured_text", label="format of the shaper").classes("w-full").props("dense")
@@ -284,10 +280,10 @@ def _take_away(page: "Page") -> None:
         ui.button("Show", on_click=preview).props("dense outline no-caps").classes("px-3")
     ui.separator().classes("q-my-sm")
     files: dict[str, Callable[[], tuple[str, bytes | str]]] = {
-        "Problem file": lambda: (state.FILE, page.state.text),
-        "Python script": lambda: ("studio.py", takeaway.script(page.state)),
-        "Responses, CSV": lambda: ("responses.csv", takeaway.moves_csv(page.moves)),
-        "Sensitivity, CSV": lambda: ("sensitivity.csv", takeaway.sensitivity_csv(page.sensitivity)),
+        "Problem file": lambda: (state.FILE, tab.state.text),
+        "Python script": lambda: ("studio.py", takeaway.script(tab.state)),
+        "Responses, CSV": lambda: ("responses.csv", takeaway.moves_csv(tab.moves)),
+        "Sensitivity, CSV": lambda: ("sensitivity.csv", takeaway.sensitivity_csv(tab.sensitivity)),
     }
     with ui.row().classes("gap-2"):
         for words, made in files.items():

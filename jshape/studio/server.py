@@ -12,8 +12,9 @@ from nicegui import app, ui
 
 from jshape.studio import curves, takeaway
 from jshape.studio.guard import MOST, Guard
-from jshape.studio.page import Page
+from jshape.studio.page import build
 from jshape.studio.state import State, with_impulses
+from jshape.studio.tab import Tab
 
 HOST = "127.0.0.1"
 
@@ -41,9 +42,9 @@ def serve(state: State, port: int, show: bool, say: Callable[[str], None]) -> No
         ui.add_head_html(f"<script>{script}</script>")
         await ui.context.client.connected()
         begin = app.storage.tab.get("state") or await asyncio.wrap_future(first)
-        made = Page(begin, worker)
-        made.build()
-        await made.start()
+        tab = Tab(begin, worker)
+        build(tab)
+        await tab.start()
 
     app.add_middleware(Guard, token=token, port=port)
     app.on_startup(lambda: say(f"http://{HOST}:{port}/?token={token}"))
