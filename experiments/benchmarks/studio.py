@@ -86,7 +86,7 @@ def page_of(address: str, width: int = 1280, height: int = 800) -> Iterator[Any]
 
     with sync_playwright() as play:
         browser = play.chromium.launch(executable_path=chromium(), args=["--no-sandbox"])
-        page = browser.new_page(viewport={"width": width, "height": height})
+        page = browser.new_context(viewport={"width": width, "height": height}).new_page()
         page.goto(address)
         computed(page)
         yield page

@@ -18,6 +18,12 @@ ENERGY = ("energy 2-impulse", "energy 3-impulse", "energy 4-impulse", "energy fa
 """The closed forms, as ``jshape.design.closed_forms`` names them."""
 
 
+class Slider(ui.slider):
+    """A slider whose own value is not sent back to it, which would undo a movement that is faster than the way back."""
+
+    LOOPBACK = False
+
+
 def build(tab: Tab) -> None:
     """The three panels."""
     with ui.tabs().classes("w-full").props("dense align=justify no-caps") as tabs:
@@ -43,17 +49,18 @@ def _machine(tab: Tab) -> None:
     async def begin(made: Callable[[], State]) -> None:
         tab.change(lambda _: made(), impulses=True)
         sliders.refresh()
+        for renew in tab.renewed:
+            renew()
         await _closed_form(tab, takeaway.SIMPLEST)
 
     async def loaded(event: events.UploadEventArguments) -> None:
+        upload.reset()
         try:
-            text = (await event.file.read()).decode()
-            begin_with = state.from_text(text)
+            given = state.from_text((await event.file.read()).decode())
         except ValueError as error:
             tab.warn(f"{event.file.name}: {error}")
             return
-        upload.reset()
-        await begin(lambda: begin_with)
+        await begin(lambda: given)
 
     plant = tab.state.starter.plant
     choose = ui.select(state.plants(), value=plant, label="machine").classes("w-full").props("dense")
@@ -85,7 +92,7 @@ def _parameter(tab: Tab, parameter: Parameter) -> None:
         share.props(f'dense outlined prefix=± aria-label="{words}: uncertain by" placeholder="–" debounce=300')
         share.set_visibility(leaf is not None)
     step = (parameter.high - parameter.low) / 200
-    slider = ui.slider(min=parameter.low, max=parameter.high, step=step, value=parameter.value).classes("w-full")
+    slider = Slider(min=parameter.low, max=parameter.high, step=step, value=parameter.value).classes("w-full")
     slider.props(f'dense aria-label="{words}" data-testid="slider-{path}"')
 
     def moved(event: Any) -> None:
@@ -98,7 +105,8 @@ def _parameter(tab: Tab, parameter: Parameter) -> None:
             return
         value = float(event.value)
         slider.props["min"], slider.props["max"] = min(value, parameter.low), max(value, parameter.high)
-        slider.set_value(value)
+        if _rounded(slider.value) != value:
+            slider.set_value(value)
         tab.change(lambda before: state.with_value(before, path, value))
 
     def uncertain(event: Any) -> None:
@@ -137,7 +145,7 @@ def _shaper(tab: Tab) -> None:
 
 def _impulses(tab: Tab) -> None:
     """Two sliders an impulse; the amplitudes keep their sum, the times their order."""
-    rows: list[tuple[ui.slider, ui.slider, ui.label]] = []
+    rows: list[tuple[Slider, Slider, ui.label]] = []
     following = False
 
     @ui.refreshable
@@ -147,9 +155,9 @@ def _impulses(tab: Tab) -> None:
         for i, (amplitude, time) in enumerate(zip(tab.state.amplitudes, tab.state.times, strict=True)):
             with ui.row().classes("w-full no-wrap items-center gap-2"):
                 ends = min(-1.0, amplitude), max(1.5, amplitude)
-                first = ui.slider(min=ends[0], max=ends[1], step=0.005, value=amplitude).style("flex:1")
+                first = Slider(min=ends[0], max=ends[1], step=0.005, value=amplitude).style("flex:1")
                 first.props(f'dense aria-label="amplitude {i + 1}" data-testid="amplitude-{i}"')
-                second = ui.slider(min=0.0, max=longest, step=longest / 300, value=time).style("flex:1")
+                second = Slider(min=0.0, max=longest, step=longest / 300, value=time).style("flex:1")
                 second.props(f'dense aria-label="time {i + 1}" data-testid="time-{i}"')
                 second.set_enabled(i > 0)
                 label = ui.label(_impulse(tab.state, i)).classes("text-xs").style("width:104px")
@@ -196,13 +204,23 @@ async def _closed_form(tab: Tab, name: str) -> None:
 def _tune(tab: Tab) -> None:
     """Tune in a process, with progress and a stop."""
     best: list[tuple[int, float]] = []
-    design = tab.state.starter.design
     with ui.row().classes("w-full no-wrap gap-2"):
-        count = ui.number("impulses", value=design.get("impulses", 3), min=2, max=16, precision=0)
-        count.props("dense").style("width:80px")
-        kind = ui.select(["positive", "bounded", "unity", "free"], label="amplitudes", value="positive")
-        kind.props("dense").style("width:110px")
-        duration = ui.number("duration, s (free)", min=0).props("dense").style("flex:1")
+        count = ui.number("impulses", min=2, max=16, precision=0).props("dense").style("width:80px")
+        kind = ui.select(["positive", "bounded", "unity", "free"], label="amplitudes").props("dense")
+        kind.style("width:110px")
+        duration = ui.number("duration, s", min=0).props("dense").style("flex:1")
+
+    def renew() -> None:
+        design = tab.state.starter.design
+        count.set_value(design.get("impulses", 3))
+        kind.set_value(design.get("amplitudes", "positive"))
+        length = design.get("duration")
+        ends = f"{length[0]} to {length[1]}" if isinstance(length, list) else "free"
+        duration.set_value(None if isinstance(length, list) else length)
+        duration.props["placeholder"] = ends
+
+    renew()
+    tab.renewed.append(renew)
     with ui.row().classes("w-full items-center gap-2"):
         start = ui.button("Tune").props("dense no-caps data-testid=tune").classes("px-4")
         stop = ui.button("Stop", on_click=tab.tuning.stop).props("dense outline no-caps").classes("px-4")
@@ -221,9 +239,7 @@ def _tune(tab: Tab) -> None:
 
     async def run() -> None:
         best.clear()
-        limits = {"limit": 1.5} if kind.value == "bounded" else {"limit": None}
-        wanted = {"impulses": int(count.value or 3), "amplitudes": kind.value, "duration": duration.value or None}
-        tab.change(lambda before: state.with_design(before, **wanted, **limits))
+        tab.change(lambda before: _designed(before, int(count.value or 3), str(kind.value), duration.value))
         start.set_enabled(False)
         stop.set_enabled(True)
         said.set_text("the process starts …")
@@ -239,6 +255,14 @@ def _tune(tab: Tab) -> None:
             stop.set_enabled(False)
 
     start.on_click(run)
+
+
+def _designed(before: State, impulses: int, amplitudes: str, duration: float | None) -> State:
+    """The state with the design that the fields hold; a range of durations stays where no single one is given."""
+    design = before.starter.design
+    kept = duration or (design["duration"] if isinstance(design.get("duration"), list) else None)
+    limit = design.get("limit", 1.5) if amplitudes == "bounded" else None
+    return state.with_design(before, impulses=impulses, amplitudes=amplitudes, duration=kept, limit=limit)
 
 
 def _take_away(tab: Tab) -> None:

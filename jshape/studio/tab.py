@@ -30,6 +30,8 @@ class Tab:
         tuning: its tuning process.
         moves: the responses that are drawn, if they are of this state.
         sensitivity: likewise, the sensitivity.
+        followers: called when the impulses are others.
+        renewed: called when the machine is another.
     """
 
     def __init__(self, state: State, worker: Executor):
@@ -40,6 +42,7 @@ class Tab:
         self.live = Live(curves.stages, worker, self._show, self._failed)
         self.charts: dict[str, ui.echart] = {}
         self.followers: list[Callable[[], None]] = []
+        self.renewed: list[Callable[[], None]] = []
         self.client: Client = ui.context.client
         self.kept = app.storage.tab
         self.client.on_delete(self._closed)
