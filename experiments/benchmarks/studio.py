@@ -23,7 +23,7 @@ from experiments.markdown import table
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 
-PRESSES = 60
+PRESSES = 40
 
 CASES = (
     ("Duffing pair", "TwoMass", "plant.m2"),
@@ -93,7 +93,7 @@ def page_of(address: str, width: int = 1280, height: int = 800) -> Iterator[Any]
         browser.close()
 
 
-def computed(page: Any, seconds: float = 40.0) -> str:
+def computed(page: Any, seconds: float = 200.0) -> str:
     """The page's summary, once everything is computed."""
     page.wait_for_function(
         """() => { const words = document.querySelector('[data-testid=summary]')?.innerText ?? 'computing';

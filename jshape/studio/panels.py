@@ -105,7 +105,7 @@ def _parameter(tab: Tab, parameter: Parameter) -> None:
             return
         value = float(event.value)
         slider.props["min"], slider.props["max"] = min(value, parameter.low), max(value, parameter.high)
-        if _rounded(slider.value) != value:
+        if slider.value is None or _rounded(slider.value) != value:
             slider.set_value(value)
         tab.change(lambda before: state.with_value(before, path, value))
 
@@ -223,7 +223,7 @@ def _tune(tab: Tab) -> None:
     tab.renewed.append(renew)
     with ui.row().classes("w-full items-center gap-2"):
         start = ui.button("Tune").props("dense no-caps data-testid=tune").classes("px-4")
-        stop = ui.button("Stop", on_click=tab.tuning.stop).props("dense outline no-caps").classes("px-4")
+        stop = ui.button("Stop").props("dense outline no-caps").classes("px-4")
         stop.set_enabled(False)
     said = ui.label("").classes("text-xs w-full").props('data-testid=tuned aria-live="polite"')
     shown = ui.echart(charts.chart("", "step", "best, J") | {"legend": {"show": False}, "toolbox": {}})
@@ -254,7 +254,12 @@ def _tune(tab: Tab) -> None:
             start.set_enabled(True)
             stop.set_enabled(False)
 
+    async def halt() -> None:
+        said.set_text("stopping …")
+        await tab.tuning.stop()
+
     start.on_click(run)
+    stop.on_click(halt)
 
 
 def _designed(before: State, impulses: int, amplitudes: str, duration: float | None) -> State:

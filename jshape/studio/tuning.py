@@ -16,7 +16,7 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
-PATIENCE = 5.0
+PATIENCE = 30.0
 """How long a process may take to end after a stop, s."""
 
 
