@@ -50,21 +50,21 @@ def test_a_crane_hangs_on_its_cables(drive):
     position = [] if drive == "acceleration" else [command]
     crane = js.plants.Crane(2.0, drive=drive)
     states = [*position, ANGLE, *([zero] if position else []), zero]
-    motion = film._motion(crane, response(states, command, 2 * np.sin(ANGLE)), TIMES)
+    motion = film.motion_of(crane, response(states, command, 2 * np.sin(ANGLE)), TIMES)
     np.testing.assert_allclose(distances(motion.places), 2.0, atol=1e-12)
     np.testing.assert_allclose(motion.places[:, 1, 0], command + 2 * np.sin(ANGLE), atol=1e-12)
     assert motion.places[:, 1, 1].max() < -1.8
     two = js.plants.DoublePendulumCrane(2.0, 0.5, drive=drive)
     offset = 2 * np.sin(ANGLE) - 0.5 * np.sin(0.7 * ANGLE)
     states = [*position, ANGLE, -0.7 * ANGLE, *([zero] if position else []), zero, zero]
-    motion = film._motion(two, response(states, command, offset), TIMES)
+    motion = film.motion_of(two, response(states, command, offset), TIMES)
     np.testing.assert_allclose(distances(motion.places), np.broadcast_to([2.0, 0.5], (201, 2)), atol=1e-12)
 
 
 def test_a_link_bends_from_its_motor_to_its_payload():
     joint = js.plants.FlexibleJoint(0.02, 0.05, js.plants.LinearSpring(20.0), js.plants.PDController(kp=100.0, kd=3.0))
     zero = 0 * TIMES
-    motion = film._motion(joint, response([0.9 * TIMES, TIMES, zero, zero], 1.1 * TIMES, -0.1 * TIMES), TIMES)
+    motion = film.motion_of(joint, response([0.9 * TIMES, TIMES, zero, zero], 1.1 * TIMES, -0.1 * TIMES), TIMES)
     np.testing.assert_allclose(motion.places, np.stack([0.9 * TIMES, TIMES], axis=1), atol=1e-12)
     np.testing.assert_allclose(motion.deflection, 0.1 * TIMES, atol=1e-12)
 

@@ -19,6 +19,7 @@ from jshape.cli.new import new
 from jshape.cli.pareto import pareto
 from jshape.cli.plants import plants
 from jshape.cli.shape import shape
+from jshape.cli.studio import studio
 from jshape.cli.sweep import sweep
 from jshape.cli.train import train
 from jshape.cli.tune import compare, tune
@@ -28,8 +29,8 @@ app = typer.Typer(
     help="Design input shapers: tune them by gradients of the residual energy, compare them with the closed forms.",
 )
 COMMANDS = (
-    *(plants, new, tune, compare, animate, sweep, pareto, adapt, identify, calibrate),
-    *(export, shape, train, evaluate),
+    *(plants, new, studio, tune, compare, animate, sweep, pareto, adapt),
+    *(identify, calibrate, export, shape, train, evaluate),
 )
 for command in COMMANDS:
     app.command()(command)

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -49,7 +49,6 @@ def tune(
         from jshape.reports.tables import latex_table, show_report
         from jshape.status import Status
 
-        design = read.design
         first = None if start is None else read_shaper(start)
         count = 1 if first is not None else starts or design.starts
         announced(read.distance, plants_of(read), count, "starts", design.impulses)
@@ -57,18 +56,10 @@ def tune(
         with progress_line() as (step, progress), ThreadPoolExecutor(1) as beside:
             closed = beside.submit(closed_forms, read.plant, read.distance)
             step("tuning")
-            given = design.model_dump(exclude={"objective", "starts", "seed"})
-            solution = tune_shaper(
-                read.plant,
-                read.distance,
-                over=read.over or None,
-                objective=read.objective,
-                starts=starts or design.starts,
-                seed=design.seed if seed is None else seed,
-                start=first,
-                progress=progress,
-                **given,
-            )
+            given: dict[str, Any] = read.tuning | {"starts": starts or read.design.starts}
+            if seed is not None:
+                given["seed"] = seed
+            solution = tune_shaper(read.plant, read.distance, start=first, progress=progress, **given)
             if solution.status is Status.INTERRUPTED:
                 # An interrupted command ends soon: what was found is written before anything else is computed.
                 report.write_numbers(report.interrupted(read, solution), folder)

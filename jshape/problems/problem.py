@@ -79,6 +79,12 @@ class Problem:
         """The objective asked for; unless stated, worst where something is uncertain, else nominal."""
         return self.design.objective or ("worst" if self.over else "nominal")
 
+    @property
+    def tuning(self) -> dict[str, Any]:
+        """The arguments by name with which ``js.tune(problem.plant, problem.distance, **problem.tuning)`` designs."""
+        design = self.design.model_dump(exclude={"objective"})
+        return design | {"over": self.over or None, "objective": self.objective}
+
     def adapting(self, **changes: Any) -> "Problem":
         """The same problem with other numbers in its ``[adapt]`` table, if it has one."""
         return self if self.adapt is None else dataclasses.replace(self, adapt=self.adapt.model_copy(update=changes))

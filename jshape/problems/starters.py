@@ -1,5 +1,6 @@
 """Problem files to begin from: one for each plant, with every key, its unit and its meaning."""
 
+import re
 import textwrap
 from typing import Any, NamedTuple
 
@@ -10,6 +11,9 @@ from jshape.problems.units import in_units, reprinted
 
 WIDTH = 100
 """Columns beyond which a comment begins a new line."""
+
+BARE = re.compile(r"[A-Za-z0-9_-]+")
+"""A key that TOML takes without quotes."""
 
 
 class Starter(NamedTuple):
@@ -219,13 +223,11 @@ def text(starter: Starter) -> str:
         blocks.append([*head, _line("distance", starter.move["distance"], f"of a step, {unit}; or a [command] table")])
     blocks += _object("plant", entry, starter.values)
     blocks.append(["[uncertainty]  # with a unit: absolute; without: multiples of the value above"])
+    usual = {"amplitudes": "positive", "objective": "worst" if starter.uncertain else "nominal"}
     for leaf, spread in starter.uncertain.items():
-        blocks[-1].append(f"{leaf if '.' not in leaf else _toml(leaf)} = {_toml(spread)}")
-    blocks.append(["[design]", *(_line(key, value, DESIGN.get(key, "")) for key, value in starter.design.items())])
-    blocks[-1] += [
-        _line("amplitudes", "positive", DESIGN["amplitudes"]),
-        _line("objective", "worst", DESIGN["objective"]),
-    ]
+        blocks[-1].append(f"{leaf if BARE.fullmatch(leaf) else _toml(leaf)} = {_toml(spread)}")
+    design = starter.design | {key: value for key, value in usual.items() if key not in starter.design}
+    blocks.append(["[design]", *(_line(key, value, DESIGN.get(key, "")) for key, value in design.items())])
     return "\n\n".join("\n".join(block) for block in blocks) + "\n"
 
 
@@ -318,5 +320,6 @@ def _toml(value: Any) -> str:
     if isinstance(value, list | tuple):
         return f"[{', '.join(map(_toml, value))}]"
     if isinstance(value, dict):
-        return "{ " + ", ".join(f"{key} = {_toml(inner)}" for key, inner in value.items()) + " }"
+        named = ((key if BARE.fullmatch(key) else _toml(key), inner) for key, inner in value.items())
+        return "{ " + ", ".join(f"{key} = {_toml(inner)}" for key, inner in named) + " }"
     return repr(value)

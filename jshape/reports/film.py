@@ -84,7 +84,7 @@ def film(
         raise ValueError(f"speed must be at least {end / most_frames:.3g} for a move of {end:.4g} s, not {speed:g}")
     step = speed * interval / 1000
     times = step * np.arange(max(int(np.ceil(end / step - 1e-9)), 1))
-    motions = {name: _motion(plant, run, times) for name, run in runs.items()}
+    motions = {name: motion_of(plant, run, times) for name, run in runs.items()}
     with using(style):
         figure, puts = _composed(plant.unit, motions, times)
     if speed != 1:
@@ -148,7 +148,14 @@ def check_film(path: Path) -> str:
     return "pillow" if kind == ".gif" else "ffmpeg"
 
 
-def _motion(plant: "AbstractPlant", run: "Response", times: np.ndarray) -> Motion:
+def motion_of(plant: "AbstractPlant", run: "Response", times: np.ndarray) -> Motion:
+    """Where the parts of a machine of one axis are at some instants of a response.
+
+    Args:
+        plant: of the response.
+        run: the response.
+        times: s, shape (frames,); between its samples the response is taken as linear.
+    """
     # Here, since figures of numbers are drawn without JAX.
     from jshape import plants
 

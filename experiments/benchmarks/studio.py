@@ -1,0 +1,157 @@
+"""How long the studio takes from a slider's movement to the new curve on the screen, in a headless Chromium.
+
+    python -m experiments.benchmarks.studio        # two minutes; writes studio.json and studio.md beside this file
+
+Needs ``pip install 'jshape[studio]' playwright`` and a Chromium. The time runs from the key that moves the slider to
+the second frame after the chart has the new curve. The server is a process of its own, the browser a third one.
+"""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+
+from experiments.benchmarks.record import about, keep, processor
+from experiments.markdown import table
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+
+PRESSES = 40
+
+CASES = (
+    ("Duffing pair", "TwoMass", "plant.m2"),
+    ("double-pendulum crane", "DoublePendulumCrane", "plant.hook_length"),
+)
+"""Name, plant and the slider that is moved."""
+
+WATCH = """(charts) => {
+  window.taken = Object.fromEntries(Object.keys(charts).map((name) => [name, []]));
+  let pressed = null;
+  const waiting = new Set();
+  document.addEventListener("keydown", () => {
+    pressed = performance.now();
+    Object.keys(charts).forEach((name) => waiting.add(name));
+  }, true);
+  for (const [name, id] of Object.entries(charts)) {
+    const chart = getElement(id).chart, before = chart.setOption.bind(chart);
+    chart.setOption = (...given) => {
+      before(...given);
+      if (!waiting.delete(name) || !given[0].series?.length) return;
+      const begin = pressed;
+      requestAnimationFrame(() => requestAnimationFrame(() => window.taken[name].push(performance.now() - begin)));
+    };
+  }
+}"""
+
+
+def chromium() -> str | None:
+    """The path of a Chromium, if there is one."""
+    return next((path for name in BROWSERS if (path := shutil.which(name))), None)
+
+
+@contextmanager
+def serving(*arguments: str) -> Iterator[tuple[str, list[str], subprocess.Popen]]:
+    """A studio in a process of its own: its address, the lines that it prints after that, and the process."""
+    command = [sys.executable, "-m", "jshape", "studio", "--no-show", *arguments]
+    # NiceGUI has ways of its own where it finds pytest's variable.
+    environment = {k: v for k, v in os.environ.items() if k != "PYTEST_CURRENT_TEST"} | {"PYTHONUNBUFFERED": "1"}
+    process = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=environment, encoding="utf-8"
+    )
+    assert process.stdout is not None
+    lines: list[str] = []
+    try:
+        while not (found := re.search(r"http://\S+", line := process.stdout.readline())):
+            lines.append(line)
+            if process.poll() is not None:
+                raise RuntimeError("".join(lines))
+        yield found[0], lines, process
+    finally:
+        process.terminate()
+        rest, _ = process.communicate(timeout=30)
+        lines += rest.splitlines()
+
+
+@contextmanager
+def page_of(address: str, width: int = 1280, height: int = 800) -> Iterator[Any]:
+    """The studio's page in a headless Chromium."""
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as play:
+        browser = play.chromium.launch(executable_path=chromium(), args=["--no-sandbox"])
+        page = browser.new_context(viewport={"width": width, "height": height}).new_page()
+        page.goto(address)
+        computed(page)
+        yield page
+        browser.close()
+
+
+def computed(page: Any, seconds: float = 200.0) -> str:
+    """The page's summary, once everything is computed."""
+    page.wait_for_function(
+        """() => { const words = document.querySelector('[data-testid=summary]')?.innerText ?? 'computing';
+        const busy = document.querySelector('.studio-busy');
+        return !words.startsWith('computing') && busy.classList.contains('hidden'); }""",
+        timeout=1000 * seconds,
+    )
+    return page.locator("[data-testid=summary]").inner_text()
+
+
+def choose(page: Any, plant: str) -> None:
+    """Choose another machine."""
+    from jshape.studio.state import plants
+
+    page.get_by_role("combobox", name="machine").click()
+    page.get_by_role("option", name=plants()[plant]).click()
+    page.wait_for_timeout(1000)
+    computed(page)
+
+
+def measured(page: Any, slider: str) -> dict[str, list[float]]:
+    """Chart → milliseconds from each key to the new curve."""
+    names = ("position", "sensitivity")
+    charts = {name: int(page.locator(f"[data-testid=chart-{name}]").get_attribute("id")[1:]) for name in names}
+    page.evaluate(WATCH, charts)
+    page.locator(f'[data-testid="slider-{slider}"] [tabindex]').first.focus()
+    for i in range(PRESSES):
+        page.keyboard.press("ArrowRight" if i // 10 % 2 == 0 else "ArrowLeft")
+        page.wait_for_timeout(700)
+    return page.evaluate("window.taken")
+
+
+def main() -> None:
+    record: dict[str, Any] = {"cases": {}}
+    begin = time.perf_counter()
+    with serving() as (address, _, _), page_of(address) as page:
+        record["first_page"] = time.perf_counter() - begin
+        for name, plant, slider in CASES:
+            choose(page, plant)
+            record["cases"][name] = measured(page, slider)
+    record["load"] = os.getloadavg()
+    write(record)
+
+
+def write(record: dict[str, Any]) -> None:
+    head = ("from the key to the new curve", "median (ms)", "95th percentile (ms)", "keys")
+    rows = []
+    for case, charts in record["cases"].items():
+        for chart, times in charts.items():
+            words = "sensitivity" if chart == "sensitivity" else "response"
+            rows.append((f"{case}, {words}", *(f"{x:.0f}" for x in np.quantile(times, [0.5, 0.95])), str(len(times))))
+    lines = table(head, rows)
+    lines += ["", f"From the command to all curves of the first page: {record['first_page']:.1f} s."]
+    lines += [f"Load of the machine, others' included: {record['load'][0]:.1f} on {os.cpu_count()} cores."]
+    ran = about(f"{processor()}, {os.cpu_count()} cores", "jshape", "jax", "nicegui")
+    keep(__file__, dict(about=ran) | record, lines)
+    print("\n".join(lines))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,37 @@
+"""``jshape studio``: the page in the browser."""
+
+import importlib.util
+from typing import Annotated
+
+import typer
+
+from jshape.cli._shared import explained, prepare_jax
+
+
+@explained()
+def studio(
+    problem: Annotated[
+        str | None, typer.Argument(help="A problem file (TOML), or the name of one that comes with jshape.")
+    ] = None,
+    port: Annotated[int, typer.Option(help="On this machine; a free one unless given.")] = 0,
+    show: Annotated[bool, typer.Option(help="Open the browser.")] = True,
+) -> None:
+    """Open a page in the browser, on this machine alone: move a slider, see the swing."""
+    if importlib.util.find_spec("nicegui") is None:
+        raise ValueError("the studio needs its page's library: pip install 'jshape[studio]'")
+    if not 0 <= port <= 65535:
+        raise ValueError(f"--port must lie between 0 and 65535, not {port}")
+    from jshape.problems.reading import read
+    from jshape.studio.state import begin, from_draft, left_out
+
+    if problem is None:
+        state = begin("TwoMass")
+    else:
+        draft = read(problem)
+        state = from_draft(draft)
+        if tables := left_out(draft):
+            typer.echo(f"{draft.path}: {', '.join(tables)} is not on the page, nor in its problem file", err=True)
+    prepare_jax()
+    from jshape.studio.server import serve
+
+    serve(state, port, show, lambda address: typer.echo(f"the studio is at {address}\nCtrl-C ends it"))

@@ -1,0 +1,171 @@
+"""The results of ``curves`` as the charts of the page (Apache ECharts) and its drawing take them: plain numbers."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from jshape.studio.curves import Linear, Moves, Numbers, Sensitivity
+from jshape.studio.state import State
+
+LOOK: dict[str, dict[str, Any]] = {
+    "shaped": {"color": "#0072B2", "width": 2},
+    "unshaped": {"color": "#B0622A", "width": 1.4, "type": [6, 3]},
+    "command": {"color": "#6b6b6b", "width": 1, "type": "dotted"},
+}
+"""Colours that differ for every kind of colour vision, and lines that differ without them."""
+
+OTHERS = ("#0072B2", "#B0622A", "#007A5A", "#8A4E76", "#6b6b6b")
+
+TEXT = "#333333"
+
+
+def chart(title: str, across: str, up: str) -> dict[str, Any]:
+    """A chart without curves: its axes zoom with the wheel, values are shown under the pointer.
+
+    Args:
+        title: of the chart.
+        across: label of the horizontal axis.
+        up: label of the vertical one.
+    """
+    axis = {
+        "type": "value", "scale": True, "nameTextStyle": {"color": TEXT}, "nameLocation": "middle",
+        "axisLabel": {"color": TEXT, "hideOverlap": True},
+        "splitLine": {"lineStyle": {"color": "#e3e3e3"}}, "axisLine": {"onZero": False},
+    }  # fmt: skip
+    return {
+        "animation": False,
+        "title": {"text": title, "left": 2, "top": 0, "textStyle": {"fontSize": 14, "color": TEXT}, "padding": 2},
+        "legend": {
+            "top": 21,
+            "left": 0,
+            "itemWidth": 26,
+            "icon": "path://M0,4h26v2h-26z",
+            "textStyle": {"color": TEXT},
+            "padding": 2,
+        },
+        "grid": {"left": 58, "right": 16, "top": 50, "bottom": 40},
+        "tooltip": {"trigger": "axis", "confine": True},
+        "toolbox": {
+            "right": 4,
+            "top": 0,
+            "itemSize": 13,
+            "feature": {"dataZoom": {}, "restore": {}, "saveAsImage": {}},
+        },
+        "dataZoom": [{"type": "inside", "xAxisIndex": 0}],
+        "xAxis": {**axis, "name": across, "nameGap": 24, "axisLabel": {**axis["axisLabel"], "showMaxLabel": False}},
+        "yAxis": {**axis, "name": up, "nameGap": 42},
+        "series": [],
+    }
+
+
+def points(across: np.ndarray, up: np.ndarray) -> list[list[float | None]]:
+    """A curve as pairs of five digits; what is not finite is a gap."""
+    return [[shortened(a), shortened(b)] for a, b in zip(across.tolist(), up.tolist(), strict=True)]
+
+
+def shortened(value: float) -> float | None:
+    """A number of five digits; ``None`` for what is not finite, which JSON does not have."""
+    return float(f"{value:.5g}") if math.isfinite(value) else None
+
+
+def line(name: str, across: np.ndarray, up: np.ndarray, look: dict[str, Any]) -> dict[str, Any]:
+    """A curve of a chart.
+
+    Args:
+        name: for the legend.
+        across: values along the horizontal axis.
+        up: along the vertical one.
+        look: of the line.
+    """
+    data = points(across, up)
+    colour = {"itemStyle": {"color": look["color"]}, "lineStyle": look}
+    return {"type": "line", "name": name, "showSymbol": False, "data": data, **colour}
+
+
+def position(moves: Moves) -> dict[str, Any]:
+    """The response: where payload and command are over time."""
+    lines = [line(name, moves.times, values, LOOK[name]) for name, values in moves.position.items()]
+    return {"series": lines, "yAxis": {"name": f"position ({moves.unit})"}, "xAxis": _span(moves.times)}
+
+
+def deflection(moves: Moves) -> dict[str, Any]:
+    """The sway: how far the flexible part is bent over time."""
+    lines = [line(name, moves.times, values, LOOK[name]) for name, values in moves.deflection.items()]
+    return {"series": lines, "yAxis": {"name": f"deflection ({moves.bent})"}, "xAxis": _span(moves.times)}
+
+
+def vibration(found: Linear) -> dict[str, Any]:
+    """V over the frequency, a curve for each damping ratio; the plant's modes are marked."""
+    lines = [
+        line(f"ζ = {zeta:.3g}", found.frequencies, 100 * values, {"color": OTHERS[i % len(OTHERS)], "width": 1.6})
+        for i, (zeta, values) in enumerate(found.values.items())
+    ]
+    marks = [{"xAxis": shortened(mode)} for mode in found.modes]
+    style = {"symbol": "none", "silent": True, "lineStyle": {"color": "#888"}, "label": {"formatter": "mode"}}
+    lines[0]["markLine"] = {**style, "data": marks}
+    return {"series": lines, "xAxis": {**_span(found.frequencies), "min": 0}, "yAxis": {"min": 0}}
+
+
+def sensitivity(found: Sensitivity | None) -> dict[str, Any]:
+    """What is left over the uncertain set; empty where nothing is uncertain."""
+    if found is None:
+        return {"series": [], "title": {"text": "Sensitivity: mark a parameter as uncertain (±)"}}
+    share = found.quantity == "residual vibration"
+    lines = [line(name, found.at, values * (100 if share else 1), LOOK[name]) for name, values in found.values.items()]
+    words = "Sensitivity (draft)" if found.draft else f"Sensitivity over {len(found.at)} plants"
+    up = f"{found.quantity} ({'%' if share else 'J'})"
+    names = {"xAxis": {**_span(found.at), "name": found.leaf}, "yAxis": {"name": up}}
+    return {"series": lines, "title": {"text": words}, **names}
+
+
+def impulses(state: State) -> dict[str, Any]:
+    """The impulses of the shaper as bars over time."""
+    data = [[shortened(time), shortened(a)] for a, time in zip(state.amplitudes, state.times, strict=True)]
+    end = max(state.times) or 1.0
+    bars = {"type": "bar", "name": "impulses", "barWidth": 8, "data": data, "itemStyle": {"color": "#0072B2"}}
+    return {
+        "series": [bars],
+        "legend": {"show": False},
+        "yAxis": {"scale": False},
+        "xAxis": {"min": shortened(-0.05 * end), "max": shortened(1.05 * end)},
+    }
+
+
+def history(best: list[tuple[int, float]]) -> dict[str, Any]:
+    """The best objective while a shaper is tuned: step, J."""
+    pairs = [[step, shortened(value)] for step, value in best if value > 0]
+    curve = {"type": "line", "step": "end", "showSymbol": False, "data": pairs, "lineStyle": LOOK["shaped"]}
+    return {"series": [curve]}
+
+
+def _span(values: np.ndarray) -> dict[str, Any]:
+    return {"min": shortened(float(values[0])), "max": shortened(float(values[-1]))}
+
+
+def summary(found: Numbers) -> str:
+    """What is left, in a line."""
+    if not (math.isfinite(found.shaped) and math.isfinite(found.unshaped)):
+        return "the plant diverged: it has left the region from which it returns to rest"
+    share = f" ({found.shaped / found.unshaped:.3g} of the unshaped {found.unshaped:.4g} J)" if found.unshaped else ""
+    return f"residual energy {found.shaped:.4g} J{share} · shaper {found.duration:.4g} s · move {found.move_time:.4g} s"
+
+
+def scene(moves: Moves) -> dict[str, Any]:
+    """The drawing that moves: where the parts are in every frame, and what of the plane is seen."""
+    places = {name: np.round(values, 5) for name, values in moves.scene["places"].items()}
+    kind = moves.scene["kind"]
+    seen = np.concatenate([np.nan_to_num(values).reshape(-1, 2) for values in places.values()])
+    (left, low), (right, top) = seen.min(axis=0).tolist(), seen.max(axis=0).tolist()
+    wide, gap = max(right - left, 1e-6), 0.0
+    if kind == "link":
+        view = [-1.25, 1.25, -1.25, 1.25]
+    elif kind == "masses":
+        # Apart by more than the spring is ever compressed.
+        gap = wide / 4 + max(float(np.max(values[:, 0, 0] - values[:, 1, 0])) for values in places.values())
+        view = [left - 0.12 * wide, right + gap + 0.12 * wide, -0.05 * wide, 0.3 * wide]
+    else:
+        edge = 0.1 * max(wide, top - low)
+        view = [left - edge, right + edge, low - edge, top + edge]
+    frames = {name: np.nan_to_num(values).tolist() for name, values in places.items()}
+    return {"kind": kind, "times": moves.scene["times"].round(4).tolist(), "places": frames, "view": view, "gap": gap}

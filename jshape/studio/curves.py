@@ -1,0 +1,268 @@
+"""What a page draws of a state: computed by jshape's public functions, in stages, so that the newest state wins.
+
+``stages(state)`` yields results one after the other; who draws them may stop between two of them. While a slider
+moves, the sensitivity of plants that take long is drawn for fewer plants and at a larger tolerance, and says that it is
+a draft; the last stage computes it for all of them at the tolerance of every other command.
+"""
+
+import dataclasses
+import functools
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from jshape.command import as_command
+from jshape.metrics import residual_energy
+from jshape.plants import AbstractOscillator, AbstractPlant, ModalPlant
+from jshape.problems.problem import Problem
+from jshape.reports.film import motion_of
+from jshape.reports.responses import shown_until
+from jshape.shaper import Shaper
+from jshape.simulation.simulate import Response, simulate
+from jshape.simulation.steps import TOLERANCE
+from jshape.studio.state import State, problem
+from jshape.sweeps.evaluate import side_by_side, study
+from jshape.sweeps.leaves import leaf
+from jshape.vibration import percentage_vibration
+
+PLANTS = 200
+"""Of the uncertain set, in the sensitivity curve."""
+
+CHUNK = 50
+"""Plants of a draft, and of each step of the curve after it."""
+
+DRAFT = 1e-5
+"""Tolerance of a draft, relative to the greatest energy of the move."""
+
+SAMPLES = 401
+"""Of a response."""
+
+FRAMES = 120
+"""Of the drawing that moves."""
+
+ZETAS = (0.0, 0.05, 0.1)
+"""Damping ratios for which V is drawn over the frequency."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Moves:
+    """The responses with and without the shaper.
+
+    Attributes:
+        times: s.
+        position: name → values in ``unit``: the command as it was given and as it is shaped, and the payloads.
+        deflection: name → values in ``bent``.
+        unit: of the positions.
+        bent: of the deflections.
+        scene: what the drawing shows: ``kind``, ``times`` and for each name the ``places`` of its parts.
+        warning: what is wrong with a response, in words; empty where both converged.
+    """
+
+    times: np.ndarray
+    position: dict[str, np.ndarray]
+    deflection: dict[str, np.ndarray]
+    unit: str
+    bent: str
+    scene: dict[str, Any]
+    warning: str
+
+
+@dataclasses.dataclass(frozen=True)
+class Numbers:
+    """What is left after the move.
+
+    Attributes:
+        shaped: residual energy of the nominal plant with the shaper, J; infinite where it diverged.
+        unshaped: the same without it.
+        duration: of the shaper, s.
+        move_time: of the shaped command, s.
+    """
+
+    shaped: float
+    unshaped: float
+    duration: float
+    move_time: float
+
+
+@dataclasses.dataclass(frozen=True)
+class Linear:
+    """The linear residual vibration V(ω, ζ).
+
+    Attributes:
+        frequencies: Hz.
+        values: damping ratio → V, fractions.
+        modes: natural frequencies of the plant, Hz.
+    """
+
+    frequencies: np.ndarray
+    values: dict[float, np.ndarray]
+    modes: list[float]
+
+
+@dataclasses.dataclass(frozen=True)
+class Sensitivity:
+    """What is left over the uncertain set, along one leaf.
+
+    Attributes:
+        leaf: its dotted path, with the unit if it is known.
+        at: its values.
+        values: name → residual vibration (a fraction) or residual energy (J) of each plant.
+        quantity: which of both.
+        draft: whether fewer plants at a larger tolerance were computed.
+    """
+
+    leaf: str
+    at: np.ndarray
+    values: dict[str, np.ndarray]
+    quantity: str
+    draft: bool
+
+
+Result = Moves | Numbers | Linear | Sensitivity | None
+
+
+def shaper_of(state: State) -> Shaper:
+    """The shaper of a page.
+
+    Raises:
+        ValueError: if it is none.
+    """
+    return Shaper(state.amplitudes, state.times)
+
+
+def stages(state: State) -> Iterator[Result]:
+    """The results of a state, what is drawn first comes first.
+
+    ``None`` stands for a step of which nothing is drawn.
+
+    Raises:
+        ValueError: for a machine or a shaper that cannot be.
+    """
+    asked, frequencies = _problem(state.text)
+    shaper = shaper_of(state)
+    yield moves(asked, shaper)
+    yield linear(asked.plant, shaper, frequencies)
+    if not asked.over:
+        yield numbers(asked, shaper)
+        return
+    brief = isinstance(asked.plant, AbstractOscillator) and asked.plant.drives()[0] == "displacement"
+    yield sensitivity(asked, shaper, *((PLANTS, TOLERANCE) if brief else (CHUNK, DRAFT)))
+    yield numbers(asked, shaper)
+    if not brief:
+        parts = []
+        for begin in range(0, PLANTS, CHUNK):
+            parts.append(sensitivity(asked, shaper, PLANTS, TOLERANCE, slice(begin, begin + CHUNK)))
+            yield None
+        yield _joined(parts)
+
+
+@functools.lru_cache(maxsize=16)
+def _problem(text: str) -> tuple[Problem, np.ndarray]:
+    """A problem and its plant's natural frequencies, rad/s."""
+    found = problem(text)
+    return found, np.atleast_1d(np.asarray(found.plant.natural_frequency(), float))
+
+
+def padded(shaper: Shaper) -> Shaper:
+    """The shaper with a number of impulses that is a power of two, at least 4, so that few programs are compiled."""
+    return shaper.pad(max(4, 2 ** int(np.ceil(np.log2(len(shaper.times))))))
+
+
+def moves(asked: Problem, shaper: Shaper) -> Moves:
+    """The responses of the nominal plant with and without a shaper.
+
+    Args:
+        asked: the problem.
+        shaper: the shaper.
+    """
+    plant, move = asked.plant, as_command(asked.distance)
+    horizon = shown_until(plant, float(shaper.duration) + float(move.duration))
+    shaper = padded(shaper)
+    bare = Shaper([1.0], [0.0]).pad(len(shaper.times))
+    runs = {
+        name: simulate(plant, move, each, horizon=horizon, samples=SAMPLES, method="fixed")
+        for name, each in (("unshaped", bare), ("shaped", shaper))
+    }
+    turns = plant.axis_unit() == "rad"
+    size, fine = (180 / np.pi, 180 / np.pi) if turns else (1.0, 1e3)
+    driven = 180 / np.pi if plant.command_unit() == "rad" else 1.0
+    position = {name: size * np.asarray(run.payload, float) for name, run in runs.items()}
+    if plant.command_unit() == plant.axis_unit():
+        position["command"] = driven * np.asarray(runs["shaped"].command, float)
+    return Moves(
+        times=np.asarray(runs["shaped"].times, float),
+        position=position,
+        deflection={name: fine * np.asarray(run.deflection, float) for name, run in runs.items()},
+        unit="°" if turns else "m",
+        bent="°" if turns else "mm",
+        scene=_scene(plant, runs, horizon),
+        warning="; ".join(f"{name} {run.message}" for name, run in runs.items() if not run.converged),
+    )
+
+
+def _scene(plant: AbstractPlant, runs: dict[str, Response], horizon: float) -> dict[str, Any]:
+    """Where the parts of the machine are in every frame."""
+    times = np.linspace(0.0, horizon, FRAMES)
+    motions = {name: motion_of(plant, run, times) for name, run in runs.items()}
+    places = {name: motion.places for name, motion in motions.items()}
+    return {"kind": motions["shaped"].kind, "times": times, "places": places}
+
+
+def numbers(asked: Problem, shaper: Shaper) -> Numbers:
+    """What is left of the nominal plant's energy, with and without a shaper.
+
+    Args:
+        asked: the problem.
+        shaper: the shaper.
+    """
+    left, bare = (float(residual_energy(asked.plant, each, asked.distance)) for each in (padded(shaper), None))
+    duration = float(shaper.duration)
+    return Numbers(left, bare, duration, duration + float(as_command(asked.distance).duration))
+
+
+def linear(plant: AbstractPlant, shaper: Shaper, frequencies: np.ndarray) -> Linear:
+    """V(ω, ζ) of a shaper about the natural frequencies of a plant.
+
+    Args:
+        plant: the plant, whose own damping ratios are drawn where it has some.
+        shaper: the shaper.
+        frequencies: its natural frequencies, rad/s.
+    """
+    modes = frequencies[np.isfinite(frequencies) & (frequencies > 0)]
+    if not len(modes):
+        modes = np.array([2 * np.pi / (float(shaper.duration) or 1.0)])
+    omega = np.linspace(0.2 * modes.min(), 1.6 * modes.max(), 300)
+    own = [float(zeta) for zeta in np.atleast_1d(np.asarray(plant.zeta))] if isinstance(plant, ModalPlant) else []
+    zetas = sorted({*own, *ZETAS})
+    values = np.asarray(percentage_vibration(padded(shaper), omega[None, :], np.array(zetas)[:, None]))
+    return Linear(omega / (2 * np.pi), dict(zip(zetas, values, strict=True)), (modes / (2 * np.pi)).tolist())
+
+
+def sensitivity(
+    asked: Problem, shaper: Shaper, plants: int, tolerance: float, part: slice = slice(None)
+) -> Sensitivity:
+    """What is left over the uncertain set along its first leaf, with and without a shaper.
+
+    Args:
+        asked: the problem, in which something is uncertain.
+        shaper: the shaper.
+        plants: of the set, evenly between its ends.
+        tolerance: relative to the greatest energy of each move.
+        part: of those plants, which alone are computed.
+    """
+    name, values = next(iter(asked.over.items()))
+    over = {name: np.linspace(np.min(values), np.max(values), plants)[part]}
+    metric = "residual_vibration" if isinstance(asked.plant, AbstractOscillator) else "residual_energy"
+    found = {}
+    for word, each in (("shaped", padded(shaper)), ("unshaped", Shaper([1.0], [0.0]))):
+        cut = study(asked.plant, [each], asked.distance, over, (metric,))
+        found[word] = side_by_side(cut.evaluation, cut.points, len(over[name]), True, tolerance)[0, 0]
+    at = over[name] * float(leaf(asked.plant, name))
+    return Sensitivity(asked.labels[name], at, found, metric.replace("_", " "), tolerance > TOLERANCE)
+
+
+def _joined(parts: list[Sensitivity]) -> Sensitivity:
+    """The curve of several parts of the set, one after the other."""
+    values = {name: np.concatenate([part.values[name] for part in parts]) for name in parts[0].values}
+    return dataclasses.replace(parts[0], at=np.concatenate([part.at for part in parts]), values=values)

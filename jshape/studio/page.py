@@ -1,0 +1,75 @@
+"""The layout of a tab: the panels on the left, the drawing and the charts beside them."""
+
+from nicegui import ui
+
+from jshape.studio import charts, panels
+from jshape.studio.tab import Tab
+
+STYLE = """
+.nicegui-content { padding: 0 !important; gap: 0 !important; }
+.studio-left { width: 368px; height: calc(100vh - 44px); overflow-y: auto; border-right: 1px solid #ddd; }
+.studio-main { flex: 1; height: calc(100vh - 44px); overflow-y: auto; min-width: 320px; }
+.studio-grid { display: grid; grid-template-columns: 1fr 1fr; gap: 6px; padding: 6px; width: 100%; }
+.studio-grid .cell { height: calc((100vh - 44px - 26px) / 3); min-height: 200px; position: relative;
+  border: 1px solid #e2e2e2; border-radius: 4px; padding: 4px; }
+.q-tab-panel, .q-tab-panel .nicegui-column { gap: 4px !important; }
+.q-uploader { max-height: 44px; } .q-uploader__list, .q-uploader__subtitle { display: none; }
+.studio-number .q-field__control, .studio-number .q-field__marginal { height: 30px !important; min-height: 30px; }
+.studio-number .q-field__suffix, .studio-number .q-field__prefix { padding: 0 !important; line-height: 28px; }
+.q-tab { min-height: 36px !important; } .q-tab-panel { padding: 10px !important; }
+@media (max-width: 820px) { .studio-body { flex-direction: column !important; flex-wrap: nowrap; }
+  .studio-left { width: 100%; height: auto; order: 2; } .studio-main { height: auto; order: 1; width: 100%; }
+  .studio-grid { grid-template-columns: 1fr; } }
+"""
+
+SCENE = """
+<canvas id="scene" style="width:100%;height:100%" role="img"
+  aria-label="The machine in motion: without a shaper as a shadow, with it in front"></canvas>
+"""
+
+CONTROLS = """
+<div style="display:flex;gap:8px;align-items:center;font-size:12px;color:#333">
+<button id="scene-play" style="border:1px solid #888;border-radius:3px;padding:0 8px"
+  onclick="jshapeScene.toggle(this)">Pause</button>
+<input id="scene-at" type="range" min="0" max="1000" value="0" aria-label="time of the drawing" style="flex:1"
+  oninput="jshapeScene.scrub(this.value / 1000)"><span id="scene-time"></span></div>
+"""
+
+CHARTS = {
+    "position": ("Response", "time (s)", "position"),
+    "deflection": ("Sway", "time (s)", "deflection"),
+    "sensitivity": ("Sensitivity", "", ""),
+    "vibration": ("V(ω, ζ): linear residual vibration", "frequency (Hz)", "V (%)"),
+    "impulses": ("Impulses", "time (s)", "amplitude"),
+}
+
+
+def build(tab: Tab) -> None:
+    """Lay the tab out."""
+    ui.add_css(STYLE)
+    ui.colors(primary="#005a94")
+    with ui.row().classes("w-full items-center no-wrap px-3 gap-4").style("height:44px;background:#eef3f7"):
+        ui.label("jshape studio").classes("text-weight-bold text-base")
+        summary = ui.label("computing …").classes("text-sm").props('data-testid=summary aria-live="polite"')
+        busy = ui.spinner(size="sm").classes("studio-busy")
+    with ui.row().classes("w-full no-wrap gap-0 items-start studio-body"):
+        with ui.column().classes("studio-left gap-0"):
+            panels.build(tab)
+        with ui.column().classes("studio-main gap-0"):
+            warning = ui.label("").classes("w-full px-3 py-1 text-sm").props("data-testid=warning role=alert")
+            warning.style("background:#fdecea;color:#7a1b12").set_visibility(False)
+            _grid(tab)
+    tab.place(summary, busy, warning)
+
+
+def _grid(tab: Tab) -> None:
+    """The drawing and the charts."""
+    with ui.element("div").classes("studio-grid"):
+        with ui.element("div").classes("cell").style("display:flex;flex-direction:column"):
+            ui.label("Machine: shaped, and unshaped as a shadow").classes("text-sm text-weight-bold")
+            ui.html(SCENE, sanitize=False).style("flex:1;min-height:0")
+            ui.html(CONTROLS, sanitize=False)
+        for name, labels in CHARTS.items():
+            with ui.element("div").classes("cell"):
+                made = ui.echart(charts.chart(*labels)).classes("w-full h-full").props(f"data-testid=chart-{name}")
+                tab.charts[name] = made

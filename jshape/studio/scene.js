@@ -1,0 +1,113 @@
+// The drawing of the machine that moves. Python sends where the parts are in every frame; this only draws them, the
+// unshaped move as a shadow behind the shaped one, in true time.
+"use strict";
+const jshapeScene = {
+  data: null, at: 0, playing: !matchMedia("(prefers-reduced-motion: reduce)").matches, last: null,
+  colours: { unshaped: "#b9855f", shaped: "#0072b2", dark: "#444", line: "#999" },
+
+  set(data) {
+    this.data = data;
+    if (!this.running) { this.running = true; requestAnimationFrame((now) => this.step(now)); }
+    this.draw();
+  },
+  toggle(button) {
+    this.playing = !this.playing;
+    button.textContent = this.playing ? "Pause" : "Play";
+  },
+  scrub(share) {
+    if (!this.data) return;
+    this.at = share * this.data.times[this.data.times.length - 1];
+    this.playing = false;
+    document.getElementById("scene-play").textContent = "Play";
+    this.draw();
+  },
+  step(now) {
+    const end = this.data.times[this.data.times.length - 1];
+    if (this.playing && this.last !== null) {
+      // A second of rest between two rounds.
+      this.at = (this.at + (now - this.last) / 1000) % (end + 1);
+      this.draw();
+    }
+    this.last = now;
+    requestAnimationFrame((later) => this.step(later));
+  },
+  draw() {
+    const canvas = document.getElementById("scene");
+    if (!canvas || !this.data) return;
+    const { times, kind, places, view } = this.data, end = times[times.length - 1];
+    const time = Math.min(this.at, end), frame = Math.round((time / end) * (times.length - 1));
+    const scale = window.devicePixelRatio || 1, wide = canvas.clientWidth, high = canvas.clientHeight;
+    if (canvas.width !== Math.round(wide * scale)) { canvas.width = wide * scale; canvas.height = high * scale; }
+    const pen = canvas.getContext("2d");
+    pen.setTransform(scale, 0, 0, scale, 0, 0);
+    pen.clearRect(0, 0, wide, high);
+    const [left, right, low, top] = view, size = Math.min(wide / (right - left), high / (top - low));
+    const x = (v) => wide / 2 + (v - (left + right) / 2) * size, y = (v) => high / 2 - (v - (low + top) / 2) * size;
+    pen.strokeStyle = this.colours.line;
+    pen.lineWidth = 2;
+    if (kind !== "link") this.path(pen, [[0, y(0)], [wide, y(0)]]);
+    for (const name of ["unshaped", "shaped"]) {
+      pen.globalAlpha = name === "shaped" ? 1 : 0.55;
+      this[kind](pen, places[name][frame], x, y, this.colours[name], places[name]);
+    }
+    pen.globalAlpha = 1;
+    document.getElementById("scene-time").textContent = `${time.toFixed(2)} s of ${end.toFixed(2)} s`;
+    const slider = document.getElementById("scene-at");
+    if (document.activeElement !== slider || this.playing) slider.value = String(Math.round((1000 * time) / end));
+  },
+  path(pen, points) {
+    pen.beginPath();
+    points.forEach(([a, b], i) => (i ? pen.lineTo(a, b) : pen.moveTo(a, b)));
+    pen.stroke();
+  },
+  disc(pen, a, b, radius, colour) {
+    pen.fillStyle = colour;
+    pen.beginPath();
+    pen.arc(a, b, radius, 0, 2 * Math.PI);
+    pen.fill();
+  },
+  crane(pen, now, x, y, colour) {
+    pen.strokeStyle = this.colours.dark;
+    pen.lineWidth = 1.5;
+    this.path(pen, now.map(([a, b]) => [x(a), y(b)]));
+    pen.fillStyle = this.colours.dark;
+    pen.fillRect(x(now[0][0]) - 14, y(now[0][1]) - 5, 28, 10);
+    now.slice(1).forEach(([a, b], i) => this.disc(pen, x(a), y(b), i === now.length - 2 ? 9 : 5, colour));
+  },
+  masses(pen, now, x, y, colour, all) {
+    const gap = this.data.gap, base = x(now[0][0]), load = x(now[1][0] + gap), floor = y(0);
+    const goal = x(all[all.length - 1][0][0] + gap);
+    pen.strokeStyle = this.colours.line;
+    pen.lineWidth = 1;
+    pen.setLineDash([3, 4]);
+    this.path(pen, [[goal, floor], [goal, floor - 70]]);
+    pen.setLineDash([]);
+    pen.strokeStyle = this.colours.dark;
+    const spring = [...Array(14).keys()].map((i) => {
+      const side = i === 0 || i === 13 ? 0 : i % 2 ? 8 : -8;
+      return [base + ((load - base) * i) / 13, floor - 20 + side];
+    });
+    this.path(pen, spring);
+    pen.fillStyle = this.colours.dark;
+    pen.fillRect(base - 14, floor - 36, 28, 36);
+    pen.fillStyle = colour;
+    pen.fillRect(load - 22, floor - 46, 44, 46);
+  },
+  link(pen, [motor, tip], x, y, colour, all) {
+    const goal = all[all.length - 1][0];
+    pen.strokeStyle = this.colours.line;
+    pen.lineWidth = 1;
+    pen.setLineDash([3, 4]);
+    this.path(pen, [[x(0), y(0)], [x(1.15 * Math.cos(goal)), y(1.15 * Math.sin(goal))]]);
+    pen.setLineDash([]);
+    pen.strokeStyle = this.colours.dark;
+    pen.lineWidth = 4;
+    const along = [...Array(20).keys()].map((i) => {
+      const s = i / 19, angle = motor + (tip - motor) * s;
+      return [x(s * Math.cos(angle)), y(s * Math.sin(angle))];
+    });
+    this.path(pen, along);
+    this.disc(pen, x(0), y(0), 10, this.colours.dark);
+    this.disc(pen, x(Math.cos(tip)), y(Math.sin(tip)), 9, colour);
+  },
+};

@@ -1,0 +1,87 @@
+"""The studio's server: on 127.0.0.1 alone, behind ``guard``, with one worker that computes for all pages."""
+
+import asyncio
+import contextlib
+import secrets
+import socket
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+from nicegui import app, ui
+
+from jshape.studio import curves, takeaway
+from jshape.studio.guard import MOST, Guard
+from jshape.studio.page import build
+from jshape.studio.state import State, with_impulses
+from jshape.studio.tab import Tab
+
+HOST = "127.0.0.1"
+
+TITLE = "jshape studio"
+
+
+def serve(state: State, port: int, show: bool, say: Callable[[str], None]) -> None:
+    """Serve the page until an interrupt.
+
+    Args:
+        state: with which every new tab begins.
+        port: of this machine; 0 for a free one.
+        show: whether the browser is opened.
+        say: called with the page's address once it answers.
+    """
+    port, token = port or _free_port(), secrets.token_urlsafe(24)
+    # One thread: computing uses all cores by itself, and two compilations at once would only take longer.
+    worker = ThreadPoolExecutor(1, thread_name_prefix="curves")
+    first = worker.submit(_first, state)
+    worker.submit(lambda: _warm(first.result()))
+    script = Path(__file__).with_name("scene.js").read_text(encoding="utf-8")
+
+    @ui.page("/")
+    async def page() -> None:
+        ui.add_head_html(f"<script>{script}</script>")
+        await ui.context.client.connected()
+        begin = app.storage.tab.get("state") or await asyncio.wrap_future(first)
+        tab = Tab(begin, worker)
+        build(tab)
+        await tab.start()
+
+    app.add_middleware(Guard, token=token, port=port)
+    app.on_startup(lambda: say(f"http://{HOST}:{port}/?token={token}"))
+    app.on_shutdown(lambda: worker.shutdown(wait=False, cancel_futures=True))
+    ui.run(
+        host=HOST,
+        port=port,
+        title=TITLE,
+        show=f"/?token={token}" if show else False,
+        reload=False,
+        show_welcome_message=False,
+        # A curve is some ten kilobytes, and only the newest counts.
+        message_history_length=20,
+        reconnect_timeout=30.0,
+        ws_max_size=MOST,
+        # It goes no further than this machine.
+        ws_per_message_deflate=False,
+        timeout_graceful_shutdown=2,
+    )
+
+
+def _free_port() -> int:
+    with socket.socket() as one:
+        one.bind((HOST, 0))
+        return int(one.getsockname()[1])
+
+
+def _first(state: State) -> State:
+    """The state with the simplest shaper for its machine, where there is one."""
+    try:
+        return with_impulses(state, *takeaway.closed_form(state, takeaway.SIMPLEST))
+    except ValueError:
+        return state
+
+
+def _warm(state: State) -> None:
+    """Compile the programs of the first page."""
+    with contextlib.suppress(ValueError):
+        for _ in curves.stages(state):
+            pass

@@ -1,0 +1,129 @@
+"""One tab of the studio: its state, and what is computed and drawn for it."""
+
+import json
+import logging
+from collections.abc import Callable
+from concurrent.futures import Executor
+from typing import Any
+
+from nicegui import Client, app, ui
+
+from jshape.studio import charts, curves
+from jshape.studio.live import Live
+from jshape.studio.state import State
+from jshape.studio.tuning import Tuning
+
+LOG = logging.getLogger("jshape.studio")
+
+
+MADE = """return new Promise((done) => {
+  const wait = () => (MADE.every((id) => getElement(id)?.chart) ? done(true) : setTimeout(wait, 20));
+  wait();
+})"""
+
+
+class Tab:
+    """A tab: every change makes a new state, which the worker computes and the charts draw.
+
+    Attributes:
+        state: what the tab shows.
+        tuning: its tuning process.
+        moves: the responses that are drawn, if they are of this state.
+        sensitivity: likewise, the sensitivity.
+        followers: called when the impulses are others.
+        renewed: called when the machine is another.
+    """
+
+    def __init__(self, state: State, worker: Executor):
+        self.state, self.worker = state, worker
+        self.tuning = Tuning()
+        self.moves: curves.Moves | None = None
+        self.sensitivity: curves.Sensitivity | None = None
+        self.live = Live(curves.stages, worker, self._show, self._failed)
+        self.charts: dict[str, ui.echart] = {}
+        self.followers: list[Callable[[], None]] = []
+        self.renewed: list[Callable[[], None]] = []
+        self.client: Client = ui.context.client
+        self.kept = app.storage.tab
+        self.client.on_delete(self._closed)
+
+    def place(self, summary: ui.label, busy: ui.spinner, warning: ui.label) -> None:
+        """Take the elements that say how far it is, and what is wrong."""
+        self.summary, self.busy, self.warning = summary, busy, warning
+
+    async def start(self) -> None:
+        """Ask for the first curves, once the browser has made the charts."""
+        made = [chart.id for chart in self.charts.values()]
+        await self.client.run_javascript(MADE.replace("MADE", json.dumps(made)), timeout=30.0)
+        self.draw("impulses", charts.impulses(self.state))
+        self.want()
+
+    def change(self, make: Callable[[State], State], *, impulses: bool = False) -> None:
+        """Show another state.
+
+        Args:
+            make: the new state from the old one.
+            impulses: whether the shaper is another, so that its sliders follow.
+        """
+        try:
+            self.state = make(self.state)
+        except ValueError as error:
+            self.warn(str(error))
+            return
+        self.kept["state"] = self.state
+        if impulses:
+            self.draw("impulses", charts.impulses(self.state))
+            for follow in self.followers:
+                follow()
+        self.want()
+
+    def want(self) -> None:
+        """Compute the curves of the state as it is now."""
+        self.moves = self.sensitivity = None
+        self.busy.set_visibility(True)
+        self.live.want(self.state)
+
+    def draw(self, name: str, option: dict[str, Any]) -> None:
+        """Change a chart: its curves are replaced, all else stays."""
+        self.charts[name].run_chart_method("setOption", option, {"replaceMerge": ["series"]})
+
+    def warn(self, words: str) -> None:
+        """Say what is wrong above the charts; nothing, where the words are empty."""
+        self.warning.set_text(words)
+        self.warning.set_visibility(bool(words))
+
+    def _show(self, result: curves.Result) -> None:
+        """Draw a result."""
+        if isinstance(result, curves.Moves):
+            self.moves = result
+            self.warn(result.warning)
+            self.draw("position", charts.position(result))
+            self.draw("deflection", charts.deflection(result))
+            self.client.run_javascript(f"jshapeScene.set({json.dumps(charts.scene(result))})")
+            if not self.state.starter.uncertain:
+                self.draw("sensitivity", charts.sensitivity(None))
+        elif isinstance(result, curves.Linear):
+            self.draw("vibration", charts.vibration(result))
+        elif isinstance(result, curves.Sensitivity):
+            self.sensitivity = result
+            self.draw("sensitivity", charts.sensitivity(result))
+            self.busy.set_visibility(result.draft)
+        elif isinstance(result, curves.Numbers):
+            self.summary.set_text(charts.summary(result))
+            self.busy.set_visibility(self.sensitivity is not None and self.sensitivity.draft)
+
+    def _failed(self, error: Exception) -> None:
+        """Say why a state has no curves; those of the state before go."""
+        self.busy.set_visibility(False)
+        self.summary.set_text("no result")
+        for name in ("position", "deflection", "sensitivity", "vibration"):
+            self.draw(name, {"series": []})
+        if isinstance(error, ValueError):
+            self.warn(str(error))
+            return
+        LOG.error("a page's curves", exc_info=error)
+        self.warn(f"this could not be computed: {type(error).__name__}; the terminal says more")
+
+    def _closed(self) -> None:
+        self.live.stop()
+        self.tuning.kill()

@@ -1,0 +1,485 @@
+"""The studio without a browser: a page's state, its curves, what it gives away, and who may talk to it."""
+
+import asyncio
+import json
+import sys
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+
+import jax
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import jshape as js
+from jshape.cli import app
+from jshape.design.closed_forms import closed_forms
+from jshape.export import FORMATS
+from jshape.problems import catalogue, limits
+from jshape.problems.problem import load
+from jshape.problems.reading import read, shipped
+from jshape.studio import charts, curves, panels, state, takeaway
+from jshape.studio.guard import MOST, Guard
+from jshape.studio.live import Live
+from jshape.studio.tuning import Tuning
+
+
+def drafted(folder, text):
+    path = folder / "problem.toml"
+    path.write_text(text, encoding="utf-8")
+    return read(path)
+
+
+@pytest.mark.parametrize("name", ["paper_000", "paper_000_damped", "paper_001", "paper_002", "paper_003"])
+def test_a_problem_file_comes_back_with_the_same_numbers(name, tmp_path):
+    """The file that the page writes has the plant, the move, the uncertain set and the design of the first."""
+    first = load(shipped()[name])
+    shown = state.from_text(shipped()[name].read_text(encoding="utf-8"))
+    again = load(drafted(tmp_path, shown.text))
+    assert type(again.plant) is type(first.plant)
+    for a, b in zip(leaves(first), leaves(again), strict=True):
+        np.testing.assert_array_equal(a, b)
+    tuning, other = first.tuning, again.tuning
+    assert {k: v for k, v in tuning.items() if k != "over"} == {k: v for k, v in other.items() if k != "over"}
+
+
+def leaves(problem):
+    return [*jax.tree.leaves((problem.plant, problem.distance)), *problem.over.values()]
+
+
+@pytest.mark.parametrize("plant", state.plants())
+def test_every_slider_reaches_the_problem_file(plant, tmp_path):
+    """A value that a slider gives is the one that ``jshape tune`` reads; the others stay."""
+    shown = state.begin(plant)
+    before = {parameter.path: parameter.value for parameter in state.parameters(shown)}
+    assert before
+    for path, value in before.items():
+        wanted = 1.01 * value + 0.003
+        changed = state.with_value(shown, path, wanted)
+        drafted(tmp_path, changed.text)
+        after = {parameter.path: parameter.value for parameter in state.parameters(state.from_text(changed.text))}
+        assert after == before | {path: wanted}
+
+
+def test_what_a_page_can_show():
+    shown = state.plants()
+    assert {"TwoMass", "DoublePendulumCrane", "ModalPlant", "FlexibleLink"} <= set(shown)
+    assert not {"MJCF", "URDF", "TowerCrane"} & set(shown)
+    assert all(name in catalogue.plants() for name in shown)
+    with pytest.raises(ValueError, match="plant must be one of Crane"):
+        state.begin("Nothing")
+    with pytest.raises(ValueError, match=r"path must be one of plant\.m1"):
+        state.with_value(state.begin("TwoMass"), "plant.m3", 1.0)
+
+
+MOVE = 'distance = 1.0\n[plant]\ntype = "TwoMass"\nspring = { type = "LinearSpring", k = 10.0 }\n'
+
+REFUSED = {
+    "runs no code": MOVE.replace("TwoMass", "os:system"),
+    "is described in another file": 'distance = 1.0\n[plant]\ntype = "MJCF"\nfile = "double_pendulum_crane.xml"\n'
+    'driven = { slide = "trolley" }\n',
+    "URDF is described in another file": 'distance = 1.0\n[plant]\ntype = "URDF"\nfile = "../../../etc/passwd"\n',
+    "which the studio does not open": MOVE.replace("TwoMass", "Linearised")
+    + '[plant.plant]\ntype = "MJCF"\nfile = "/etc/passwd"\n',
+    "at most 1048576 bytes": MOVE + "#" * (limits.SIZE + 1),
+    "malformed TOML": MOVE + "[[[",
+    "unknown plant": MOVE.replace("TwoMass", "TwoMas"),
+    "and lists are inside": MOVE + "a = " + "[" * 40 + "]" * 40,
+}
+
+
+@pytest.mark.parametrize("words", REFUSED)
+def test_uploads_are_data_and_bounded(words):
+    with pytest.raises(ValueError, match=words) as raised:
+        state.from_text(REFUSED[words])
+    assert "root:" not in str(raised.value)
+    assert "/tmp" not in str(raised.value)
+
+
+def test_several_axes_are_refused():
+    from jshape.problems import starters
+
+    with pytest.raises(ValueError, match="TowerCrane has the axes slew, trolley, hoist"):
+        state.from_text(starters.text(starters.find("TowerCrane")))
+
+
+def test_tables_that_the_page_does_not_write_are_named(tmp_path):
+    text = shipped()["paper_001"].read_text(encoding="utf-8")
+    assert state.left_out(drafted(tmp_path, state.from_text(text).text)) == []
+    assert state.left_out(drafted(tmp_path, MOVE + "[pareto]\nstarts = 3\n")) == ["[pareto]"]
+
+
+def test_uncertainty_and_its_objective():
+    shown = state.with_uncertainty(state.begin("Crane"), "cable_length", None)
+    assert shown.starter.uncertain == {}
+    assert state.problem(shown.text).objective == "nominal"
+    marked = state.with_uncertainty(shown, "payload_mass", 0.3)
+    found = state.problem(marked.text)
+    assert found.objective == "worst"
+    np.testing.assert_allclose(found.over["payload_mass"][[0, -1]], [0.7, 1.3])
+    assert {p.path: p.share for p in state.parameters(marked)}["plant.payload_mass"] == pytest.approx(0.3)
+    asked = state.with_design(state.with_design(shown, objective="nominal"), duration=2.0)
+    assert state.problem(state.with_uncertainty(asked, "payload_mass", 0.3).text).objective == "worst"
+    with pytest.raises(ValueError, match=r"share must lie between 0 and 1, not 1\.5"):
+        state.with_uncertainty(shown, "payload_mass", 1.5)
+    # Ends in a unit of their own: half of 5 … 8 m of a cable of 6.5 m.
+    (cable,) = [p for p in state.parameters(state.begin("Crane")) if p.leaf == "cable_length"]
+    assert cable.share == pytest.approx(1.5 / 6.5)
+
+
+def test_amplitudes_keep_their_sum_and_times_their_order():
+    shown = state.with_impulses(state.begin("TwoMass"), [0.2, 0.3, 0.5], [0.0, 1.0, 2.0])
+    moved = state.with_amplitude(shown, 0, -0.6)
+    assert sum(moved.amplitudes) == pytest.approx(1.0, abs=1e-12)
+    assert moved.amplitudes[1] / moved.amplitudes[2] == pytest.approx(0.3 / 0.5)
+    alone = state.with_amplitude(state.with_impulses(shown, [1.0, 0.0], [0.0, 1.0]), 0, 0.4)
+    assert alone.amplitudes == (0.4, 0.6)
+    assert state.with_time(shown, 1, 7.0).times == (0.0, 2.0, 2.0)
+    assert state.with_time(shown, 1, -7.0).times == (0.0, 0.0, 2.0)
+    assert state.with_time(shown, 2, 7.0).times == (0.0, 1.0, 7.0)
+    assert state.with_time(shown, 0, 7.0).times == shown.times
+    more = state.with_one_more(shown)
+    assert (more.amplitudes[-1], more.times[-1]) == (0.0, 3.0)
+    less = state.with_one_less(shown)
+    np.testing.assert_allclose(less.amplitudes, [0.4, 0.6])
+    one = state.with_one_less(state.with_one_less(less))
+    assert one.amplitudes == (1.0,)
+    assert state.with_amplitude(one, 0, 0.3) == one
+
+
+@pytest.mark.slow
+def test_curves_of_the_duffing_pair():
+    """Without a shaper the undamped pair swings by the whole distance; with the energy shaper nothing is left."""
+    shown = state.begin("TwoMass")
+    shown = state.with_impulses(shown, *takeaway.closed_form(shown, "energy 2-impulse"))
+    found = {type(result): result for result in curves.stages(shown)}
+    moves, numbers = found[curves.Moves], found[curves.Numbers]
+    sensitivity, linear = found[curves.Sensitivity], found[curves.Linear]
+    assert moves.warning == ""
+    assert (moves.unit, moves.bent) == ("m", "mm")
+    np.testing.assert_allclose(np.max(moves.position["unshaped"]), 2.0, rtol=2e-3)
+    after = moves.times > shown.times[-1] + 1e-9
+    np.testing.assert_allclose(moves.position["shaped"][after], 1.0, atol=1e-6)
+    # Energy of the spring k1 x²/2 + k3 x⁴/4 at 1 m.
+    assert numbers.unshaped == pytest.approx(10 / 2 + 100 / 4)
+    assert numbers.shaped < 1e-12
+    assert len(sensitivity.at) == curves.PLANTS
+    assert not sensitivity.draft
+    np.testing.assert_allclose(sensitivity.values["unshaped"], 1.0, atol=1e-9)
+    nearest = np.argsort(np.abs(sensitivity.at - 1.0))[:2]
+    assert np.all(sensitivity.values["shaped"][nearest] < 0.01)
+    first = js.plants.TwoMass(spring=js.plants.Duffing(10.0, 100.0), m2=float(sensitivity.at[0]))
+    direct = float(js.residual_vibration(first, curves.shaper_of(shown), 1.0))
+    assert sensitivity.values["shaped"][0] == pytest.approx(direct, rel=1e-6)
+    # Two halves: V is |cos(ω t2 / 2)| without damping.
+    expected = np.abs(np.cos(np.pi * linear.frequencies * shown.times[-1]))
+    np.testing.assert_allclose(linear.values[0.0], expected, atol=1e-9)
+    np.testing.assert_allclose(linear.modes, [np.sqrt(10.0) / (2 * np.pi)])
+
+
+def test_a_shaper_that_cannot_be_is_an_error():
+    shown = state.with_impulses(state.begin("TwoMass"), [0.5, 0.6], [0.0, 1.0])
+    with pytest.raises(ValueError, match="amplitudes must sum to 1"):
+        next(curves.stages(shown))
+    broken = state.with_value(state.begin("TwoMass"), "plant.m2", -1.0)
+    with pytest.raises(ValueError, match=r"plant\.m2: must be greater than 0, not"):
+        next(curves.stages(broken))
+
+
+def test_a_draft_says_so_and_is_not_given_away():
+    at = np.array([1.0, 2.0])
+    draft = curves.Sensitivity("mass (kg)", at, {"shaped": at, "unshaped": at}, "residual energy", True)
+    assert "draft" in charts.sensitivity(draft)["title"]["text"]
+    with pytest.raises(ValueError, match="there is no sensitivity"):
+        takeaway.sensitivity_csv(draft)
+    with pytest.raises(ValueError, match="there is no sensitivity"):
+        takeaway.sensitivity_csv(None)
+    with pytest.raises(ValueError, match="are being computed"):
+        takeaway.moves_csv(None)
+
+
+def test_what_diverged_is_said():
+    numbers = curves.Numbers(np.inf, 1.0, 1.0, 2.0)
+    assert "diverged" in charts.summary(numbers)
+    assert charts.points(np.array([0.0, 1.0]), np.array([np.nan, np.inf])) == [[0.0, None], [1.0, None]]
+
+
+SHAPER = ([0.25, 0.5, 0.25], [0.0, 0.05, 0.1])
+
+
+CANNOT = {"on_off": "needs modes", "marlin": "knows the ZV alone"}
+
+
+@pytest.mark.parametrize("format", FORMATS)
+def test_every_format_can_be_taken_away(format, tmp_path):
+    """With what the fields hold at first, or with a reason in words."""
+    shown = state.with_impulses(state.begin("TwoMass"), *SHAPER)
+    fields = takeaway.needed(format)
+    if format in CANNOT:
+        with pytest.raises(ValueError, match=CANNOT[format]):
+            takeaway.exported(shown, format, fields)
+        return
+    name, content = takeaway.exported(shown, format, fields)
+    assert name.endswith(FORMATS[format].ending)
+    assert content
+    if format in ("json", "csv"):
+        (tmp_path / name).write_bytes(content)
+        np.testing.assert_array_equal(js.read_shaper(tmp_path / name).times, SHAPER[1])
+
+
+def test_fields_of_a_format():
+    shown = state.with_impulses(state.begin("TwoMass"), *SHAPER)
+    _, text = takeaway.exported(shown, "scipy", {"sample_time": "0.01", "method": "zeros", "modes": "62.8,0; 80,0.01"})
+    assert text
+    with pytest.raises(ValueError, match="modes must be pairs omega,zeta"):
+        takeaway.exported(shown, "scipy", {"sample_time": "0.01", "modes": "62.8;"})
+    with pytest.raises(ValueError, match="sample_time"):
+        takeaway.exported(shown, "scipy", {"sample_time": "nan"})
+    with pytest.raises(ValueError, match="needs sample_time"):
+        takeaway.exported(shown, "scipy", {"sample_time": ""})
+
+
+def test_closed_forms_by_name():
+    shown = state.begin("TwoMass")
+    problem = state.problem(shown.text)
+    found, _ = closed_forms(problem.plant, problem.distance)
+    assert {*panels.SHAPERS, *panels.ENERGY} <= set(found)
+    amplitudes, times = takeaway.closed_form(shown, "linear ZVD")
+    np.testing.assert_array_equal(amplitudes, found["linear ZVD"].amplitudes)
+    np.testing.assert_array_equal(times, found["linear ZVD"].times)
+    with pytest.raises(ValueError, match=r"energy 2-impulse: Crane is not a displacement-driven mass"):
+        takeaway.closed_form(state.begin("Crane"), "energy 2-impulse")
+
+
+def test_csv_of_the_curves():
+    at = np.array([0.0, 1.0])
+    moves = curves.Moves(at, {"shaped": at}, {"shaped": 2 * at}, "m", "mm", {}, "")
+    assert takeaway.moves_csv(moves).splitlines() == [
+        "time (s),\"position, shaped (m)\",\"deflection, shaped (mm)\"", "0.0,0.0,0.0", "1.0,1.0,2.0"
+    ]  # fmt: skip
+
+
+def test_the_newest_state_wins():
+    """While one state is computed, those between it and the newest are never begun; its later stages are skipped."""
+    begun, shown, gate = [], [], threading.Event()
+
+    def stages(wanted):
+        begun.append(wanted)
+        for stage in range(2):
+            if wanted == 0:
+                gate.wait(5)
+            yield (wanted, stage)
+
+    async def drag():
+        with ThreadPoolExecutor(1) as worker:
+            live = Live(stages, worker, shown.append, lambda error: shown.append(error))
+            live.want(0)
+            await asyncio.sleep(0.05)
+            for wanted in range(1, 50):
+                live.want(wanted)
+            gate.set()
+            while not live.done:
+                await asyncio.sleep(0.005)
+
+    asyncio.run(asyncio.wait_for(drag(), 10))
+    assert begun == [0, 49]
+    assert shown == [(49, 0), (49, 1)]
+
+
+def test_an_error_does_not_end_a_page():
+    def stages(wanted):
+        if wanted:
+            raise RuntimeError("broken")
+        yield wanted
+
+    async def two():
+        shown, failed = [], []
+        with ThreadPoolExecutor(1) as worker:
+            live = Live(stages, worker, shown.append, failed.append)
+            live.want(1)
+            while not failed:
+                await asyncio.sleep(0.005)
+            live.want(0)
+            while not live.done:
+                await asyncio.sleep(0.005)
+        return shown, failed
+
+    shown, failed = asyncio.run(asyncio.wait_for(two(), 10))
+    assert shown == [0]
+    assert str(failed[0]) == "broken"
+
+
+TOKEN = "a-token"
+COOKIE = f"jshape_studio_8080={TOKEN}"
+
+
+def asked(path="/", query="", cookie=COOKIE, kind="http", body=(b"",), **headers):
+    """The status of a request through the guard; 200 where it passed."""
+    given = {"host": "127.0.0.1:8080", **({"cookie": cookie} if cookie else {}), **headers}
+    pairs = [(name.replace("_", "-").encode(), value.encode()) for name, value in given.items() if value is not None]
+    scope = {"type": kind, "path": path, "query_string": query.encode(), "headers": pairs}
+    sent, parts = [], list(body)
+
+    async def receive():
+        return {"type": "http.request", "body": parts.pop(0), "more_body": bool(parts)}
+
+    async def send(message):
+        sent.append(message)
+
+    async def answer(scope, receive, send):
+        if kind == "websocket":
+            await send({"type": "websocket.accept"})
+            return
+        while (await receive())["more_body"]:
+            pass
+        await send({"type": "http.response.start", "status": 200, "headers": []})
+
+    asyncio.run(Guard(answer, TOKEN, 8080)(scope, receive, send))
+    if kind == "websocket":
+        return sent[0]["type"] == "websocket.accept"
+    return sent[0]["status"], dict(sent[0]["headers"])
+
+
+def test_the_token_opens_the_page_once():
+    status, headers = asked(query=f"token={TOKEN}", cookie=None)
+    assert status == 303
+    assert headers[b"location"] == b"/"
+    cookie = headers[b"set-cookie"].decode()
+    assert cookie.startswith(COOKIE)
+    assert "HttpOnly" in cookie
+    assert "SameSite=Strict" in cookie
+    assert asked()[0] == 200
+    assert b"default-src 'self'" in asked()[1][b"content-security-policy"]
+
+
+@pytest.mark.parametrize(
+    "request_",
+    [
+        {"cookie": None},
+        {"cookie": "jshape_studio_8080=wrong"},
+        {"cookie": "jshape_studio_8080=\u00e9"},
+        {"cookie": f"jshape_studio_8081={TOKEN}"},
+        {"cookie": None, "query": "token=wrong"},
+        {"cookie": None, "query": f"token={TOKEN}", "path": "/_nicegui/anything"},
+        {"host": "evil.example:8080"},
+        {"host": None},
+        {"host": "127.0.0.1:80"},
+        {"origin": "http://evil.example"},
+        {"origin": "null"},
+        {"origin": "http://127.0.0.1:8081"},
+        {"origin": "https://127.0.0.1:8080"},
+        {"sec_fetch_site": "cross-site"},
+    ],
+)
+def test_other_requests_are_refused(request_):
+    assert asked(**request_)[0] == 403
+    assert asked(kind="websocket", **request_) is False
+
+
+def test_the_pages_own_requests_pass():
+    assert asked(origin="http://127.0.0.1:8080", sec_fetch_site="same-origin")[0] == 200
+    assert asked(host="localhost:8080", origin="http://localhost:8080")[0] == 200
+    assert asked(kind="websocket", origin="http://127.0.0.1:8080") is True
+
+
+def test_bodies_are_bounded():
+    """Also where a request does not say how long it is, or says it wrongly."""
+    assert asked(content_length=str(MOST))[0] == 200
+    assert asked(content_length=str(MOST + 1))[0] == 413
+    assert asked(content_length="-1")[0] == 413
+    assert asked(body=[bytes(MOST // 2)] * 2)[0] == 200
+    assert asked(body=[bytes(MOST // 2)] * 3, content_length="10")[0] == 413
+
+
+def test_a_killed_tuning_process_is_said_to_have_ended():
+    async def killed():
+        tuning = Tuning()
+        running = asyncio.create_task(tuning.run(state.begin("TwoMass").text, lambda _: None))
+        while not tuning.running:
+            await asyncio.sleep(0.01)
+        with pytest.raises(ValueError, match="already"):
+            await tuning.run("", lambda _: None)
+        tuning.kill()
+        with pytest.raises(ValueError, match="ended without an answer"):
+            await running
+        await tuning.stop()
+        return tuning.running
+
+    assert asyncio.run(asyncio.wait_for(killed(), 30)) is False
+
+
+def test_the_extra_is_named_where_it_is_missing(monkeypatch):
+    import importlib.util
+
+    found = importlib.util.find_spec
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name, *rest: None if name == "nicegui" else found(name))
+    result = CliRunner().invoke(app, ["studio"])
+    assert result.exit_code == 2
+    assert "pip install 'jshape[studio]'" in result.output
+
+
+def test_mistakes_at_the_prompt():
+    pytest.importorskip("nicegui")
+    for arguments, words in [
+        (["--port", "70000"], "--port must lie between 0 and 65535, not 70000"),
+        (["nowhere.toml"], "nowhere.toml: no such file"),
+        (["own_plant"], "the studio runs no code of a problem file's own"),
+    ]:
+        result = CliRunner().invoke(app, ["studio", *arguments])
+        assert result.exit_code == 2
+        assert words in " ".join(result.output.split())
+
+
+@pytest.mark.slow
+def test_tuning_gives_the_numbers_of_the_problem_file(tmp_path):
+    """The process of the page, ``jshape tune`` on its problem file and its Python script, to the last digit."""
+    shown = state.with_design(state.begin("TwoMass"), starts=4, impulses=2)
+    seen = []
+    found = asyncio.run(Tuning().run(shown.text, seen.append))
+    assert found["status"] == "CONVERGED"
+    assert seen
+    path = tmp_path / state.FILE
+    path.write_text(shown.text, encoding="utf-8")
+    result = CliRunner().invoke(app, ["tune", str(path), "--out", str(tmp_path / "results")])
+    assert result.exit_code == 0, result.output
+    record = json.loads((tmp_path / "results" / "shapers" / "tuned.json").read_text())
+    assert record["amplitudes"] == found["amplitudes"]
+    assert record["times"] == found["times"]
+    problem = load(path)
+    tuned = js.tune(problem.plant, problem.distance, **problem.tuning)
+    np.testing.assert_array_equal(tuned.shaper.times, found["times"])
+
+
+@pytest.mark.slow
+def test_a_stop_keeps_the_best_shaper_so_far():
+    async def stopped():
+        tuning, seen = Tuning(), []
+        shown = state.with_design(state.begin("TwoMass"), starts=200, impulses=5)
+        running = asyncio.create_task(tuning.run(shown.text, seen.append))
+        while not any(line["best"] is not None for line in seen):
+            await asyncio.sleep(0.1)
+            assert not running.done()
+        begin = time.monotonic()
+        await tuning.stop()
+        return await running, time.monotonic() - begin
+
+    found, seconds = asyncio.run(asyncio.wait_for(stopped(), 300))
+    assert found["status"] == "INTERRUPTED"
+    assert sum(found["amplitudes"]) == pytest.approx(1.0)
+    assert seconds < 60
+
+
+@pytest.mark.slow
+def test_the_python_script_runs(tmp_path):
+    import subprocess
+
+    shown = state.with_design(state.begin("TwoMass"), starts=4, impulses=2)
+    shown = state.with_impulses(shown, *takeaway.closed_form(shown, "energy 2-impulse"))
+    (tmp_path / state.FILE).write_text(shown.text, encoding="utf-8")
+    (tmp_path / "studio.py").write_text(takeaway.script(shown), encoding="utf-8")
+    done = subprocess.run([sys.executable, "studio.py"], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert done.stdout.startswith("on the page: ")
+    assert "converged" in done.stdout
+    assert len(takeaway.script(shown).splitlines()) <= 12
+    assert abs(float(done.stdout.split()[3])) < 1e-12

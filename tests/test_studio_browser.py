@@ -1,0 +1,201 @@
+"""The studio in a headless Chromium, clicked through as its user would; skipped where there is none."""
+
+import random
+import urllib.error
+import urllib.request
+from contextlib import contextmanager
+
+import pytest
+
+pytest.importorskip("nicegui")
+pytest.importorskip("playwright")
+
+from experiments.benchmarks.studio import choose, chromium, computed, page_of, serving
+from jshape.problems.problem import load
+from jshape.studio import state
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(chromium() is None, reason="there is no Chromium"),
+    # Playwright's and asyncio's own, at their end.
+    pytest.mark.filterwarnings("ignore::ResourceWarning"),
+    pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning"),
+]
+
+
+@pytest.fixture(scope="module")
+def studio():
+    with serving("paper_001") as (address, lines, process):
+        yield address, process
+    errors = [line for line in lines if "Traceback" in line or "Error" in line]
+    assert errors == []
+
+
+@contextmanager
+def opened(address, **size):
+    """A page; what it says in the console and asks of other addresses is an error."""
+    with page_of(address, **size) as page:
+        wrong = []
+        page.on("pageerror", lambda error: wrong.append(str(error)))
+        page.on("console", lambda said: wrong.append(said.text) if said.type == "error" else None)
+        page.on("request", lambda asked: wrong.append(asked.url) if "//127.0.0.1:" not in asked.url else None)
+        yield page
+        assert [each for each in wrong if not each.startswith(("data:", "blob:"))] == []
+
+
+def curve(page, chart, series=0):
+    """What a chart shows: the values of one of its curves."""
+    element = page.locator(f"[data-testid=chart-{chart}]").get_attribute("id")[1:]
+    return page.evaluate(f"getElement({element}).chart.getOption().series[{series}]?.data.map((pair) => pair[1])")
+
+
+def press(page, slider, key="ArrowRight", times=1):
+    page.locator(f'[data-testid="{slider}"] [tabindex]').first.focus()
+    for _ in range(times):
+        page.keyboard.press(key)
+    page.wait_for_timeout(500)
+    computed(page)
+
+
+def test_sliders_move_the_curves(studio):
+    with opened(studio[0]) as page:
+        before = [curve(page, chart) for chart in ("position", "deflection", "sensitivity", "vibration")]
+        assert len(before[2]) == 200
+        press(page, "slider-plant.spring.k1", times=5)
+        after = [curve(page, chart) for chart in ("position", "deflection", "sensitivity", "vibration")]
+        # V is of the shaper alone; it is drawn about the plant's frequencies.
+        assert all(a != b for a, b in zip(before, after, strict=True))
+        assert page.get_by_label("spring.k1", exact=True).first.input_value() == "10.69"
+
+
+def test_a_closed_form_and_its_impulses(studio):
+    with opened(studio[0]) as page:
+        page.get_by_role("tab", name="Shaper").click()
+        page.get_by_role("button", name="energy 2-impulse").click()
+        page.wait_for_timeout(500)
+        words = computed(page)
+        assert float(words.split()[2]) < 1e-10
+        press(page, "amplitude-0", times=10)
+        amplitudes = curve(page, "impulses")
+        assert amplitudes[0] == pytest.approx(0.55, abs=0.006)
+        assert sum(amplitudes) == pytest.approx(1.0, abs=1e-4)
+        page.get_by_role("button", name="add").click()
+        page.wait_for_timeout(300)
+        assert len(curve(page, "impulses")) == 3
+
+
+def test_tune_with_progress_and_stop(studio):
+    with opened(studio[0]) as page:
+        page.get_by_role("tab", name="Shaper").click()
+        page.locator("[data-testid=tune]").click()
+        said = "document.querySelector('[data-testid=tuned]').innerText"
+        page.wait_for_function(f"{said}.includes('best')", timeout=90_000)
+        page.get_by_role("button", name="Stop").click()
+        page.wait_for_function(f"/converged|interrupted|stopped/.test({said})", timeout=60_000)
+        computed(page)
+        assert len(curve(page, "impulses")) == 3
+        assert page.locator("[data-testid=tune]").is_enabled()
+
+
+def test_take_away(studio, tmp_path):
+    with opened(studio[0]) as page:
+        press(page, "slider-plant.m2", times=3)
+        page.get_by_role("tab", name="Take away").click()
+        saved = {}
+        for name in ("Download", "Problem file", "Python script", "Responses, CSV", "Sensitivity, CSV"):
+            with page.expect_download() as waiting:
+                page.get_by_role("button", name=name).click()
+            saved[name] = tmp_path / waiting.value.suggested_filename
+            waiting.value.save_as(saved[name])
+        assert "FUNCTION_BLOCK" in saved["Download"].read_text()
+        assert float(load(saved["Problem file"]).plant.m2) == pytest.approx(1.041, abs=1e-3)
+        assert "js.tune" in saved["Python script"].read_text()
+        assert len(saved["Responses, CSV"].read_text().splitlines()) == 402
+        assert len(saved["Sensitivity, CSV"].read_text().splitlines()) == 201
+
+
+def upload(page, path):
+    with page.expect_file_chooser() as chooser:
+        page.locator(".q-uploader .q-btn").last.click()
+    chooser.value.set_files(path)
+
+
+def test_uploads(studio, tmp_path):
+    files = {
+        "broken.toml": ("[[[", "malformed TOML"),
+        "code.toml": ('distance = 1.0\n[plant]\ntype = "os:system"\n', "runs no code"),
+        "large.toml": ("#" * 600_000, "must have at most"),
+    }
+    with opened(studio[0]) as page:
+        for name, (text, words) in files.items():
+            (tmp_path / name).write_text(text)
+            upload(page, tmp_path / name)
+            page.get_by_text(words).wait_for(timeout=10_000)
+        (tmp_path / "mine.toml").write_text(state.with_value(state.begin("TwoMass"), "plant.m1", 1.25).text)
+        upload(page, tmp_path / "mine.toml")
+        page.wait_for_function("document.querySelector('[aria-label=m1]').value === '1.25'", timeout=10_000)
+
+
+def test_another_machine_and_a_telephone(studio):
+    with opened(studio[0], width=390, height=844) as page:
+        choose(page, "Crane")
+        assert "residual energy" in page.locator("[data-testid=summary]").inner_text()
+        assert page.evaluate("document.documentElement.scrollWidth") <= 390
+        assert page.locator("#scene").is_visible()
+
+
+def test_tabs_are_independent(studio):
+    with opened(studio[0]) as first:
+        second = first.context.new_page()
+        second.goto(studio[0])
+        computed(second)
+        press(first, "slider-plant.m2", times=8)
+        assert second.get_by_label("m2", exact=True).first.input_value() == "1"
+        first.reload()
+        computed(first)
+        assert first.get_by_label("m2", exact=True).first.input_value() == "1.11"
+
+
+def status(url, **headers):
+    try:
+        with urllib.request.urlopen(urllib.request.Request(url, headers=headers)) as answer:
+            return answer.status
+    except urllib.error.HTTPError as error:
+        return error.code
+
+
+def test_strangers_get_nothing(studio):
+    base, token = studio[0].split("/?token=")
+    cookie = {"Cookie": f"jshape_studio_{base.rpartition(':')[2]}={token}"}
+    assert status(base) == 403
+    assert status(f"{base}/?token=guess") == 403
+    assert status(base, **cookie) == 200
+    assert status(base, **cookie, Origin="http://evil.example") == 403
+    assert status(base, **cookie, Host="evil.example") == 403
+    for path in ("/_nicegui/../../../../etc/passwd", "/_nicegui/%2e%2e/%2e%2e/%2e%2e/etc/passwd", "/etc/passwd"):
+        assert status(base + path, **cookie) in (400, 403, 404)
+    socket = f"{base}/_nicegui_ws/socket.io/?EIO=4&transport=polling"
+    assert status(socket) == 403
+    assert status(socket, **cookie, Origin="http://evil.example") == 403
+
+
+def test_random_actions(studio):
+    """Keys on random sliders, closed forms and tabs; at the end the page still answers and nothing was reported."""
+    draw = random.Random(0)
+    with opened(studio[0]) as page:
+        sliders = page.locator("[data-testid^=slider-] [tabindex]")
+        for _ in range(150):
+            if draw.random() < 0.9:
+                page.get_by_role("tab", name="Machine").click()
+                sliders.first.wait_for()
+                sliders.nth(draw.randrange(sliders.count())).focus()
+                for _ in range(draw.randrange(1, 6)):
+                    page.keyboard.press(draw.choice(["ArrowRight", "ArrowLeft", "PageUp", "Home", "End"]))
+            else:
+                page.get_by_role("tab", name="Shaper").click()
+                name = draw.choice(["ZV", "ZVD", "EI", "add", "remove", "unshaped"])
+                page.get_by_role("button", name=name, exact=True).click()
+        page.get_by_role("tab", name="Machine").click()
+        choose(page, "Crane")
+        choose(page, "TwoMass")
+        assert "residual energy" in page.locator("[data-testid=summary]").inner_text()
