@@ -50,15 +50,15 @@ def tune(
         from jshape.status import Status
 
         first = None if start is None else read_shaper(start)
-        count = 1 if first is not None else starts or design.starts
-        announced(read.distance, plants_of(read), count, "starts", design.impulses)
+        given: dict[str, Any] = read.tuning | {"starts": starts or read.design.starts}
+        if seed is not None:
+            given["seed"] = seed
+        count = given["starts"] if first is None else 1
+        announced(read.distance, plants_of(read), count, "starts", read.design.impulses)
         # The closed forms are compiled beside the search: with two cores that saves some seconds of a first run.
         with progress_line() as (step, progress), ThreadPoolExecutor(1) as beside:
             closed = beside.submit(closed_forms, read.plant, read.distance)
             step("tuning")
-            given: dict[str, Any] = read.tuning | {"starts": starts or read.design.starts}
-            if seed is not None:
-                given["seed"] = seed
             solution = tune_shaper(read.plant, read.distance, start=first, progress=progress, **given)
             if solution.status is Status.INTERRUPTED:
                 # An interrupted command ends soon: what was found is written before anything else is computed.
