@@ -138,7 +138,9 @@ def test_uploads(studio, tmp_path):
 
 def test_another_machine_and_a_telephone(studio):
     with opened(studio[0], width=390, height=844) as page:
+        before = page.locator("[data-testid=summary]").inner_text()
         choose(page, "Crane")
+        assert page.locator("[data-testid=summary]").inner_text() != before
         assert "residual energy" in page.locator("[data-testid=summary]").inner_text()
         assert page.evaluate("document.documentElement.scrollWidth") <= 390
         assert page.locator("#scene").is_visible()

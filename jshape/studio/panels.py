@@ -47,6 +47,7 @@ def _machine(tab: Tab) -> None:
             _parameter(tab, parameter)
 
     async def begin(made: Callable[[], State]) -> None:
+        tab.clear("computing …")
         tab.change(lambda _: made(), impulses=True)
         sliders.refresh()
         for renew in tab.renewed:

@@ -87,6 +87,12 @@ class Tab:
         """Change a chart: its curves are replaced, all else stays."""
         self.charts[name].run_chart_method("setOption", option, {"replaceMerge": ["series"]})
 
+    def clear(self, words: str) -> None:
+        """Take away the numbers and curves of another machine, and of a state that has none."""
+        self.summary.set_text(words)
+        for name in ("position", "deflection", "sensitivity", "vibration"):
+            self.draw(name, {"series": []})
+
     def warn(self, words: str) -> None:
         """Say what is wrong above the charts; nothing, where the words are empty."""
         self.warning.set_text(words)
@@ -114,10 +120,8 @@ class Tab:
 
     def _failed(self, error: Exception) -> None:
         """Say why a state has no curves; those of the state before go."""
+        self.clear("no result")
         self.busy.set_visibility(False)
-        self.summary.set_text("no result")
-        for name in ("position", "deflection", "sensitivity", "vibration"):
-            self.draw(name, {"series": []})
         if isinstance(error, ValueError):
             self.warn(str(error))
             return
