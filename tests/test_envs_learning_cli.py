@@ -80,6 +80,6 @@ def test_a_wrong_policy_lists_what_there_is(tmp_path):
     given = ["DuffingPayload", "--policy", "best-fxed", "--out", str(tmp_path / "x")]
     found = CliRunner().invoke(other, given)
     assert found.exit_code == 2
-    words = "--policy must be a policy's file (.npz), trained or one of zv, zvd, ei, best-fixed"
+    words = "--policy must be a policy's file (.npz), guarded, trained or one of zv, zvd, ei, best-fixed"
     assert words in found.stderr
     assert "did you mean best-fixed?" in found.stderr

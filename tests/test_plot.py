@@ -174,6 +174,15 @@ def test_as_many_axes_as_panels(tmp_path):
     assert not plt.fignum_exists(figure.number)
 
 
+@pytest.fixture
+def defaults():
+    """matplotlib as it is installed: the papers' scripts set a look of their own when they are imported."""
+    with mpl.rc_context():
+        mpl.rcdefaults()
+        yield
+
+
+@pytest.mark.usefixtures("defaults")
 def test_the_look_is_the_users_where_there_is_one():
     def looks_like(axis):
         return axis.xaxis.label.get_size(), axis.spines["top"].get_visible()
