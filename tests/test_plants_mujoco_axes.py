@@ -8,6 +8,7 @@ from machines import BRIDGE, SLEWING, address, free_accelerations, pushes, stepp
 
 import jshape as js
 from jshape.problems.problem import load
+from jshape.sweeps.leaves import with_leaves
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -39,6 +40,19 @@ def test_axes_and_units(tower, bridge):
     assert together.axes == ()
     with pytest.raises(ValueError, match="Multibody has the axes slew, trolley, hoist, and no luff"):
         js.residual_energy(tower, None, js.Axes(luff=js.Step(1.0)))
+
+
+def test_rest_of_many_plants_calls_lapack_for_one_matrix_at_a_time(bridge):
+    """Two calls for a batch at once wait for each other for ever where there are two threads."""
+
+    def rest(mass):
+        plant = with_leaves(bridge, {"body.load.mass": mass})
+        return plant.rest_state(plant.zero_inputs())
+
+    program = jax.jit(jax.vmap(lambda mass: jax.jvp(rest, (mass,), (1.0,)))).lower(jnp.linspace(1.0, 2.0, 5)).as_text()
+    calls = [line for line in program.splitlines() if "@lapack" in line]
+    assert calls
+    assert all("(tensor<2x2xf64>)" in line for line in calls)
 
 
 @pytest.mark.unchecked

@@ -322,6 +322,11 @@ def _slope_of(plant: Multibody, ways: dict[str, Array], coordinates: Array) -> A
     return jnp.stack([jnp.asarray(value, coordinates.dtype) for value in plant.slope([*coordinates], ways)])
 
 
+# One matrix at a time: of a batch, LAPACK's calls wait for each other's turn in the pool of threads that runs them, and
+# two at once never end on two cores.
+_eigh = jax.custom_batching.sequential_vmap(lambda matrix: tuple(jnp.linalg.eigh(matrix)))
+
+
 @kept
 def _equilibrium(plant: Multibody, ways: dict[str, Array]) -> Array:
     """Coordinates of the free joints at rest, by Newton's method; differentiable by the implicit function theorem."""
@@ -341,7 +346,7 @@ def _equilibrium(plant: Multibody, ways: dict[str, Array]) -> Array:
             q, _, count = carry
             slope, stiffness = linearised(dynamic, q)
             # Downhill along each eigenvector, so that an inverted pendulum falls.
-            curvatures, directions = jnp.linalg.eigh(stiffness)
+            curvatures, directions = _eigh(stiffness)
             step = directions @ (directions.T @ slope / jnp.abs(curvatures))
             size = jnp.max(jnp.abs(step))
             return q - step * jnp.minimum(1.0, _LONGEST / size), size, count + 1
@@ -350,7 +355,7 @@ def _equilibrium(plant: Multibody, ways: dict[str, Array]) -> Array:
         # The first step is always taken; a step of 0 leaves 0/0 nowhere, as its limit is infinite.
         q, size, _ = jax.lax.while_loop(go_on, newton, (start, jnp.asarray(jnp.inf, start.dtype), 0))
         _, stiffness = linearised(dynamic, q)
-        sound = (size <= 1e4 * tolerance) & jnp.all(jnp.linalg.eigvalsh(stiffness) > 0)
+        sound = (size <= 1e4 * tolerance) & jnp.all(_eigh(stiffness)[0] > 0)
         return jnp.where(sound, q, jnp.nan)
 
     @rest.defjvp
@@ -358,7 +363,8 @@ def _equilibrium(plant: Multibody, ways: dict[str, Array]) -> Array:
         q = rest(*primals)
         _, stiffness = linearised(primals[0], q)
         _, shift = jax.jvp(lambda dynamic: linearised(dynamic, q)[0], primals, tangents)
-        return q, -jnp.linalg.solve(stiffness, shift)
+        rows = [list(row) for row in stiffness]
+        return q, -jnp.stack(solved(rows, list(shift))[0])
 
     return rest(dynamic)
 
