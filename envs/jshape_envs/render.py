@@ -116,13 +116,23 @@ class Renderer:
 
 @jax.jit
 def _watch(state: EnvState, action: Array, params: Params) -> tuple[Array, ...]:
-    """Times, command, payload and states along the move, times of the impulses, normalised residual energy."""
+    """Times, command, payload and states along the move, times of the impulses, normalised residual energy.
+
+    The last of a crane's states is the length of its cable, m.
+    """
     machine = params.machine
     plant, shaper = machine.plant(state.payload, state.moves), params.action.shaper(action)
     plan = plan_move(plant, machine.command(state.distance, state.moves), shaper, state.position)
     horizon = plan.breaks[-1] + params.sensor.window
     steps = max(2, params.steps.window * params.sensor.samples * 2 // SAMPLES)
     times, command, payload, states = watch_move(plant, plan, state.plant, horizon, SAMPLES, steps)
+    cable = getattr(plant, "cable_length", None)
+    if cable is not None:
+        # A crane's cable is as long as its hoist lets it be; of the axes the first is drawn.
+        length = cable + (command[:, 1] if plant.axes else jnp.zeros_like(times))
+        states = jnp.concatenate([states, length[:, None]], axis=1)
+    if plant.axes:
+        command, payload = command[:, 0], payload[:, 0]
     reference, _ = bare_energy_and_oracle_cost(state, params)
     _, energy = run_move(plant, plan, state.plant, params.steps)
     return times, command, payload, states, shaper.times, energy / reference
