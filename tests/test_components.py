@@ -38,6 +38,12 @@ def by_rows(t, y):
     return jnp.concatenate([pairs[1], jax.nn.relu(pairs[0]) * t])
 
 
+def by_elements(t, y):
+    q, v = y[:2], y[2:]
+    force = -(OMEGA**2) * jnp.sin(q) - jnp.where(jnp.abs(v) < 0.8, v, 0.8 * jnp.sign(v)) * jnp.cos(q[::-1])
+    return jnp.concatenate([v, force / (1 + jnp.sum(q**2)) + t * jnp.array([[1.0, 0.2], [0.2, 2.0]]) @ jnp.tanh(q)])
+
+
 def unchanged(t, y):
     return jnp.concatenate([y[:1], t + y[1:]])
 
@@ -49,6 +55,7 @@ CASES = {
     in_a_function: {0: 2, 1: 3},
     by_matrix: {},
     by_rows: {0: 2, 1: 3},
+    by_elements: {0: 2, 1: 3},
     unchanged: {0: 0},
 }
 
