@@ -260,6 +260,7 @@ def wild():
     return residuals, len(schedule.reference), case("state-aware", TIME).bound(5.7, 0.017)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", tuple(faults.KINDS))
 def test_wild_signals_do_no_harm_beyond_the_stated_bound(wild, kind):
     residuals, samples, bound = wild

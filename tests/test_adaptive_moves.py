@@ -127,6 +127,7 @@ def window(task, learn):
     return scipy_states(TRUTH, SWING, shaper, 1.0, at)[:, 0] - level(shaper, 1.0, at)
 
 
+@pytest.mark.slow
 def test_the_fit_is_scipys(task, learn, window):
     """Parameters, covariance and misfit of one noisy window, beside SciPy's least squares on SciPy's solutions."""
     run, _, shaper = learn

@@ -267,6 +267,7 @@ def test_a_fade_glides_from_one_filter_to_the_other():
 # --- bound -----------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_bound_holds_for_every_step_whatever_is_estimated():
     shaper = AdaptiveShaper(TICK, **NARROW, change=1.0)
     samples = 16000

@@ -139,6 +139,7 @@ def test_linearised_response_is_exact():
     assert float(js.residual_energy(plant, ONE, small)) == pytest.approx(expected, rel=1e-5)
 
 
+@pytest.mark.slow
 def test_single_precision_and_vmap():
     energies = jax.vmap(lambda t: moved(jnp.asarray([0.7, 0.4, 0.6, 0.9, 0.0]).at[3].set(t)))(jnp.asarray([0.9, 1.1]))
     np.testing.assert_allclose(energies, [moved(jnp.asarray([0.7, 0.4, 0.6, t, 0.0])) for t in (0.9, 1.1)], rtol=1e-9)

@@ -19,6 +19,7 @@ def made_up():
     return [printer(50.0, 80.0)]
 
 
+@pytest.mark.slow
 def test_tuned_beside_a_scan(made_up):
     """No shaper of a scan of n, t, v_tol, damping ratio and frequency does better."""
     limit = 0.02

@@ -200,6 +200,7 @@ def test_limits_of_a_trapezoid(distance, backwards, speed, acceleration):
     limits_hold(Trapezoid(distance, speed, acceleration), distance, [speed, acceleration])
 
 
+@pytest.mark.slow
 @settings(max_examples=30, deadline=None)
 @given(
     distance=st.floats(1e-3, 1e3),

@@ -49,7 +49,14 @@ def test_pull_and_push_differ(name, distance, staircase):
 
 
 @pytest.mark.parametrize("distance", [0.8, -0.8])
-@pytest.mark.parametrize("name", ["fast_three_impulse", "fast_three_impulse, first", "negative"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param("fast_three_impulse", marks=pytest.mark.slow),
+        "fast_three_impulse, first",
+        pytest.param("negative", marks=pytest.mark.slow),
+    ],
+)
 def test_pushes_with_a_damper(name, distance, staircase):
     shaper = SHAPERS[name](DAMPED, distance)
     assert left(staircase, shaper, distance, c=0.1) < 1e-18

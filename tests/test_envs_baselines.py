@@ -224,6 +224,7 @@ def test_a_quiet_window_changes_no_belief(duffing):
     assert [float(x) for x in (after[0].omega[0], after[1][0], after[2].payload)] == pytest.approx([4.0, 4.0, 0.7])
 
 
+@pytest.mark.slow
 def test_damping_is_sought_as_by_extremum_seeking_alone(duffing):
     policy = direct_adaptive(duffing, seeks=True)
     online, memory = policy.seeking.online(), policy.init(duffing)
@@ -265,6 +266,7 @@ def test_an_oracle_that_sees_the_vibration_leaves_none_where_the_other_one_lets_
     np.testing.assert_allclose(full.regret, 0.0, atol=5e-4)
 
 
+@pytest.mark.slow
 def test_what_does_not_apply_is_refused(duffing, link):
     with pytest.raises(ValueError, match=r"baseline must be one of 'zv'.*not 'pid'"):
         baseline("pid", duffing)

@@ -104,6 +104,7 @@ def test_autoreset_in_the_next_step(params):
         np.testing.assert_array_equal(info["evaluation"]["_regret"], info["_residual"])
 
 
+@pytest.mark.slow
 def test_autoreset_switched_off_begins_only_the_lanes_asked_for(params):
     env: Any = MoveVectorEnv(4, params, autoreset_mode="Disabled")
     first, _ = env.reset(seed=0)

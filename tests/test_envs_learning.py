@@ -98,6 +98,7 @@ def test_rollout_makes_the_moves_that_step_makes_and_forgets_after_an_episode(pa
     assert info.residual.shape == (5,)
 
 
+@pytest.mark.slow
 def test_a_policy_refuses_an_environment_of_other_sizes(params, trained):
     with pytest.raises(ValueError, match="observation=23"):
         trained.policy.init(parameters("DuffingPayload", tell_change=True, samples=18))

@@ -127,6 +127,7 @@ def test_recovery_from_an_unannounced_payload():
     assert claim.verified_value == pytest.approx(claim.ours, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_replay_of_commands_while_the_payload_changes():
     # The judge's own matrices against jshape's plant, tick by tick: 200 random commands, 20, 3 and again 20 coins.
     commands, coins = np.random.default_rng(4).normal(size=200), np.repeat([20.0, 3.0, 20.0], [80, 50, 70])

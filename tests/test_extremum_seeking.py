@@ -84,6 +84,7 @@ def test_the_papers_numbers_converge_at_the_rate_of_eq_5():
     assert decay == pytest.approx(1e-4 * 0.007 * curvature / 2 * 0.8, rel=0.03)
 
 
+@pytest.mark.slow
 def test_several_parameters_by_frequencies_of_their_own():
     matrix, best = np.array([[2.0, 0.5, 0.0], [0.5, 1.0, -0.3], [0.0, -0.3, 1.5]]), np.array([0.3, -0.2, 0.1])
     cost = lambda p: float((p - best) @ matrix @ (p - best))

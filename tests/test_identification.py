@@ -218,7 +218,8 @@ def test_step_response():
     np.testing.assert_allclose(shares.gains[:, 0], GAINS, atol=5e-3)
 
 
-@pytest.mark.parametrize("sensor", ["position", pytest.param("acceleration", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("sensor", ["position", "acceleration"])
 def test_sweep(sensor):
     random = np.random.default_rng(0)
     times = np.arange(0, 30, 0.005)

@@ -128,6 +128,7 @@ def test_positive_filters_for_the_paper_samples(vibration):
     assert design.optimal
 
 
+@pytest.mark.slow
 def test_infeasible_reports_the_least_vibration():
     message = r"vibration: 0.07 is infeasible with so few impulses: the least .* with 5 is 7.24645 % \(0.072464534"
     with pytest.raises(ValueError, match=message):
@@ -267,7 +268,12 @@ def test_a_linear_program_cannot_beat_them(name):
 
 
 @pytest.mark.parametrize(
-    ("name", "rows"), [("ei", 3), ("two_hump_ei", 4), pytest.param("three_hump_ei", 5, marks=pytest.mark.slow)]
+    ("name", "rows"),
+    [
+        ("ei", 3),
+        pytest.param("two_hump_ei", 4, marks=pytest.mark.slow),
+        pytest.param("three_hump_ei", 5, marks=pytest.mark.slow),
+    ],
 )
 def test_the_extra_insensitive_shapers_are_the_shortest_for_their_bands(name, rows):
     known = linear.KINDS[name](1.0)

@@ -219,6 +219,7 @@ def test_second_derivatives_of_a_step():
     np.testing.assert_allclose(jax.hessian(cost)(point), jnp.stack(columns), rtol=0, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_a_loop_over_stages_is_the_same_step(monkeypatch):
     """What heavy equations take in the place of stages that are written out: state, error and derivatives."""
 

@@ -546,7 +546,7 @@ def test_derivatives(name):
     np.testing.assert_allclose(by_omega, jnp.concatenate([0 * times, -times / 3.0]), atol=1e-14)
 
 
-@pytest.mark.parametrize("name", ["mzv", "ei"])
+@pytest.mark.parametrize("name", ["mzv", pytest.param("ei", marks=pytest.mark.slow)])
 def test_reverse_derivatives_are_the_forward_ones(name):
     point, weights = jnp.array(POINTS[name]), jnp.arange(10) ** 2.0
     function = lambda p: jnp.vdot(weights[: len(outputs(name)(p))], outputs(name)(p))

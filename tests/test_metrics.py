@@ -140,6 +140,7 @@ def test_energy_that_no_deflection_stores():
     assert js.residual_vibration(LOST, None, 1.0, initial_state=state) == np.inf
 
 
+@pytest.mark.slow
 def test_a_force_that_the_spring_cannot_hold():
     # x + x² is nowhere below −1/4 N: under −2 N there is no rest, and no energy above it, wherever the mass is by then.
     plant = plants.ForcedMass(1.0, plants.ForceSpring(lambda x: x + x**2))
@@ -255,6 +256,7 @@ def test_residual_vibration_of_modes(omega):
         assert found == pytest.approx(float(js.percentage_vibration(js.Shaper(WEIGHTS, DELAYS), 1.0)), rel=1e-6)
 
 
+@pytest.mark.slow
 def test_overshoot_of_modes():
     # The fast mode rides on the slow ones' crest.
     gains = [1 / 3] * 3
@@ -264,6 +266,7 @@ def test_overshoot_of_modes():
     assert float(js.overshoot(plant, js.Shaper(WEIGHTS, DELAYS), 1.0)) == pytest.approx(expected, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_overshoot_of_a_crane(staircase):
     # Its payload is where the trolley is and the swing beside it: two periods after a trapezoid of 2.5 s, by SciPy.
     field = lambda t, y, u: [y[1], -(9.81 * np.sin(y[0]) + u * np.cos(y[0])), y[3], u]
@@ -284,6 +287,7 @@ def test_peak_deflection_of_modes():
     assert float(found) == pytest.approx(np.max(np.abs(bend)), rel=1e-6)
 
 
+@pytest.mark.slow
 def test_residual_vibration_of_a_forced_mass(staircase):
     # It rests at 1 m under 2 N and swings about that: the greatest departure in two periods of 1 rad/s, by SciPy.
     plant, shaper = plants.ForcedMass(1.0, plants.Duffing(1.0, 1.0)), js.Shaper([0.4, 0.6], [0.0, 2.0])

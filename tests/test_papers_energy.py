@@ -288,6 +288,7 @@ def test_negative_and_first_order_shapers_leave_nothing(papers):
     assert np.max(over_masses(batch, [1.0])[1]) < 1e-20
 
 
+@pytest.mark.slow
 def test_damped_shapers_leave_what_their_estimate_of_the_loss_misses(papers):
     exact, orbit, harmonic = (
         float(js.residual_energy(papers.damped, padded(s), 1.0))

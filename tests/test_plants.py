@@ -287,6 +287,7 @@ def test_forced_mass_takes_the_nearer_of_two_rests():
     assert float(plant.rest_state(0.8)[0]) == pytest.approx(1.0, abs=1e-12)
 
 
+@pytest.mark.slow
 def test_forced_mass_beyond_the_greatest_force_has_no_rest():
     # The greatest force of x − 0.2 x³ is 2/3 √(5/3) = 0.8607.
     plant = plants.ForcedMass(1.0, plants.Duffing(1.0, -0.2))

@@ -104,6 +104,7 @@ def test_transfer_function_of_a_body_with_modes():
         assert float(plant.payload(state, 1.0)) == pytest.approx(value, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_exact_response_of_modes():
     # Against ModalPlant's own exponential, jump by jump; and a damped mode's step response by its formula.
     plant = plants.ModalPlant([3.0, 11.0], [0.1, 0.02], [0.7, 0.3])

@@ -80,6 +80,7 @@ def test_axes_are_logarithmic_where_values_span_decades():
     assert second.get_yscale() == third.get_yscale() == "linear"
 
 
+@pytest.mark.slow
 def test_a_crane_sways(tmp_path):
     """The figure's numbers are those of the simulation, in mm, and the shaped move ends without sway."""
     path = tmp_path / "crane.toml"

@@ -99,6 +99,7 @@ def test_default_horizon(plant):
 SOFT = plants.ForcedMass(1.0, plants.Duffing(1.0, -0.2))
 
 
+@pytest.mark.slow
 def test_softening_spring_in_two_steps_of_force(staircase):
     first, final, t2 = ANSWERS["force.softening"].value
     shaper = js.Shaper([first / final, 1 - first / final], [0.0, t2])

@@ -62,6 +62,7 @@ def test_product_of_normal_leaves():
     assert ds["mean"].attrs["units"] == "SI"
 
 
+@pytest.mark.slow
 def test_one_leaf_explains_everything_and_none_nothing():
     ds = js.sensitivity_indices(PLANT, TWO, 1.0, {"m2": (0.9, 1.1)}, "residual_energy", samples=256, resamples=9)
     np.testing.assert_allclose(ds.first_order, 1.0, atol=0.05)

@@ -106,6 +106,7 @@ def energy(plant, amplitudes, steps=None):
 AMPLITUDES = jnp.asarray([3.0, -3.0, 1.0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", [jax.jacfwd, jax.jacrev])
 def test_gradients_equal_those_of_fixed_steps_and_differences(mode):
     found = mode(lambda a: energy(pair(), a))(AMPLITUDES)
@@ -116,6 +117,7 @@ def test_gradients_equal_those_of_fixed_steps_and_differences(mode):
     np.testing.assert_allclose(found, difference, atol=1e-5 * float(jnp.max(jnp.abs(found))))
 
 
+@pytest.mark.slow
 def test_second_derivatives_equal_those_of_fixed_steps():
     along = jnp.asarray([1.0, -0.5, 0.2])
     checked, fixed = (
@@ -124,6 +126,7 @@ def test_second_derivatives_equal_those_of_fixed_steps():
     np.testing.assert_allclose(checked, fixed, rtol=1e-7)
 
 
+@pytest.mark.slow
 def test_batches_of_plants_shapers_and_both():
     masses, batch = jnp.linspace(0.5, 2.0, 4), jnp.stack([AMPLITUDES * s for s in (0.1, 1.0)]).at[:, 2].set(1.0)
     both = jax.vmap(jax.vmap(lambda m, a: energy(pair(m2=m), a), (0, None)), (None, 0))(masses, batch)
@@ -133,6 +136,7 @@ def test_batches_of_plants_shapers_and_both():
             np.testing.assert_allclose(both[i, j], fixed, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_hopeless_branch_of_a_batch_flags_itself_alone():
     def value(height, duration):
         return js.residual_energy(pair(), None, js.Pulse(height, duration))
@@ -186,6 +190,7 @@ def test_a_last_jump_that_is_larger_than_the_move_counts():
     np.testing.assert_allclose(js.residual_energy(pair(1e5), shaper, 1.0), expected, rtol=1e-11)
 
 
+@pytest.mark.slow
 def test_single_precision_keeps_what_it_can():
     single = lambda tree: jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), tree)
     found = js.residual_energy(single(with_arrays(pair())), single(js.Shaper(AMPLITUDES, TIMES)), jnp.float32(1.0))

@@ -107,6 +107,7 @@ def test_sampling_errors():
             draw(over, 10, sampling)
 
 
+@pytest.mark.slow
 def test_derivatives_are_those_of_the_metric():
     over = {"m2": (0.85, 1.15), "spring.k3": (0.9, 1.1)}
     ds = js.sweep(PLANT, THREE, 1.0, over, "residual_energy", samples=5, derivatives=True)
