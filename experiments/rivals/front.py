@@ -1,0 +1,57 @@
+"""jshape's front among the rows: the least residual for each time of the move."""
+
+from typing import Any
+
+import numpy as np
+
+GENERAL = ("specified insensitivity", "tuned for all moves")
+"""Families of jshape's shapers that are meant for any later move."""
+
+
+def rows_of(record: dict[str, Any], machine: str) -> dict[str, Any]:
+    """The rows of one machine, by the rivals' names."""
+    begin = f"{machine}: "
+    return {key.removeprefix(begin): row for key, row in record.items() if key.startswith(begin)}
+
+
+def is_ours(row: dict[str, Any]) -> bool:
+    """Whether it is a design of jshape's own."""
+    return row["family"] in GENERAL or row["family"].startswith("tuned")
+
+
+def front(rows: dict[str, Any], column: str = "worst", general: bool = False) -> list[tuple[float, float, float]]:
+    """Time, residual and processor time of jshape's designs that no faster one of them betters, by time.
+
+    Args:
+        rows: of one machine.
+        column: ``"worst"`` of this move, or ``"later"``.
+        general: only those meant for any later move. The bare trapezoid, which needs no shaper, begins either.
+    """
+    chosen = [
+        (row["time"], row[column], row["cpu"])
+        for row in rows.values()
+        if column in row and (row["family"] == "bare" or (row["family"] in GENERAL if general else is_ours(row)))
+    ]
+    kept: list[tuple[float, float, float]] = []
+    for point in sorted(chosen):
+        if not kept or point[1] < kept[-1][1]:
+            kept.append(point)
+    return kept
+
+
+def at_time(rows: dict[str, Any], time: float, column: str = "worst", general: bool = False) -> float:
+    """The least residual of jshape's designs that take no longer; infinite where there is none."""
+    return min((value for when, value, _ in front(rows, column, general) if when <= time * (1 + 1e-9)), default=np.inf)
+
+
+def at_residual(rows: dict[str, Any], residual: float) -> tuple[float, float]:
+    """The time at which jshape's front has that residual, s, and the processor time of the slower design beside it.
+
+    Between two designs by straight lines in the residual's logarithm; infinite where none of them reaches it.
+    """
+    points = front(rows)
+    for (t0, r0, c0), (t1, r1, c1) in zip(points[:-1], points[1:], strict=True):
+        if r1 <= residual <= r0:
+            share = np.log(r0 / residual) / np.log(r0 / r1)
+            return float(t0 + share * (t1 - t0)), max(c0, c1)
+    return np.inf, np.nan

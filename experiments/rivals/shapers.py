@@ -1,0 +1,45 @@
+"""Shapers of linear theory, on the trapezoid: ZV, ZVD, EI, and specified insensitivity over the band of the payloads."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+import jshape as js
+from experiments.rivals.machines import Machine
+from experiments.rivals.motions import as_pieces, each_axis, trapezoid
+from experiments.rivals.rival import Design, Rival, modes
+
+VIBRATIONS = (0.3, 0.1, 0.03)
+"""Limits on V over the band, of specified insensitivity."""
+
+
+def rivals(machine: Machine) -> list[Rival]:
+    """The bare trapezoid, three closed forms, and jshape's own shapers of linear theory."""
+    kinds = {"ZV": "zv", "ZVD": "zvd", "EI": "ei"}
+    found = [Rival("bare trapezoid", "bare", lambda _: lambda machine: each_axis(machine, trapezoid))]
+    found += [Rival(name, "closed forms", _closed_form(kind)) for name, kind in kinds.items()]
+    return found + [Rival(f"SI, V ≤ {limit:.0%}", "specified insensitivity", _insensitive(limit)) for limit in VIBRATIONS]
+
+
+def shaping(shaper: js.Shaper) -> Design:
+    """The trapezoid of every axis through one shaper."""
+    return lambda machine: each_axis(machine, lambda axis: as_pieces(shaper.shape(trapezoid(axis))))
+
+
+def _closed_form(kind: str) -> Callable[[Machine], Design]:
+    return lambda machine: shaping(js.design.linear.multi_mode(modes(machine), kind=kind))
+
+
+def _insensitive(limit: float) -> Callable[[Machine], Design]:
+    return lambda machine: shaping(js.design.insensitive.specified(bands(machine), limit, zeta=damping(machine)))
+
+
+def damping(machine: Machine) -> float:
+    """Of the slowest mode."""
+    return modes(machine)[0][1]
+
+
+def bands(machine: Machine) -> list[tuple[float, float]]:
+    """Least and greatest frequency of each mode over the payloads, rad/s."""
+    found = np.array([[omega for omega, _ in modes(machine.at(value))] for value in machine.leaves(9)])
+    return [(float(low), float(high)) for low, high in zip(found.min(axis=0), found.max(axis=0), strict=True)]

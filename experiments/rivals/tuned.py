@@ -1,0 +1,117 @@
+"""jshape's tuned shapers: for the worst of the payloads, at several durations, so that they make a front.
+
+Tuned for the move at hand, on the trapezoid or on ramps of a period; or for several moves at once: then the metric is
+the sum of their residual energies, and the shaper is meant for any later move.
+"""
+
+import functools
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+import jshape as js
+from experiments.rivals.judge import Motion, as_command, judge
+from experiments.rivals.machines import Machine
+from experiments.rivals.motions import as_pieces, each_axis, trapezoid
+from experiments.rivals.ramps import matched
+from experiments.rivals.rival import Design, Rival, modes
+from jshape.command import AbstractCommand
+from jshape.shaper import Shaper
+
+PAYLOADS = 7
+STARTS = 16
+
+SHARES = (0.4, 0.5, 0.65, 0.8, 1.0)
+"""Durations of the shapers, multiples of the slowest period."""
+
+RAMP_SHARES = (0.1, 0.2, 0.35, 0.5)
+"""The same on ramps that are matched to the period."""
+
+MOVE_SHARES = (0.5, 0.75, 1.0)
+"""The same of those that are tuned for several moves."""
+
+LATER = (0.35, 0.6, 1.5)
+"""Other moves, multiples of the distances: for them rivals are judged, too."""
+
+TUNED_FOR = (0.45, 1.0, 1.3)
+"""Moves for which a shaper is tuned that is to serve for all."""
+
+Base = Callable[[Machine], dict[str, AbstractCommand]]
+"""What is shaped: a command for each axis."""
+
+
+def rivals(machine: Machine, shares: tuple[float, ...] = SHARES) -> list[Rival]:
+    """Fronts: one shaper for all axes, one for each where there are several, and on ramps of a period."""
+    several = len(machine.axes) > 1
+    found = [Rival(f"tuned, {share:g} T", "tuned", _tuned(share, "shared", _trapezoids), again=True) for share in shares]
+    if several:
+        found += [
+            Rival(f"tuned per axis, {share:g} T", "tuned per axis", _tuned(share, "per axis", _trapezoids), again=True)
+            for share in shares
+        ]
+    shapers, slowest = "per axis" if several else "shared", period(machine)
+
+    def ramps(machine: Machine) -> dict[str, AbstractCommand]:
+        return {axis.name: matched(axis, slowest) for axis in machine.axes}
+
+    return found + [
+        Rival(f"tuned on speed ramps, {share:g} T", "tuned on speed ramps", _tuned(share, shapers, ramps), again=True)
+        for share in RAMP_SHARES
+    ]
+
+
+def rivals_for_all_moves(machine: Machine) -> list[Rival]:
+    """One more front: a shaper that serves for all moves."""
+    name = "tuned for all moves"
+    return [Rival(f"{name}, {share:g} T", name, _tuned(share, "shared", _trapezoids, True)) for share in MOVE_SHARES]
+
+
+def _trapezoids(machine: Machine) -> dict[str, AbstractCommand]:
+    return {axis.name: trapezoid(axis) for axis in machine.axes}
+
+
+def period(machine: Machine) -> float:
+    """Of the slowest mode, s."""
+    return 2 * np.pi / modes(machine)[0][0]
+
+
+def _tuned(share: float, shapers: str, base: Base, all_moves: bool = False) -> Callable[[Machine], Design]:
+    def design(machine: Machine) -> Design:
+        found = js.tune(
+            machine.plant,
+            as_command(base(machine)),
+            impulses=machine.impulses,
+            duration=share * period(machine),
+            over={machine.leaf: np.linspace(*machine.spread, PAYLOADS)},
+            objective="worst",
+            starts=STARTS,
+            shapers=shapers,
+            metric=over_moves(machine) if all_moves else None,
+        )
+        return shaping(machine, found.shapers, base)
+
+    return design
+
+
+def shaping(machine: Machine, shapers: dict[str, Shaper], base: Base) -> Design:
+    """The command of every axis through the shaper of that axis."""
+
+    def shaped(machine: Machine) -> Motion:
+        return {name: as_pieces(shapers[name or "command"].shape(one)) for name, one in base(machine).items()}
+
+    return shaped
+
+
+@functools.cache
+def over_moves(machine: Machine) -> Callable[[Any, Any, Any], Any]:
+    """The metric of several moves: the sum of their residual energies, over the worst of each move's bare trapezoid."""
+    others = [machine.moving(share) for share in TUNED_FOR]
+    commands = [as_command(_trapezoids(other)) for other in others]
+    bare = [float(np.max(judge(other, each_axis(other, trapezoid)).energies)) for other in others]
+
+    def metric(plant: Any, shaper: Any, command: Any) -> Any:
+        energies = [js.residual_energy(plant, shaper, one) for one in commands]
+        return sum(energy / scale for energy, scale in zip(energies, bare, strict=True))
+
+    return metric
