@@ -23,6 +23,9 @@ QUICK = ("bare trapezoid", "ZV", "speed ramps of a period", "notch", "collocatio
 """The rivals of the small version, on the first machine alone."""
 
 
+QUICK_PAYLOADS = 11
+
+
 def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--quick", action="store_true", help="one machine and a few rivals")
@@ -35,12 +38,13 @@ def main(arguments: list[str] | None = None) -> None:
     names = chosen.names or list(machines())[: 1 if chosen.quick else None]
     chosen.out.mkdir(parents=True, exist_ok=True)
     path = chosen.out / "rivals.json"
-    keep(path, "about", about(processor(), "jshape", "jax", "scipy", *_casadi()))
+    count = QUICK_PAYLOADS if chosen.quick else JUDGED
+    keep(path, "about", about(processor(), "jshape", "jax", "scipy", *_casadi()) | dict(payloads=count))
     jobs = [(name, rival) for group in _groups(chosen.quick) for name in names for rival in group(machines()[name])]
     for done, (name, rival) in enumerate(jobs, start=1):
         key = f"{name}: {rival.name}"
         if key not in read(path):
-            keep(path, key, measured(machines()[name], rival, 11 if chosen.quick else JUDGED))
+            keep(path, key, measured(machines()[name], rival, count))
         print(f"{done}/{len(jobs)} {key}: {_words(read(path)[key])}", flush=True)
     write(read(path), chosen.out)
 
@@ -51,7 +55,14 @@ def _casadi() -> list[str]:
 
 def _groups(quick: bool) -> list[Any]:
     """What makes the rivals of a machine, the cheapest first."""
-    groups = [shapers.rivals, ramps.rivals, filters.rivals, collocation.rivals, tuned.rivals, tuned.rivals_for_all_moves]
+    groups = [
+        shapers.rivals,
+        ramps.rivals,
+        filters.rivals,
+        collocation.rivals,
+        tuned.rivals,
+        tuned.rivals_for_all_moves,
+    ]
     if not quick:
         return groups
     return [lambda machine, group=group: [one for one in group(machine) if one.name in QUICK] for group in groups]
@@ -71,11 +82,9 @@ def measured(machine: Machine, rival: Rival, count: int) -> dict[str, Any]:
     try:
         design = rival.design(machine)
         motion = design(machine)
-    except collocation.Unconverged as stopped:
-        row["message"] = f"did not converge: {stopped.status}"
-    row |= dict(cpu=time.process_time() - processor_time, wall=time.perf_counter() - wall)
-    if "message" in row:
-        return row
+    except collocation.ConvergenceError as stopped:
+        return row | dict(message=f"did not converge: {stopped}") | _since(wall, processor_time)
+    row |= _since(wall, processor_time)
     found = judge(machine, motion, count)
     worst = int(np.argmax(found.energies))
     checked = by_scipy(machine, motion, machine.leaves(count)[worst])
@@ -90,6 +99,11 @@ def measured(machine: Machine, rival: Rival, count: int) -> dict[str, Any]:
         pieces=max(len(one.breaks) for one in motion.values()),
     )
     return row if rival.family == "collocation" else row | dict(later=_later(machine, design, count))
+
+
+def _since(wall: float, processor_time: float) -> dict[str, float]:
+    """Times that a design has taken, s."""
+    return dict(cpu=time.process_time() - processor_time, wall=time.perf_counter() - wall)
 
 
 def _bare(machine: Machine, count: int) -> float:
@@ -114,9 +128,7 @@ def _swing(machine: Machine, found: Judged) -> dict[str, float]:
 def _later(machine: Machine, design: Design, count: int) -> float:
     """The worst of other moves: √(E/E_bare), E_bare being that move's own."""
     others = [machine.moving(share) for share in tuned.LATER]
-    return max(
-        _amplitude(np.max(judge(other, design(other), count).energies), _bare(other, count)) for other in others
-    )
+    return max(_amplitude(np.max(judge(other, design(other), count).energies), _bare(other, count)) for other in others)
 
 
 if __name__ == "__main__":

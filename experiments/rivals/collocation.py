@@ -6,7 +6,6 @@ The time of the move is minimised, subject to rest at its end, of the nominal pa
 that takes too long, to a limit on each one's residual energy.
 """
 
-import dataclasses
 import importlib.util
 from typing import Any
 
@@ -17,20 +16,17 @@ from experiments.rivals.machines import Axis, Machine
 from experiments.rivals.motions import each_axis, from_accelerations, trapezoid
 from experiments.rivals.rival import Design, Rival
 
-INTERVALS = 80
+INTERVALS = 60
 PAYLOADS = 5
-BOUNDS = (0.01, 0.03, 0.1)
+BOUNDS = (0.03, 0.1)
 """Limits on √(E/E_bare) at the five payloads, E_bare being the bare trapezoid's energy in the worst case."""
 
 STRETCH = 1.5
 """Of the trapezoid that the search begins at, times its duration."""
 
 
-@dataclasses.dataclass(frozen=True)
-class Unconverged(Exception):
-    """IPOPT did not converge; ``status`` is its own word for why."""
-
-    status: str
+class ConvergenceError(Exception):
+    """IPOPT did not converge; the message is its own word for why."""
 
 
 def rivals(machine: Machine, intervals: int = INTERVALS) -> list[Rival]:
@@ -69,23 +65,22 @@ def solve(machine: Machine, payloads: int, bound: float, intervals: int = INTERV
         intervals: of constant acceleration.
 
     Raises:
-        Unconverged: where IPOPT says so.
+        ConvergenceError: where IPOPT says so.
     """
     import casadi as ca
 
     program = _Program(ca, machine, payloads, bound, intervals)
-    # The energies scale the limits; one compilation of the judge is not counted as collocation's.
     solver = ca.nlpsol("solver", "ipopt", program.problem(), OPTIONS)
     found = solver(x0=program.start, lbx=program.low, ubx=program.high, lbg=program.least, ubg=program.greatest)
     if not solver.stats()["success"]:
-        raise Unconverged(solver.stats()["return_status"])
+        raise ConvergenceError(solver.stats()["return_status"])
     return program.motion(np.asarray(found["x"]).ravel())
 
 
 OPTIONS = {
     "expand": True,
     "print_time": False,
-    "ipopt": {"print_level": 0, "sb": "yes", "tol": 1e-9, "max_iter": 1500, "max_cpu_time": 90.0},
+    "ipopt": {"print_level": 0, "sb": "yes", "tol": 1e-9, "max_iter": 1500, "max_cpu_time": 60.0},
 }
 
 

@@ -43,7 +43,9 @@ def draw(record: dict[str, Any], path: Path) -> None:
         figure, axes = plt.subplots(-(-len(names) // columns), columns, figsize=size, squeeze=False)
         for name, ax in zip(names, axes.flat, strict=False):
             _panel(ax, machines()[name].title, rows_of(record, name))
-        handles = {label: handle for ax in axes.flat for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
+        handles = {
+            label: handle for ax in axes.flat for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)
+        }
         figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=5)
         figure.savefig(path, metadata={"Date": None})
         plt.close(figure)

@@ -50,7 +50,7 @@ def _design(sections: Callable[[Machine], Sections]) -> Callable[[Machine], Desi
     def design(machine: Machine) -> Design:
         chosen = sections(machine)
         # The slowest pole says how long the response takes.
-        slowest = min(np.min(-np.roots(below).real) for _, below in chosen)
+        slowest = min(float(np.min(-np.roots(below).real)) for _, below in chosen)
         return lambda machine: each_axis(machine, lambda axis: filtered(axis, chosen, slowest))
 
     return design

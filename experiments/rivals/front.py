@@ -1,5 +1,6 @@
 """jshape's front among the rows: the least residual for each time of the move."""
 
+import itertools
 from typing import Any
 
 import numpy as np
@@ -50,7 +51,7 @@ def at_residual(rows: dict[str, Any], residual: float) -> tuple[float, float]:
     Between two designs by straight lines in the residual's logarithm; infinite where none of them reaches it.
     """
     points = front(rows)
-    for (t0, r0, c0), (t1, r1, c1) in zip(points[:-1], points[1:], strict=True):
+    for (t0, r0, c0), (t1, r1, c1) in itertools.pairwise(points):
         if r1 <= residual <= r0:
             share = np.log(r0 / residual) / np.log(r0 / r1)
             return float(t0 + share * (t1 - t0)), max(c0, c1)

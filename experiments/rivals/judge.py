@@ -6,6 +6,7 @@ sizes, so that a program is compiled twice for each machine and serves every riv
 
 import dataclasses
 import functools
+import itertools
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -65,7 +66,9 @@ def judge(machine: Machine, motion: Motion, count: int = JUDGED) -> Judged:
     size = next(size for size in SIZES if all(len(one.breaks) <= size for one in motion.values()))
     padded = [_padded(motion[axis.name], size) for axis in machine.axes]
     leaves = jnp.asarray(np.append(machine.leaves(count), machine.nominal))
-    energies, errors, peak = _program(tuple(axis.name for axis in machine.axes), machine.leaf)(machine.plant, leaves, padded)
+    energies, errors, peak = _program(tuple(axis.name for axis in machine.axes), machine.leaf)(
+        machine.plant, leaves, padded
+    )
     if not np.all(np.isfinite(energies)):
         raise ValueError(f"motion of {machine.title}: residual energies are not known to their tolerance")
     excess = [
@@ -96,7 +99,7 @@ def _program(names: tuple[str, ...], leaf: str) -> Callable[..., Any]:
     return run
 
 
-def as_command(motion: Mapping[str, AbstractCommand]) -> AbstractCommand:
+def as_command(motion: Mapping[str, Any]) -> AbstractCommand:
     """The motion as a command of jshape: a plain one, or of several axes."""
     return motion[""] if "" in motion else js.Axes(**motion)
 
@@ -116,7 +119,7 @@ def by_scipy(machine: Machine, motion: Motion, leaf: float) -> float:
     one = [motion[axis.name] for axis in machine.axes]
     breaks = np.unique(np.concatenate([np.asarray(each.breaks, float) for each in one]))
     state = np.array(machine.rest([0.0] * len(one)), float)
-    for begin, end in zip(breaks[:-1], breaks[1:], strict=True):
+    for begin, end in itertools.pairwise(breaks):
         if end - begin < 1e-12:
             continue
         middle = (begin + end) / 2

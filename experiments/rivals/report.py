@@ -1,5 +1,6 @@
 """The page and the figure that say how the rivals compare, from the rows of ``rivals.json``."""
 
+import textwrap
 from pathlib import Path
 from typing import Any
 
@@ -12,18 +13,21 @@ from experiments.rivals.machines import Machine, machines
 
 HEAD = """# Beside every other way to do it
 
-Written by `python -m experiments.rivals` (with `--quick`: a small version; it resumes where it stopped). Four machines,
-the same limits on speed and acceleration for everybody, one judge: `js.residual_energy` on the plant, over 101 payloads.
+Written by `python -m experiments.rivals` (extra `[rivals]`; with `--quick`: a small version). Rows are kept in
+`rivals.json` as they are made: interrupted, it resumes; a row that is deleted there is made again. Four machines, the
+same limits on speed and acceleration for everybody, one judge: `js.residual_energy` on the plant, over {payloads}
+payloads.
 
 ![Worst residual against move time](rivals.svg)
 
 *Lines: jshape's designs. Marks: rivals. To the lower left is better.*
 
-- *worst* and *nominal*: √(E/E_bare) in per cent, E_bare being what the bare trapezoid leaves in the worst case; *swing*: the
-  amplitude that this energy means, nominal and worst.
+- *worst* and *nominal*: √(E/E_bare) in per cent, E_bare being what the bare trapezoid leaves in the worst case;
+  *swing*: the amplitude that this energy means, nominal and worst.
 - *on the way*: greatest deflection of the nominal payload, from the beginning to a period after the move.
 - *later moves*: the worst residual of the same design on moves 0.35, 0.6 and 1.5 times as long, each over its own bare
-  trapezoid's; where nothing stands, the motion holds for one move alone and must be computed again.
+  trapezoid's. Collocation's motion holds for one move alone and must be computed again. A shaper that is tuned for this
+  move (*tuned*, *tuned per axis*, *tuned on speed ramps*) serves later ones as well as this column says.
 - *computed*: processor time of the design, and the time that passed, on a machine with other work. Of every kind of
   jshape's designs the first in the table includes compiling, which later ones of the same kind share.
 - *time*: of the whole move. A filter's response never ends: its move is done when command and speed are within a
@@ -34,7 +38,8 @@ the same limits on speed and acceleration for everybody, one judge: `js.residual
 
 def write(record: dict[str, Any], out: Path) -> None:
     """``rivals.md`` and ``rivals.svg`` in that folder."""
-    lines = [HEAD]
+    payloads = record["about"].get("payloads", "")
+    lines = [HEAD.format(payloads=payloads)]
     for name, machine in machines().items():
         if rows := rows_of(record, name):
             lines += [*_section(machine, rows), ""]
@@ -49,128 +54,140 @@ def _about(about: dict[str, Any]) -> str:
 
 
 def _section(machine: Machine, rows: dict[str, Any]) -> list[str]:
+    """A machine and its table."""
     unit = machine.unit
-    head = ("way", "time (s)", "nominal (%)", "worst (%)", f"swing ({unit})", f"on the way ({unit})", "later moves (%)")
-    head += ("computed (s)",)
+    head = ("way", "time (s)", "nominal (%)", "worst (%)", f"swing ({unit})", f"on the way ({unit})")
+    head += ("later moves (%)", "computed (s)", "passed (s)")
     cells, notes = [], []
     for name, row in rows.items():
+        taken = [f"{row['cpu']:.2g}", f"{row['wall']:.2g}"]
         if "message" in row:
-            cells.append([name, row["message"], *[""] * 5, f"{row['cpu']:.1f}, {row['wall']:.1f}"])
+            cells.append([name, row["message"], *[""] * 5, *taken])
             continue
-        cells.append(_cells(name, row))
+        cells.append([*_cells(name, row), *taken])
         if row["excess"] > 1e-6:
-            notes.append(f"{name} passes a limit by {row['excess']:.1%}.")
-    return [f"## {machine.title}", "", f"{machine.about[0].upper()}{machine.about[1:]}.", "", *table(head, cells), *notes]
+            notes.append(f"{name} passes a limit by {row['excess']:.2%}.")
+    about = f"{machine.about[0].upper()}{machine.about[1:]}."
+    return [f"## {machine.title}", "", *textwrap.wrap(about, 120), "", *table(head, cells), *notes]
 
 
 def _cells(name: str, row: dict[str, Any]) -> list[str]:
+    """A line of the table, without the times to compute."""
     return [
         name,
         f"{row['time']:.2f}",
-        f"{100 * row['nominal']:.2g}",
-        f"{100 * row['worst']:.2g}",
-        f"{row['sway_nominal']:.2g} … {row['sway_worst']:.2g}",
+        _percent(row["nominal"]),
+        _percent(row["worst"]),
+        f"{row['sway_nominal']:.2g} … {row['sway_worst']:.3g}",
         f"{row['deflection']:.3g}",
-        f"{100 * row['later']:.2g}" if "later" in row else "",
-        f"{row['cpu']:.2g}, {row['wall']:.2g}",
+        _percent(row["later"]) if "later" in row else "computed again",
     ]
 
 
 def _conclusions(record: dict[str, Any]) -> list[str]:
     """Where a rival wins, and by how much; both goals; the independent judge."""
-    lines = ["## Where a rival wins", "", "For any later move, beside jshape's shapers tuned for this one:", ""]
-    below = {False: 0, True: 0}
-    count = 0
+    return [
+        *("## Where a rival wins", "", *_winners(record), ""),
+        *("## Beside time-optimal control", "", *_collocation(record), ""),
+        *("## The judges", "", _judges(record)),
+    ]
+
+
+def _winners(record: dict[str, Any]) -> list[str]:
+    """Every rival for any later move that lies below a front of jshape's, and how many there are."""
+    lines, below, count = [], {"worst": 0, "later": 0}, 0
     for name, machine in machines().items():
         rows = rows_of(record, name)
         for rival, row in rows.items():
-            if row["again"] or is_ours(row) or row["family"] == "bare" or "message" in row:
+            if row["again"] or is_ours(row) or row["family"] == "bare":
                 continue
             count += 1
-            for general in (False, True):
-                if words := _below(rows, row, general):
-                    below[general] += 1
+            for column in below:
+                if words := _below(rows, row, column):
+                    below[column] += 1
                     lines.append(f"- {machine.title}, {rival}: {words}")
-    lines += [
+    return [
+        f"Of {count} results of rivals that work on any later move, {below['worst']} lie below the front of what",
+        f"jshape tunes for this move; on later moves {below['later']} lie below that of its shapers for any move (SI,",
+        "and those tuned for all moves). The goal was none.",
         "",
-        f"Of {count} results of rivals that work on any later move, {below[False]} lie below the front of what jshape tunes "
-        f"for this move, and {below[True]} on other moves below that of its shapers for any move (SI, and those tuned for "
-        f"all moves). The goal was none.",
-        "",
-        "## Beside time-optimal control",
-        "",
-        *_collocation(record),
-        "",
-        "## The judges",
-        "",
-        _judges(record),
+        *(lines or ["- none"]),
     ]
-    return lines
 
 
-def _below(rows: dict[str, Any], row: dict[str, Any], general: bool) -> str:
+def _below(rows: dict[str, Any], row: dict[str, Any], column: str) -> str:
     """In words by how much a rival lies below jshape's front at its own time; nothing where it does not."""
-    column, words = ("later", "on later moves ") if general else ("worst", "")
-    ours = at_time(rows, row["time"], column, general)
+    ours = at_time(rows, row["time"], column, general=column == "later")
     if row[column] >= ours * (1 - 1e-6):
         return ""
+    where = "on later moves " if column == "later" else ""
     return (
-        f"{words}{100 * row[column]:.2g} % in {row['time']:.2f} s, where the best of jshape's that takes no longer leaves "
-        f"{100 * ours:.2g} %, {ours / row[column]:.2f} times as much."
+        f"{where}{_percent(row[column])} % in {row['time']:.2f} s, where the best of jshape's that takes no longer "
+        f"leaves {_percent(ours)} %, {ours / row[column]:.2f} times as much."
     )
+
+
+def _percent(share: float) -> str:
+    """A share in per cent, to two digits."""
+    value = 100 * share
+    return f"{value:.0f}" if value >= 10 else f"{value:.2g}"
 
 
 def _collocation(record: dict[str, Any]) -> list[str]:
     """Over five payloads, jshape's time at the same worst residual, and the times to compute."""
-    rows, met, slower, ratios = [], 0, [], []
+    cells, slower, ratios = [], [], []
     for name, machine in machines().items():
-        some = rows_of(record, name)
-        for rival, row in some.items():
+        rows = rows_of(record, name)
+        for rival, row in rows.items():
             if row["family"] != "collocation" or "nominal" in rival:
                 continue
+            begin = [machine.title, rival.removeprefix("collocation, ")]
             if "message" in row:
-                rows.append([machine.title, rival, row["message"], "", "", "", f"{row['cpu']:.2g}", ""])
+                cells.append([*begin, row["message"], "", "", "", f"{row['cpu']:.2g}", ""])
                 continue
-            time, cpu = at_residual(some, row["worst"])
+            time, cpu = at_residual(rows, row["worst"])
+            begin += [f"{row['time']:.2f}", _percent(row["worst"])]
             if not np.isfinite(time):
-                rows.append([machine.title, rival, f"{row['time']:.2f}", f"{100 * row['worst']:.2g}", "not reached", "",
-                             f"{row['cpu']:.2g}", ""])  # fmt: skip
+                cells.append([*begin, "not reached", "", f"{row['cpu']:.2g}", ""])
                 continue
             slower.append(time / row["time"] - 1)
             ratios.append(row["cpu"] / cpu)
-            met += slower[-1] <= 0.1
-            rows.append([
-                machine.title, rival, f"{row['time']:.2f}", f"{100 * row['worst']:.2g}", f"{time:.2f}",
-                f"{100 * slower[-1]:+.0f} %", f"{row['cpu']:.2g}", f"{cpu:.2g}",
-            ])  # fmt: skip
-    if not rows:
-        return ["CasADi is not installed: no rival of this kind was run."]
+            cells.append([*begin, f"{time:.2f}", f"{100 * slower[-1]:+.0f} %", f"{row['cpu']:.2g}", f"{cpu:.2g}"])
+    if not cells:
+        return ["No rival over several payloads was run; it takes CasADi."]
     head = ("machine", "rival", "time (s)", "worst (%)", "jshape's time (s)", "more", "computed (s)", "jshape's (s)")
-    words = [
+    words = (
         "jshape's time at the same worst residual is read off its front, between two designs by straight lines in the "
-        "logarithm; *computed* is processor time, jshape's that of the slower design beside that point.",
-        "",
-        *table(head, rows),
+        "logarithm.\n*Computed* is processor time; jshape's is that of the slower of both designs."
+    )
+    return [words, "", *table(head, cells), "", *_verdict(len(cells), slower, ratios)]
+
+
+def _verdict(count: int, slower: list[float], ratios: list[float]) -> list[str]:
+    """Both goals beside time-optimal control."""
+    if not slower:
+        return ["jshape's front reaches none of these residuals."]
+    met = sum(more <= 0.1 for more in slower)
+    quicker = sum(ratio > 1 for ratio in ratios)
+    return [
+        f"Goal, within 10 % of collocation's move time at the same worst residual: reached by {met} of {count}; where "
+        f"jshape's front has that residual, it takes {100 * min(slower):+.0f} to {100 * max(slower):+.0f} %.",
+        f"Goal, computed in a hundredth of the time: {'reached' if min(ratios) >= 100 else 'not reached'}; collocation "
+        f"takes {min(ratios):.2g} to {max(ratios):.2g} times jshape's processor time, more than it in {quicker} of "
+        f"{len(ratios)}.",
+        "A shaper serves for later moves as well as the column says, and then takes no computing; collocation is to be "
+        "solved for each of them.",
     ]
-    if slower:
-        words += [
-            "",
-            f"Within 10 % of collocation's move time: {met} of {len(rows)} (the goal: all); the others take up to "
-            f"{100 * max(slower):.0f} % longer or do not reach that residual. A design takes jshape {1 / max(ratios):.2g} "
-            f"to {1 / min(ratios):.2g} times collocation's processor time; the goal, a hundred times less, is "
-            f"{'reached' if min(ratios) >= 100 else 'not reached'}. What a shaper takes once serves for later moves (see "
-            "*later moves*), collocation is to be solved for each of them.",
-        ]
-    return words
 
 
 def _judges(record: dict[str, Any]) -> str:
+    """The largest difference between both judges."""
     rows = [(key, row) for key, row in record.items() if "difference" in row]
     key, row = max(rows, key=lambda each: abs(each[1]["difference"]))
     error = max(row["error"] for _, row in rows)
     return (
-        f"Every row's residual energy at its worst payload ({len(rows)} of them) was computed once more by SciPy's DOP853 "
-        f"(relative tolerance 1e-12) on equations written out by hand: the largest difference is "
-        f"{abs(row['difference']):.1e} of E_bare ({key}). The largest error that jshape states of its own is {error:.1e} "
-        "of it."
+        f"The residual energy of every row at its worst payload ({len(rows)} of them) was computed once more by "
+        "SciPy's DOP853\n(relative tolerance 1e-12) on equations written out by hand. The largest difference is "
+        f"{abs(row['difference']):.1e} of E_bare ({key});\nthe largest error that jshape states of its own is "
+        f"{error:.1e} of it."
     )

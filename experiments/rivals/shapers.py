@@ -1,4 +1,4 @@
-"""Shapers of linear theory, on the trapezoid: ZV, ZVD, EI, and specified insensitivity over the band of the payloads."""
+"""Shapers of linear theory, on the trapezoid: ZV, ZVD, EI, and specified insensitivity over the payloads' band."""
 
 from collections.abc import Callable
 
@@ -18,7 +18,9 @@ def rivals(machine: Machine) -> list[Rival]:
     kinds = {"ZV": "zv", "ZVD": "zvd", "EI": "ei"}
     found = [Rival("bare trapezoid", "bare", lambda _: lambda machine: each_axis(machine, trapezoid))]
     found += [Rival(name, "closed forms", _closed_form(kind)) for name, kind in kinds.items()]
-    return found + [Rival(f"SI, V ≤ {limit:.0%}", "specified insensitivity", _insensitive(limit)) for limit in VIBRATIONS]
+    return found + [
+        Rival(f"SI, V ≤ {limit:.0%}", "specified insensitivity", _insensitive(limit)) for limit in VIBRATIONS
+    ]
 
 
 def shaping(shaper: js.Shaper) -> Design:

@@ -19,16 +19,16 @@ from experiments.rivals.rival import Design, Rival, modes
 from jshape.command import AbstractCommand
 from jshape.shaper import Shaper
 
-PAYLOADS = 7
-STARTS = 16
+PAYLOADS = 5
+STARTS = 8
 
-SHARES = (0.4, 0.5, 0.65, 0.8, 1.0)
+SHARES = (0.4, 0.5, 0.7, 1.0)
 """Durations of the shapers, multiples of the slowest period."""
 
-RAMP_SHARES = (0.1, 0.2, 0.35, 0.5)
+RAMP_SHARES = (0.15, 0.35)
 """The same on ramps that are matched to the period."""
 
-MOVE_SHARES = (0.5, 0.75, 1.0)
+MOVE_SHARES = (0.5, 1.0)
 """The same of those that are tuned for several moves."""
 
 LATER = (0.35, 0.6, 1.5)
@@ -44,7 +44,9 @@ Base = Callable[[Machine], dict[str, AbstractCommand]]
 def rivals(machine: Machine, shares: tuple[float, ...] = SHARES) -> list[Rival]:
     """Fronts: one shaper for all axes, one for each where there are several, and on ramps of a period."""
     several = len(machine.axes) > 1
-    found = [Rival(f"tuned, {share:g} T", "tuned", _tuned(share, "shared", _trapezoids), again=True) for share in shares]
+    found = [
+        Rival(f"tuned, {share:g} T", "tuned", _tuned(share, "shared", _trapezoids), again=True) for share in shares
+    ]
     if several:
         found += [
             Rival(f"tuned per axis, {share:g} T", "tuned per axis", _tuned(share, "per axis", _trapezoids), again=True)
