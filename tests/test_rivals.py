@@ -158,7 +158,7 @@ def test_small_version_runs_resumes_and_agrees_with_scipy(tmp_path, capsys):
     assert all(abs(row["difference"]) < 1e-9 for row in rows.values())
     # Linear theory: ZV leaves nothing of the nominal mode of a small swing, the tuned shaper less in the worst case.
     assert rows["ZV"]["nominal"] < 1e-3
-    assert rows["tuned, 0.5 T"]["worst"] < rows["ZV"]["worst"] < rows["bare trapezoid"]["worst"] == 1.0
+    assert rows["tuned, 1 × ZV"]["worst"] < rows["ZV"]["worst"] < rows["bare trapezoid"]["worst"] == 1.0
     if collocation.available():
         assert rows["collocation, nominal"]["time"] < rows["ZV"]["time"]
         assert rows["collocation, nominal"]["nominal"] < 1e-4

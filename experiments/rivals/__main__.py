@@ -19,7 +19,7 @@ from experiments.rivals.rival import Design, Rival
 
 HERE = Path(__file__).parent
 
-QUICK = ("bare trapezoid", "ZV", "speed ramps of a period", "notch", "collocation, nominal", "tuned, 0.5 T")
+QUICK = ("bare trapezoid", "ZV", "speed ramps of a period", "notch", "collocation, nominal", "tuned, 1 × ZV")
 """The rivals of the small version, on the first machine alone."""
 
 

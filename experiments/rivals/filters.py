@@ -17,7 +17,7 @@ from jshape.command import PiecewisePolynomial
 DONE = 1e-3
 """Of the distance and of the greatest speed."""
 
-SAMPLES = 500
+SAMPLES = 240
 """Of a move, about."""
 
 CORNERS = (1.0, 0.5, 0.25)
@@ -68,7 +68,9 @@ def filtered(axis: Axis, sections: Sections, slowest: float) -> PiecewisePolynom
     longest = float(command.duration) + 15 / slowest
     step = longest / SAMPLES
     times = step * np.arange(SAMPLES + 1)
-    accelerations = np.diff(np.asarray(command(times, derivative=1))) / step
+    speeds = np.asarray(command(times, derivative=1))
+    # Lines between samples of the speed miss the distance by a little.
+    accelerations = np.diff(speeds) / step * axis.distance / (np.sum(speeds[:-1] + speeds[1:]) * step / 2)
     for above, below in sections:
         # Tustin's rule, true at the section's own frequency.
         omega = np.sqrt(below[-1])

@@ -28,7 +28,7 @@ Motion = dict[str, PiecewisePolynomial]
 JUDGED = 101
 """Payloads over which the worst case is taken."""
 
-SIZES = (48, 640)
+SIZES = (48, 256)
 POWERS = 5
 
 

@@ -54,7 +54,7 @@ class Machine:
             all of it in the slowest mode.
         deflection: ``(peak of each axis) → greatest deflection on the way``, in ``unit``.
         unit: of sway and deflection.
-        impulses: of the tuned shaper.
+        impulses: of the tuned shapers.
     """
 
     title: str

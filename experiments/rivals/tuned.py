@@ -22,13 +22,16 @@ from jshape.shaper import Shaper
 PAYLOADS = 5
 STARTS = 8
 
-SHARES = (0.4, 0.5, 0.7, 1.0)
-"""Durations of the shapers, multiples of the slowest period."""
+SHARES = (0.82, 1.0, 1.3, 2.0)
+"""Durations of the shapers, multiples of ZV's for the same modes; ZVD's is twice that."""
 
-RAMP_SHARES = (0.15, 0.35)
+AXIS_SHARES = (1.0, 2.0)
+"""The same of those with a shaper for each axis."""
+
+RAMP_SHARES = (0.3, 0.7)
 """The same on ramps that are matched to the period."""
 
-MOVE_SHARES = (0.5, 1.0)
+MOVE_SHARES = (1.0, 2.0)
 """The same of those that are tuned for several moves."""
 
 LATER = (0.35, 0.6, 1.5)
@@ -41,62 +44,50 @@ Base = Callable[[Machine], dict[str, AbstractCommand]]
 """What is shaped: a command for each axis."""
 
 
-def rivals(machine: Machine, shares: tuple[float, ...] = SHARES) -> list[Rival]:
+def rivals(machine: Machine) -> list[Rival]:
     """Fronts: one shaper for all axes, one for each where there are several, and on ramps of a period."""
     several = len(machine.axes) > 1
-    found = [
-        Rival(f"tuned, {share:g} T", "tuned", _tuned(share, "shared", _trapezoids), again=True) for share in shares
-    ]
-    if several:
-        found += [
-            Rival(f"tuned per axis, {share:g} T", "tuned per axis", _tuned(share, "per axis", _trapezoids), again=True)
-            for share in shares
-        ]
-    shapers, slowest = "per axis" if several else "shared", period(machine)
+    shapers, slowest = "per axis" if several else "shared", 2 * np.pi / modes(machine)[0][0]
 
     def ramps(machine: Machine) -> dict[str, AbstractCommand]:
         return {axis.name: matched(axis, slowest) for axis in machine.axes}
 
-    return found + [
-        Rival(f"tuned on speed ramps, {share:g} T", "tuned on speed ramps", _tuned(share, shapers, ramps), again=True)
-        for share in RAMP_SHARES
-    ]
+    found = [_rival("tuned", share, "shared", _trapezoids) for share in SHARES]
+    if several:
+        found += [_rival("tuned per axis", share, "per axis", _trapezoids) for share in AXIS_SHARES]
+    return found + [_rival("tuned on speed ramps", share, shapers, ramps) for share in RAMP_SHARES]
 
 
 def rivals_for_all_moves(machine: Machine) -> list[Rival]:
     """One more front: a shaper that serves for all moves."""
-    name = "tuned for all moves"
-    return [Rival(f"{name}, {share:g} T", name, _tuned(share, "shared", _trapezoids, True)) for share in MOVE_SHARES]
+    return [_rival("tuned for all moves", share, "shared", _trapezoids, all_moves=True) for share in MOVE_SHARES]
 
 
 def _trapezoids(machine: Machine) -> dict[str, AbstractCommand]:
     return {axis.name: trapezoid(axis) for axis in machine.axes}
 
 
-def period(machine: Machine) -> float:
-    """Of the slowest mode, s."""
-    return 2 * np.pi / modes(machine)[0][0]
+def _rival(family: str, share: float, shapers: str, base: Base, all_moves: bool = False) -> Rival:
+    """A shaper that takes so many times ZV's duration; as long as ZVD's it has two impulses more."""
 
-
-def _tuned(share: float, shapers: str, base: Base, all_moves: bool = False) -> Callable[[Machine], Design]:
     def design(machine: Machine) -> Design:
         found = js.tune(
             machine.plant,
             as_command(base(machine)),
-            impulses=machine.impulses,
-            duration=share * period(machine),
+            impulses=machine.impulses + 2 * (share >= 2),
+            duration=share * float(js.design.linear.multi_mode(modes(machine), kind="zv").duration),
             over={machine.leaf: np.linspace(*machine.spread, PAYLOADS)},
             objective="worst",
             starts=STARTS,
             shapers=shapers,
             metric=over_moves(machine) if all_moves else None,
         )
-        return shaping(machine, found.shapers, base)
+        return shaping(found.shapers, base)
 
-    return design
+    return Rival(f"{family}, {share:g} × ZV", family, design, again=not all_moves)
 
 
-def shaping(machine: Machine, shapers: dict[str, Shaper], base: Base) -> Design:
+def shaping(shapers: dict[str, Shaper], base: Base) -> Design:
     """The command of every axis through the shaper of that axis."""
 
     def shaped(machine: Machine) -> Motion:
