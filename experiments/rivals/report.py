@@ -32,7 +32,8 @@ payloads.
   jshape's designs the first in the table includes compiling, which later ones of the same kind share.
 - *time*: of the whole move. A filter's response never ends: its move is done when command and speed are within a
   thousandth of their ends.
-- SI is `js.design.insensitive`, V over the band of the payloads. *Tuned* shapers last so many times as long as ZV.
+- SI: `js.design.insensitive`, the least V over the band of the payloads. SI and *tuned* shapers are so many times as
+  long as ZV.
 """
 
 

@@ -9,8 +9,8 @@ from experiments.rivals.machines import Machine
 from experiments.rivals.motions import as_pieces, each_axis, trapezoid
 from experiments.rivals.rival import Design, Rival, modes
 
-VIBRATIONS = (0.3, 0.1, 0.03)
-"""Limits on V over the band, of specified insensitivity."""
+SHARES = (1.0, 1.3, 2.0)
+"""Durations of the shapers of specified insensitivity, multiples of ZV's."""
 
 
 def rivals(machine: Machine) -> list[Rival]:
@@ -18,9 +18,7 @@ def rivals(machine: Machine) -> list[Rival]:
     kinds = {"ZV": "zv", "ZVD": "zvd", "EI": "ei"}
     found = [Rival("bare trapezoid", "bare", lambda _: lambda machine: each_axis(machine, trapezoid))]
     found += [Rival(name, "closed forms", _closed_form(kind)) for name, kind in kinds.items()]
-    return found + [
-        Rival(f"SI, V ≤ {limit:.0%}", "specified insensitivity", _insensitive(limit)) for limit in VIBRATIONS
-    ]
+    return found + [Rival(f"SI, {share:g} × ZV", "specified insensitivity", _insensitive(share)) for share in SHARES]
 
 
 def shaping(shaper: js.Shaper) -> Design:
@@ -32,13 +30,18 @@ def _closed_form(kind: str) -> Callable[[Machine], Design]:
     return lambda machine: shaping(js.design.linear.multi_mode(modes(machine), kind=kind))
 
 
-def _insensitive(limit: float) -> Callable[[Machine], Design]:
-    return lambda machine: shaping(js.design.insensitive.specified(bands(machine), limit, zeta=damping(machine)))
+def _insensitive(share: float) -> Callable[[Machine], Design]:
+    def design(machine: Machine) -> Design:
+        # The damping ratio is that of the slowest mode.
+        zeta, duration = modes(machine)[0][1], share * zv_duration(machine)
+        return shaping(js.design.insensitive.specified(bands(machine), zeta=zeta, duration=duration))
+
+    return design
 
 
-def damping(machine: Machine) -> float:
-    """Of the slowest mode."""
-    return modes(machine)[0][1]
+def zv_duration(machine: Machine) -> float:
+    """Of the ZV shaper for all modes of the nominal plant, s."""
+    return float(js.design.linear.multi_mode(modes(machine), kind="zv").duration)
 
 
 def bands(machine: Machine) -> list[tuple[float, float]]:

@@ -16,6 +16,7 @@ from experiments.rivals.machines import Machine
 from experiments.rivals.motions import as_pieces, each_axis, trapezoid
 from experiments.rivals.ramps import matched
 from experiments.rivals.rival import Design, Rival, modes
+from experiments.rivals.shapers import zv_duration
 from jshape.command import AbstractCommand
 from jshape.shaper import Shaper
 
@@ -75,7 +76,7 @@ def _rival(family: str, share: float, shapers: str, base: Base, all_moves: bool 
             machine.plant,
             as_command(base(machine)),
             impulses=machine.impulses + 2 * (share >= 2),
-            duration=share * float(js.design.linear.multi_mode(modes(machine), kind="zv").duration),
+            duration=share * zv_duration(machine),
             over={machine.leaf: np.linspace(*machine.spread, PAYLOADS)},
             objective="worst",
             starts=STARTS,
