@@ -1,6 +1,7 @@
 """All rivals on all machines, in one run that resumes: ``python -m experiments.rivals [--quick] [--out FOLDER]``."""
 
 import argparse
+import functools
 import time
 from pathlib import Path
 from typing import Any
@@ -106,9 +107,11 @@ def _since(wall: float, processor_time: float) -> dict[str, float]:
     return dict(cpu=time.process_time() - processor_time, wall=time.perf_counter() - wall)
 
 
-def _bare(machine: Machine, count: int) -> float:
-    """The bare trapezoid's residual energy in the worst case, J."""
-    return float(np.max(judge(machine, each_axis(machine, trapezoid), count).energies))
+@functools.cache
+def _bare(machine: Machine, count: int, share: float = 1.0) -> float:
+    """The bare trapezoid's residual energy in the worst case, J, on a move that is so many times as long."""
+    other = machine.moving(share)
+    return float(np.max(judge(other, each_axis(other, trapezoid), count).energies))
 
 
 def _amplitude(energy: Any, bare: float) -> float:
@@ -127,8 +130,12 @@ def _swing(machine: Machine, found: Judged) -> dict[str, float]:
 
 def _later(machine: Machine, design: Design, count: int) -> float:
     """The worst of other moves: √(E/E_bare), E_bare being that move's own."""
-    others = [machine.moving(share) for share in tuned.LATER]
-    return max(_amplitude(np.max(judge(other, design(other), count).energies), _bare(other, count)) for other in others)
+    worst = []
+    for share in tuned.LATER:
+        other = machine.moving(share)
+        energies = judge(other, design(other), count).energies
+        worst.append(_amplitude(np.max(energies), _bare(machine, count, share)))
+    return max(worst)
 
 
 if __name__ == "__main__":
