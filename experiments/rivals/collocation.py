@@ -29,30 +29,30 @@ class ConvergenceError(Exception):
     """IPOPT did not converge; the message is its own word for why."""
 
 
-def rivals(machine: Machine, intervals: int = INTERVALS) -> list[Rival]:
+def rivals(machine: Machine) -> list[Rival]:
     """Time-optimal for the nominal payload, for five at once, and for five with a residual; none without CasADi."""
     if not available():
         return []
 
-    def planned(payloads: int, bound: float) -> Any:
-        return lambda machine: _fixed(solve(machine, payloads, bound, intervals))
+    def planned(name: str, payloads: int, bound: float, intervals: int = INTERVALS) -> Rival:
+        def design(machine: Machine) -> Design:
+            motion = solve(machine, payloads, bound, intervals)
+            # It holds for this move alone.
+            return lambda machine: motion
 
-    found = [Rival("collocation, nominal", "collocation", planned(1, 0.0), again=True)]
-    found += [Rival("collocation, five payloads at rest", "collocation", planned(PAYLOADS, 0.0), again=True)]
-    return found + [
-        Rival(f"collocation, five payloads, {bound:.0%}", "collocation", planned(PAYLOADS, bound), again=True)
-        for bound in BOUNDS
+        return Rival(f"collocation, {name}", "collocation", design, again=True)
+
+    return [
+        planned("nominal", 1, 0.0),
+        planned("nominal, finer", 1, 0.0, 2 * INTERVALS),
+        planned("five payloads at rest", PAYLOADS, 0.0),
+        *(planned(f"five payloads, {bound:.0%}", PAYLOADS, bound) for bound in BOUNDS),
     ]
 
 
 def available() -> bool:
     """Whether CasADi is installed."""
     return importlib.util.find_spec("casadi") is not None
-
-
-def _fixed(motion: Motion) -> Design:
-    """The motion, which holds for this move alone."""
-    return lambda machine: motion
 
 
 def solve(machine: Machine, payloads: int, bound: float, intervals: int = INTERVALS) -> Motion:

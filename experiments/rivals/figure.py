@@ -28,6 +28,7 @@ SHORT = {
     "jerk ramps of a period": "jerk ramps",
     "speed ramps of a period": "speed ramps",
     "collocation, nominal": "nominal",
+    "collocation, nominal, finer": "",
     "collocation, five payloads at rest": "5 at rest",
 }
 
@@ -71,6 +72,7 @@ def _panel(ax: Any, title: str, rows: dict[str, Any]) -> None:
             short = SHORT.get(name, name.removeprefix("collocation, five payloads, "))
             ax.annotate(short, (time, value), xytext=(4, 3), textcoords="offset points", fontsize=6)
     ax.set(title=title, xlabel="time of the move (s)", ylabel="worst residual √(E/E_bare) (%)", yscale="log")
+    ax.yaxis.set_major_formatter("{x:g}")
     ax.set_ylim(bottom=max(ax.get_ylim()[0], 0.1))
     if beyond:
         words = f"further right: {', '.join(SHORT.get(name, name) for name in beyond)}"

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from experiments.markdown import table
+from experiments.rivals.collocation import INTERVALS
 from experiments.rivals.figure import draw
 from experiments.rivals.front import at_residual, at_time, is_ours, rows_of
 from experiments.rivals.machines import Machine, machines
@@ -32,6 +33,9 @@ payloads.
   jshape's designs the first in the table includes compiling, which later ones of the same kind share.
 - *time*: of the whole move. A filter's response never ends: its move is done when command and speed are within a
   thousandth of their ends.
+- Collocation: {intervals} intervals of constant acceleration, Radau's rule with three points, begun at a slower
+  trapezoid; *finer* has twice as many, which says what the grid costs. *At rest*: all five payloads are; *3%*: rest is
+  relaxed to that residual of each of the five; between them it may be more.
 - SI: `js.design.insensitive`, the least V over the band of the payloads. SI and *tuned* shapers are so many times as
   long as ZV.
 """
@@ -40,7 +44,7 @@ payloads.
 def write(record: dict[str, Any], out: Path) -> None:
     """``rivals.md`` and ``rivals.svg`` in that folder."""
     payloads = record["about"].get("payloads", "")
-    lines = [HEAD.format(payloads=payloads)]
+    lines = [HEAD.format(payloads=payloads, intervals=INTERVALS)]
     for name, machine in machines().items():
         if rows := rows_of(record, name):
             lines += [*_section(machine, rows), ""]
