@@ -55,15 +55,8 @@ def _casadi() -> list[str]:
 
 
 def _groups(quick: bool) -> list[Any]:
-    """What makes the rivals of a machine, the cheapest first."""
-    groups = [
-        shapers.rivals,
-        ramps.rivals,
-        filters.rivals,
-        collocation.rivals,
-        tuned.rivals,
-        tuned.rivals_for_all_moves,
-    ]
+    """What makes the rivals of a machine, collocation, which may not converge, last."""
+    groups = [shapers.rivals, ramps.rivals, filters.rivals, tuned.rivals, collocation.rivals]
     if not quick:
         return groups
     return [lambda machine, group=group: [one for one in group(machine) if one.name in QUICK] for group in groups]

@@ -77,11 +77,9 @@ def solve(machine: Machine, payloads: int, bound: float, intervals: int = INTERV
     return program.motion(np.asarray(found["x"]).ravel())
 
 
-OPTIONS = {
-    "expand": True,
-    "print_time": False,
-    "ipopt": {"print_level": 0, "sb": "yes", "tol": 1e-9, "max_iter": 1500, "max_cpu_time": 60.0},
-}
+IPOPT = {"print_level": 0, "sb": "yes", "tol": 1e-9, "mu_strategy": "adaptive", "max_iter": 1500, "max_cpu_time": 40.0}
+
+OPTIONS = {"expand": True, "print_time": False, "ipopt": IPOPT}
 
 
 def bare_energy(machine: Machine) -> float:

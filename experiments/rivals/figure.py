@@ -16,7 +16,6 @@ LINES = {
     "tuned": ("-", COLOURS[0]),
     "tuned per axis": ("-", COLOURS[4]),
     "tuned on speed ramps": ("-", COLOURS[2]),
-    "tuned for all moves": ("--", COLOURS[0]),
     "specified insensitivity": (":", COLOURS[3]),
 }
 

@@ -5,9 +5,6 @@ from typing import Any
 
 import numpy as np
 
-GENERAL = ("specified insensitivity", "tuned for all moves")
-"""Families of jshape's shapers that are meant for any later move."""
-
 
 def rows_of(record: dict[str, Any], machine: str) -> dict[str, Any]:
     """The rows of one machine, by the rivals' names."""
@@ -17,21 +14,20 @@ def rows_of(record: dict[str, Any], machine: str) -> dict[str, Any]:
 
 def is_ours(row: dict[str, Any]) -> bool:
     """Whether it is a design of jshape's own."""
-    return row["family"] in GENERAL or row["family"].startswith("tuned")
+    return row["family"] == "specified insensitivity" or row["family"].startswith("tuned")
 
 
-def front(rows: dict[str, Any], column: str = "worst", general: bool = False) -> list[tuple[float, float, float]]:
+def front(rows: dict[str, Any], column: str = "worst") -> list[tuple[float, float, float]]:
     """Time, residual and processor time of jshape's designs that no faster one of them betters, by time.
 
     Args:
         rows: of one machine.
-        column: ``"worst"`` of this move, or ``"later"``.
-        general: only those meant for any later move. The bare trapezoid, which needs no shaper, begins either.
+        column: ``"worst"`` of this move, or ``"later"``. The bare trapezoid, which needs no shaper, begins either front.
     """
     chosen = [
         (row["time"], row[column], row["cpu"])
         for row in rows.values()
-        if column in row and (row["family"] == "bare" or (row["family"] in GENERAL if general else is_ours(row)))
+        if column in row and (row["family"] == "bare" or is_ours(row))
     ]
     kept: list[tuple[float, float, float]] = []
     for point in sorted(chosen):
@@ -40,9 +36,9 @@ def front(rows: dict[str, Any], column: str = "worst", general: bool = False) ->
     return kept
 
 
-def at_time(rows: dict[str, Any], time: float, column: str = "worst", general: bool = False) -> float:
+def at_time(rows: dict[str, Any], time: float, column: str = "worst") -> float:
     """The least residual of jshape's designs that take no longer; infinite where there is none."""
-    return min((value for when, value, _ in front(rows, column, general) if when <= time * (1 + 1e-9)), default=np.inf)
+    return min((value for when, value, _ in front(rows, column) if when <= time * (1 + 1e-9)), default=np.inf)
 
 
 def at_residual(rows: dict[str, Any], residual: float) -> tuple[float, float]:

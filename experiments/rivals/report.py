@@ -27,8 +27,8 @@ payloads.
   *swing*: the amplitude that this energy means, nominal and worst.
 - *on the way*: greatest deflection of the nominal payload, from the beginning to a period after the move.
 - *later moves*: the worst residual of the same design on moves 0.35, 0.6 and 1.5 times as long, each over its own bare
-  trapezoid's. Collocation's motion holds for one move alone and must be computed again. A shaper that is tuned for this
-  move (*tuned*, *tuned per axis*, *tuned on speed ramps*) serves later ones as well as this column says.
+  trapezoid's. Collocation's motion holds for one move alone and must be computed again. A shaper that is tuned for
+  this move (*tuned*, *tuned per axis*, *tuned on speed ramps*) works on later ones as well as this column says.
 - *computed*: processor time of the design, and the time that passed, on a machine with other work. Of every kind of
   jshape's designs the first in the table includes compiling, which later ones of the same kind share.
 - *time*: of the whole move. A filter's response never ends: its move is done when command and speed are within a
@@ -112,9 +112,9 @@ def _winners(record: dict[str, Any]) -> list[str]:
                     below[column] += 1
                     lines.append(f"- {machine.title}, {rival}: {words}")
     return [
-        f"Of {count} results of rivals that work on any later move, {below['worst']} lie below the front of what",
-        f"jshape tunes for this move; on later moves {below['later']} lie below that of its shapers for any move (SI,",
-        "and those tuned for all moves). The goal was none.",
+        f"Of {count} results of rivals that work on any later move, {below['worst']} lie below jshape's front on this",
+        f"move, {below['later']} below that on later moves, where its shapers are those tuned for this one, too. The",
+        "goal was none.",
         "",
         *(lines or ["- none"]),
     ]
@@ -122,7 +122,7 @@ def _winners(record: dict[str, Any]) -> list[str]:
 
 def _below(rows: dict[str, Any], row: dict[str, Any], column: str) -> str:
     """In words by how much a rival lies below jshape's front at its own time; nothing where it does not."""
-    ours = at_time(rows, row["time"], column, general=column == "later")
+    ours = at_time(rows, row["time"], column)
     if row[column] >= ours * (1 - 1e-6):
         return ""
     where = "on later moves " if column == "later" else ""

@@ -1,19 +1,16 @@
 """jshape's tuned shapers: for the worst of the payloads, at several durations, so that they make a front.
 
-Tuned for the move at hand, on the trapezoid or on ramps of a period; or for several moves at once: then the metric is
-the sum of their residual energies, and the shaper is meant for any later move.
+Tuned for the move at hand, on the trapezoid or on ramps of a period; what they do for later moves is measured, too.
 """
 
-import functools
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
 import jshape as js
-from experiments.rivals.judge import Motion, as_command, judge
+from experiments.rivals.judge import Motion, as_command
 from experiments.rivals.machines import Machine
-from experiments.rivals.motions import as_pieces, each_axis, trapezoid
+from experiments.rivals.motions import as_pieces, trapezoid
 from experiments.rivals.ramps import matched
 from experiments.rivals.rival import Design, Rival, modes
 from experiments.rivals.shapers import zv_duration
@@ -32,14 +29,8 @@ AXIS_SHARES = (1.0, 2.0)
 RAMP_SHARES = (0.3, 0.7)
 """The same on ramps that are matched to the period."""
 
-MOVE_SHARES = (1.0, 2.0)
-"""The same of those that are tuned for several moves."""
-
 LATER = (0.35, 0.6, 1.5)
 """Other moves, multiples of the distances: for them rivals are judged, too."""
-
-TUNED_FOR = (0.45, 1.0, 1.3)
-"""Moves for which a shaper is tuned that is to serve for all."""
 
 Base = Callable[[Machine], dict[str, AbstractCommand]]
 """What is shaped: a command for each axis."""
@@ -59,16 +50,11 @@ def rivals(machine: Machine) -> list[Rival]:
     return found + [_rival("tuned on speed ramps", share, shapers, ramps) for share in RAMP_SHARES]
 
 
-def rivals_for_all_moves(machine: Machine) -> list[Rival]:
-    """One more front: a shaper that serves for all moves."""
-    return [_rival("tuned for all moves", share, "shared", _trapezoids, all_moves=True) for share in MOVE_SHARES]
-
-
 def _trapezoids(machine: Machine) -> dict[str, AbstractCommand]:
     return {axis.name: trapezoid(axis) for axis in machine.axes}
 
 
-def _rival(family: str, share: float, shapers: str, base: Base, all_moves: bool = False) -> Rival:
+def _rival(family: str, share: float, shapers: str, base: Base) -> Rival:
     """A shaper that takes so many times ZV's duration; as long as ZVD's it has two impulses more."""
 
     def design(machine: Machine) -> Design:
@@ -81,11 +67,10 @@ def _rival(family: str, share: float, shapers: str, base: Base, all_moves: bool 
             objective="worst",
             starts=STARTS,
             shapers=shapers,
-            metric=over_moves(machine) if all_moves else None,
         )
         return shaping(found.shapers, base)
 
-    return Rival(f"{family}, {share:g} × ZV", family, design, again=not all_moves)
+    return Rival(f"{family}, {share:g} × ZV", family, design, again=False)
 
 
 def shaping(shapers: dict[str, Shaper], base: Base) -> Design:
@@ -95,17 +80,3 @@ def shaping(shapers: dict[str, Shaper], base: Base) -> Design:
         return {name: as_pieces(shapers[name or "command"].shape(one)) for name, one in base(machine).items()}
 
     return shaped
-
-
-@functools.cache
-def over_moves(machine: Machine) -> Callable[[Any, Any, Any], Any]:
-    """The metric of several moves: the sum of their residual energies, over the worst of each move's bare trapezoid."""
-    others = [machine.moving(share) for share in TUNED_FOR]
-    commands = [as_command(_trapezoids(other)) for other in others]
-    bare = [float(np.max(judge(other, each_axis(other, trapezoid)).energies)) for other in others]
-
-    def metric(plant: Any, shaper: Any, command: Any) -> Any:
-        energies = [js.residual_energy(plant, shaper, one) for one in commands]
-        return sum(energy / scale for energy, scale in zip(energies, bare, strict=True))
-
-    return metric
