@@ -135,6 +135,7 @@ def test_front_is_what_no_faster_design_betters():
     assert [time for time, *_ in front.front(rows)] == [1.0, 2.0, 3.0]
     assert front.at_time(rows, 2.9) == 0.1
     assert front.at_residual(rows, 0.1**1.5)[0] == pytest.approx(2.5)
+    assert front.at_residual(rows, 0.5)[0] == 2.0
     assert front.at_residual(rows, 1e-3)[0] == np.inf
 
 

@@ -22,7 +22,7 @@ def front(rows: dict[str, Any], column: str = "worst") -> list[tuple[float, floa
 
     Args:
         rows: of one machine.
-        column: ``"worst"`` of this move, or ``"later"``. The bare trapezoid, which needs no shaper, begins either front.
+        column: ``"worst"`` of this move, or ``"later"``. The bare trapezoid, which needs no shaper, begins either one.
     """
     chosen = [
         (row["time"], row[column], row["cpu"])
@@ -44,9 +44,12 @@ def at_time(rows: dict[str, Any], time: float, column: str = "worst") -> float:
 def at_residual(rows: dict[str, Any], residual: float) -> tuple[float, float]:
     """The time at which jshape's front has that residual, s, and the processor time of the slower design beside it.
 
-    Between two designs by straight lines in the residual's logarithm; infinite where none of them reaches it.
+    Between two designs by straight lines in the residual's logarithm; that of the fastest where it leaves no more, and
+    infinite where none of them reaches it.
     """
-    points = front(rows)
+    points = front({name: row for name, row in rows.items() if is_ours(row)})
+    if points and points[0][1] <= residual:
+        return points[0][0], points[0][2]
     for (t0, r0, c0), (t1, r1, c1) in itertools.pairwise(points):
         if r1 <= residual <= r0:
             share = np.log(r0 / residual) / np.log(r0 / r1)
