@@ -5,11 +5,21 @@ from typing import Any
 
 import numpy as np
 
+FAMILIES = (
+    *("bare", "closed forms", "matched ramps", "filters", "collocation"),
+    *("specified insensitivity", "tuned", "tuned per axis", "tuned on speed ramps"),
+)
+"""In the order of the tables."""
+
+SAME = 1e-3
+"""Times that differ by less than this fraction count as the same."""
+
 
 def rows_of(record: dict[str, Any], machine: str) -> dict[str, Any]:
-    """The rows of one machine, by the rivals' names."""
+    """The rows of one machine by the rivals' names, in the order of the families."""
     begin = f"{machine}: "
-    return {key.removeprefix(begin): row for key, row in record.items() if key.startswith(begin)}
+    found = [(key.removeprefix(begin), row) for key, row in record.items() if key.startswith(begin)]
+    return dict(sorted(found, key=lambda each: FAMILIES.index(each[1]["family"])))
 
 
 def is_ours(row: dict[str, Any]) -> bool:
@@ -37,8 +47,8 @@ def front(rows: dict[str, Any], column: str = "worst") -> list[tuple[float, floa
 
 
 def at_time(rows: dict[str, Any], time: float, column: str = "worst") -> float:
-    """The least residual of jshape's designs that take no longer; infinite where there is none."""
-    return min((value for when, value, _ in front(rows, column) if when <= time * (1 + 1e-9)), default=np.inf)
+    """The least residual of jshape's designs that take no longer, up to ``SAME``; infinite where there are none."""
+    return min((value for when, value, _ in front(rows, column) if when <= time * (1 + SAME)), default=np.inf)
 
 
 def at_residual(rows: dict[str, Any], residual: float) -> tuple[float, float]:
