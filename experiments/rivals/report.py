@@ -181,11 +181,11 @@ def _verdict(count: int, slower: list[float], ratios: list[float]) -> list[str]:
     quicker = sum(ratio > 1 for ratio in ratios)
     return [
         f"Goal, within 10 % of collocation's move time at the same worst residual: reached {met} times of the {count} "
-        f"in which collocation converged.\nWhere jshape's front has that residual, it takes {100 * min(slower):+.0f} to "
-        f"{100 * max(slower):+.0f} %.",
-        f"Goal, computed in a hundredth of the time: {'reached' if min(ratios) >= 100 else 'not reached'}.\njshape takes "
-        f"{1 / max(ratios):.2g} to {1 / min(ratios):.2g} times collocation's processor time, less than it in {quicker} "
-        f"of {len(ratios)}.",
+        "in which collocation converged.",
+        f"Where jshape's front has that residual, it takes {100 * min(slower):+.0f} to {100 * max(slower):+.0f} %.",
+        f"Goal, computed in a hundredth of the time: {'reached' if min(ratios) >= 100 else 'not reached'}. jshape",
+        f"takes {1 / max(ratios):.2g} to {1 / min(ratios):.2g} times collocation's processor time, less than it in "
+        f"{quicker} of {len(ratios)}.",
         "A shaper serves for later moves as well as the column says, and then takes no computing; collocation is to be "
         "solved for each of them.",
     ]
