@@ -23,6 +23,9 @@ LINES = {
 LONGEST = 2.1
 """Of the times that are drawn, multiples of the bare trapezoid's."""
 
+LEAST = 0.1
+"""Of the residuals that are drawn, per cent."""
+
 SHORT = {
     "bare trapezoid": "bare",
     "jerk ramps of a period": "jerk ramps",
@@ -71,12 +74,17 @@ def _panel(ax: Any, title: str, rows: dict[str, Any]) -> None:
         for name, time, value in zip(some, times, worst, strict=True):
             short = SHORT.get(name, name.removeprefix("collocation, five payloads, "))
             # Those of several payloads may lie where that of the nominal one does.
-            place = (4, -9) if "five" in name else (4, 3)
-            ax.annotate(short, (time, value), xytext=place, textcoords="offset points", fontsize=6)
+            place, side = ((-5, -2), "right") if "five" in name else ((4, 3), "left")
+            ax.annotate(
+                short, (time, value), xytext=place, ha=side, textcoords="offset points", fontsize=6, clip_on=True
+            )
     ax.set(title=title, xlabel="time of the move (s)", ylabel="worst residual √(E/E_bare) (%)", yscale="log")
     ax.yaxis.set_major_formatter("{x:g}")
-    ax.set_ylim(bottom=max(ax.get_ylim()[0], 0.1))
+    ax.set_ylim(bottom=max(ax.get_ylim()[0], LEAST))
+    below = [SHORT.get(name, name) for name, row in rows.items() if 100 * row["worst"] < LEAST]
+    if below:
+        ax.text(0.01, 0.02, f"further below: {', '.join(below)}", transform=ax.transAxes, fontsize=6)
     if beyond:
         words = f"further right: {', '.join(SHORT.get(name, name) for name in beyond)}"
-        lines = "\n".join(textwrap.wrap(words, 40))
+        lines = "\n".join(textwrap.wrap(words, 40, break_on_hyphens=False))
         ax.text(0.99, 0.98, lines, transform=ax.transAxes, ha="right", va="top", fontsize=6)
