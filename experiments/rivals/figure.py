@@ -75,9 +75,7 @@ def _panel(ax: Any, title: str, rows: dict[str, Any]) -> None:
             short = SHORT.get(name, name.removeprefix("collocation, five payloads, "))
             # Those of several payloads may lie where that of the nominal one does.
             place, side = ((-5, -2), "right") if "five" in name else ((4, 3), "left")
-            ax.annotate(
-                short, (time, value), xytext=place, ha=side, textcoords="offset points", fontsize=6, clip_on=True
-            )
+            ax.annotate(short, (time, value), xytext=place, ha=side, textcoords="offset points", fontsize=6)
     ax.set(title=title, xlabel="time of the move (s)", ylabel="worst residual √(E/E_bare) (%)", yscale="log")
     ax.yaxis.set_major_formatter("{x:g}")
     ax.set_ylim(bottom=max(ax.get_ylim()[0], LEAST))
