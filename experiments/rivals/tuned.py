@@ -1,0 +1,82 @@
+"""jshape's tuned shapers: for the worst of the payloads, at several durations, so that they make a front.
+
+Tuned for the move at hand, on the trapezoid or on ramps of a period; what they do for later moves is measured, too.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+
+import jshape as js
+from experiments.rivals.judge import Motion, as_command
+from experiments.rivals.machines import Machine
+from experiments.rivals.motions import as_pieces, trapezoid
+from experiments.rivals.ramps import matched
+from experiments.rivals.rival import Design, Rival, modes
+from experiments.rivals.shapers import zv_duration
+from jshape.command import AbstractCommand
+from jshape.shaper import Shaper
+
+PAYLOADS = 5
+STARTS = 8
+
+SHARES = (0.82, 1.0, 1.3, 2.0)
+"""Durations of the shapers, multiples of ZV's for the same modes; ZVD's is twice that."""
+
+AXIS_SHARES = (1.0, 2.0)
+"""The same of those with a shaper for each axis."""
+
+RAMP_SHARES = (0.3, 0.7)
+"""The same on ramps that are matched to the period."""
+
+LATER = (0.35, 0.6, 1.5)
+"""Other moves, multiples of the distances: for them rivals are judged, too."""
+
+Base = Callable[[Machine], dict[str, AbstractCommand]]
+"""What is shaped: a command for each axis."""
+
+
+def rivals(machine: Machine) -> list[Rival]:
+    """Fronts: one shaper for all axes, one for each where there are several, and on ramps of a period."""
+    several = len(machine.axes) > 1
+    shapers, slowest = "per axis" if several else "shared", 2 * np.pi / modes(machine)[0][0]
+
+    def ramps(machine: Machine) -> dict[str, AbstractCommand]:
+        return {axis.name: matched(axis, slowest) for axis in machine.axes}
+
+    found = [_rival("tuned", share, "shared", _trapezoids) for share in SHARES]
+    if several:
+        found += [_rival("tuned per axis", share, "per axis", _trapezoids) for share in AXIS_SHARES]
+    return found + [_rival("tuned on speed ramps", share, shapers, ramps) for share in RAMP_SHARES]
+
+
+def _trapezoids(machine: Machine) -> dict[str, AbstractCommand]:
+    return {axis.name: trapezoid(axis) for axis in machine.axes}
+
+
+def _rival(family: str, share: float, shapers: str, base: Base) -> Rival:
+    """A shaper that takes so many times ZV's duration; as long as ZVD's it has two impulses more."""
+
+    def design(machine: Machine) -> Design:
+        found = js.tune(
+            machine.plant,
+            as_command(base(machine)),
+            impulses=machine.impulses + 2 * (share >= 2),
+            duration=share * zv_duration(machine),
+            over={machine.leaf: np.linspace(*machine.spread, PAYLOADS)},
+            objective="worst",
+            starts=STARTS,
+            shapers=shapers,
+        )
+        return shaping(found.shapers, base)
+
+    return Rival(f"{family}, {share:g} × ZV", family, design, again=False)
+
+
+def shaping(shapers: dict[str, Shaper], base: Base) -> Design:
+    """The command of every axis through the shaper of that axis."""
+
+    def shaped(machine: Machine) -> Motion:
+        return {name: as_pieces(shapers[name or "command"].shape(one)) for name, one in base(machine).items()}
+
+    return shaped
