@@ -6,6 +6,7 @@ import sys
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import jax
 import numpy as np
@@ -19,10 +20,12 @@ from jshape.export import FORMATS
 from jshape.problems import catalogue, limits
 from jshape.problems.problem import load
 from jshape.problems.reading import read, shipped
-from jshape.studio import charts, curves, panels, state, takeaway
-from jshape.studio.guard import MOST, Guard
+from jshape.studio import charts, curves, state, takeaway
+from jshape.studio.guard import MOST, MOST_UPLOADED, Guard
 from jshape.studio.live import Live
-from jshape.studio.tuning import Tuning
+from jshape.studio.panels.printer import file_name
+from jshape.studio.panels.shaper import ENERGY, SHAPERS
+from jshape.studio.work import Work
 
 
 def drafted(folder, text):
@@ -244,7 +247,7 @@ def test_closed_forms_by_name():
     shown = state.begin("TwoMass")
     problem = state.problem(shown.text)
     found, _ = closed_forms(problem.plant, problem.distance)
-    assert {*panels.SHAPERS, *panels.ENERGY} <= set(found)
+    assert {*SHAPERS, *ENERGY} <= set(found)
     amplitudes, times = takeaway.closed_form(shown, "linear ZVD")
     np.testing.assert_array_equal(amplitudes, found["linear ZVD"].amplitudes)
     np.testing.assert_array_equal(times, found["linear ZVD"].times)
@@ -392,19 +395,71 @@ def test_bodies_are_bounded():
     assert asked(body=[bytes(MOST // 2)] * 3, content_length="10")[0] == 413
 
 
+def test_files_may_be_larger_where_they_are_uploaded():
+    upload = "/_nicegui/client/0a1b-2c/upload/17"
+    assert asked(path=upload, content_length=str(MOST_UPLOADED))[0] == 200
+    assert asked(path=upload, content_length=str(2 * MOST_UPLOADED))[0] == 413
+    assert asked(path=upload, body=[bytes(MOST_UPLOADED // 2)] * 3)[0] == 413
+    for path in (f"{upload}/../x", f"/{upload}", "/_nicegui/client/a/b/upload/17"):
+        assert asked(path=path, content_length=str(2 * MOST))[0] == 413
+
+
+@pytest.mark.parametrize(
+    ("given", "kept"),
+    [
+        ("resonances_x.csv", "resonances_x.csv"),
+        ("../../etc/passwd", "passwd"),
+        ("C:\\data\\raw y.csv", "raw_y.csv"),
+        ("..", "file.csv"),
+        (".bashrc", "bashrc"),
+        ("a\x00b\n.csv", "a_b_.csv"),
+        ("-" * 300 + ".csv", "-" * 76 + ".csv"),
+    ],
+)
+def test_names_of_uploaded_files_are_plain(given, kept, tmp_path):
+    assert file_name(given) == kept
+    assert (tmp_path / kept).resolve().parent == tmp_path.resolve()
+
+
+@pytest.mark.slow
+def test_a_printer_is_calibrated_as_by_the_command(tmp_path):
+    """The process of the page gives the lines of ``jshape calibrate``, and the modes with which the record was made."""
+    source = Path(__file__).parents[1] / "experiments" / "calibration" / "raw_data_x_simulated.csv"
+    for axis in "xy":
+        (tmp_path / f"raw_data_{axis}.csv").write_bytes(source.read_bytes())
+    files = {axis: [f"raw_data_{axis}.csv"] for axis in "xy"}
+    seen = []
+    asked = {"files": files, "options": {"version": "current"}}
+    found = asyncio.run(Work().run("calibrate", asked, seen.append, tmp_path))
+    result = CliRunner().invoke(app, ["calibrate", str(tmp_path / "raw_data_x.csv"), "--out", str(tmp_path / "out")])
+    assert result.exit_code == 0, result.output
+    assert found["axes"]["x"]["paste"] == (tmp_path / "out" / "paste.txt").read_text()
+    assert "shaper_type_y" in found["paste"]
+    assert {line["stage"][:2] for line in seen} == {"x:", "y:"}
+    chosen = [row["name"] for row in found["axes"]["x"]["rows"] if row["chosen"]]
+    record = json.loads((tmp_path / "out" / "results.json").read_text())
+    assert chosen == [record["recommended"]]
+    # Frequencies with which the record was made.
+    np.testing.assert_allclose(found["axes"]["x"]["modes"][:2], [61, 93], rtol=0.03)
+    drawn = charts.spectrum(found["axes"]["x"])["series"]
+    assert [line["name"] for line in drawn if line.get("yAxisIndex")] == [one[0] for one in found["axes"]["x"]["left"]]
+    with pytest.raises(ValueError, match=r"^nothing\.csv: cannot be read"):
+        asyncio.run(Work().run("calibrate", asked | {"files": {"x": ["nothing.csv"]}}, seen.append, tmp_path))
+
+
 def test_a_killed_tuning_process_is_said_to_have_ended():
     async def killed():
-        tuning = Tuning()
-        running = asyncio.create_task(tuning.run(state.begin("TwoMass").text, lambda _: None))
-        while not tuning.running:
+        work = Work()
+        running = asyncio.create_task(work.run("tune", {"text": state.begin("TwoMass").text}, lambda _: None))
+        while not work.running:
             await asyncio.sleep(0.01)
         with pytest.raises(ValueError, match="already"):
-            await tuning.run("", lambda _: None)
-        tuning.kill()
+            await work.run("tune", "", lambda _: None)
+        work.kill()
         with pytest.raises(ValueError, match="ended without an answer"):
             await running
-        await tuning.stop()
-        return tuning.running
+        await work.stop()
+        return work.running
 
     assert asyncio.run(asyncio.wait_for(killed(), 30)) is False
 
@@ -436,7 +491,7 @@ def test_tuning_gives_the_numbers_of_the_problem_file(tmp_path):
     """The process of the page, ``jshape tune`` on its problem file and its Python script, to the last digit."""
     shown = state.with_design(state.begin("TwoMass"), starts=4, impulses=2)
     seen = []
-    found = asyncio.run(Tuning().run(shown.text, seen.append))
+    found = asyncio.run(Work().run("tune", {"text": shown.text}, seen.append))
     assert found["status"] == "CONVERGED"
     assert seen
     path = tmp_path / state.FILE
@@ -454,14 +509,14 @@ def test_tuning_gives_the_numbers_of_the_problem_file(tmp_path):
 @pytest.mark.slow
 def test_a_stop_keeps_the_best_shaper_so_far():
     async def stopped():
-        tuning, seen = Tuning(), []
+        work, seen = Work(), []
         shown = state.with_design(state.begin("TwoMass"), starts=200, impulses=5)
-        running = asyncio.create_task(tuning.run(shown.text, seen.append))
+        running = asyncio.create_task(work.run("tune", {"text": shown.text}, seen.append))
         while not any(line["done"] for line in seen):
             await asyncio.sleep(0.1)
             assert not running.done()
         begin = time.monotonic()
-        await tuning.stop()
+        await work.stop()
         return await running, time.monotonic() - begin
 
     found, seconds = asyncio.run(asyncio.wait_for(stopped(), 300))

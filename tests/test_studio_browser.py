@@ -4,6 +4,7 @@ import random
 import urllib.error
 import urllib.request
 from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
 
@@ -88,9 +89,9 @@ def test_tune_with_progress_and_stop(studio):
     with opened(studio[0]) as page:
         page.get_by_role("tab", name="Shaper").click()
         page.locator("[data-testid=tune]").click()
-        said = "document.querySelector('[data-testid=tuned]').innerText"
+        said = "document.querySelector('[data-testid=said-tune]').innerText"
         page.wait_for_function(f"{said}.includes('best')", timeout=90_000)
-        page.get_by_role("button", name="Stop").click()
+        page.locator("[data-testid=stop-tune]").click()
         page.wait_for_function(f"/converged|interrupted|stopped/.test({said})", timeout=60_000)
         computed(page)
         assert len(curve(page, "impulses")) == 3
@@ -134,6 +135,34 @@ def test_uploads(studio, tmp_path):
         (tmp_path / "mine.toml").write_text(state.with_value(state.begin("TwoMass"), "plant.m1", 1.25).text)
         upload(page, tmp_path / "mine.toml")
         page.wait_for_function("document.querySelector('[aria-label=m1]').value === '1.25'", timeout=10_000)
+
+
+def test_a_printer(studio, tmp_path):
+    """Two files are dropped; both choices, why, the picture and the lines to paste are there, after a reload, too."""
+    record = Path(__file__).parents[1] / "experiments" / "calibration" / "raw_data_x_simulated.csv"
+    (tmp_path / "raw_data_y.csv").write_bytes(record.read_bytes())
+    (tmp_path / "raw_data_x.csv").write_text("nothing\n")
+    said = "document.querySelector('[data-testid=said-calibrate]').innerText"
+    with opened(studio[0]) as page:
+        page.get_by_role("tab", name="Printer").click()
+        page.locator("[data-testid=calibrate]").click()
+        page.get_by_text("drop a file first").wait_for()
+        with page.expect_file_chooser() as chooser:
+            page.locator("[data-testid=records] .q-btn").last.click()
+        chooser.value.set_files([tmp_path / "raw_data_x.csv", tmp_path / "raw_data_y.csv"])
+        page.get_by_label("remove raw_data_y.csv").wait_for()
+        page.locator("[data-testid=calibrate]").click()
+        page.wait_for_function(f"{said}.includes('raw_data_x.csv:1: the file must begin')", timeout=30_000)
+        page.get_by_label("remove raw_data_x.csv").click()
+        page.locator("[data-testid=calibrate]").click()
+        page.wait_for_function(f"{said}.startsWith('done')", timeout=90_000)
+        for _ in range(2):
+            assert "shaper_type_y: mzv" in page.locator("[data-testid=paste]").inner_text()
+            assert "Klipper's choice: mzv" in page.locator("[data-testid=axis-y]").inner_text()
+            assert not page.locator("[data-testid=axis-x]").is_visible()
+            assert max(curve(page, "printer-y")) == 1
+            page.reload()
+            computed(page)
 
 
 def test_another_machine_and_a_telephone(studio):

@@ -15,7 +15,8 @@ LOOK: dict[str, dict[str, Any]] = {
 }
 """Colours that differ for every kind of colour vision, and lines that differ without them."""
 
-OTHERS = ("#0072B2", "#B0622A", "#007A5A", "#8A4E76", "#6b6b6b")
+OTHERS = ("#0072B2", "#B0622A", "#007A5A", "#A65A8E", "#8F7000", "#707070")
+"""Of contrast 3 and more on white and on black."""
 
 TEXT = "#333333"
 
@@ -35,7 +36,14 @@ def chart(title: str, across: str, up: str) -> dict[str, Any]:
     }  # fmt: skip
     return {
         "animation": False,
-        "title": {"text": title, "left": 2, "top": 0, "textStyle": {"fontSize": 14, "color": TEXT}, "padding": 2},
+        "title": {
+            "text": title,
+            "left": 2,
+            "top": 2,
+            "textStyle": {"fontSize": 14, "color": TEXT},
+            "padding": 2,
+            "textVerticalAlign": "top",
+        },
         "legend": {
             "top": 21,
             "left": 0,
@@ -48,7 +56,8 @@ def chart(title: str, across: str, up: str) -> dict[str, Any]:
         "tooltip": {"trigger": "axis", "confine": True},
         "toolbox": {
             "right": 4,
-            "top": 0,
+            "top": 2,
+            "padding": 2,
             "itemSize": 13,
             "feature": {"dataZoom": {}, "restore": {}, "saveAsImage": {}},
         },
@@ -137,6 +146,47 @@ def history(best: list[tuple[int, float]]) -> dict[str, Any]:
     pairs = [[step, shortened(value)] for step, value in best if value > 0]
     curve = {"type": "line", "step": "end", "showSymbol": False, "data": pairs, "lineStyle": LOOK["shaped"]}
     return {"series": [curve]}
+
+
+def spectrum_chart(axis: str) -> dict[str, Any]:
+    """A chart without curves for a printer's spectrum and its shapers.
+
+    Args:
+        axis: of the printer.
+    """
+    made = chart(f"Axis {axis}: spectrum, and what shapers leave", "frequency (Hz)", "density over its greatest")
+    right = made["yAxis"] | {"name": "vibration left (%)", "splitLine": {"show": False}, "min": 0, "max": 105}
+    left = made["yAxis"] | {"min": 0, "max": 1.05}
+    made["legend"] |= {"right": 92}
+    return made | {"yAxis": [left, right], "grid": made["grid"] | {"right": 58, "top": 84}}
+
+
+def spectrum(found: dict[str, Any]) -> dict[str, Any]:
+    """A printer's spectra, the first one after Klipper's choice, and what the shapers leave over the frequency.
+
+    Args:
+        found: an axis of ``tasks.calibrate``.
+    """
+    lines = []
+    for i, (name, across, up) in enumerate(found["spectra"]):
+        look = {"color": ("#8a8a8a", "#5f7d95", "#a08060")[min(i, 2)], "width": 1}
+        lines.append(line(name, np.asarray(across), np.asarray(up), look) | {"areaStyle": {"opacity": 0.3}})
+    name, across, up = found["after"]
+    after = line(f"after {name}", np.asarray(across), np.asarray(up), {"color": "#B0622A", "width": 1})
+    lines.append(after | {"areaStyle": {"opacity": 0.5}})
+    for (name, across, up), colour in zip(found["left"], (OTHERS[0], *OTHERS[2:]), strict=True):
+        look = {"color": colour, "width": 2 if name in ("klipper_tuned", "tuned") else 1.2}
+        look |= {"type": "solid" if name in ("klipper_tuned", "tuned") else [5, 3]}
+        lines.append(line(name, np.asarray(across), np.asarray(up), look) | {"yAxisIndex": 1})
+    # Frequencies that stand apart are written, the strongest modes first.
+    apart = [m for i, m in enumerate(found["modes"]) if all(abs(m - other) > 20 for other in found["modes"][:i])]
+    marks = [
+        {"xAxis": shortened(mode), "label": {"formatter": f"{mode:.1f}" if mode in apart else ""}}
+        for mode in found["modes"]
+    ]
+    style = {"symbol": "none", "silent": True, "lineStyle": {"color": "#888"}}
+    lines[0]["markLine"] = {**style, "data": marks}
+    return {"series": lines, "xAxis": {"min": 0, "max": shortened(found["spectra"][0][1][-1])}}
 
 
 def _span(values: np.ndarray) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from nicegui import ui
 
 from jshape.studio import charts, panels
+from jshape.studio.panels import printer
 from jshape.studio.tab import Tab
 
 STYLE = """
@@ -12,6 +13,10 @@ STYLE = """
 .studio-grid { display: grid; grid-template-columns: 1fr 1fr; gap: 6px; padding: 6px; width: 100%; }
 .studio-grid .cell { height: calc((100vh - 44px - 26px) / 3); min-height: 200px; position: relative;
   border: 1px solid #e2e2e2; border-radius: 4px; padding: 4px; }
+.studio-printer { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 430px), 1fr)); gap: 6px;
+  padding: 6px; width: 100%; }
+.studio-axis .q-table th, .studio-axis .q-table td { padding: 2px 6px !important; height: 28px; }
+.studio-axis { border: 1px solid #e2e2e2; border-radius: 4px; padding: 4px; }
 .q-tab-panel, .q-tab-panel .nicegui-column { gap: 4px !important; }
 .q-uploader { max-height: 44px; } .q-uploader__list, .q-uploader__subtitle { display: none; }
 .studio-number .q-field__control, .studio-number .q-field__marginal { height: 30px !important; min-height: 30px; }
@@ -43,6 +48,9 @@ CHARTS = {
     "impulses": ("Impulses", "time (s)", "amplitude"),
 }
 
+VIEWS = {"Printer": printer.view}
+"""Panels that show something else than the machine beside them."""
+
 
 def build(tab: Tab) -> None:
     """Lay the tab out."""
@@ -54,11 +62,17 @@ def build(tab: Tab) -> None:
         busy = ui.spinner(size="sm").classes("studio-busy")
     with ui.row().classes("w-full no-wrap gap-0 items-start studio-body"):
         with ui.column().classes("studio-left gap-0"):
-            panels.build(tab)
+            tabs = panels.build(tab)
         with ui.column().classes("studio-main gap-0"):
             warning = ui.label("").classes("w-full px-3 py-1 text-sm").props("data-testid=warning role=alert")
             warning.style("background:#fdecea;color:#7a1b12").set_visibility(False)
-            _grid(tab)
+            with ui.element("div").classes("w-full") as machine:
+                _grid(tab)
+            machine.bind_visibility_from(tabs, "value", lambda name: name not in VIEWS)
+            for name, view in VIEWS.items():
+                with ui.element("div").classes("w-full") as other:
+                    view(tab)
+                other.bind_visibility_from(tabs, "value", value=name)
     tab.place(summary, busy, warning)
 
 

@@ -11,7 +11,7 @@ from nicegui import Client, app, ui
 from jshape.studio import charts, curves
 from jshape.studio.live import Live
 from jshape.studio.state import State
-from jshape.studio.tuning import Tuning
+from jshape.studio.work import Work
 
 LOG = logging.getLogger("jshape.studio")
 
@@ -27,22 +27,26 @@ class Tab:
 
     Attributes:
         state: what the tab shows.
-        tuning: its tuning process.
+        works: its processes.
         moves: the responses that are drawn, if they are of this state.
         sensitivity: likewise, the sensitivity.
         followers: called when the impulses are others.
         renewed: called when the machine is another.
+        begun: called once the browser has made the charts.
+        printed: called when a printer's shapers are chosen.
     """
 
     def __init__(self, state: State, worker: Executor):
         self.state, self.worker = state, worker
-        self.tuning = Tuning()
+        self.works: list[Work] = []
         self.moves: curves.Moves | None = None
         self.sensitivity: curves.Sensitivity | None = None
         self.live = Live(curves.stages, worker, self._show, self._failed)
         self.charts: dict[str, ui.echart] = {}
         self.followers: list[Callable[[], None]] = []
         self.renewed: list[Callable[[], None]] = []
+        self.begun: list[Callable[[], None]] = []
+        self.printed: list[Callable[[dict[str, Any]], None]] = []
         self.client: Client = ui.context.client
         self.kept = app.storage.tab
         self.client.on_delete(self._closed)
@@ -56,6 +60,8 @@ class Tab:
         made = [chart.id for chart in self.charts.values()]
         await self.client.run_javascript(MADE.replace("MADE", json.dumps(made)), timeout=30.0)
         self.draw("impulses", charts.impulses(self.state))
+        for begin in self.begun:
+            begin()
         self.want()
 
     def change(self, make: Callable[[State], State], *, impulses: bool = False) -> None:
@@ -130,4 +136,5 @@ class Tab:
 
     def _closed(self) -> None:
         self.live.stop()
-        self.tuning.kill()
+        for work in self.works:
+            work.kill()
