@@ -1,6 +1,7 @@
 """The studio without a browser: a page's state, its curves, what it gives away, and who may talk to it."""
 
 import asyncio
+import dataclasses
 import json
 import sys
 import threading
@@ -149,6 +150,41 @@ def test_amplitudes_keep_their_sum_and_times_their_order():
     one = state.with_one_less(state.with_one_less(less))
     assert one.amplitudes == (1.0,)
     assert state.with_amplitude(one, 0, 0.3) == one
+
+
+def test_designs_to_compare():
+    shown = state.begin("TwoMass")
+    for number in range(5):
+        shown = state.with_pin(state.with_impulses(shown, [0.5, 0.5], [0.0, 1.0 + number]))
+    names = [pin.name for pin in shown.pins]
+    assert names[0] == "A: 2 impulses, 1 s"
+    assert [name[0] for name in names] == list("ABCDE")
+    with pytest.raises(ValueError, match="at most 5 designs"):
+        state.with_pin(state.with_impulses(shown, [0.5, 0.5], [0.0, 9.0]))
+    less = state.without_pin(shown, names[1])
+    assert [pin.name[0] for pin in less.pins] == list("ACDE")
+    with pytest.raises(ValueError, match="pinned already"):
+        state.with_pin(less)
+    again = state.with_pin(state.with_impulses(less, [1.0], [0.0]))
+    assert again.pins[-1].name == "B: 1 impulses, 0 s"
+    # The problem file does not depend on them.
+    assert again.text == state.begin("TwoMass").text
+
+
+@pytest.mark.slow
+def test_a_design_to_compare_has_the_numbers_that_it_had():
+    """What is drawn of a pinned design is what was drawn of it before another took its place."""
+    shown = state.with_impulses(state.begin("TwoMass"), [0.3, 0.7], [0.0, 0.6])
+    before = {type(result): result for result in curves.stages(shown)}
+    later = state.with_impulses(state.with_pin(shown), [0.5, 0.5], [0.0, 0.9])
+    (pinned,) = [result for result in curves.stages(later) if isinstance(result, curves.Pinned)]
+    assert pinned.numbers == before[curves.Numbers]
+    np.testing.assert_array_equal(pinned.moves.position["shaped"], before[curves.Moves].position["shaped"])
+    ends = [found.values["shaped"][[0, -1]] for found in (pinned.sensitivity, before[curves.Sensitivity])]
+    np.testing.assert_allclose(*ends, rtol=1e-9)
+    drawn = charts.position(before[curves.Moves], [pinned])["series"]
+    assert [line["name"] for line in drawn] == ["unshaped", "shaped", "command", "A"]
+    assert drawn[1]["data"] == drawn[3]["data"]
 
 
 @pytest.mark.slow
@@ -504,6 +540,32 @@ def test_tuning_gives_the_numbers_of_the_problem_file(tmp_path):
     problem = load(path)
     tuned = js.tune(problem.plant, problem.distance, **problem.tuning)
     np.testing.assert_array_equal(tuned.shaper.times, found["times"])
+
+
+@pytest.mark.slow
+def test_a_front_holds_what_simulation_says():
+    """Every point of the front is the worst case of its shaper, computed again; more duration never costs."""
+    shown = state.with_uncertainty(state.begin("TwoMass"), "m2", 0.1)
+    asked = {"text": shown.text, "impulses": [2, 3], "durations": 3}
+    found = asyncio.run(Work().run("pareto", asked, lambda _: None))
+    assert set(found["designs"]) == {"2 positive", "3 positive"}
+    problem = state.problem(shown.text)
+    for points in found["designs"].values():
+        assert np.all(np.diff([point["duration"] for point in points]) > 0)
+        assert np.all(np.diff([point["objective"] for point in points]) <= 0)
+        for point in points:
+            shaper = js.Shaper(point["amplitudes"], point["times"])
+            values = problem.over["m2"]
+            left = [js.residual_energy(replaced(problem.plant, m2=m2), shaper, 1.0) for m2 in values]
+            assert max(map(float, left)) == pytest.approx(point["objective"], rel=1e-6)
+    drawn = charts.front(found)["series"]
+    assert [line["name"] for line in drawn] == ["2 positive", "3 positive", "closed forms"]
+    assert all(value > 0 for line in drawn[:2] for _, value in line["data"])
+
+
+def replaced(plant, **values):
+    """A plant with other values of its leaves."""
+    return dataclasses.replace(plant, **values)
 
 
 @pytest.mark.slow

@@ -1,5 +1,6 @@
 """The studio in a headless Chromium, clicked through as its user would; skipped where there is none."""
 
+import json
 import random
 import urllib.error
 import urllib.request
@@ -85,6 +86,69 @@ def test_a_closed_form_and_its_impulses(studio):
         assert len(curve(page, "impulses")) == 3
 
 
+def bar(page, index):
+    """Where the end of an impulse's bar is on the screen."""
+    chart = page.locator("[data-testid=chart-impulses]")
+    element = chart.get_attribute("id")[1:]
+    x, y = page.evaluate(
+        f"""(() => {{ const chart = getElement({element}).chart, pair = chart.getOption().series[0].data[{index}];
+        return chart.convertToPixel({{xAxisIndex: 0, yAxisIndex: 0}}, pair); }})()"""
+    )
+    box = chart.bounding_box()
+    return box["x"] + x, box["y"] + y
+
+
+def test_bars_are_dragged(studio):
+    """To the left and up: time and amplitude follow the pointer, the sum stays, and the axes fit afterwards."""
+    with opened(studio[0]) as page:
+        before = curve(page, "impulses")
+        x, y = bar(page, 1)
+        page.mouse.move(x, y)
+        page.mouse.down()
+        page.mouse.move(x - 40, y + 10, steps=8)
+        page.wait_for_timeout(400)
+        # While it is dragged the bar is under the pointer.
+        assert bar(page, 1) == pytest.approx((x - 40, y + 10), abs=1.5)
+        page.mouse.up()
+        page.wait_for_timeout(400)
+        after = curve(page, "impulses")
+        assert after[1] < before[1] - 0.02
+        assert sum(after) == pytest.approx(1.0, abs=1e-4)
+        time = page.locator("[data-testid=summary]").inner_text().split("shaper ")[1].split()[0]
+        assert 0.3 < float(time) < 0.9
+        # The first one cannot leave 0, and none can be dragged to nowhere.
+        page.mouse.move(*bar(page, 0))
+        page.mouse.down()
+        page.mouse.move(*(each + 25 for each in bar(page, 0)), steps=4)
+        page.mouse.up()
+        page.evaluate("emitEvent('impulse', {index: 7, time: 1e300, amplitude: 'x', done: true})")
+        page.evaluate("emitEvent('impulse', 'nothing')")
+        page.wait_for_timeout(400)
+        assert sum(curve(page, "impulses")) == pytest.approx(1.0, abs=1e-4)
+        computed(page)
+
+
+def test_designs_are_compared(studio):
+    with opened(studio[0]) as page:
+        page.get_by_role("tab", name="Shaper").click()
+        first = curve(page, "position", 1)
+        page.locator("[data-testid=pin-it]").click()
+        page.get_by_role("button", name="energy 2-impulse").click()
+        page.wait_for_function("!/ 0.9935 s/.test(document.querySelector('[data-testid=summary]').innerText)")
+        computed(page)
+        page.wait_for_function("/leaves/.test(document.querySelector('[data-testid=pin]').innerText)", timeout=60_000)
+        assert curve(page, "position", 3) == first
+        assert curve(page, "position", 1) != first
+        assert len(curve(page, "sensitivity", 2)) == 200
+        page.get_by_label("take A:").click()
+        page.wait_for_timeout(600)
+        computed(page)
+        assert curve(page, "position", 1) == first
+        page.get_by_label("remove A:").click()
+        page.wait_for_timeout(600)
+        assert curve(page, "position", 3) is None
+
+
 def test_tune_with_progress_and_stop(studio):
     with opened(studio[0]) as page:
         page.get_by_role("tab", name="Shaper").click()
@@ -96,6 +160,31 @@ def test_tune_with_progress_and_stop(studio):
         computed(page)
         assert len(curve(page, "impulses")) == 3
         assert page.locator("[data-testid=tune]").is_enabled()
+
+
+def test_a_front_to_click_on(studio):
+    with opened(studio[0]) as page:
+        page.get_by_role("tab", name="Shaper").click()
+        page.get_by_label("impulses up to").fill("2")
+        page.get_by_label("durations").fill("3")
+        page.locator("[data-testid=pareto]").click()
+        page.wait_for_function(
+            "/designs/.test(document.querySelector('[data-testid=said-pareto]').innerText)", timeout=300_000
+        )
+        page.wait_for_timeout(500)
+        shown = page.locator("[data-testid=chart-front]")
+        element = shown.get_attribute("id")[1:]
+        (x, y), (time, _) = page.evaluate(
+            f"""(() => {{ const chart = getElement({element}).chart, pair = chart.getOption().series[0].data.at(-1);
+            return [chart.convertToPixel({{xAxisIndex: 0, yAxisIndex: 0}}, pair), pair]; }})()"""
+        )
+        before = page.locator("[data-testid=summary]").inner_text()
+        shown.scroll_into_view_if_needed()
+        box = shown.bounding_box()
+        page.mouse.click(box["x"] + x, box["y"] + y)
+        page.wait_for_function(f"document.querySelector('[data-testid=summary]').innerText !== {json.dumps(before)}")
+        summary = computed(page)
+        assert float(summary.split("shaper ")[1].split()[0]) == pytest.approx(time, rel=1e-3)
 
 
 def test_take_away(studio, tmp_path):

@@ -21,7 +21,7 @@ from jshape.reports.responses import shown_until
 from jshape.shaper import Shaper
 from jshape.simulation.simulate import Response, simulate
 from jshape.simulation.steps import TOLERANCE
-from jshape.studio.state import State, problem
+from jshape.studio.state import Pin, State, problem
 from jshape.sweeps.evaluate import side_by_side, study
 from jshape.sweeps.leaves import leaf
 from jshape.vibration import percentage_vibration
@@ -119,7 +119,28 @@ class Sensitivity:
     draft: bool
 
 
-Result = Moves | Numbers | Linear | Sensitivity | None
+@dataclasses.dataclass(frozen=True)
+class Pinned:
+    """What a page draws of a design to compare.
+
+    Attributes:
+        pin: the design.
+        text: the problem file of the machine for which it is computed.
+        moves: its responses.
+        linear: its V(ω, ζ).
+        sensitivity: over the uncertain set; ``None`` where nothing is uncertain.
+        numbers: what it leaves.
+    """
+
+    pin: Pin
+    text: str
+    moves: Moves
+    linear: Linear
+    sensitivity: Sensitivity | None
+    numbers: Numbers
+
+
+Result = Moves | Numbers | Linear | Sensitivity | Pinned | None
 
 
 def shaper_of(state: State) -> Shaper:
@@ -139,6 +160,30 @@ def stages(state: State) -> Iterator[Result]:
     Raises:
         ValueError: for a machine or a shaper that cannot be.
     """
+    yield from _own(state)
+    for pin in state.pins:
+        yield pinned(state.text, pin)
+
+
+@functools.lru_cache(maxsize=64)
+def pinned(text: str, pin: Pin) -> Pinned:
+    """What is drawn of a design to compare.
+
+    Args:
+        text: of the problem file.
+        pin: the design.
+    """
+    asked, frequencies = _problem(text)
+    shaper = Shaper(pin.amplitudes, pin.times)
+    # As many plants as in the curve of the page's own shaper, for which there is a program already.
+    plants = PLANTS if _brief(asked.plant) else CHUNK
+    over = sensitivity(asked, shaper, plants, TOLERANCE) if asked.over else None
+    parts = moves(asked, shaper), linear(asked.plant, shaper, frequencies), over, numbers(asked, shaper)
+    return Pinned(pin, text, *parts)
+
+
+def _own(state: State) -> Iterator[Result]:
+    """The results of the shaper that is changed."""
     asked, frequencies = _problem(state.text)
     shaper = shaper_of(state)
     yield moves(asked, shaper)
@@ -146,7 +191,7 @@ def stages(state: State) -> Iterator[Result]:
     if not asked.over:
         yield numbers(asked, shaper)
         return
-    brief = isinstance(asked.plant, AbstractOscillator) and asked.plant.drives()[0] == "displacement"
+    brief = _brief(asked.plant)
     yield sensitivity(asked, shaper, *((PLANTS, TOLERANCE) if brief else (CHUNK, DRAFT)))
     yield numbers(asked, shaper)
     if not brief:
@@ -155,6 +200,11 @@ def stages(state: State) -> Iterator[Result]:
             parts.append(sensitivity(asked, shaper, PLANTS, TOLERANCE, slice(begin, begin + CHUNK)))
             yield None
         yield _joined(parts)
+
+
+def _brief(plant: AbstractPlant) -> bool:
+    """Whether all plants of an uncertain set are computed while a slider moves."""
+    return isinstance(plant, AbstractOscillator) and plant.drives()[0] == "displacement"
 
 
 @functools.lru_cache(maxsize=16)

@@ -45,7 +45,7 @@ CHARTS = {
     "deflection": ("Sway", "time (s)", "deflection"),
     "sensitivity": ("Sensitivity", "", ""),
     "vibration": ("V(ω, ζ): linear residual vibration", "frequency (Hz)", "V (%)"),
-    "impulses": ("Impulses", "time (s)", "amplitude"),
+    "impulses": ("Impulses: drag a bar's end", "time (s)", "amplitude"),
 }
 
 VIEWS = {"Printer": printer.view}
@@ -73,6 +73,7 @@ def build(tab: Tab) -> None:
                 with ui.element("div").classes("w-full") as other:
                     view(tab)
                 other.bind_visibility_from(tabs, "value", value=name)
+    ui.on("impulse", lambda event: tab.drag(event.args))
     tab.place(summary, busy, warning)
 
 
@@ -85,5 +86,9 @@ def _grid(tab: Tab) -> None:
             ui.html(CONTROLS, sanitize=False)
         for name, labels in CHARTS.items():
             with ui.element("div").classes("cell"):
-                made = ui.echart(charts.chart(*labels)).classes("w-full h-full").props(f"data-testid=chart-{name}")
+                option = charts.chart(*labels)
+                if name == "impulses":
+                    # What is dragged there is a bar.
+                    option |= {"dataZoom": []}
+                made = ui.echart(option).classes("w-full h-full").props(f"data-testid=chart-{name}")
                 tab.charts[name] = made

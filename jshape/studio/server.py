@@ -35,11 +35,12 @@ def serve(state: State, port: int, show: bool, say: Callable[[str], None]) -> No
     worker = ThreadPoolExecutor(1, thread_name_prefix="curves")
     first = worker.submit(_first, state)
     worker.submit(lambda: _warm(first.result()))
-    script = Path(__file__).with_name("scene.js").read_text(encoding="utf-8")
+    scripts = [Path(__file__).with_name(name).read_text(encoding="utf-8") for name in ("scene.js", "drag.js")]
 
     @ui.page("/")
     async def page() -> None:
-        ui.add_head_html(f"<script>{script}</script>")
+        for script in scripts:
+            ui.add_head_html(f"<script>{script}</script>")
         await ui.context.client.connected()
         begin = app.storage.tab.get("state") or await asyncio.wrap_future(first)
         tab = Tab(begin, worker)

@@ -32,6 +32,25 @@ PLANTS = 21
 """Of an uncertain leaf, when a shaper is tuned: the count of its range."""
 
 
+MOST_PINS = 5
+"""Designs to compare with the one that is changed."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Pin:
+    """A shaper that stays while the page's own is changed.
+
+    Attributes:
+        name: of the design.
+        amplitudes: of the impulses.
+        times: of the impulses, s.
+    """
+
+    name: str
+    amplitudes: tuple[float, ...]
+    times: tuple[float, ...]
+
+
 @dataclasses.dataclass(frozen=True)
 class State:
     """What a page shows.
@@ -40,11 +59,13 @@ class State:
         starter: machine, move, uncertain leaves and design, as a problem file has them.
         amplitudes: of the impulses; they sum to 1.
         times: of the impulses, s; the first is 0.
+        pins: designs to compare, on the same machine.
     """
 
     starter: Starter
     amplitudes: tuple[float, ...] = (0.5, 0.5)
     times: tuple[float, ...] = (0.0, 0.5)
+    pins: tuple[Pin, ...] = ()
 
     @property
     def text(self) -> str:
@@ -347,6 +368,27 @@ def with_time(state: State, index: int, value: float) -> State:
     if index > 0:
         times[index] = min([max(value, times[index - 1]), *times[index + 1 : index + 2]])
     return with_impulses(state, state.amplitudes, times)
+
+
+def with_pin(state: State) -> State:
+    """The state with its shaper among the designs to compare.
+
+    Raises:
+        ValueError: for more than five, and for one that is there already.
+    """
+    if len(state.pins) == MOST_PINS:
+        raise ValueError(f"at most {MOST_PINS} designs can be compared; remove one first")
+    if any((pin.amplitudes, pin.times) == (state.amplitudes, state.times) for pin in state.pins):
+        raise ValueError("this design is pinned already")
+    taken = {pin.name for pin in state.pins}
+    letter = next(letter for letter in "ABCDE" if not any(name.startswith(letter) for name in taken))
+    name = f"{letter}: {len(state.times)} impulses, {state.times[-1]:.3g} s"
+    return dataclasses.replace(state, pins=(*state.pins, Pin(name, state.amplitudes, state.times)))
+
+
+def without_pin(state: State, name: str) -> State:
+    """The state with one design less to compare."""
+    return dataclasses.replace(state, pins=tuple(pin for pin in state.pins if pin.name != name))
 
 
 def with_one_more(state: State) -> State:

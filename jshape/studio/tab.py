@@ -10,7 +10,7 @@ from nicegui import Client, app, ui
 
 from jshape.studio import charts, curves
 from jshape.studio.live import Live
-from jshape.studio.state import State
+from jshape.studio.state import Pin, State, with_amplitude, with_time
 from jshape.studio.work import Work
 
 LOG = logging.getLogger("jshape.studio")
@@ -22,6 +22,10 @@ MADE = """return new Promise((done) => {
 })"""
 
 
+FARTHEST = 1e6
+"""Time (s) and amplitude to which a bar can be dragged."""
+
+
 class Tab:
     """A tab: every change makes a new state, which the worker computes and the charts draw.
 
@@ -29,9 +33,13 @@ class Tab:
         state: what the tab shows.
         works: its processes.
         moves: the responses that are drawn, if they are of this state.
+        linear: likewise, V(ω, ζ).
         sensitivity: likewise, the sensitivity.
+        pinned: likewise, the designs to compare.
+        dragged: whether a bar of the impulses is being dragged.
         followers: called when the impulses are others.
         renewed: called when the machine is another.
+        compared: called when designs to compare are others, or computed.
         begun: called once the browser has made the charts.
         printed: called when a printer's shapers are chosen.
     """
@@ -43,8 +51,12 @@ class Tab:
         self.sensitivity: curves.Sensitivity | None = None
         self.live = Live(curves.stages, worker, self._show, self._failed)
         self.charts: dict[str, ui.echart] = {}
+        self.linear: curves.Linear | None = None
+        self.pinned: dict[Pin, curves.Pinned] = {}
+        self.dragged = False
         self.followers: list[Callable[[], None]] = []
         self.renewed: list[Callable[[], None]] = []
+        self.compared: list[Callable[[], None]] = []
         self.begun: list[Callable[[], None]] = []
         self.printed: list[Callable[[dict[str, Any]], None]] = []
         self.client: Client = ui.context.client
@@ -60,6 +72,7 @@ class Tab:
         made = [chart.id for chart in self.charts.values()]
         await self.client.run_javascript(MADE.replace("MADE", json.dumps(made)), timeout=30.0)
         self.draw("impulses", charts.impulses(self.state))
+        self.client.run_javascript(f"jshapeDrag.attach({self.charts['impulses'].id})")
         for begin in self.begun:
             begin()
         self.want()
@@ -78,14 +91,30 @@ class Tab:
             return
         self.kept["state"] = self.state
         if impulses:
-            self.draw("impulses", charts.impulses(self.state))
+            self.draw("impulses", charts.impulses(self.state, self.dragged))
             for follow in self.followers:
                 follow()
         self.want()
 
+    def drag(self, given: Any) -> None:
+        """Move the end of an impulse's bar, as the browser asks.
+
+        Args:
+            given: ``index``, ``time`` (s), ``amplitude`` and whether the bar is ``done``; whatever else is ignored.
+        """
+        if not isinstance(given, dict):
+            return
+        index, time, amplitude, done = (given.get(k) for k in ("index", "time", "amplitude", "done"))
+        self.dragged = done is not True
+        places = [place for place in (time, amplitude) if isinstance(place, int | float) and abs(place) <= FARTHEST]
+        if not isinstance(index, int) or not 0 <= index < len(self.state.times) or len(places) < 2:
+            self.draw("impulses", charts.impulses(self.state, self.dragged))
+            return
+        self.change(lambda now: with_time(with_amplitude(now, index, places[1]), index, places[0]), impulses=True)
+
     def want(self) -> None:
         """Compute the curves of the state as it is now."""
-        self.moves = self.sensitivity = None
+        self.moves = self.sensitivity = self.linear = None
         self.busy.set_visibility(True)
         self.live.want(self.state)
 
@@ -109,20 +138,56 @@ class Tab:
         if isinstance(result, curves.Moves):
             self.moves = result
             self.warn(result.warning)
-            self.draw("position", charts.position(result))
-            self.draw("deflection", charts.deflection(result))
+            text = self.state.text
+            self.pinned = {pin: each for pin, each in self.pinned.items() if each.text == text}
+            self._draw_moves(result)
             self.client.run_javascript(f"jshapeScene.set({json.dumps(charts.scene(result))})")
             if not self.state.starter.uncertain:
                 self.draw("sensitivity", charts.sensitivity(None))
         elif isinstance(result, curves.Linear):
-            self.draw("vibration", charts.vibration(result))
+            self.linear = result
+            self.draw("vibration", charts.vibration(result, self._others()))
         elif isinstance(result, curves.Sensitivity):
             self.sensitivity = result
-            self.draw("sensitivity", charts.sensitivity(result))
-            self.busy.set_visibility(result.draft)
+            self.draw("sensitivity", charts.sensitivity(result, self._others()))
+            self._settle()
         elif isinstance(result, curves.Numbers):
             self.summary.set_text(charts.summary(result))
-            self.busy.set_visibility(self.sensitivity is not None and self.sensitivity.draft)
+            self._settle()
+
+        elif isinstance(result, curves.Pinned):
+            self._compare(result)
+
+    def _settle(self) -> None:
+        """Show whether anything of the state is still being computed."""
+        draft = self.sensitivity is not None and self.sensitivity.draft
+        self.busy.set_visibility(draft or any(pin not in self.pinned for pin in self.state.pins))
+
+    def _others(self) -> list[curves.Pinned]:
+        """The designs to compare that are computed for the machine as it is."""
+        return [self.pinned[pin] for pin in self.state.pins if pin in self.pinned]
+
+    def _draw_moves(self, moves: curves.Moves) -> None:
+        self.draw("position", charts.position(moves, self._others()))
+        self.draw("deflection", charts.deflection(moves, self._others()))
+
+    def compare(self) -> None:
+        """Draw the designs to compare again."""
+        if self.moves is not None:
+            self._draw_moves(self.moves)
+        if self.linear is not None:
+            self.draw("vibration", charts.vibration(self.linear, self._others()))
+        if self.sensitivity is not None:
+            self.draw("sensitivity", charts.sensitivity(self.sensitivity, self._others()))
+        for follow in self.compared:
+            follow()
+
+    def _compare(self, result: curves.Pinned) -> None:
+        """Draw a design to compare, unless it is drawn already."""
+        if result.pin not in self.pinned:
+            self.pinned[result.pin] = result
+            self.compare()
+            self._settle()
 
     def _failed(self, error: Exception) -> None:
         """Say why a state has no curves; those of the state before go."""

@@ -1,4 +1,4 @@
-"""Tuning, with its history while it runs."""
+"""Tuning, with its history while it runs, and the Pareto front, whose points can be taken."""
 
 from typing import Any
 
@@ -17,7 +17,7 @@ def tune(tab: Tab) -> None:
         count = ui.number("impulses", min=2, max=16, precision=0).props("dense").style("width:80px")
         kind = ui.select(["positive", "bounded", "unity", "free"], label="amplitudes").props("dense")
         kind.style("width:110px")
-        duration = ui.number("duration, s", min=0).props("dense").style("flex:1")
+        duration = ui.number("duration, s", min=0, format="%.5g").props("dense").style("flex:1")
 
     def renew() -> None:
         design = tab.state.starter.design
@@ -48,6 +48,58 @@ def tune(tab: Tab) -> None:
     running.row(tab, "tune", "Tune", ask, show, during)
     shown = ui.echart(charts.chart("", "step", "best, J") | {"legend": {"show": False}, "toolbox": {}})
     shown.classes("w-full").style("height:150px").set_visibility(False)
+
+
+def pareto(tab: Tab) -> None:
+    """Compute the front in a process; a point that is clicked on becomes the page's shaper."""
+    points: dict[str, dict[str, Any]] = {}
+    with ui.row().classes("w-full no-wrap gap-2"):
+        most = ui.number("impulses up to", value=3, min=2, max=8, precision=0).props("dense").style("flex:1")
+        count = ui.number("durations", value=8, min=2, max=40, precision=0).props("dense").style("flex:1")
+
+    def ask() -> tuple[dict[str, Any], None]:
+        numbers = list(range(2, int(most.value or 3) + 1))
+        return {"text": tab.state.text, "impulses": numbers, "durations": int(count.value or 8)}, None
+
+    def show(found: dict[str, Any]) -> str:
+        tab.kept["front"] = found
+        drawn(found)
+        return f"{found['message']}; click on a point, or choose it"
+
+    def drawn(found: dict[str, Any]) -> None:
+        points.clear()
+        for name, front in found["designs"].items():
+            for i, point in enumerate(front):
+                points[f"{name} {i}"] = point
+        words = {key: f"{key.rpartition(' ')[0]}, {p['duration']:.3g} s: {p['objective']:.3g} J"
+                 for key, p in points.items()}  # fmt: skip
+        choose.set_options(words, value=None)
+        chart.set_visibility(True)
+        choose.set_visibility(True)
+        chart.run_chart_method("setOption", charts.front(found), {"replaceMerge": ["series"]})
+
+    def take(key: str | None) -> None:
+        if (point := points.get(key or "")) is not None:
+            tab.change(lambda now: state.with_impulses(now, point["amplitudes"], point["times"]), impulses=True)
+
+    def renew() -> None:
+        # The front of another machine.
+        tab.kept.pop("front", None)
+        points.clear()
+        chart.set_visibility(False)
+        choose.set_visibility(False)
+
+    running.row(tab, "pareto", "Compute", ask, show)
+    chart = ui.echart(charts.front_chart()).classes("w-full").style("height:230px").props("data-testid=chart-front")
+    chart.on_point_click(lambda event: take(f"{event.series_name} {event.data_index}"))
+    choose = ui.select({}, label="a point of the front").classes("w-full").props("dense data-testid=front")
+    choose.on_value_change(lambda event: take(event.value))
+    tab.charts["front"] = chart
+    chart.set_visibility(False)
+    choose.set_visibility(False)
+    tab.renewed.append(renew)
+    if (kept := tab.kept.get("front")) is not None:
+        tab.begun.append(lambda: drawn(kept))
 
 
 def _designed(before: State, impulses: int, amplitudes: str, duration: float | None) -> State:

@@ -8,7 +8,7 @@ from typing import Any
 from nicegui import ui
 
 from jshape.studio import state, takeaway
-from jshape.studio.panels import optimise
+from jshape.studio.panels import optimise, pins
 from jshape.studio.panels.slider import Slider
 from jshape.studio.state import State
 from jshape.studio.tab import Tab
@@ -30,8 +30,11 @@ def build(tab: Tab) -> None:
         ui.button("add", on_click=lambda: tab.change(state.with_one_more, impulses=True)).props("dense flat no-caps")
         ui.button("remove", on_click=lambda: tab.change(state.with_one_less, impulses=True)).props("dense flat no-caps")
     _impulses(tab)
+    pins.build(tab)
     ui.label("Tune: least residual energy").classes("text-sm text-weight-bold q-mt-md")
     optimise.tune(tab)
+    ui.label("Pareto front: what duration buys").classes("text-sm text-weight-bold q-mt-md")
+    optimise.pareto(tab)
 
 
 def _impulses(tab: Tab) -> None:
