@@ -231,6 +231,8 @@ def front_chart() -> dict[str, Any]:
     """A chart without points for a Pareto front."""
     made = chart("", "duration (s)", "left, J")
     made["yAxis"] |= {"type": "log", "axisLabel": {"color": TEXT, "fontSize": 10}}
+    made["legend"] |= {"top": 0, "right": 0}
+    made["grid"] |= {"top": 28, "right": 12}
     return made | {"toolbox": {}, "tooltip": {"trigger": "item", "confine": True}}
 
 

@@ -47,7 +47,7 @@ def tune(tab: Tab) -> None:
     tab.renewed.append(renew)
     running.row(tab, "tune", "Tune", ask, show, during)
     shown = ui.echart(charts.chart("", "step", "best, J") | {"legend": {"show": False}, "toolbox": {}})
-    shown.classes("w-full").style("height:150px").set_visibility(False)
+    shown.classes("w-full").style("height:150px;min-height:150px").set_visibility(False)
 
 
 def pareto(tab: Tab) -> None:
@@ -76,7 +76,9 @@ def pareto(tab: Tab) -> None:
         choose.set_options(words, value=None)
         chart.set_visibility(True)
         choose.set_visibility(True)
-        chart.run_chart_method("setOption", charts.front(found), {"replaceMerge": ["series"]})
+        # By its options, which a chart takes up that the browser makes later, when its panel is opened.
+        chart.options.update(charts.front(found))
+        chart.update()
 
     def take(key: str | None) -> None:
         if (point := points.get(key or "")) is not None:
@@ -90,16 +92,20 @@ def pareto(tab: Tab) -> None:
         choose.set_visibility(False)
 
     running.row(tab, "pareto", "Compute", ask, show)
-    chart = ui.echart(charts.front_chart()).classes("w-full").style("height:230px").props("data-testid=chart-front")
+    chart = (
+        ui.echart(charts.front_chart())
+        .classes("w-full")
+        .style("height:230px;min-height:230px")
+        .props("data-testid=chart-front")
+    )
     chart.on_point_click(lambda event: take(f"{event.series_name} {event.data_index}"))
     choose = ui.select({}, label="a point of the front").classes("w-full").props("dense data-testid=front")
     choose.on_value_change(lambda event: take(event.value))
-    tab.charts["front"] = chart
     chart.set_visibility(False)
     choose.set_visibility(False)
     tab.renewed.append(renew)
     if (kept := tab.kept.get("front")) is not None:
-        tab.begun.append(lambda: drawn(kept))
+        drawn(kept)
 
 
 def _designed(before: State, impulses: int, amplitudes: str, duration: float | None) -> State:
