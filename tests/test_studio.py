@@ -1,11 +1,13 @@
 """The studio without a browser: a page's state, its curves, what it gives away, and who may talk to it."""
 
 import asyncio
+import base64
 import dataclasses
 import json
 import sys
 import threading
 import time
+import zlib
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -21,7 +23,7 @@ from jshape.export import FORMATS
 from jshape.problems import catalogue, limits
 from jshape.problems.problem import load
 from jshape.problems.reading import read, shipped
-from jshape.studio import charts, curves, state, takeaway
+from jshape.studio import charts, curves, link, state, takeaway
 from jshape.studio.guard import MOST, MOST_UPLOADED, Guard
 from jshape.studio.live import Live
 from jshape.studio.panels.printer import file_name
@@ -169,6 +171,49 @@ def test_designs_to_compare():
     assert again.pins[-1].name == "B: 1 impulses, 0 s"
     # The problem file does not depend on them.
     assert again.text == state.begin("TwoMass").text
+
+
+def test_a_link_carries_the_state():
+    """Problem, impulses and pins come back to the last digit; the link opens the command, too."""
+    shown = state.from_text(shipped()["paper_001"].read_text(encoding="utf-8"))
+    shown = state.with_pin(state.with_impulses(shown, [0.1, 0.9], [0.0, 1 / 3]))
+    shown = state.with_impulses(state.with_value(shown, "plant.m2", 1.2345678901234567), [1.1, -0.1], [0.0, 0.7])
+    packed = link.packed(shown)
+    assert len(packed) < 2000
+    again = link.unpacked(packed)
+    assert (again.amplitudes, again.times, again.pins) == (shown.amplitudes, shown.times, shown.pins)
+    assert again.text == shown.text
+    assert link.from_address(f"http://127.0.0.1:8080/?state={packed}") == again
+    with pytest.raises(ValueError, match="carries no state"):
+        link.from_address("http://127.0.0.1:8080/")
+
+
+def linked(**changes):
+    data = {"problem": MOVE, "impulses": [[0.5, 0.5], [0.0, 1.0]], "pins": []} | changes
+    return base64.urlsafe_b64encode(zlib.compress(json.dumps(data).encode())).decode().rstrip("=")
+
+
+HOSTILE = {
+    "cannot be read": "%%%",
+    "at most 16384 characters": "A" * 20_000,
+    "at most 131072 bytes": base64.urlsafe_b64encode(zlib.compress(bytes(10_000_000), 9)).decode(),
+    "runs no code": linked(problem=REFUSED["runs no code"]),
+    "is described in another file": linked(problem=REFUSED["is described in another file"]),
+    "must carry problem, impulses and pins": linked(more=1),
+    "text of a problem file": linked(problem=[1]),
+    "at most 5 designs": linked(pins=[["A", [1.0], [0.0]]] * 6),
+    "two lists of the same length": linked(impulses=[[0.5], [0.0, 1.0]]),
+    "must be finite numbers": linked(impulses=[[0.5, 0.5], [0.0, float("inf")]]),
+    "must be finite numbers, not words": linked(impulses=[[0.5, 0.5], [0.0, True]]),
+    "must sum to 1": linked(impulses=[[0.5, 0.6], [0.0, 1.0]]),
+    "must increase from 0": linked(impulses=[[0.5, 0.5], [0.0, -1.0]]),
+}
+
+
+@pytest.mark.parametrize("words", HOSTILE)
+def test_links_are_data_and_bounded(words):
+    with pytest.raises(ValueError, match=words.removesuffix(", not words")):
+        link.unpacked(HOSTILE[words])
 
 
 @pytest.mark.slow
@@ -388,6 +433,8 @@ def test_the_token_opens_the_page_once():
     assert cookie.startswith(COOKIE)
     assert "HttpOnly" in cookie
     assert "SameSite=Strict" in cookie
+    location = asked(query=f"token={TOKEN}&state=a-b%0d%0aset-cookie:x", cookie=None)[1][b"location"]
+    assert location == b"/?state=a-b%0D%0Aset-cookie%3Ax"
     assert asked()[0] == 200
     assert b"default-src 'self'" in asked()[1][b"content-security-policy"]
 
@@ -598,5 +645,5 @@ def test_the_python_script_runs(tmp_path):
     done = subprocess.run([sys.executable, "studio.py"], cwd=tmp_path, capture_output=True, text=True, check=True)
     assert done.stdout.startswith("on the page: ")
     assert "converged" in done.stdout
-    assert len(takeaway.script(shown).splitlines()) <= 12
+    assert len(takeaway.script(shown).splitlines()) <= 10
     assert abs(float(done.stdout.split()[3])) < 1e-12

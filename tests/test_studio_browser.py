@@ -14,7 +14,7 @@ pytest.importorskip("playwright")
 
 from experiments.benchmarks.studio import choose, chromium, computed, page_of, serving
 from jshape.problems.problem import load
-from jshape.studio import state
+from jshape.studio import charts, state
 
 pytestmark = [
     pytest.mark.slow,
@@ -262,6 +262,44 @@ def test_another_machine_and_a_telephone(studio):
         assert "residual energy" in page.locator("[data-testid=summary]").inner_text()
         assert page.evaluate("document.documentElement.scrollWidth") <= 390
         assert page.locator("#scene").is_visible()
+
+
+def test_dark_and_light(studio):
+    """The colours of the page change and stay after a reload; so do those of a chart that is made later."""
+    text = "getComputedStyle(document.body).backgroundColor"
+    with opened(studio[0]) as page:
+        light = page.evaluate(text)
+        page.locator("[data-testid=dark]").click()
+        page.wait_for_function(f"{text} !== {json.dumps(light)}")
+        page.reload()
+        computed(page)
+        assert page.evaluate(text) != light
+        element = page.locator("[data-testid=chart-position]").get_attribute("id")[1:]
+        colour = page.evaluate(f"getElement({element}).chart.getOption().title[0].textStyle.color")
+        assert colour == charts.colours(True)["title"]["textStyle"]["color"]
+
+
+def test_a_link_opens_what_it_was_made_of(studio):
+    with opened(studio[0]) as page:
+        page.context.grant_permissions(["clipboard-read", "clipboard-write"])
+        press(page, "slider-plant.m2", times=8)
+        page.get_by_role("tab", name="Take away").click()
+        page.locator("[data-testid=link]").click()
+        page.wait_for_timeout(300)
+        address = page.evaluate("navigator.clipboard.readText()")
+        summary = page.locator("[data-testid=summary]").inner_text()
+        other = page.context.new_page()
+        other.goto(address)
+        assert computed(other) == summary
+        assert other.get_by_label("m2", exact=True).first.input_value() == "1.11"
+        press(other, "slider-plant.m2", times=2)
+        changed = other.get_by_label("m2", exact=True).first.input_value()
+        other.reload()
+        computed(other)
+        assert other.get_by_label("m2", exact=True).first.input_value() == changed
+        other.goto(address.split("=")[0] + "=broken")
+        computed(other)
+        other.get_by_text("the link is damaged").wait_for()
 
 
 def test_tabs_are_independent(studio):

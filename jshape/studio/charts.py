@@ -25,6 +25,9 @@ PINS: list[dict[str, Any]] = [
 ]
 """The looks of designs to compare."""
 
+MARK = {"color": "#888", "textBorderWidth": 0}
+"""The words at a frequency that is marked."""
+
 HANDLE = 12
 """Pixels of the end of a bar that is dragged."""
 
@@ -78,6 +81,34 @@ def chart(title: str, across: str, up: str) -> dict[str, Any]:
         "yAxis": {**axis, "name": up, "nameGap": 42},
         "series": [],
     }
+
+
+def colours(dark: bool, upright: int = 1) -> dict[str, Any]:
+    """What of a chart is of another colour on a dark page.
+
+    Args:
+        dark: whether the page is.
+        upright: how many vertical axes it has.
+    """
+    text, lines = ("#dddddd", "#3c3c3c") if dark else (TEXT, "#e3e3e3")
+    axis = {
+        "nameTextStyle": {"color": text},
+        "axisLabel": {"color": text},
+        "splitLine": {"lineStyle": {"color": lines}},
+        "axisLine": {"lineStyle": {"color": text}},
+    }
+    box = {"backgroundColor": "#2a2a2a" if dark else "#ffffff", "textStyle": {"color": text}}
+    words = {"textStyle": {"color": text}}
+    return {"title": words, "legend": words, "tooltip": box, "xAxis": [axis], "yAxis": [axis] * upright}
+
+
+def merged(given: dict[str, Any], look: dict[str, Any]) -> dict[str, Any]:
+    """A part of a chart's options with another look, its other values kept."""
+    kept = dict(given)
+    for key, value in look.items():
+        old = kept.get(key)
+        kept[key] = merged(old, value) if isinstance(value, dict) and isinstance(old, dict) else value
+    return kept
 
 
 def points(across: np.ndarray, up: np.ndarray) -> list[list[float | None]]:
@@ -139,7 +170,7 @@ def vibration(found: Linear, others: Sequence[Pinned] = ()) -> dict[str, Any]:
         name = f"{_of(i, each)[0]}, ζ = {zeta:.3g}"
         lines.append(line(name, each.linear.frequencies, 100 * values, PINS[i]))
     marks = [{"xAxis": shortened(mode)} for mode in found.modes]
-    style = {"symbol": "none", "silent": True, "lineStyle": {"color": "#888"}, "label": {"formatter": "mode"}}
+    style = {"symbol": "none", "silent": True, "lineStyle": {"color": "#888"}, "label": MARK | {"formatter": "mode"}}
     lines[0]["markLine"] = {**style, "data": marks}
     return {"series": lines, "xAxis": {**_span(found.frequencies), "min": 0}, "yAxis": {"min": 0}}
 
@@ -219,7 +250,7 @@ def spectrum(found: dict[str, Any]) -> dict[str, Any]:
     # Frequencies that stand apart are written, the strongest modes first.
     apart = [m for i, m in enumerate(found["modes"]) if all(abs(m - other) > 20 for other in found["modes"][:i])]
     marks = [
-        {"xAxis": shortened(mode), "label": {"formatter": f"{mode:.1f}" if mode in apart else ""}}
+        {"xAxis": shortened(mode), "label": MARK | {"formatter": f"{mode:.1f}" if mode in apart else ""}}
         for mode in found["modes"]
     ]
     style = {"symbol": "none", "silent": True, "lineStyle": {"color": "#888"}}
@@ -231,7 +262,7 @@ def front_chart() -> dict[str, Any]:
     """A chart without points for a Pareto front."""
     made = chart("", "duration (s)", "left, J")
     made["yAxis"] |= {"type": "log", "axisLabel": {"color": TEXT, "fontSize": 10}}
-    made["legend"] |= {"top": 0, "right": 0}
+    made["legend"] |= {"top": 4, "right": 0}
     made["grid"] |= {"top": 28, "right": 12}
     return made | {"toolbox": {}, "tooltip": {"trigger": "item", "confine": True}}
 

@@ -9,7 +9,7 @@ import secrets
 from collections.abc import Awaitable, Callable, MutableMapping
 from http.cookies import CookieError, SimpleCookie
 from typing import Any
-from urllib.parse import parse_qs
+from urllib.parse import parse_qs, urlencode
 
 MOST = 2**20
 """Bytes of a request."""
@@ -83,10 +83,14 @@ class Guard:
         length, most = headers.get(b"content-length", "0"), _most(scope["path"])
         if not re.fullmatch(r"\d{1,12}", length) or int(length) > most:
             return 413, f"at most {most} bytes", []
-        given = parse_qs(scope.get("query_string", b"").decode("latin-1")).get("token", [""])[0]
+        query = parse_qs(scope.get("query_string", b"").decode("latin-1"))
+        given = query.get("token", [""])[0]
         if scope["type"] == "http" and scope["path"] == "/" and self._right(given):
             value = f"{self.cookie}={self.token}; Path=/; HttpOnly; SameSite=Strict"
-            return 303, "", [(b"location", b"/"), (b"set-cookie", value.encode())]
+            # A link's state goes on, without the token.
+            kept = urlencode({"state": query["state"][0]}) if "state" in query else ""
+            place = f"/?{kept}" if kept else "/"
+            return 303, "", [(b"location", place.encode()), (b"set-cookie", value.encode())]
         if not self._right(self._carried(headers.get(b"cookie", ""))):
             return 403, "open the address that the command jshape studio printed", []
         return 200, "", []

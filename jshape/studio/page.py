@@ -7,16 +7,22 @@ from jshape.studio.panels import printer
 from jshape.studio.tab import Tab
 
 STYLE = """
+:root { --studio-edge: #ddd; --studio-head: #eef3f7; --studio-warn: #fdecea; --studio-warn-text: #7a1b12; }
+.body--dark { --studio-edge: #3c3c3c; --studio-head: #1f2830; --studio-warn: #4a1a15; --studio-warn-text: #ffd9d3; }
+.body--dark { --q-primary: #4ea3dc !important; color: #e8e8e8; }
+.body--dark .bg-primary { color: #10202c !important; }
+.studio-head { height: 44px; background: var(--studio-head); }
+.studio-warning { background: var(--studio-warn); color: var(--studio-warn-text); }
 .nicegui-content { padding: 0 !important; gap: 0 !important; }
-.studio-left { width: 368px; height: calc(100vh - 44px); overflow-y: auto; border-right: 1px solid #ddd; }
+.studio-left { width: 368px; height: calc(100vh - 44px); overflow-y: auto; border-right: 1px solid var(--studio-edge); }
 .studio-main { flex: 1; height: calc(100vh - 44px); overflow-y: auto; min-width: 320px; }
 .studio-grid { display: grid; grid-template-columns: 1fr 1fr; gap: 6px; padding: 6px; width: 100%; }
 .studio-grid .cell { height: calc((100vh - 44px - 26px) / 3); min-height: 200px; position: relative;
-  border: 1px solid #e2e2e2; border-radius: 4px; padding: 4px; }
+  border: 1px solid var(--studio-edge); border-radius: 4px; padding: 4px; }
 .studio-printer { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 430px), 1fr)); gap: 6px;
   padding: 6px; width: 100%; }
 .studio-axis .q-table th, .studio-axis .q-table td { padding: 2px 6px !important; height: 28px; }
-.studio-axis { border: 1px solid #e2e2e2; border-radius: 4px; padding: 4px; }
+.studio-axis { border: 1px solid var(--studio-edge); border-radius: 4px; padding: 4px; }
 .q-tab-panel, .q-tab-panel .nicegui-column { gap: 4px !important; }
 .q-uploader { max-height: 44px; } .q-uploader__list, .q-uploader__subtitle { display: none; }
 .studio-number .q-field__control, .studio-number .q-field__marginal { height: 30px !important; min-height: 30px; }
@@ -33,7 +39,7 @@ SCENE = """
 """
 
 CONTROLS = """
-<div style="display:flex;gap:8px;align-items:center;font-size:12px;color:#333">
+<div style="display:flex;gap:8px;align-items:center;font-size:12px">
 <button id="scene-play" style="border:1px solid #888;border-radius:3px;padding:0 8px"
   onclick="jshapeScene.toggle(this)">Pause</button>
 <input id="scene-at" type="range" min="0" max="1000" value="0" aria-label="time of the drawing" style="flex:1"
@@ -56,16 +62,18 @@ def build(tab: Tab) -> None:
     """Lay the tab out."""
     ui.add_css(STYLE)
     ui.colors(primary="#005a94")
-    with ui.row().classes("w-full items-center no-wrap px-3 gap-4").style("height:44px;background:#eef3f7"):
+    with ui.row().classes("w-full items-center no-wrap px-3 gap-4 studio-head"):
         ui.label("jshape studio").classes("text-weight-bold text-base")
         summary = ui.label("computing …").classes("text-sm").props('data-testid=summary aria-live="polite"')
         busy = ui.spinner(size="sm").classes("studio-busy")
+        ui.space()
+        _dark(tab)
     with ui.row().classes("w-full no-wrap gap-0 items-start studio-body"):
         with ui.column().classes("studio-left gap-0"):
             tabs = panels.build(tab)
         with ui.column().classes("studio-main gap-0"):
-            warning = ui.label("").classes("w-full px-3 py-1 text-sm").props("data-testid=warning role=alert")
-            warning.style("background:#fdecea;color:#7a1b12").set_visibility(False)
+            warning = ui.label("").classes("w-full px-3 py-1 text-sm studio-warning")
+            warning.props("data-testid=warning role=alert").set_visibility(False)
             with ui.element("div").classes("w-full") as machine:
                 _grid(tab)
             machine.bind_visibility_from(tabs, "value", lambda name: name not in VIEWS)
@@ -75,6 +83,19 @@ def build(tab: Tab) -> None:
                 other.bind_visibility_from(tabs, "value", value=name)
     ui.on("impulse", lambda event: tab.drag(event.args))
     tab.place(summary, busy, warning)
+
+
+def _dark(tab: Tab) -> None:
+    """The button between a light page and a dark one."""
+    mode = ui.dark_mode(tab.dark)
+
+    def turn() -> None:
+        mode.set_value(not tab.dark)
+        tab.paint(not tab.dark)
+        tab.kept["dark"] = tab.dark
+
+    button = ui.button(icon="contrast", on_click=turn)
+    button.props('dense flat round size=sm aria-label="dark or light" data-testid=dark').tooltip("dark or light")
 
 
 def _grid(tab: Tab) -> None:

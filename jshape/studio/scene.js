@@ -5,6 +5,12 @@ const jshapeScene = {
   data: null, at: 0, playing: !matchMedia("(prefers-reduced-motion: reduce)").matches, last: null,
   colours: { unshaped: "#b9855f", shaped: "#0072b2", dark: "#444", line: "#999" },
 
+  paint(dark) {
+    this.colours.dark = dark ? "#bbb" : "#444";
+    this.colours.line = dark ? "#777" : "#999";
+    this.draw();
+  },
+
   set(data) {
     this.data = data;
     if (!this.running) { this.running = true; requestAnimationFrame((now) => this.step(now)); }

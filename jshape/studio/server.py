@@ -5,13 +5,14 @@ import contextlib
 import secrets
 import socket
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
 from nicegui import app, ui
 
 from jshape.studio import curves, takeaway
 from jshape.studio.guard import MOST, Guard
+from jshape.studio.link import unpacked
 from jshape.studio.page import build
 from jshape.studio.state import State, with_impulses
 from jshape.studio.tab import Tab
@@ -42,9 +43,15 @@ def serve(state: State, port: int, show: bool, say: Callable[[str], None]) -> No
         for script in scripts:
             ui.add_head_html(f"<script>{script}</script>")
         await ui.context.client.connected()
-        begin = app.storage.tab.get("state") or await asyncio.wrap_future(first)
+        begin, wrong = await _begun(first)
         tab = Tab(begin, worker)
+        if (dark := app.storage.tab.get("dark")) is None:
+            dark = await ui.run_javascript("matchMedia('(prefers-color-scheme: dark)').matches", timeout=10.0)
+        tab.dark = bool(dark)
         build(tab)
+        if wrong:
+            # Curves that follow would take a warning above them away.
+            ui.notify(wrong, type="negative", timeout=0, close_button="Close")
         await tab.start()
 
     app.add_middleware(Guard, token=token, port=port)
@@ -65,6 +72,21 @@ def serve(state: State, port: int, show: bool, say: Callable[[str], None]) -> No
         ws_per_message_deflate=False,
         timeout_graceful_shutdown=2,
     )
+
+
+async def _begun(first: Future[State]) -> tuple[State, str]:
+    """The state with which a tab begins: its own, a link's or the first one; and what is wrong with a link."""
+    request, kept = ui.context.client.request, app.storage.tab
+    given = request.query_params.get("state") if request is not None else None
+    wrong = ""
+    if given and given != kept.get("link"):
+        # Once: a reload shows what the tab showed last.
+        kept["link"] = given
+        try:
+            return unpacked(given), ""
+        except ValueError as error:
+            wrong = str(error)
+    return kept.get("state") or await asyncio.wrap_future(first), wrong
 
 
 def _free_port() -> int:

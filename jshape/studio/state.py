@@ -386,6 +386,11 @@ def with_pin(state: State) -> State:
     return dataclasses.replace(state, pins=(*state.pins, Pin(name, state.amplitudes, state.times)))
 
 
+def with_pins(state: State, pins: tuple[Pin, ...]) -> State:
+    """The state with other designs to compare."""
+    return dataclasses.replace(state, pins=pins)
+
+
 def without_pin(state: State, name: str) -> State:
     """The state with one design less to compare."""
     return dataclasses.replace(state, pins=tuple(pin for pin in state.pins if pin.name != name))

@@ -39,6 +39,8 @@ class Tab:
         dragged: whether a bar of the impulses is being dragged.
         followers: called when the impulses are others.
         renewed: called when the machine is another.
+        painted: charts that are not in ``charts``.
+        dark: whether the page is.
         compared: called when designs to compare are others, or computed.
         begun: called once the browser has made the charts.
         printed: called when a printer's shapers are chosen.
@@ -57,11 +59,19 @@ class Tab:
         self.followers: list[Callable[[], None]] = []
         self.renewed: list[Callable[[], None]] = []
         self.compared: list[Callable[[], None]] = []
+        self.painted: list[ui.echart] = []
+        self.dark = False
         self.begun: list[Callable[[], None]] = []
         self.printed: list[Callable[[dict[str, Any]], None]] = []
         self.client: Client = ui.context.client
         self.kept = app.storage.tab
         self.client.on_delete(self._closed)
+
+    @property
+    def address(self) -> str:
+        """The page's, without the query string."""
+        request = self.client.request
+        return str(request.base_url) if request is not None else "/"
 
     def place(self, summary: ui.label, busy: ui.spinner, warning: ui.label) -> None:
         """Take the elements that say how far it is, and what is wrong."""
@@ -75,6 +85,7 @@ class Tab:
         self.client.run_javascript(f"jshapeDrag.attach({self.charts['impulses'].id})")
         for begin in self.begun:
             begin()
+        self.paint(self.dark)
         self.want()
 
     def change(self, make: Callable[[State], State], *, impulses: bool = False) -> None:
@@ -120,13 +131,26 @@ class Tab:
 
     def draw(self, name: str, option: dict[str, Any]) -> None:
         """Change a chart: its curves are replaced, all else stays."""
-        self.charts[name].run_chart_method("setOption", option, {"replaceMerge": ["series"]})
+        replaced = {"replaceMerge": ["series"]} if "series" in option else {}
+        self.charts[name].run_chart_method("setOption", option, replaced)
 
     def clear(self, words: str) -> None:
         """Take away the numbers and curves of another machine, and of a state that has none."""
         self.summary.set_text(words)
         for name in ("position", "deflection", "sensitivity", "vibration"):
             self.draw(name, {"series": []})
+
+    def paint(self, dark: bool) -> None:
+        """Take the colours of a dark page, or of a light one."""
+        self.dark = dark
+        for name in self.charts:
+            self.draw(name, charts.colours(dark, 2 if name.startswith("printer") else 1))
+        for chart in self.painted:
+            for part, look in charts.colours(dark).items():
+                given = chart.options.get(part, {})
+                chart.options[part] = charts.merged(given, look[0] if isinstance(look, list) else look)
+            chart.update()
+        self.client.run_javascript(f"jshapeScene.paint({json.dumps(dark)})")
 
     def warn(self, words: str) -> None:
         """Say what is wrong above the charts; nothing, where the words are empty."""

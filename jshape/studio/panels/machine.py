@@ -48,7 +48,7 @@ def build(tab: Tab) -> None:
         label="or a problem file", on_upload=loaded, auto_upload=True, max_file_size=limits.SIZE, max_files=1
     ).classes("w-full").props('accept=".toml" flat bordered dense')  # fmt: skip
     upload.on("rejected", lambda: tab.warn(f"a problem file must have at most {limits.SIZE} bytes"))
-    ui.label("± marks what is uncertain").classes("text-xs q-mt-sm text-grey-8")
+    ui.label("± marks what is uncertain").classes("text-xs q-mt-sm opacity-80")
     sliders()
 
 

@@ -47,6 +47,7 @@ def tune(tab: Tab) -> None:
     tab.renewed.append(renew)
     running.row(tab, "tune", "Tune", ask, show, during)
     shown = ui.echart(charts.chart("", "step", "best, J") | {"legend": {"show": False}, "toolbox": {}})
+    tab.painted.append(shown)
     shown.classes("w-full").style("height:150px;min-height:150px").set_visibility(False)
 
 
@@ -92,12 +93,9 @@ def pareto(tab: Tab) -> None:
         choose.set_visibility(False)
 
     running.row(tab, "pareto", "Compute", ask, show)
-    chart = (
-        ui.echart(charts.front_chart())
-        .classes("w-full")
-        .style("height:230px;min-height:230px")
-        .props("data-testid=chart-front")
-    )
+    chart = ui.echart(charts.front_chart()).classes("w-full").style("height:230px;min-height:230px")
+    chart.props("data-testid=chart-front")
+    tab.painted.append(chart)
     chart.on_point_click(lambda event: take(f"{event.series_name} {event.data_index}"))
     choose = ui.select({}, label="a point of the front").classes("w-full").props("dense data-testid=front")
     choose.on_value_change(lambda event: take(event.value))

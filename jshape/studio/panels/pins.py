@@ -32,8 +32,8 @@ def build(tab: Tab) -> None:
             with ui.row().classes("w-full no-wrap items-center gap-2").props("data-testid=pin"):
                 ui.element("div").style(f"width:22px;border-top:3px dashed {look['color']}")
                 ui.label(f"{pin.name}{_left(tab, pin)}").classes("text-xs").style("flex:1")
-                again = ui.button("take", on_click=functools.partial(take, pin))
-                again.props(f'dense flat no-caps size=sm aria-label="take {pin.name}"')
+                taken = ui.button("take", on_click=functools.partial(take, pin))
+                taken.props(f'dense flat no-caps size=sm aria-label="take {pin.name}"')
                 gone = ui.button(icon="close", on_click=functools.partial(remove, pin.name))
                 gone.props(f'dense flat size=sm aria-label="remove {pin.name}"')
 
@@ -41,7 +41,11 @@ def build(tab: Tab) -> None:
         ui.label("Compare").classes("text-sm text-weight-bold")
         ui.button("Pin this design", on_click=pin).props("dense outline no-caps data-testid=pin-it").classes("px-3")
     rows()
-    tab.compared.append(rows.refresh)
+
+    def again() -> None:
+        rows.refresh()
+
+    tab.compared.append(again)
 
 
 def _left(tab: Tab, pin: Pin) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from nicegui import ui
 
 from jshape.export import FORMATS
-from jshape.studio import state, takeaway
+from jshape.studio import link, state, takeaway
 from jshape.studio.tab import Tab
 
 
@@ -33,6 +33,15 @@ def build(tab: Tab) -> None:
     def shaper() -> tuple[str, bytes]:
         return takeaway.exported(tab.state, chosen.value, {name: field.value or "" for name, field in fields.items()})
 
+    def copy() -> None:
+        try:
+            address = f"{tab.address}?state={link.packed(tab.state)}"
+        except ValueError as error:
+            tab.warn(str(error))
+            return
+        ui.clipboard.write(address)
+        text.set_content(address)
+
     def preview() -> None:
         try:
             _, content = shaper()
@@ -55,7 +64,9 @@ def build(tab: Tab) -> None:
         "Sensitivity, CSV": lambda: ("sensitivity.csv", takeaway.sensitivity_csv(tab.sensitivity)),
     }
     with ui.row().classes("gap-2"):
+        ui.button("Copy link", on_click=copy).props("dense outline no-caps data-testid=link").classes("px-2")
         for words, made in files.items():
             ui.button(words, on_click=functools.partial(save, made)).props("dense outline no-caps").classes("px-2")
-    ui.label("jshape tune problem.toml gives the numbers of Tune").classes("text-xs text-grey-8")
+    ui.label("A link carries machine, move and shapers; jshape studio LINK opens it.").classes("text-xs opacity-80")
+    ui.label("jshape tune problem.toml gives the numbers of Tune").classes("text-xs opacity-80")
     text = ui.code("", language="text").classes("w-full text-xs")
