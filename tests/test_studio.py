@@ -71,7 +71,8 @@ def test_every_slider_reaches_the_problem_file(plant, tmp_path):
 def test_what_a_page_can_show():
     shown = state.plants()
     assert {"TwoMass", "DoublePendulumCrane", "ModalPlant", "FlexibleLink"} <= set(shown)
-    assert not {"MJCF", "URDF", "TowerCrane"} & set(shown)
+    assert "TowerCrane" in shown
+    assert not {"MJCF", "URDF"} & set(shown)
     assert all(name in catalogue.plants() for name in shown)
     with pytest.raises(ValueError, match="plant must be one of Crane"):
         state.begin("Nothing")
@@ -103,11 +104,94 @@ def test_uploads_are_data_and_bounded(words):
     assert "/tmp" not in str(raised.value)
 
 
-def test_several_axes_are_refused():
-    from jshape.problems import starters
+AXES = ["HoistingCrane", "BridgeCrane", "TowerCrane", "BoomCrane", "TwoLinkArm"]
 
-    with pytest.raises(ValueError, match="TowerCrane has the axes slew, trolley, hoist"):
-        state.from_text(starters.text(starters.find("TowerCrane")))
+
+@pytest.mark.parametrize("plant", AXES)
+def test_machines_of_several_axes_come_back(plant):
+    shown = state.begin(plant)
+    again = state.from_text(shown.text)
+    assert again == dataclasses.replace(shown, starter=again.starter)
+    values = [{p.path: p.value for p in state.parameters(each)} for each in (shown, again)]
+    assert values[0] == values[1]
+    assert state.from_text(again.text).text == again.text
+    assert shown.axis == state.axes(shown)[0]
+    assert bool(shown.own) == (state.problem(shown.text).tuning["shapers"] == "per axis")
+
+
+def test_moves_that_the_page_does_not_write_are_refused():
+    text = state.begin("BridgeCrane").text
+    assert "[command.bridge]" in text
+    with pytest.raises(ValueError, match=r"command\.bridge\.delay: the studio does not show it"):
+        state.from_text(text.replace("[command.bridge]", "[command.bridge]\ndelay = 1.0"))
+
+
+def test_an_axis_keeps_its_own_shaper():
+    shown = state.with_impulses(state.with_own(state.begin("BridgeCrane"), False), [0.25, 0.75], [0.0, 1.0])
+    assert isinstance(curves.shapers_of(shown), js.Shaper)
+    fresh = state.with_one_for_all(state.begin("TowerCrane"), [0.25, 0.75], [0.0, 1.0])
+    assert {(each.amplitudes, each.times) for each in fresh.own} == {((0.25, 0.75), (0.0, 1.0))}
+    own = state.with_impulses(state.with_own(shown, True), [0.5, 0.5], [0.0, 2.0])
+    assert state.problem(own.text).tuning["shapers"] == "per axis"
+    other = state.with_axis(own, "bridge")
+    assert (other.amplitudes, other.times) == ((0.25, 0.75), (0.0, 1.0))
+    assert curves.longest(curves.shapers_of(other)) == 2.0
+    assert state.with_axis(other, "trolley") == own
+    pinned = state.with_pin(other)
+    shared = state.with_own(pinned, False)
+    assert shared.own == ()
+    assert state.with_design_of(shared, pinned.pins[0]) == pinned
+    again = link.unpacked(link.packed(pinned))
+    assert again == dataclasses.replace(pinned, starter=again.starter)
+    assert state.from_text(again.text).text == again.text
+    with pytest.raises(ValueError, match="axis must be one of trolley, bridge, not 'hoist'"):
+        state.with_axis(shown, "hoist")
+    with pytest.raises(ValueError, match="axis must be one of none, not 'bridge'"):
+        state.with_axis(state.begin("Crane"), "bridge")
+    assert "'bridge': js.Shaper(" in takeaway.script(pinned)
+    assert takeaway.exported(other, "json", {})[0] == "shaper_bridge.json"
+
+
+@pytest.mark.slow
+def test_curves_of_several_axes():
+    """What is left of a bridge crane with a shaper for each axis; where its payload is, seen from above."""
+    shown = state.with_impulses(state.with_own(state.begin("BridgeCrane"), True), [0.5, 0.5], [0.0, 2.0])
+    shown = state.with_uncertainty(shown, "cable_length", None)
+    shown = state.with_axis(shown, "bridge")
+    found = {type(result): result for result in curves.stages(shown)}
+    problem = state.problem(shown.text)
+    shapers = {"trolley": js.Shaper([0.5, 0.5], [0.0, 2.0]), "bridge": js.Shaper(shown.amplitudes, shown.times)}
+    left = js.residual_energy(problem.plant, shapers, problem.distance)
+    assert found[curves.Numbers].shaped == pytest.approx(float(left), rel=1e-6)
+    assert found[curves.Numbers].duration == 2.0
+    moves = found[curves.Moves]
+    # The bridge moves by 3 m, the trolley by 8 m.
+    assert moves.position["command"][-1] == pytest.approx(3.0)
+    assert moves.scene["kind"] == "above"
+    trolley, payload = np.moveaxis(moves.scene["places"]["shaped"], 1, 0)
+    np.testing.assert_allclose(trolley[-1], [8.0, 3.0], atol=1e-9)
+    at = moves.scene["times"]
+    np.testing.assert_allclose(payload[:, 1], np.interp(at, moves.times, moves.position["shaped"]), atol=1e-9)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("plant", ["TowerCrane", "HoistingCrane", "TwoLinkArm"])
+def test_drawings_of_several_axes(plant):
+    """At rest before and after the move the parts are where the geometry says."""
+    shown = state.with_uncertainty(state.begin(plant), next(iter(state.begin(plant).starter.uncertain)), None)
+    moves = next(curves.stages(shown))
+    first = moves.scene["places"]["shaped"][0]
+    expected = {
+        "TowerCrane": [[0, 0], [15, 0], [15, 0]],
+        "HoistingCrane": [[0, 0], [0, -6.5]],
+        "TwoLinkArm": [[0, 0], [0.5, 0], [0.5 + 0.4 * np.cos(np.pi / 6), 0.4 * np.sin(np.pi / 6)]],
+    }
+    np.testing.assert_allclose(first, expected[plant], atol=1e-9)
+    if plant == "TowerCrane":
+        trolley = next(curves.stages(state.with_axis(shown, "trolley"))).position
+        assert trolley["command"][[0, -1]] == pytest.approx([15.0, 25.0])
+        driven = moves.scene["places"]["shaped"][-1, 1]
+        np.testing.assert_allclose(driven, 25 * np.array([np.cos(np.radians(40)), np.sin(np.radians(40))]), atol=1e-6)
 
 
 def test_tables_that_the_page_does_not_write_are_named(tmp_path):
@@ -189,7 +273,9 @@ def test_a_link_carries_the_state():
 
 
 def linked(**changes):
-    data = {"problem": MOVE, "impulses": [[0.5, 0.5], [0.0, 1.0]], "pins": []} | changes
+    design = {"axis": "", "impulses": [[0.5, 0.5], [0.0, 1.0]], "own": {}}
+    design |= {key: changes.pop(key) for key in list(changes) if key in design}
+    data = {"problem": MOVE, "shown": design, "pins": []} | changes
     return base64.urlsafe_b64encode(zlib.compress(json.dumps(data).encode())).decode().rstrip("=")
 
 
@@ -199,7 +285,10 @@ HOSTILE = {
     "at most 131072 bytes": base64.urlsafe_b64encode(zlib.compress(bytes(10_000_000), 9)).decode(),
     "runs no code": linked(problem=REFUSED["runs no code"]),
     "is described in another file": linked(problem=REFUSED["is described in another file"]),
-    "must carry problem, impulses and pins": linked(more=1),
+    "must carry problem, shown and pins": linked(more=1),
+    "must have axis, impulses and own": linked(shown=[1]),
+    "must be those of the machine": linked(axis="bridge"),
+    "must be those of the machine, none": linked(own={"bridge": [[1.0], [0.0]]}),
     "text of a problem file": linked(problem=[1]),
     "at most 5 designs": linked(pins=[["A", [1.0], [0.0]]] * 6),
     "two lists of the same length": linked(impulses=[[0.5], [0.0, 1.0]]),
@@ -582,11 +671,10 @@ def test_tuning_gives_the_numbers_of_the_problem_file(tmp_path):
     result = CliRunner().invoke(app, ["tune", str(path), "--out", str(tmp_path / "results")])
     assert result.exit_code == 0, result.output
     record = json.loads((tmp_path / "results" / "shapers" / "tuned.json").read_text())
-    assert record["amplitudes"] == found["amplitudes"]
-    assert record["times"] == found["times"]
+    assert [record["amplitudes"], record["times"]] == found["shapers"][""]
     problem = load(path)
     tuned = js.tune(problem.plant, problem.distance, **problem.tuning)
-    np.testing.assert_array_equal(tuned.shaper.times, found["times"])
+    np.testing.assert_array_equal(tuned.shaper.times, found["shapers"][""][1])
 
 
 @pytest.mark.slow
@@ -630,7 +718,7 @@ def test_a_stop_keeps_the_best_shaper_so_far():
 
     found, seconds = asyncio.run(asyncio.wait_for(stopped(), 300))
     assert found["status"] == "INTERRUPTED"
-    assert sum(found["amplitudes"]) == pytest.approx(1.0)
+    assert sum(found["shapers"][""][0]) == pytest.approx(1.0)
     assert seconds < 60
 
 

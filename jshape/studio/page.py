@@ -2,7 +2,7 @@
 
 from nicegui import ui
 
-from jshape.studio import charts, panels
+from jshape.studio import charts, panels, state
 from jshape.studio.panels import printer
 from jshape.studio.tab import Tab
 
@@ -28,7 +28,8 @@ STYLE = """
 .studio-number .q-field__control, .studio-number .q-field__marginal { height: 30px !important; min-height: 30px; }
 .studio-number .q-field__suffix, .studio-number .q-field__prefix { padding: 0 !important; line-height: 28px; }
 .q-tab { min-height: 36px !important; } .q-tab-panel { padding: 10px !important; }
-@media (max-width: 820px) { .studio-body { flex-direction: column !important; flex-wrap: nowrap; }
+@media (max-width: 820px) { .studio-head { height: auto; min-height: 44px; flex-wrap: wrap !important; }
+  .studio-body { flex-direction: column !important; flex-wrap: nowrap; }
   .studio-left { width: 100%; height: auto; order: 2; } .studio-main { height: auto; order: 1; width: 100%; }
   .studio-grid { grid-template-columns: 1fr; } }
 """
@@ -67,6 +68,7 @@ def build(tab: Tab) -> None:
         summary = ui.label("computing …").classes("text-sm").props('data-testid=summary aria-live="polite"')
         busy = ui.spinner(size="sm").classes("studio-busy")
         ui.space()
+        _axes(tab)
         _dark(tab)
     with ui.row().classes("w-full no-wrap gap-0 items-start studio-body"):
         with ui.column().classes("studio-left gap-0"):
@@ -83,6 +85,26 @@ def build(tab: Tab) -> None:
                 other.bind_visibility_from(tabs, "value", value=name)
     ui.on("impulse", lambda event: tab.drag(event.args))
     tab.place(summary, busy, warning)
+
+
+def _axes(tab: Tab) -> None:
+    """Which axis of several is shown, and whether each has a shaper of its own."""
+
+    @ui.refreshable
+    def choose() -> None:
+        if names := state.axes(tab.state):
+            own = ui.switch("own shaper", value=bool(tab.state.own)).props("dense data-testid=own")
+            own.on_value_change(lambda event: tab.change(lambda now: state.with_own(now, bool(event.value))))
+            own.tooltip("each axis has a shaper of its own")
+            axis = ui.toggle(names, value=tab.state.axis).props("dense no-caps data-testid=axis")
+            axis.on_value_change(lambda event: tab.change(lambda now: state.with_axis(now, event.value), impulses=True))
+
+    def again() -> None:
+        choose.refresh()
+
+    choose()
+    tab.renewed.append(again)
+    tab.turned.append(again)
 
 
 def _dark(tab: Tab) -> None:

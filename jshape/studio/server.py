@@ -14,7 +14,7 @@ from jshape.studio import curves, takeaway
 from jshape.studio.guard import MOST, Guard
 from jshape.studio.link import unpacked
 from jshape.studio.page import build
-from jshape.studio.state import State, with_impulses
+from jshape.studio.state import State, with_one_for_all
 from jshape.studio.tab import Tab
 
 HOST = "127.0.0.1"
@@ -98,7 +98,7 @@ def _free_port() -> int:
 def _first(state: State) -> State:
     """The state with the simplest shaper for its machine, where there is one."""
     try:
-        return with_impulses(state, *takeaway.closed_form(state, takeaway.SIMPLEST))
+        return with_one_for_all(state, *takeaway.closed_form(state, takeaway.SIMPLEST))
     except ValueError:
         return state
 

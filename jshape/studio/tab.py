@@ -39,6 +39,7 @@ class Tab:
         dragged: whether a bar of the impulses is being dragged.
         followers: called when the impulses are others.
         renewed: called when the machine is another.
+        turned: called when another axis is shown.
         painted: charts that are not in ``charts``.
         dark: whether the page is.
         compared: called when designs to compare are others, or computed.
@@ -59,6 +60,7 @@ class Tab:
         self.followers: list[Callable[[], None]] = []
         self.renewed: list[Callable[[], None]] = []
         self.compared: list[Callable[[], None]] = []
+        self.turned: list[Callable[[], None]] = []
         self.painted: list[ui.echart] = []
         self.dark = False
         self.begun: list[Callable[[], None]] = []

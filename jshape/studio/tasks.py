@@ -25,14 +25,19 @@ def tune(asked: dict[str, Any], progress: Progress) -> dict[str, Any]:
         progress: of ``js.tune``.
 
     Returns:
-        ``amplitudes``, ``times`` (s), ``status`` and ``message``.
+        ``shapers``, axis → amplitudes and times (s), with an empty name for one that all axes share; ``status`` and
+        ``message``.
     """
     from jshape.design.tuning.tune import tune
+    from jshape.shaper import Shaper
 
     problem = _problem(asked["text"])
     found = tune(problem.plant, problem.distance, progress=progress, **problem.tuning)
-    amplitudes, times = (np.asarray(values, float).tolist() for values in (found.shaper.amplitudes, found.shaper.times))
-    return {"amplitudes": amplitudes, "times": times, "status": found.status.name, "message": found.message}
+    shapers = {
+        axis: [np.asarray(values, float).tolist() for values in (shaper.amplitudes, shaper.times)]
+        for axis, shaper in ({"": found.shaping} if isinstance(found.shaping, Shaper) else found.shaping).items()
+    }
+    return {"shapers": shapers, "status": found.status.name, "message": found.message}
 
 
 def pareto(asked: dict[str, Any], progress: Progress) -> dict[str, Any]:
@@ -55,6 +60,7 @@ def pareto(asked: dict[str, Any], progress: Progress) -> dict[str, Any]:
         problem.distance,
         impulses=asked["impulses"],
         durations=asked["durations"],
+        shapers="shared",
         over=problem.over or None,
         objective=problem.objective,
         starts=problem.front.starts,

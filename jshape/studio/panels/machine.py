@@ -28,7 +28,7 @@ def build(tab: Tab) -> None:
         sliders.refresh()
         for renew in tab.renewed:
             renew()
-        await closed_form(tab, takeaway.SIMPLEST)
+        await closed_form(tab, takeaway.SIMPLEST, every=True)
 
     async def loaded(event: events.UploadEventArguments) -> None:
         upload.reset()

@@ -6,7 +6,7 @@ from nicegui import ui
 
 from jshape.studio import charts, state
 from jshape.studio.panels import running
-from jshape.studio.state import State
+from jshape.studio.state import Pin, State
 from jshape.studio.tab import Tab
 
 
@@ -40,7 +40,11 @@ def tune(tab: Tab) -> None:
             shown.run_chart_method("setOption", charts.history(best))
 
     def show(found: dict[str, Any]) -> str:
-        tab.change(lambda now: state.with_impulses(now, found["amplitudes"], found["times"]), impulses=True)
+        shapers = found["shapers"]
+        if "" in shapers:
+            tab.change(lambda now: state.with_impulses(now, *shapers[""]), impulses=True)
+        else:
+            tab.change(lambda now: state.with_shapers(now, shapers), impulses=True)
         return found["message"]
 
     renew()
@@ -83,7 +87,11 @@ def pareto(tab: Tab) -> None:
 
     def take(key: str | None) -> None:
         if (point := points.get(key or "")) is not None:
-            tab.change(lambda now: state.with_impulses(now, point["amplitudes"], point["times"]), impulses=True)
+            # All axes share the shapers of the front.
+            shaper = Pin("", tuple(point["amplitudes"]), tuple(point["times"]), tab.state.axis)
+            tab.change(lambda now: state.with_design_of(now, shaper), impulses=True)
+            for turn in tab.turned:
+                turn()
 
     def renew() -> None:
         # The front of another machine.

@@ -24,7 +24,9 @@ def build(tab: Tab) -> None:
         rows.refresh()
 
     def take(pin: Pin) -> None:
-        tab.change(lambda before: state.with_impulses(before, pin.amplitudes, pin.times), impulses=True)
+        tab.change(lambda before: state.with_design_of(before, pin), impulses=True)
+        for turn in tab.turned:
+            turn()
 
     @ui.refreshable
     def rows() -> None:

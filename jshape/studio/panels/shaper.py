@@ -83,8 +83,15 @@ def _impulse(shown: State, index: int) -> str:
     return f"{shown.amplitudes[index]:.4g} at {shown.times[index]:.4g} s"
 
 
-async def closed_form(tab: Tab, name: str) -> None:
-    """Show a closed form for the machine as it is, or say why there is none."""
+async def closed_form(tab: Tab, name: str, every: bool = False) -> None:
+    """Show a closed form for the machine as it is, or say why there is none.
+
+    Args:
+        tab: that shows it.
+        name: of the closed form.
+        every: whether it is for all axes, where each has a shaper of its own.
+    """
+    put = state.with_one_for_all if every else state.with_impulses
     before = tab.state
     try:
         found = await asyncio.get_running_loop().run_in_executor(tab.worker, takeaway.closed_form, before, name)
@@ -92,4 +99,4 @@ async def closed_form(tab: Tab, name: str) -> None:
         tab.warn(str(error))
         return
     tab.warn("")
-    tab.change(lambda now: state.with_impulses(now, *found), impulses=True)
+    tab.change(lambda now: put(now, *found), impulses=True)
