@@ -658,6 +658,22 @@ def test_mistakes_at_the_prompt():
         assert words in " ".join(result.output.split())
 
 
+def test_a_stop_at_once_is_quiet(capfd):
+    """Before the process has begun there is nothing to interrupt in it; Python would complain."""
+
+    async def stopped():
+        work = Work()
+        running = asyncio.create_task(work.run("tune", {"text": state.begin("TwoMass").text}, lambda _: None))
+        while not work.running:
+            await asyncio.sleep(0.001)
+        await work.stop()
+        with pytest.raises(ValueError, match="stopped before there was a result"):
+            await running
+
+    asyncio.run(asyncio.wait_for(stopped(), 30))
+    assert capfd.readouterr().err == ""
+
+
 @pytest.mark.slow
 def test_tuning_gives_the_numbers_of_the_problem_file(tmp_path):
     """The process of the page, ``jshape tune`` on its problem file and its Python script, to the last digit."""

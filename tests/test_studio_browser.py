@@ -1,7 +1,9 @@
 """The studio in a headless Chromium, clicked through as its user would; skipped where there is none."""
 
 import json
+import os
 import random
+import signal
 import urllib.error
 import urllib.request
 from contextlib import contextmanager
@@ -30,7 +32,7 @@ def studio():
     with serving("paper_001") as (address, lines, process):
         yield address, process
     errors = [line for line in lines if "Traceback" in line or "Error" in line]
-    assert errors == []
+    assert errors == [], "\n".join(lines[-60:])
 
 
 @contextmanager
@@ -337,23 +339,111 @@ def test_strangers_get_nothing(studio):
     assert status(socket, **cookie, Origin="http://evil.example") == 403
 
 
+def open_panel(page, name):
+    page.get_by_role("tab", name=name).click()
+
+
+def move_a_slider(page, draw):
+    open_panel(page, "Machine")
+    sliders = page.locator("[data-testid^=slider-] [tabindex]")
+    sliders.first.wait_for()
+    sliders.nth(draw.randrange(sliders.count())).focus()
+    for _ in range(draw.randrange(1, 6)):
+        page.keyboard.press(draw.choice(["ArrowRight", "ArrowLeft", "PageUp", "Home", "End"]))
+
+
+def click_on_the_shaper(page, draw):
+    open_panel(page, "Shaper")
+    name = draw.choice(["ZV", "ZVD", "EI", "add", "remove", "unshaped", "Pin this design", "Compute"])
+    page.get_by_role("button", name=name, exact=True).click(force=True)
+    page.locator("[data-testid=stop-pareto]").click(force=True)
+
+
+def unpin(page, draw):
+    open_panel(page, "Shaper")
+    rows = page.get_by_label("remove ")
+    if rows.count():
+        rows.first.click()
+
+
+def drag_anything(page, draw):
+    open_panel(page, draw.choice(["Machine", "Shaper"]))
+    page.locator("[data-testid=chart-impulses]").wait_for()
+    box = page.locator("[data-testid=chart-impulses]").bounding_box()
+    place = lambda: (box["x"] + draw.random() * box["width"], box["y"] + draw.random() * box["height"])
+    page.mouse.move(*draw.choice([place(), bar(page, 0)]))
+    page.mouse.down()
+    for _ in range(draw.randrange(4)):
+        page.mouse.move(*place())
+    page.mouse.up()
+
+
+def type_nonsense(page, draw):
+    open_panel(page, "Machine")
+    fields = page.locator(".studio-number input")
+    fields.first.wait_for()
+    words = draw.choice(["", "-1", "0", "1e300", "nan", "abc", "0.5", "1e-300"])
+    fields.nth(draw.randrange(fields.count())).press_sequentially(words)
+
+
+def take_something_away(page, draw):
+    open_panel(page, "Take away")
+    page.get_by_role("button", name=draw.choice(["Show", "Copy link"])).click()
+
+
+def turn_the_page(page, draw):
+    page.locator("[data-testid=dark]").click()
+    open_panel(page, "Printer")
+    page.locator("[data-testid=calibrate]").click()
+
+
+ACTIONS = {
+    move_a_slider: 10, click_on_the_shaper: 3, drag_anything: 4, type_nonsense: 2, unpin: 1, take_something_away: 1,
+    turn_the_page: 1,
+}  # fmt: skip
+
+
 def test_random_actions(studio):
-    """Keys on random sliders, closed forms and tabs; at the end the page still answers and nothing was reported."""
+    """2,000 of them; at the end the page still answers, nothing was reported, and the server's memory is bounded."""
     draw = random.Random(0)
     with opened(studio[0]) as page:
-        sliders = page.locator("[data-testid^=slider-] [tabindex]")
-        for _ in range(150):
-            if draw.random() < 0.9:
-                page.get_by_role("tab", name="Machine").click()
-                sliders.first.wait_for()
-                sliders.nth(draw.randrange(sliders.count())).focus()
-                for _ in range(draw.randrange(1, 6)):
-                    page.keyboard.press(draw.choice(["ArrowRight", "ArrowLeft", "PageUp", "Home", "End"]))
-            else:
-                page.get_by_role("tab", name="Shaper").click()
-                name = draw.choice(["ZV", "ZVD", "EI", "add", "remove", "unshaped"])
-                page.get_by_role("button", name=name, exact=True).click()
-        page.get_by_role("tab", name="Machine").click()
+        page.set_default_timeout(60_000)
+        page.context.grant_permissions(["clipboard-read", "clipboard-write"])
+        for number in range(2000):
+            if number == 500:
+                before = memory(studio[1])
+            draw.choices(list(ACTIONS), ACTIONS.values())[0](page, draw)
+        assert memory(studio[1]) - before < 400
+        open_panel(page, "Machine")
         choose(page, "Crane")
         choose(page, "TwoMass")
         assert "residual energy" in page.locator("[data-testid=summary]").inner_text()
+
+
+def memory(process):
+    """Megabytes of a process."""
+    lines = Path(f"/proc/{process.pid}/status").read_text().splitlines()
+    return next(int(line.split()[1]) for line in lines if line.startswith("VmRSS")) / 1024
+
+
+def test_a_killed_process_and_a_lost_connection(studio):
+    """A process that is killed from outside is said to have ended; a connection that comes back shows the state."""
+    with opened(studio[0]) as page:
+        press(page, "slider-plant.m2", times=8)
+        open_panel(page, "Shaper")
+        page.locator("[data-testid=tune]").click()
+        said = "document.querySelector('[data-testid=said-tune]').innerText"
+        page.wait_for_function(f"{said}.includes('process starts')")
+        children = Path(f"/proc/{studio[1].pid}/task/{studio[1].pid}/children").read_text().split()
+        tuning = [pid for pid in children if b"jshape.studio.work" in Path(f"/proc/{pid}/cmdline").read_bytes()]
+        assert len(tuning) == 1
+        os.kill(int(tuning[0]), signal.SIGKILL)
+        page.wait_for_function(f"{said}.includes('ended without an answer')")
+        assert page.locator("[data-testid=tune]").is_enabled()
+        page.context.set_offline(True)
+        page.wait_for_timeout(500)
+        page.context.set_offline(False)
+        page.reload()
+        computed(page)
+        open_panel(page, "Machine")
+        assert page.get_by_label("m2", exact=True).first.input_value() == "1.11"

@@ -12,17 +12,18 @@ STYLE = """
 .body--dark { --q-primary: #4ea3dc !important; color: #e8e8e8; }
 .body--dark .bg-primary { color: #10202c !important; }
 .studio-head { height: 44px; background: var(--studio-head); }
+.studio-summary { flex: 0 1 auto; min-width: 180px; }
 .studio-warning { background: var(--studio-warn); color: var(--studio-warn-text); }
 .nicegui-content { padding: 0 !important; gap: 0 !important; }
 .studio-left { width: 368px; height: calc(100vh - 44px); overflow-y: auto; border-right: 1px solid var(--studio-edge); }
 .studio-main { flex: 1; height: calc(100vh - 44px); overflow-y: auto; min-width: 320px; }
 .studio-grid { display: grid; grid-template-columns: 1fr 1fr; gap: 6px; padding: 6px; width: 100%; }
-.studio-grid .cell { height: calc((100vh - 44px - 26px) / 3); min-height: 200px; position: relative;
+.studio-grid .cell { height: calc((100vh - 44px - 26px) / 3); min-height: 200px; min-width: 0; position: relative;
   border: 1px solid var(--studio-edge); border-radius: 4px; padding: 4px; }
 .studio-printer { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 430px), 1fr)); gap: 6px;
   padding: 6px; width: 100%; }
 .studio-axis .q-table th, .studio-axis .q-table td { padding: 2px 6px !important; height: 28px; }
-.studio-axis { border: 1px solid var(--studio-edge); border-radius: 4px; padding: 4px; }
+.studio-axis { min-width: 0; border: 1px solid var(--studio-edge); border-radius: 4px; padding: 4px; }
 .q-tab-panel, .q-tab-panel .nicegui-column { gap: 4px !important; }
 .q-uploader { max-height: 44px; } .q-uploader__list, .q-uploader__subtitle { display: none; }
 .studio-number .q-field__control, .studio-number .q-field__marginal { height: 30px !important; min-height: 30px; }
@@ -65,7 +66,12 @@ def build(tab: Tab) -> None:
     ui.colors(primary="#005a94")
     with ui.row().classes("w-full items-center no-wrap px-3 gap-4 studio-head"):
         ui.label("jshape studio").classes("text-weight-bold text-base")
-        summary = ui.label("computing …").classes("text-sm").props('data-testid=summary aria-live="polite"')
+        summary = (
+            ui.label("computing …")
+            .classes("text-sm")
+            .style("flex:0 1 auto;min-width:180px")
+            .props('data-testid=summary aria-live="polite"')
+        )
         busy = ui.spinner(size="sm").classes("studio-busy")
         ui.space()
         _axes(tab)

@@ -1,7 +1,7 @@
 """What takes long, in a process of its own, with progress and a stop that keeps the best so far.
 
 The process is this module: ``python -m jshape.studio.work TASK`` reads what is asked as a line of JSON, then writes
-lines of JSON, ``{"progress": …}`` and at the end ``{"answer": …}`` or ``{"error": …}``. It ends when its input does, so
+lines of JSON, ``{"begun": true}``, ``{"progress": …}`` and at the end ``{"answer": …}`` or ``{"error": …}``. It ends when its input does, so
 that none is left behind. The tasks are the functions of ``tasks``.
 """
 
@@ -21,6 +21,8 @@ PATIENCE = 30.0
 """How long a process may take to end after a stop, s."""
 
 
+STOPPED = "stopped before there was a result"
+
 SAYING = threading.Lock()
 
 
@@ -29,6 +31,7 @@ class Work:
 
     def __init__(self) -> None:
         self._process: subprocess.Popen[bytes] | None = None
+        self._begun = self._stopped = False
 
     @property
     def running(self) -> bool:
@@ -55,6 +58,7 @@ class Work:
         """
         if self.running:
             raise ValueError("this page computes already; stop that first")
+        self._begun = self._stopped = False
         command = [sys.executable, "-P", "-m", "jshape.studio.work", task]
         # Not asyncio's own: with uvloop that forks this process, whose JAX has threads.
         self._process = process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, cwd=folder)
@@ -65,7 +69,7 @@ class Work:
             process.stdin.write(json.dumps(asked).encode() + b"\n")
             process.stdin.flush()
             while line := await asyncio.to_thread(process.stdout.readline):
-                answer = json.loads(line)
+                answer, self._begun = json.loads(line), True
                 if "progress" in answer:
                     progress(answer["progress"])
         except BrokenPipeError:
@@ -77,12 +81,18 @@ class Work:
             process.stdout.close()
         if "answer" in answer:
             return answer["answer"]
-        raise ValueError(answer.get("error", f"the process ended without an answer (code {code})"))
+        words = STOPPED if self._stopped else f"the process ended without an answer (code {code})"
+        raise ValueError(answer.get("error", words))
 
     async def stop(self) -> None:
         """Interrupt it: the best so far is its answer, where there is one."""
         process = self._process
         if process is None or process.poll() is not None:
+            return
+        self._stopped = True
+        if not self._begun:
+            # Python itself has not started yet, and would write its complaint into the terminal.
+            process.kill()
             return
         process.send_signal(signal.SIGINT if os.name == "posix" else signal.SIGTERM)
         try:
@@ -101,13 +111,14 @@ def main() -> None:
     asked = json.loads(sys.stdin.readline())
     threading.Thread(target=_end_with_input, daemon=True).start()
     try:
+        _say({"begun": True})
         from jshape.studio import tasks
 
         answer = {"answer": tasks.TASKS[sys.argv[1]](asked, _progress)}
     except (ValueError, OSError, MemoryError) as error:
         answer = {"error": str(error) or "the memory is full"}
     except KeyboardInterrupt:
-        answer = {"error": "stopped before there was a result"}
+        answer = {"error": STOPPED}
     _say(answer)
 
 
