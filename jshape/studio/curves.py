@@ -10,6 +10,7 @@ import functools
 from collections.abc import Iterator
 from typing import Any
 
+import equinox as eqx
 import numpy as np
 
 from jshape.command import as_command
@@ -196,7 +197,7 @@ def pinned(text: str, pin: Pin) -> Pinned:
     plants = PLANTS if _brief(asked.plant) else CHUNK
     over = sensitivity(asked, shaper, plants, TOLERANCE) if asked.over else None
     parts = (
-        moves(asked, shaper, pin.axis),
+        moves(asked, shaper, frequencies, pin.axis),
         linear(asked.plant, shaper_of(pin), frequencies),
         over,
         numbers(asked, shaper),
@@ -208,7 +209,7 @@ def _own(state: State) -> Iterator[Result]:
     """The results of the shaper that is changed."""
     asked, frequencies = _problem(state.text)
     shaper = shapers_of(state)
-    yield moves(asked, shaper, state.axis)
+    yield moves(asked, shaper, frequencies, state.axis)
     yield linear(asked.plant, shaper_of(state), frequencies)
     if not asked.over:
         yield numbers(asked, shaper)
@@ -233,7 +234,14 @@ def _brief(plant: AbstractPlant) -> bool:
 def _problem(text: str) -> tuple[Problem, np.ndarray]:
     """A problem and its plant's natural frequencies, rad/s."""
     found = problem(text)
-    return found, np.atleast_1d(np.asarray(found.plant.natural_frequency(), float))
+    # A slider's movement waits for it; the derivative of a spring's force takes 13 ms unless it is compiled.
+    natural = _natural(found.plant) if isinstance(found.plant, AbstractOscillator) else found.plant.natural_frequency()
+    return found, np.atleast_1d(np.asarray(natural, float))
+
+
+@eqx.filter_jit
+def _natural(plant: AbstractPlant) -> Any:
+    return plant.natural_frequency()
 
 
 def padded(shapers: Shapers) -> Any:
@@ -251,16 +259,17 @@ def bare_like(shapers: Any) -> Any:
     return Shaper([1.0], [0.0]).pad(len(shapers.times))
 
 
-def moves(asked: Problem, shaper: Shapers, axis: str = "") -> Moves:
+def moves(asked: Problem, shaper: Shapers, frequencies: np.ndarray, axis: str = "") -> Moves:
     """The responses of the nominal plant with and without a shaper.
 
     Args:
         asked: the problem.
         shaper: the shaper, or one for each axis.
+        frequencies: the plant's natural ones, rad/s.
         axis: of several, that is shown.
     """
     plant, move = asked.plant, as_command(asked.distance)
-    horizon = shown_until(plant, longest(shaper) + float(move.duration))
+    horizon = shown_until(plant, longest(shaper) + float(move.duration), frequencies)
     shaper = padded(shaper)
     bare = bare_like(shaper)
     runs = {

@@ -1,8 +1,8 @@
 """What takes long, in a process of its own, with progress and a stop that keeps the best so far.
 
 The process is this module: ``python -m jshape.studio.work TASK`` reads what is asked as a line of JSON, then writes
-lines of JSON, ``{"begun": true}``, ``{"progress": …}`` and at the end ``{"answer": …}`` or ``{"error": …}``. It ends when its input does, so
-that none is left behind. The tasks are the functions of ``tasks``.
+lines of JSON, ``{"begun": true}``, ``{"progress": …}`` and at the end ``{"answer": …}`` or ``{"error": …}``. It ends
+when its input does, so that none is left behind. The tasks are the functions of ``tasks``.
 """
 
 import asyncio
