@@ -216,7 +216,7 @@ def test_uploads(studio, tmp_path):
     files = {
         "broken.toml": ("[[[", "malformed TOML"),
         "code.toml": ('distance = 1.0\n[plant]\ntype = "os:system"\n', "runs no code"),
-        "large.toml": ("#" * 600_000, "must have at most"),
+        "large.toml": ("#" * 1_100_000, "must have at most"),
     }
     with opened(studio[0]) as page:
         for name, (text, words) in files.items():
