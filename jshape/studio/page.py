@@ -29,7 +29,8 @@ STYLE = """
 .studio-number .q-field__control, .studio-number .q-field__marginal { height: 30px !important; min-height: 30px; }
 .studio-number .q-field__suffix, .studio-number .q-field__prefix { padding: 0 !important; line-height: 28px; }
 .q-tab { min-height: 36px !important; } .q-tab-panel { padding: 10px !important; }
-@media (max-width: 820px) { .studio-head { height: auto; min-height: 44px; flex-wrap: wrap !important; }
+@media (max-width: 820px) { .studio-head { height: auto; min-height: 44px;
+    flex-wrap: wrap !important; gap: 4px 12px !important; }
   .studio-body { flex-direction: column !important; flex-wrap: nowrap; }
   .studio-left { width: 100%; height: auto; order: 2; } .studio-main { height: auto; order: 1; width: 100%; }
   .studio-grid { grid-template-columns: 1fr; } }
