@@ -10,7 +10,8 @@ import typer
 from calibration_data import RECORD, sets_text, spectrum_text
 from typer.testing import CliRunner
 
-from jshape.cli.calibrate import _axes, _axis, calibrate
+from jshape.calibration.files import axis_of
+from jshape.cli.calibrate import _axes, calibrate
 from jshape.export import read_shaper
 from jshape.klipper import impulses
 
@@ -141,7 +142,7 @@ def test_axis_from_the_name(tmp_path):
         ("proxy.csv", "x"),
         ("y-2.csv", "y"),
     ]:
-        assert _axis(tmp_path / name) == axis
+        assert axis_of(tmp_path / name) == axis
 
 
 @pytest.mark.slow

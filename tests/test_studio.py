@@ -1,11 +1,15 @@
 """The studio without a browser: a page's state, its curves, what it gives away, and who may talk to it."""
 
 import asyncio
+import base64
+import dataclasses
 import json
 import sys
 import threading
 import time
+import zlib
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import jax
 import numpy as np
@@ -19,10 +23,12 @@ from jshape.export import FORMATS
 from jshape.problems import catalogue, limits
 from jshape.problems.problem import load
 from jshape.problems.reading import read, shipped
-from jshape.studio import charts, curves, panels, state, takeaway
-from jshape.studio.guard import MOST, Guard
+from jshape.studio import charts, curves, link, state, takeaway
+from jshape.studio.guard import MOST, MOST_UPLOADED, Guard
 from jshape.studio.live import Live
-from jshape.studio.tuning import Tuning
+from jshape.studio.panels.printer import file_name
+from jshape.studio.panels.shaper import ENERGY, SHAPERS
+from jshape.studio.work import Work
 
 
 def drafted(folder, text):
@@ -65,7 +71,8 @@ def test_every_slider_reaches_the_problem_file(plant, tmp_path):
 def test_what_a_page_can_show():
     shown = state.plants()
     assert {"TwoMass", "DoublePendulumCrane", "ModalPlant", "FlexibleLink"} <= set(shown)
-    assert not {"MJCF", "URDF", "TowerCrane"} & set(shown)
+    assert "TowerCrane" in shown
+    assert not {"MJCF", "URDF"} & set(shown)
     assert all(name in catalogue.plants() for name in shown)
     with pytest.raises(ValueError, match="plant must be one of Crane"):
         state.begin("Nothing")
@@ -97,11 +104,94 @@ def test_uploads_are_data_and_bounded(words):
     assert "/tmp" not in str(raised.value)
 
 
-def test_several_axes_are_refused():
-    from jshape.problems import starters
+AXES = ["HoistingCrane", "BridgeCrane", "TowerCrane", "BoomCrane", "TwoLinkArm"]
 
-    with pytest.raises(ValueError, match="TowerCrane has the axes slew, trolley, hoist"):
-        state.from_text(starters.text(starters.find("TowerCrane")))
+
+@pytest.mark.parametrize("plant", AXES)
+def test_machines_of_several_axes_come_back(plant):
+    shown = state.begin(plant)
+    again = state.from_text(shown.text)
+    assert again == dataclasses.replace(shown, starter=again.starter)
+    values = [{p.path: p.value for p in state.parameters(each)} for each in (shown, again)]
+    assert values[0] == values[1]
+    assert state.from_text(again.text).text == again.text
+    assert shown.axis == state.axes(shown)[0]
+    assert bool(shown.own) == (state.problem(shown.text).tuning["shapers"] == "per axis")
+
+
+def test_moves_that_the_page_does_not_write_are_refused():
+    text = state.begin("BridgeCrane").text
+    assert "[command.bridge]" in text
+    with pytest.raises(ValueError, match=r"command\.bridge\.delay: the studio does not show it"):
+        state.from_text(text.replace("[command.bridge]", "[command.bridge]\ndelay = 1.0"))
+
+
+def test_an_axis_keeps_its_own_shaper():
+    shown = state.with_impulses(state.with_own(state.begin("BridgeCrane"), False), [0.25, 0.75], [0.0, 1.0])
+    assert isinstance(curves.shapers_of(shown), js.Shaper)
+    fresh = state.with_one_for_all(state.begin("TowerCrane"), [0.25, 0.75], [0.0, 1.0])
+    assert {(each.amplitudes, each.times) for each in fresh.own} == {((0.25, 0.75), (0.0, 1.0))}
+    own = state.with_impulses(state.with_own(shown, True), [0.5, 0.5], [0.0, 2.0])
+    assert state.problem(own.text).tuning["shapers"] == "per axis"
+    other = state.with_axis(own, "bridge")
+    assert (other.amplitudes, other.times) == ((0.25, 0.75), (0.0, 1.0))
+    assert curves.longest(curves.shapers_of(other)) == 2.0
+    assert state.with_axis(other, "trolley") == own
+    pinned = state.with_pin(other)
+    shared = state.with_own(pinned, False)
+    assert shared.own == ()
+    assert state.with_design_of(shared, pinned.pins[0]) == pinned
+    again = link.unpacked(link.packed(pinned))
+    assert again == dataclasses.replace(pinned, starter=again.starter)
+    assert state.from_text(again.text).text == again.text
+    with pytest.raises(ValueError, match="axis must be one of trolley, bridge, not 'hoist'"):
+        state.with_axis(shown, "hoist")
+    with pytest.raises(ValueError, match="axis must be one of none, not 'bridge'"):
+        state.with_axis(state.begin("Crane"), "bridge")
+    assert "'bridge': js.Shaper(" in takeaway.script(pinned)
+    assert takeaway.exported(other, "json", {})[0] == "shaper_bridge.json"
+
+
+@pytest.mark.slow
+def test_curves_of_several_axes():
+    """What is left of a bridge crane with a shaper for each axis; where its payload is, seen from above."""
+    shown = state.with_impulses(state.with_own(state.begin("BridgeCrane"), True), [0.5, 0.5], [0.0, 2.0])
+    shown = state.with_uncertainty(shown, "cable_length", None)
+    shown = state.with_axis(shown, "bridge")
+    found = {type(result): result for result in curves.stages(shown)}
+    problem = state.problem(shown.text)
+    shapers = {"trolley": js.Shaper([0.5, 0.5], [0.0, 2.0]), "bridge": js.Shaper(shown.amplitudes, shown.times)}
+    left = js.residual_energy(problem.plant, shapers, problem.distance)
+    assert found[curves.Numbers].shaped == pytest.approx(float(left), rel=1e-6)
+    assert found[curves.Numbers].duration == 2.0
+    moves = found[curves.Moves]
+    # The bridge moves by 3 m, the trolley by 8 m.
+    assert moves.position["command"][-1] == pytest.approx(3.0)
+    assert moves.scene["kind"] == "above"
+    trolley, payload = np.moveaxis(moves.scene["places"]["shaped"], 1, 0)
+    np.testing.assert_allclose(trolley[-1], [8.0, 3.0], atol=1e-9)
+    at = moves.scene["times"]
+    np.testing.assert_allclose(payload[:, 1], np.interp(at, moves.times, moves.position["shaped"]), atol=1e-9)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("plant", ["TowerCrane", "HoistingCrane", "TwoLinkArm"])
+def test_drawings_of_several_axes(plant):
+    """At rest before and after the move the parts are where the geometry says."""
+    shown = state.with_uncertainty(state.begin(plant), next(iter(state.begin(plant).starter.uncertain)), None)
+    moves = next(curves.stages(shown))
+    first = moves.scene["places"]["shaped"][0]
+    expected = {
+        "TowerCrane": [[0, 0], [15, 0], [15, 0]],
+        "HoistingCrane": [[0, 0], [0, -6.5]],
+        "TwoLinkArm": [[0, 0], [0.5, 0], [0.5 + 0.4 * np.cos(np.pi / 6), 0.4 * np.sin(np.pi / 6)]],
+    }
+    np.testing.assert_allclose(first, expected[plant], atol=1e-9)
+    if plant == "TowerCrane":
+        trolley = next(curves.stages(state.with_axis(shown, "trolley"))).position
+        assert trolley["command"][[0, -1]] == pytest.approx([15.0, 25.0])
+        driven = moves.scene["places"]["shaped"][-1, 1]
+        np.testing.assert_allclose(driven, 25 * np.array([np.cos(np.radians(40)), np.sin(np.radians(40))]), atol=1e-6)
 
 
 def test_tables_that_the_page_does_not_write_are_named(tmp_path):
@@ -146,6 +236,89 @@ def test_amplitudes_keep_their_sum_and_times_their_order():
     one = state.with_one_less(state.with_one_less(less))
     assert one.amplitudes == (1.0,)
     assert state.with_amplitude(one, 0, 0.3) == one
+
+
+def test_designs_to_compare():
+    shown = state.begin("TwoMass")
+    for number in range(5):
+        shown = state.with_pin(state.with_impulses(shown, [0.5, 0.5], [0.0, 1.0 + number]))
+    names = [pin.name for pin in shown.pins]
+    assert names[0] == "A: 2 impulses, 1 s"
+    assert [name[0] for name in names] == list("ABCDE")
+    with pytest.raises(ValueError, match="at most 5 designs"):
+        state.with_pin(state.with_impulses(shown, [0.5, 0.5], [0.0, 9.0]))
+    less = state.without_pin(shown, names[1])
+    assert [pin.name[0] for pin in less.pins] == list("ACDE")
+    with pytest.raises(ValueError, match="pinned already"):
+        state.with_pin(less)
+    again = state.with_pin(state.with_impulses(less, [1.0], [0.0]))
+    assert again.pins[-1].name == "B: 1 impulses, 0 s"
+    # The problem file does not depend on them.
+    assert again.text == state.begin("TwoMass").text
+
+
+def test_a_link_carries_the_state():
+    """Problem, impulses and pins come back to the last digit; the link opens the command, too."""
+    shown = state.from_text(shipped()["paper_001"].read_text(encoding="utf-8"))
+    shown = state.with_pin(state.with_impulses(shown, [0.1, 0.9], [0.0, 1 / 3]))
+    shown = state.with_impulses(state.with_value(shown, "plant.m2", 1.2345678901234567), [1.1, -0.1], [0.0, 0.7])
+    packed = link.packed(shown)
+    assert len(packed) < 2000
+    again = link.unpacked(packed)
+    assert (again.amplitudes, again.times, again.pins) == (shown.amplitudes, shown.times, shown.pins)
+    assert again.text == shown.text
+    assert link.from_address(f"http://127.0.0.1:8080/?state={packed}") == again
+    with pytest.raises(ValueError, match="carries no state"):
+        link.from_address("http://127.0.0.1:8080/")
+
+
+def linked(**changes):
+    design = {"axis": "", "impulses": [[0.5, 0.5], [0.0, 1.0]], "own": {}}
+    design |= {key: changes.pop(key) for key in list(changes) if key in design}
+    data = {"problem": MOVE, "shown": design, "pins": []} | changes
+    return base64.urlsafe_b64encode(zlib.compress(json.dumps(data).encode())).decode().rstrip("=")
+
+
+HOSTILE = {
+    "cannot be read": "%%%",
+    "at most 16384 characters": "A" * 20_000,
+    "at most 131072 bytes": base64.urlsafe_b64encode(zlib.compress(bytes(10_000_000), 9)).decode(),
+    "runs no code": linked(problem=REFUSED["runs no code"]),
+    "is described in another file": linked(problem=REFUSED["is described in another file"]),
+    "must carry problem, shown and pins": linked(more=1),
+    "must have axis, impulses and own": linked(shown=[1]),
+    "must be those of the machine": linked(axis="bridge"),
+    "must be those of the machine, none": linked(own={"bridge": [[1.0], [0.0]]}),
+    "text of a problem file": linked(problem=[1]),
+    "at most 5 designs": linked(pins=[["A", [1.0], [0.0]]] * 6),
+    "two lists of the same length": linked(impulses=[[0.5], [0.0, 1.0]]),
+    "must be finite numbers": linked(impulses=[[0.5, 0.5], [0.0, float("inf")]]),
+    "must be finite numbers, not words": linked(impulses=[[0.5, 0.5], [0.0, True]]),
+    "must sum to 1": linked(impulses=[[0.5, 0.6], [0.0, 1.0]]),
+    "must increase from 0": linked(impulses=[[0.5, 0.5], [0.0, -1.0]]),
+}
+
+
+@pytest.mark.parametrize("words", HOSTILE)
+def test_links_are_data_and_bounded(words):
+    with pytest.raises(ValueError, match=words.removesuffix(", not words")):
+        link.unpacked(HOSTILE[words])
+
+
+@pytest.mark.slow
+def test_a_design_to_compare_has_the_numbers_that_it_had():
+    """What is drawn of a pinned design is what was drawn of it before another took its place."""
+    shown = state.with_impulses(state.begin("TwoMass"), [0.3, 0.7], [0.0, 0.6])
+    before = {type(result): result for result in curves.stages(shown)}
+    later = state.with_impulses(state.with_pin(shown), [0.5, 0.5], [0.0, 0.9])
+    (pinned,) = [result for result in curves.stages(later) if isinstance(result, curves.Pinned)]
+    assert pinned.numbers == before[curves.Numbers]
+    np.testing.assert_array_equal(pinned.moves.position["shaped"], before[curves.Moves].position["shaped"])
+    ends = [found.values["shaped"][[0, -1]] for found in (pinned.sensitivity, before[curves.Sensitivity])]
+    np.testing.assert_allclose(*ends, rtol=1e-9)
+    drawn = charts.position(before[curves.Moves], [pinned])["series"]
+    assert [line["name"] for line in drawn] == ["unshaped", "shaped", "command", "A"]
+    assert drawn[1]["data"] == drawn[3]["data"]
 
 
 @pytest.mark.slow
@@ -244,7 +417,7 @@ def test_closed_forms_by_name():
     shown = state.begin("TwoMass")
     problem = state.problem(shown.text)
     found, _ = closed_forms(problem.plant, problem.distance)
-    assert {*panels.SHAPERS, *panels.ENERGY} <= set(found)
+    assert {*SHAPERS, *ENERGY} <= set(found)
     amplitudes, times = takeaway.closed_form(shown, "linear ZVD")
     np.testing.assert_array_equal(amplitudes, found["linear ZVD"].amplitudes)
     np.testing.assert_array_equal(times, found["linear ZVD"].times)
@@ -349,6 +522,8 @@ def test_the_token_opens_the_page_once():
     assert cookie.startswith(COOKIE)
     assert "HttpOnly" in cookie
     assert "SameSite=Strict" in cookie
+    location = asked(query=f"token={TOKEN}&state=a-b%0d%0aset-cookie:x", cookie=None)[1][b"location"]
+    assert location == b"/?state=a-b%0D%0Aset-cookie%3Ax"
     assert asked()[0] == 200
     assert b"default-src 'self'" in asked()[1][b"content-security-policy"]
 
@@ -392,19 +567,71 @@ def test_bodies_are_bounded():
     assert asked(body=[bytes(MOST // 2)] * 3, content_length="10")[0] == 413
 
 
+def test_files_may_be_larger_where_they_are_uploaded():
+    upload = "/_nicegui/client/0a1b-2c/upload/17"
+    assert asked(path=upload, content_length=str(MOST_UPLOADED))[0] == 200
+    assert asked(path=upload, content_length=str(2 * MOST_UPLOADED))[0] == 413
+    assert asked(path=upload, body=[bytes(MOST_UPLOADED // 2)] * 3)[0] == 413
+    for path in (f"{upload}/../x", f"/{upload}", "/_nicegui/client/a/b/upload/17"):
+        assert asked(path=path, content_length=str(2 * MOST))[0] == 413
+
+
+@pytest.mark.parametrize(
+    ("given", "kept"),
+    [
+        ("resonances_x.csv", "resonances_x.csv"),
+        ("../../etc/passwd", "passwd"),
+        ("C:\\data\\raw y.csv", "raw_y.csv"),
+        ("..", "file.csv"),
+        (".bashrc", "bashrc"),
+        ("a\x00b\n.csv", "a_b_.csv"),
+        ("-" * 300 + ".csv", "-" * 76 + ".csv"),
+    ],
+)
+def test_names_of_uploaded_files_are_plain(given, kept, tmp_path):
+    assert file_name(given) == kept
+    assert (tmp_path / kept).resolve().parent == tmp_path.resolve()
+
+
+@pytest.mark.slow
+def test_a_printer_is_calibrated_as_by_the_command(tmp_path):
+    """The process of the page gives the lines of ``jshape calibrate``, and the modes with which the record was made."""
+    source = Path(__file__).parents[1] / "experiments" / "calibration" / "raw_data_x_simulated.csv"
+    for axis in "xy":
+        (tmp_path / f"raw_data_{axis}.csv").write_bytes(source.read_bytes())
+    files = {axis: [f"raw_data_{axis}.csv"] for axis in "xy"}
+    seen = []
+    asked = {"files": files, "options": {"version": "current"}}
+    found = asyncio.run(Work().run("calibrate", asked, seen.append, tmp_path))
+    result = CliRunner().invoke(app, ["calibrate", str(tmp_path / "raw_data_x.csv"), "--out", str(tmp_path / "out")])
+    assert result.exit_code == 0, result.output
+    assert found["axes"]["x"]["paste"] == (tmp_path / "out" / "paste.txt").read_text()
+    assert "shaper_type_y" in found["paste"]
+    assert {line["stage"][:2] for line in seen} == {"x:", "y:"}
+    chosen = [row["name"] for row in found["axes"]["x"]["rows"] if row["chosen"]]
+    record = json.loads((tmp_path / "out" / "results.json").read_text())
+    assert chosen == [record["recommended"]]
+    # Frequencies with which the record was made.
+    np.testing.assert_allclose(found["axes"]["x"]["modes"][:2], [61, 93], rtol=0.03)
+    drawn = charts.spectrum(found["axes"]["x"])["series"]
+    assert [line["name"] for line in drawn if line.get("yAxisIndex")] == [one[0] for one in found["axes"]["x"]["left"]]
+    with pytest.raises(ValueError, match=r"^nothing\.csv: cannot be read"):
+        asyncio.run(Work().run("calibrate", asked | {"files": {"x": ["nothing.csv"]}}, seen.append, tmp_path))
+
+
 def test_a_killed_tuning_process_is_said_to_have_ended():
     async def killed():
-        tuning = Tuning()
-        running = asyncio.create_task(tuning.run(state.begin("TwoMass").text, lambda _: None))
-        while not tuning.running:
+        work = Work()
+        running = asyncio.create_task(work.run("tune", {"text": state.begin("TwoMass").text}, lambda _: None))
+        while not work.running:
             await asyncio.sleep(0.01)
         with pytest.raises(ValueError, match="already"):
-            await tuning.run("", lambda _: None)
-        tuning.kill()
+            await work.run("tune", "", lambda _: None)
+        work.kill()
         with pytest.raises(ValueError, match="ended without an answer"):
             await running
-        await tuning.stop()
-        return tuning.running
+        await work.stop()
+        return work.running
 
     assert asyncio.run(asyncio.wait_for(killed(), 30)) is False
 
@@ -431,12 +658,28 @@ def test_mistakes_at_the_prompt():
         assert words in " ".join(result.output.split())
 
 
+def test_a_stop_at_once_is_quiet(capfd):
+    """Before the process has begun there is nothing to interrupt in it; Python would complain."""
+
+    async def stopped():
+        work = Work()
+        running = asyncio.create_task(work.run("tune", {"text": state.begin("TwoMass").text}, lambda _: None))
+        while not work.running:
+            await asyncio.sleep(0.001)
+        await work.stop()
+        with pytest.raises(ValueError, match="stopped before there was a result"):
+            await running
+
+    asyncio.run(asyncio.wait_for(stopped(), 30))
+    assert capfd.readouterr().err == ""
+
+
 @pytest.mark.slow
 def test_tuning_gives_the_numbers_of_the_problem_file(tmp_path):
     """The process of the page, ``jshape tune`` on its problem file and its Python script, to the last digit."""
     shown = state.with_design(state.begin("TwoMass"), starts=4, impulses=2)
     seen = []
-    found = asyncio.run(Tuning().run(shown.text, seen.append))
+    found = asyncio.run(Work().run("tune", {"text": shown.text}, seen.append))
     assert found["status"] == "CONVERGED"
     assert seen
     path = tmp_path / state.FILE
@@ -444,29 +687,54 @@ def test_tuning_gives_the_numbers_of_the_problem_file(tmp_path):
     result = CliRunner().invoke(app, ["tune", str(path), "--out", str(tmp_path / "results")])
     assert result.exit_code == 0, result.output
     record = json.loads((tmp_path / "results" / "shapers" / "tuned.json").read_text())
-    assert record["amplitudes"] == found["amplitudes"]
-    assert record["times"] == found["times"]
+    assert [record["amplitudes"], record["times"]] == found["shapers"][""]
     problem = load(path)
     tuned = js.tune(problem.plant, problem.distance, **problem.tuning)
-    np.testing.assert_array_equal(tuned.shaper.times, found["times"])
+    np.testing.assert_array_equal(tuned.shaper.times, found["shapers"][""][1])
+
+
+@pytest.mark.slow
+def test_a_front_holds_what_simulation_says():
+    """Every point of the front is the worst case of its shaper, computed again; more duration never costs."""
+    shown = state.with_uncertainty(state.begin("TwoMass"), "m2", 0.1)
+    asked = {"text": shown.text, "impulses": [2, 3], "durations": 3}
+    found = asyncio.run(Work().run("pareto", asked, lambda _: None))
+    assert set(found["designs"]) == {"2 positive", "3 positive"}
+    problem = state.problem(shown.text)
+    for points in found["designs"].values():
+        assert np.all(np.diff([point["duration"] for point in points]) > 0)
+        assert np.all(np.diff([point["objective"] for point in points]) <= 0)
+        for point in points:
+            shaper = js.Shaper(point["amplitudes"], point["times"])
+            values = problem.over["m2"]
+            left = [js.residual_energy(replaced(problem.plant, m2=m2), shaper, 1.0) for m2 in values]
+            assert max(map(float, left)) == pytest.approx(point["objective"], rel=1e-6)
+    drawn = charts.front(found)["series"]
+    assert [line["name"] for line in drawn] == ["2 positive", "3 positive", "closed forms"]
+    assert all(value > 0 for line in drawn[:2] for _, value in line["data"])
+
+
+def replaced(plant, **values):
+    """A plant with other values of its leaves."""
+    return dataclasses.replace(plant, **values)
 
 
 @pytest.mark.slow
 def test_a_stop_keeps_the_best_shaper_so_far():
     async def stopped():
-        tuning, seen = Tuning(), []
+        work, seen = Work(), []
         shown = state.with_design(state.begin("TwoMass"), starts=200, impulses=5)
-        running = asyncio.create_task(tuning.run(shown.text, seen.append))
+        running = asyncio.create_task(work.run("tune", {"text": shown.text}, seen.append))
         while not any(line["done"] for line in seen):
             await asyncio.sleep(0.1)
             assert not running.done()
         begin = time.monotonic()
-        await tuning.stop()
+        await work.stop()
         return await running, time.monotonic() - begin
 
     found, seconds = asyncio.run(asyncio.wait_for(stopped(), 300))
     assert found["status"] == "INTERRUPTED"
-    assert sum(found["amplitudes"]) == pytest.approx(1.0)
+    assert sum(found["shapers"][""][0]) == pytest.approx(1.0)
     assert seconds < 60
 
 
@@ -481,5 +749,5 @@ def test_the_python_script_runs(tmp_path):
     done = subprocess.run([sys.executable, "studio.py"], cwd=tmp_path, capture_output=True, text=True, check=True)
     assert done.stdout.startswith("on the page: ")
     assert "converged" in done.stdout
-    assert len(takeaway.script(shown).splitlines()) <= 12
+    assert len(takeaway.script(shown).splitlines()) <= 10
     assert abs(float(done.stdout.split()[3])) < 1e-12

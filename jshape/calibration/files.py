@@ -53,6 +53,12 @@ def read(paths: str | Path | Sequence[str | Path], component: str = "xyz") -> li
     return [spectrum for path in several for spectrum in _read(Path(path), component)]
 
 
+def axis_of(path: Path) -> str:
+    """The axis in a file's name, as Klipper names its files, x or y; x if there is none."""
+    found = re.search(r"(?:^|[_-])([xy])(?=[_.-]|$)", path.stem.lower())
+    return found[1] if found else "x"
+
+
 def _read(path: Path, component: str) -> list[Spectrum]:
     text = _text(path)
     # Not splitlines(), which knows ends of lines that editors do not count.

@@ -5,7 +5,7 @@ import math
 from collections.abc import Iterator, Sequence
 from importlib.metadata import version as version_of
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -206,17 +206,42 @@ def write(found: Calibration, folder: Path, axis: str, reprap: bool = False, kal
     return names
 
 
-def figures(found: Calibration) -> Iterator[tuple[str, Axes]]:
-    """Each figure by its name: spectrum and shapers over the frequency, and the step response."""
-    modes, zeta = found.modes[0], found.zeta
-    shown = _shown(found)
+class Picture(NamedTuple):
+    """The curves of a calibration over the frequency.
+
+    Attributes:
+        spectra: name, frequencies (Hz) and density over its greatest, of each record.
+        after: the same of the first record after the recommended shaper, with that shaper's name.
+        left: name, frequencies (Hz) and residual vibration (%), of five shapers at most.
+        modes: of the first record, Hz.
+    """
+
+    spectra: list[tuple[str, np.ndarray, np.ndarray]]
+    after: tuple[str, np.ndarray, np.ndarray]
+    left: list[tuple[str, np.ndarray, np.ndarray]]
+    modes: list[float]
+
+
+def picture(found: Calibration, points: int = 800) -> Picture:
+    """The curves of a calibration.
+
+    Args:
+        found: the calibration.
+        points: of each shaper's curve.
+    """
     spectra = [(s.name, s.frequencies, s.density / s.density.max()) for s in found.spectra]
     _, f, p = spectra[0]
     best = found.choice.best
-    after = (best.name, f, p * vibration(best.amplitudes, best.times, f, zeta))
-    f = np.linspace(1, found.ceiling, 800)
-    left = [(r.name, f, 100 * vibration(r.amplitudes, r.times, f, zeta)) for r in shown]
-    yield "calibration", plot.calibration(spectra, after, left, [mode.frequency for mode in modes])
+    after = (best.name, f, p * vibration(best.amplitudes, best.times, f, found.zeta))
+    f = np.linspace(1, found.ceiling, points)
+    left = [(r.name, f, 100 * vibration(r.amplitudes, r.times, f, found.zeta)) for r in _shown(found)]
+    return Picture(spectra, after, left, [mode.frequency for mode in found.modes[0]])
+
+
+def figures(found: Calibration) -> Iterator[tuple[str, Axes]]:
+    """Each figure by its name: spectrum and shapers over the frequency, and the step response."""
+    yield "calibration", plot.calibration(*picture(found))
+    modes, shown = found.modes[0], _shown(found)
     slowest = 1 / min(mode.frequency for mode in modes)
     t = np.linspace(0, max(r.duration for r in shown) + 2 * slowest, 800)
     impulses = [("unshaped", [1.0], [0.0]), *((r.name, r.amplitudes, r.times) for r in shown)]

@@ -1,6 +1,5 @@
 """``jshape calibrate``: a printer's shaper from its accelerometer."""
 
-import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -106,20 +105,16 @@ def _axes(data: list[Path], axis: str | None, loads: bool) -> dict[str, list[Pat
     """
     if axis not in (None, "x", "y"):
         raise ValueError(f"--axis must be x or y, not {axis!r}")
+    from jshape.calibration.files import axis_of
+
     axes: dict[str, list[Path]] = {}
     for path in data:
-        axes.setdefault(axis or _axis(path), []).append(path)
+        axes.setdefault(axis or axis_of(path), []).append(path)
     for which, files in axes.items():
         if len(files) > 1 and not loads:
             words = " and ".join(map(str, files))
             raise ValueError(f"{words}: are all of axis {which}; --loads makes one shaper for them, as loads of it")
     return axes
-
-
-def _axis(path: Path) -> str:
-    """The axis in a file's name, as Klipper names its files; x if there is none."""
-    found = re.search(r"(?:^|[_-])([xy])(?=[_.-]|$)", path.stem.lower())
-    return found[1] if found else "x"
 
 
 MEASURE = (

@@ -11,7 +11,8 @@ from jshape.cli._shared import explained, prepare_jax
 @explained()
 def studio(
     problem: Annotated[
-        str | None, typer.Argument(help="A problem file (TOML), or the name of one that comes with jshape.")
+        str | None,
+        typer.Argument(help="A problem file (TOML), one that comes with jshape, or a studio's link."),
     ] = None,
     port: Annotated[int, typer.Option(help="On this machine; a free one unless given.")] = 0,
     show: Annotated[bool, typer.Option(help="Open the browser.")] = True,
@@ -26,6 +27,10 @@ def studio(
 
     if problem is None:
         state = begin("TwoMass")
+    elif problem.startswith("http"):
+        from jshape.studio.link import from_address
+
+        state = from_address(problem)
     else:
         draft = read(problem)
         state = from_draft(draft)

@@ -67,9 +67,15 @@ def responses(
         yield f"response_{axis}" if axis else "response", values
 
 
-def shown_until(plant: AbstractPlant, duration: float) -> float:
-    """Until when a move is drawn, s: one and a half slow periods after the end of a shaped command of that duration."""
-    natural = float(np.min(np.asarray(plant.natural_frequency())))
+def shown_until(plant: AbstractPlant, duration: float, frequencies: Any = None) -> float:
+    """Until when a move is drawn, s: one and a half slow periods after the end of a shaped command of that duration.
+
+    Args:
+        plant: that moves.
+        duration: of the shaped command, s.
+        frequencies: natural ones of the plant, rad/s, where they are known already.
+    """
+    natural = float(np.min(np.asarray(plant.natural_frequency() if frequencies is None else frequencies)))
     return duration + (3 * np.pi / natural if natural > 0 else duration)
 
 

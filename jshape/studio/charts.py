@@ -1,11 +1,12 @@
 """The results of ``curves`` as the charts of the page (Apache ECharts) and its drawing take them: plain numbers."""
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from jshape.studio.curves import Linear, Moves, Numbers, Sensitivity
+from jshape.studio.curves import Linear, Moves, Numbers, Pinned, Sensitivity
 from jshape.studio.state import State
 
 LOOK: dict[str, dict[str, Any]] = {
@@ -15,7 +16,20 @@ LOOK: dict[str, dict[str, Any]] = {
 }
 """Colours that differ for every kind of colour vision, and lines that differ without them."""
 
-OTHERS = ("#0072B2", "#B0622A", "#007A5A", "#8A4E76", "#6b6b6b")
+OTHERS = ("#0072B2", "#B0622A", "#007A5A", "#A65A8E", "#8F7000", "#707070")
+"""Of contrast 3 and more on white and on black."""
+
+PINS: list[dict[str, Any]] = [
+    {"color": colour, "width": 1.6, "type": dashes}
+    for colour, dashes in zip((*OTHERS[2:], "#C0392B"), ([8, 2], [5, 2], [2, 2], [8, 2, 2, 2], [4, 4]), strict=True)
+]
+"""The looks of designs to compare."""
+
+MARK = {"color": "#888", "textBorderWidth": 0}
+"""The words at a frequency that is marked."""
+
+HANDLE = 12
+"""Pixels of the end of a bar that is dragged."""
 
 TEXT = "#333333"
 
@@ -35,11 +49,20 @@ def chart(title: str, across: str, up: str) -> dict[str, Any]:
     }  # fmt: skip
     return {
         "animation": False,
-        "title": {"text": title, "left": 2, "top": 0, "textStyle": {"fontSize": 14, "color": TEXT}, "padding": 2},
+        "title": {
+            "text": title,
+            "left": 2,
+            "top": 2,
+            "textStyle": {"fontSize": 14, "color": TEXT},
+            "padding": 2,
+            "textVerticalAlign": "top",
+        },
         "legend": {
             "top": 21,
             "left": 0,
-            "itemWidth": 26,
+            "right": 92,
+            "itemWidth": 20,
+            "itemGap": 7,
             "icon": "path://M0,4h26v2h-26z",
             "textStyle": {"color": TEXT},
             "padding": 2,
@@ -48,7 +71,8 @@ def chart(title: str, across: str, up: str) -> dict[str, Any]:
         "tooltip": {"trigger": "axis", "confine": True},
         "toolbox": {
             "right": 4,
-            "top": 0,
+            "top": 2,
+            "padding": 2,
             "itemSize": 13,
             "feature": {"dataZoom": {}, "restore": {}, "saveAsImage": {}},
         },
@@ -57,6 +81,34 @@ def chart(title: str, across: str, up: str) -> dict[str, Any]:
         "yAxis": {**axis, "name": up, "nameGap": 42},
         "series": [],
     }
+
+
+def colours(dark: bool, upright: int = 1) -> dict[str, Any]:
+    """What of a chart is of another colour on a dark page.
+
+    Args:
+        dark: whether the page is.
+        upright: how many vertical axes it has.
+    """
+    text, lines = ("#dddddd", "#3c3c3c") if dark else (TEXT, "#e3e3e3")
+    axis = {
+        "nameTextStyle": {"color": text},
+        "axisLabel": {"color": text},
+        "splitLine": {"lineStyle": {"color": lines}},
+        "axisLine": {"lineStyle": {"color": text}},
+    }
+    box = {"backgroundColor": "#2a2a2a" if dark else "#ffffff", "textStyle": {"color": text}}
+    words = {"textStyle": {"color": text}}
+    return {"title": words, "legend": words, "tooltip": box, "xAxis": [axis], "yAxis": [axis] * upright}
+
+
+def merged(given: dict[str, Any], look: dict[str, Any]) -> dict[str, Any]:
+    """A part of a chart's options with another look, its other values kept."""
+    kept = dict(given)
+    for key, value in look.items():
+        old = kept.get(key)
+        kept[key] = merged(old, value) if isinstance(value, dict) and isinstance(old, dict) else value
+    return kept
 
 
 def points(across: np.ndarray, up: np.ndarray) -> list[list[float | None]]:
@@ -83,52 +135,79 @@ def line(name: str, across: np.ndarray, up: np.ndarray, look: dict[str, Any]) ->
     return {"type": "line", "name": name, "showSymbol": False, "data": data, **colour}
 
 
-def position(moves: Moves) -> dict[str, Any]:
-    """The response: where payload and command are over time."""
+def position(moves: Moves, others: Sequence[Pinned] = ()) -> dict[str, Any]:
+    """The response: where payload and command are over time; ``others`` are designs to compare."""
     lines = [line(name, moves.times, values, LOOK[name]) for name, values in moves.position.items()]
+    lines += [line(*_of(i, each), each.moves.position["shaped"], PINS[i]) for i, each in enumerate(others)]
     return {"series": lines, "yAxis": {"name": f"position ({moves.unit})"}, "xAxis": _span(moves.times)}
 
 
-def deflection(moves: Moves) -> dict[str, Any]:
-    """The sway: how far the flexible part is bent over time."""
+def _of(index: int, pinned: Pinned) -> tuple[str, np.ndarray]:
+    """A design's letter, which names its curves, and the times of its response."""
+    return pinned.pin.name.partition(":")[0] or str(index), pinned.moves.times
+
+
+def deflection(moves: Moves, others: Sequence[Pinned] = ()) -> dict[str, Any]:
+    """The sway: how far the flexible part is bent over time; ``others`` are designs to compare."""
     lines = [line(name, moves.times, values, LOOK[name]) for name, values in moves.deflection.items()]
+    lines += [line(*_of(i, each), each.moves.deflection["shaped"], PINS[i]) for i, each in enumerate(others)]
     return {"series": lines, "yAxis": {"name": f"deflection ({moves.bent})"}, "xAxis": _span(moves.times)}
 
 
-def vibration(found: Linear) -> dict[str, Any]:
-    """V over the frequency, a curve for each damping ratio; the plant's modes are marked."""
+def vibration(found: Linear, others: Sequence[Pinned] = ()) -> dict[str, Any]:
+    """V over the frequency, a curve for each damping ratio; the plant's modes are marked.
+
+    Args:
+        found: of the shaper that is changed.
+        others: designs to compare, with the first damping ratio alone.
+    """
     lines = [
         line(f"ζ = {zeta:.3g}", found.frequencies, 100 * values, {"color": OTHERS[i % len(OTHERS)], "width": 1.6})
         for i, (zeta, values) in enumerate(found.values.items())
     ]
+    for i, each in enumerate(others):
+        zeta, values = next(iter(each.linear.values.items()))
+        name = f"{_of(i, each)[0]}, ζ = {zeta:.3g}"
+        lines.append(line(name, each.linear.frequencies, 100 * values, PINS[i]))
     marks = [{"xAxis": shortened(mode)} for mode in found.modes]
-    style = {"symbol": "none", "silent": True, "lineStyle": {"color": "#888"}, "label": {"formatter": "mode"}}
+    style = {"symbol": "none", "silent": True, "lineStyle": {"color": "#888"}, "label": MARK | {"formatter": "mode"}}
     lines[0]["markLine"] = {**style, "data": marks}
     return {"series": lines, "xAxis": {**_span(found.frequencies), "min": 0}, "yAxis": {"min": 0}}
 
 
-def sensitivity(found: Sensitivity | None) -> dict[str, Any]:
-    """What is left over the uncertain set; empty where nothing is uncertain."""
+def sensitivity(found: Sensitivity | None, others: Sequence[Pinned] = ()) -> dict[str, Any]:
+    """What is left over the uncertain set, of designs to compare, too; empty where nothing is uncertain."""
     if found is None:
         return {"series": [], "title": {"text": "Sensitivity: mark a parameter as uncertain (±)"}}
     share = found.quantity == "residual vibration"
     lines = [line(name, found.at, values * (100 if share else 1), LOOK[name]) for name, values in found.values.items()]
+    for i, each in enumerate(others):
+        if (own := each.sensitivity) is not None:
+            lines.append(line(_of(i, each)[0], own.at, own.values["shaped"] * (100 if share else 1), PINS[i]))
     words = "Sensitivity (draft)" if found.draft else f"Sensitivity over {len(found.at)} plants"
     up = f"{found.quantity} ({'%' if share else 'J'})"
     names = {"xAxis": {**_span(found.at), "name": found.leaf}, "yAxis": {"name": up}}
     return {"series": lines, "title": {"text": words}, **names}
 
 
-def impulses(state: State) -> dict[str, Any]:
-    """The impulses of the shaper as bars over time."""
+def impulses(state: State, dragged: bool = False) -> dict[str, Any]:
+    """The impulses of the shaper as bars over time, each with a handle at its end.
+
+    Args:
+        state: of the page.
+        dragged: whether one is being dragged: the axes stay as they are.
+    """
     data = [[shortened(time), shortened(a)] for a, time in zip(state.amplitudes, state.times, strict=True)]
-    end = max(state.times) or 1.0
-    bars = {"type": "bar", "name": "impulses", "barWidth": 8, "data": data, "itemStyle": {"color": "#0072B2"}}
-    return {
-        "series": [bars],
+    bars = {"type": "bar", "name": "impulses", "barWidth": 6, "data": data, "itemStyle": {"color": "#0072B2"}}
+    ends = {"type": "scatter", "name": "handles", "symbolSize": HANDLE, "data": data, "tooltip": {"show": False}}
+    made: dict[str, Any] = {"series": [bars, ends | {"itemStyle": {"color": "#0072B2"}}]}
+    if dragged:
+        return made
+    end, low, high = max(state.times) or 1.0, min(0.0, *state.amplitudes), max(0.0, *state.amplitudes)
+    return made | {
         "legend": {"show": False},
-        "yAxis": {"scale": False},
-        "xAxis": {"min": shortened(-0.05 * end), "max": shortened(1.05 * end)},
+        "xAxis": {"min": shortened(-0.05 * end), "max": shortened(1.3 * end)},
+        "yAxis": {"min": shortened(1.2 * low), "max": shortened(1.2 * high)},
     }
 
 
@@ -137,6 +216,78 @@ def history(best: list[tuple[int, float]]) -> dict[str, Any]:
     pairs = [[step, shortened(value)] for step, value in best if value > 0]
     curve = {"type": "line", "step": "end", "showSymbol": False, "data": pairs, "lineStyle": LOOK["shaped"]}
     return {"series": [curve]}
+
+
+def spectrum_chart(axis: str) -> dict[str, Any]:
+    """A chart without curves for a printer's spectrum and its shapers.
+
+    Args:
+        axis: of the printer.
+    """
+    made = chart(f"Axis {axis}: spectrum, and what shapers leave", "frequency (Hz)", "density over its greatest")
+    right = made["yAxis"] | {"name": "vibration left (%)", "splitLine": {"show": False}, "min": 0, "max": 105}
+    left = made["yAxis"] | {"min": 0, "max": 1.05}
+    return made | {"yAxis": [left, right], "grid": made["grid"] | {"right": 58, "top": 84}}
+
+
+def spectrum(found: dict[str, Any]) -> dict[str, Any]:
+    """A printer's spectra, the first one after Klipper's choice, and what the shapers leave over the frequency.
+
+    Args:
+        found: an axis of ``tasks.calibrate``.
+    """
+    lines = []
+    for i, (name, across, up) in enumerate(found["spectra"]):
+        look = {"color": ("#8a8a8a", "#5f7d95", "#a08060")[min(i, 2)], "width": 1}
+        lines.append(line(name, np.asarray(across), np.asarray(up), look) | {"areaStyle": {"opacity": 0.3}})
+    name, across, up = found["after"]
+    after = line(f"after {name}", np.asarray(across), np.asarray(up), {"color": "#B0622A", "width": 1})
+    lines.append(after | {"areaStyle": {"opacity": 0.5}})
+    for (name, across, up), colour in zip(found["left"], (OTHERS[0], *OTHERS[2:]), strict=True):
+        look = {"color": colour, "width": 2 if name in ("klipper_tuned", "tuned") else 1.2}
+        look |= {"type": "solid" if name in ("klipper_tuned", "tuned") else [5, 3]}
+        lines.append(line(name, np.asarray(across), np.asarray(up), look) | {"yAxisIndex": 1})
+    # Frequencies that stand apart are written, the strongest modes first.
+    apart = [m for i, m in enumerate(found["modes"]) if all(abs(m - other) > 20 for other in found["modes"][:i])]
+    marks = [
+        {"xAxis": shortened(mode), "label": MARK | {"formatter": f"{mode:.1f}" if mode in apart else ""}}
+        for mode in found["modes"]
+    ]
+    style = {"symbol": "none", "silent": True, "lineStyle": {"color": "#888"}}
+    lines[0]["markLine"] = {**style, "data": marks}
+    return {"series": lines, "xAxis": {"min": 0, "max": shortened(found["spectra"][0][1][-1])}}
+
+
+def front_chart() -> dict[str, Any]:
+    """A chart without points for a Pareto front."""
+    made = chart("", "duration (s)", "left, J")
+    made["yAxis"] |= {"type": "log", "axisLabel": {"color": TEXT, "fontSize": 10}}
+    made["legend"] |= {"top": 4, "right": 0}
+    made["grid"] |= {"top": 28, "right": 12}
+    return made | {"toolbox": {}, "tooltip": {"trigger": "item", "confine": True}}
+
+
+def front(found: dict[str, Any]) -> dict[str, Any]:
+    """A Pareto front: a curve with points for each design, the closed forms as single points.
+
+    Args:
+        found: of ``tasks.pareto``.
+    """
+    positive = [p["objective"] for points in found["designs"].values() for p in points if p["objective"] > 0]
+    positive += [value for _, value in found["closed_forms"].values() if value > 0]
+    # What is nothing but rounding would leave the rest of the chart no height.
+    floor = max(min(positive, default=1.0), 1e-9 * max(positive, default=1.0))
+    series = []
+    for i, (name, points) in enumerate(found["designs"].items()):
+        data = [[shortened(p["duration"]), shortened(max(p["objective"], floor))] for p in points]
+        look = {"itemStyle": {"color": OTHERS[i % len(OTHERS)]}, "lineStyle": {"color": OTHERS[i % len(OTHERS)]}}
+        series.append({"type": "line", "name": name, "symbol": "circle", "symbolSize": 10, "data": data, **look})
+    closed = [
+        {"name": name, "value": [shortened(at), shortened(max(value, floor))]}
+        for name, (at, value) in found["closed_forms"].items()
+    ]
+    look = {"symbol": "diamond", "symbolSize": 9, "itemStyle": {"color": "#8a8a8a"}}
+    return {"series": [*series, {"type": "scatter", "name": "closed forms", "data": closed, **look}]}
 
 
 def _span(values: np.ndarray) -> dict[str, Any]:

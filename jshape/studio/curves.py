@@ -10,18 +10,19 @@ import functools
 from collections.abc import Iterator
 from typing import Any
 
+import equinox as eqx
 import numpy as np
 
 from jshape.command import as_command
 from jshape.metrics import residual_energy
 from jshape.plants import AbstractOscillator, AbstractPlant, ModalPlant
 from jshape.problems.problem import Problem
-from jshape.reports.film import motion_of
 from jshape.reports.responses import shown_until
 from jshape.shaper import Shaper
-from jshape.simulation.simulate import Response, simulate
+from jshape.simulation.simulate import simulate
 from jshape.simulation.steps import TOLERANCE
-from jshape.studio.state import State, problem
+from jshape.studio.scenes import scene
+from jshape.studio.state import Pin, State, problem
 from jshape.sweeps.evaluate import side_by_side, study
 from jshape.sweeps.leaves import leaf
 from jshape.vibration import percentage_vibration
@@ -37,9 +38,6 @@ DRAFT = 1e-5
 
 SAMPLES = 401
 """Of a response."""
-
-FRAMES = 120
-"""Of the drawing that moves."""
 
 ZETAS = (0.0, 0.05, 0.1)
 """Damping ratios for which V is drawn over the frequency."""
@@ -119,16 +117,57 @@ class Sensitivity:
     draft: bool
 
 
-Result = Moves | Numbers | Linear | Sensitivity | None
+@dataclasses.dataclass(frozen=True)
+class Pinned:
+    """What a page draws of a design to compare.
+
+    Attributes:
+        pin: the design.
+        text: the problem file of the machine for which it is computed.
+        moves: its responses.
+        linear: its V(ω, ζ).
+        sensitivity: over the uncertain set; ``None`` where nothing is uncertain.
+        numbers: what it leaves.
+    """
+
+    pin: Pin
+    text: str
+    moves: Moves
+    linear: Linear
+    sensitivity: Sensitivity | None
+    numbers: Numbers
 
 
-def shaper_of(state: State) -> Shaper:
-    """The shaper of a page.
+Result = Moves | Numbers | Linear | Sensitivity | Pinned | None
+
+
+Shapers = Shaper | dict[str, Shaper]
+"""One for all axes, or one for each."""
+
+
+def shaper_of(shown: State | Pin) -> Shaper:
+    """The shaper of a page or of a design; of several axes that have their own, the one of the axis that is shown.
 
     Raises:
         ValueError: if it is none.
     """
-    return Shaper(state.amplitudes, state.times)
+    return Shaper(shown.amplitudes, shown.times)
+
+
+def shapers_of(shown: State | Pin) -> Shapers:
+    """All shapers of a page or of a design.
+
+    Raises:
+        ValueError: if one is none.
+    """
+    if not shown.own:
+        return shaper_of(shown)
+    return {shown.axis: shaper_of(shown)} | {each.name: shaper_of(each) for each in shown.own}
+
+
+def longest(shapers: Shapers) -> float:
+    """The duration of the shaper that takes longest, s."""
+    return max(float(each.duration) for each in (shapers.values() if isinstance(shapers, dict) else [shapers]))
 
 
 def stages(state: State) -> Iterator[Result]:
@@ -139,14 +178,43 @@ def stages(state: State) -> Iterator[Result]:
     Raises:
         ValueError: for a machine or a shaper that cannot be.
     """
+    yield from _own(state)
+    for pin in state.pins:
+        yield pinned(state.text, pin)
+
+
+@functools.lru_cache(maxsize=64)
+def pinned(text: str, pin: Pin) -> Pinned:
+    """What is drawn of a design to compare.
+
+    Args:
+        text: of the problem file.
+        pin: the design.
+    """
+    asked, frequencies = _problem(text)
+    shaper = shapers_of(pin)
+    # As many plants as in the curve of the page's own shaper, for which there is a program already.
+    plants = PLANTS if _brief(asked.plant) else CHUNK
+    over = sensitivity(asked, shaper, plants, TOLERANCE) if asked.over else None
+    parts = (
+        moves(asked, shaper, frequencies, pin.axis),
+        linear(asked.plant, shaper_of(pin), frequencies),
+        over,
+        numbers(asked, shaper),
+    )
+    return Pinned(pin, text, *parts)
+
+
+def _own(state: State) -> Iterator[Result]:
+    """The results of the shaper that is changed."""
     asked, frequencies = _problem(state.text)
-    shaper = shaper_of(state)
-    yield moves(asked, shaper)
-    yield linear(asked.plant, shaper, frequencies)
+    shaper = shapers_of(state)
+    yield moves(asked, shaper, frequencies, state.axis)
+    yield linear(asked.plant, shaper_of(state), frequencies)
     if not asked.over:
         yield numbers(asked, shaper)
         return
-    brief = isinstance(asked.plant, AbstractOscillator) and asked.plant.drives()[0] == "displacement"
+    brief = _brief(asked.plant)
     yield sensitivity(asked, shaper, *((PLANTS, TOLERANCE) if brief else (CHUNK, DRAFT)))
     yield numbers(asked, shaper)
     if not brief:
@@ -157,59 +225,79 @@ def stages(state: State) -> Iterator[Result]:
         yield _joined(parts)
 
 
+def _brief(plant: AbstractPlant) -> bool:
+    """Whether all plants of an uncertain set are computed while a slider moves."""
+    return isinstance(plant, AbstractOscillator) and plant.drives()[0] == "displacement"
+
+
 @functools.lru_cache(maxsize=16)
 def _problem(text: str) -> tuple[Problem, np.ndarray]:
     """A problem and its plant's natural frequencies, rad/s."""
     found = problem(text)
-    return found, np.atleast_1d(np.asarray(found.plant.natural_frequency(), float))
+    # A slider's movement waits for it; the derivative of a spring's force takes 13 ms unless it is compiled.
+    natural = _natural(found.plant) if isinstance(found.plant, AbstractOscillator) else found.plant.natural_frequency()
+    return found, np.atleast_1d(np.asarray(natural, float))
 
 
-def padded(shaper: Shaper) -> Shaper:
-    """The shaper with a number of impulses that is a power of two, at least 4, so that few programs are compiled."""
-    return shaper.pad(max(4, 2 ** int(np.ceil(np.log2(len(shaper.times))))))
+@eqx.filter_jit
+def _natural(plant: AbstractPlant) -> Any:
+    return plant.natural_frequency()
 
 
-def moves(asked: Problem, shaper: Shaper) -> Moves:
+def padded(shapers: Shapers) -> Any:
+    """The shapers with a number of impulses that is a power of two, at least 4, so that few programs are compiled."""
+    each = shapers if isinstance(shapers, dict) else {"": shapers}
+    most = max(len(shaper.times) for shaper in each.values())
+    made = {axis: shaper.pad(max(4, 2 ** int(np.ceil(np.log2(most))))) for axis, shaper in each.items()}
+    return made if isinstance(shapers, dict) else made[""]
+
+
+def bare_like(shapers: Any) -> Any:
+    """No shaping, by as many shapers of as many impulses."""
+    if isinstance(shapers, dict):
+        return {axis: bare_like(shaper) for axis, shaper in shapers.items()}
+    return Shaper([1.0], [0.0]).pad(len(shapers.times))
+
+
+def moves(asked: Problem, shaper: Shapers, frequencies: np.ndarray, axis: str = "") -> Moves:
     """The responses of the nominal plant with and without a shaper.
 
     Args:
         asked: the problem.
-        shaper: the shaper.
+        shaper: the shaper, or one for each axis.
+        frequencies: the plant's natural ones, rad/s.
+        axis: of several, that is shown.
     """
     plant, move = asked.plant, as_command(asked.distance)
-    horizon = shown_until(plant, float(shaper.duration) + float(move.duration))
+    horizon = shown_until(plant, longest(shaper) + float(move.duration), frequencies)
     shaper = padded(shaper)
-    bare = Shaper([1.0], [0.0]).pad(len(shaper.times))
+    bare = bare_like(shaper)
     runs = {
         name: simulate(plant, move, each, horizon=horizon, samples=SAMPLES, method="fixed")
         for name, each in (("unshaped", bare), ("shaped", shaper))
     }
-    turns = plant.axis_unit() == "rad"
+    at = plant.axes.index(axis) if axis else 0
+    turns = plant.axis_unit(at) == "rad"
     size, fine = (180 / np.pi, 180 / np.pi) if turns else (1.0, 1e3)
-    driven = 180 / np.pi if plant.command_unit() == "rad" else 1.0
-    position = {name: size * np.asarray(run.payload, float) for name, run in runs.items()}
-    if plant.command_unit() == plant.axis_unit():
-        position["command"] = driven * np.asarray(runs["shaped"].command, float)
+    driven = 180 / np.pi if plant.command_unit(at) == "rad" else 1.0
+    along = lambda values: np.asarray(values, float).reshape(len(values), -1)[:, at]
+    position = {name: size * along(run.payload) for name, run in runs.items()}
+    if plant.command_unit(at) == plant.axis_unit(at):
+        # From where the payload hangs at first: the trolley of a tower crane begins at its radius.
+        command = driven * along(runs["shaped"].command)
+        position["command"] = command + (position["shaped"][0] - command[0])
     return Moves(
         times=np.asarray(runs["shaped"].times, float),
         position=position,
-        deflection={name: fine * np.asarray(run.deflection, float) for name, run in runs.items()},
+        deflection={name: fine * along(run.deflection) for name, run in runs.items()},
         unit="°" if turns else "m",
         bent="°" if turns else "mm",
-        scene=_scene(plant, runs, horizon),
+        scene=scene(plant, runs, horizon),
         warning="; ".join(f"{name} {run.message}" for name, run in runs.items() if not run.converged),
     )
 
 
-def _scene(plant: AbstractPlant, runs: dict[str, Response], horizon: float) -> dict[str, Any]:
-    """Where the parts of the machine are in every frame."""
-    times = np.linspace(0.0, horizon, FRAMES)
-    motions = {name: motion_of(plant, run, times) for name, run in runs.items()}
-    places = {name: motion.places for name, motion in motions.items()}
-    return {"kind": motions["shaped"].kind, "times": times, "places": places}
-
-
-def numbers(asked: Problem, shaper: Shaper) -> Numbers:
+def numbers(asked: Problem, shaper: Shapers) -> Numbers:
     """What is left of the nominal plant's energy, with and without a shaper.
 
     Args:
@@ -217,7 +305,7 @@ def numbers(asked: Problem, shaper: Shaper) -> Numbers:
         shaper: the shaper.
     """
     left, bare = (float(residual_energy(asked.plant, each, asked.distance)) for each in (padded(shaper), None))
-    duration = float(shaper.duration)
+    duration = longest(shaper)
     return Numbers(left, bare, duration, duration + float(as_command(asked.distance).duration))
 
 
@@ -240,7 +328,7 @@ def linear(plant: AbstractPlant, shaper: Shaper, frequencies: np.ndarray) -> Lin
 
 
 def sensitivity(
-    asked: Problem, shaper: Shaper, plants: int, tolerance: float, part: slice = slice(None)
+    asked: Problem, shaper: Shapers, plants: int, tolerance: float, part: slice = slice(None)
 ) -> Sensitivity:
     """What is left over the uncertain set along its first leaf, with and without a shaper.
 

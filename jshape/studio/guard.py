@@ -9,10 +9,16 @@ import secrets
 from collections.abc import Awaitable, Callable, MutableMapping
 from http.cookies import CookieError, SimpleCookie
 from typing import Any
-from urllib.parse import parse_qs
+from urllib.parse import parse_qs, urlencode
 
 MOST = 2**20
 """Bytes of a request."""
+
+MOST_UPLOADED = 2**25
+"""Bytes of a file: a printer's raw record of two minutes has some 20 MB."""
+
+UPLOAD = re.compile(r"/_nicegui/client/[\w-]+/upload/\d+")
+"""The path of a request that brings a file."""
 
 POLICY = (
     "default-src 'self' 'unsafe-inline' 'unsafe-eval' data: blob:; frame-ancestors 'none'; form-action 'self'; "
@@ -32,7 +38,7 @@ Send = Callable[[Message], Awaitable[None]]
 
 
 class TooLargeError(Exception):
-    """A request's body is longer than ``MOST`` bytes."""
+    """A request's body is longer than it may be."""
 
 
 class Guard:
@@ -74,13 +80,17 @@ class Guard:
             return 403, "another page may not talk to the studio", []
         if headers.get(b"sec-fetch-site", "none") == "cross-site":
             return 403, "another page may not talk to the studio", []
-        length = headers.get(b"content-length", "0")
-        if not re.fullmatch(r"\d{1,12}", length) or int(length) > MOST:
-            return 413, f"at most {MOST} bytes", []
-        given = parse_qs(scope.get("query_string", b"").decode("latin-1")).get("token", [""])[0]
+        length, most = headers.get(b"content-length", "0"), _most(scope["path"])
+        if not re.fullmatch(r"\d{1,12}", length) or int(length) > most:
+            return 413, f"at most {most} bytes", []
+        query = parse_qs(scope.get("query_string", b"").decode("latin-1"))
+        given = query.get("token", [""])[0]
         if scope["type"] == "http" and scope["path"] == "/" and self._right(given):
             value = f"{self.cookie}={self.token}; Path=/; HttpOnly; SameSite=Strict"
-            return 303, "", [(b"location", b"/"), (b"set-cookie", value.encode())]
+            # A link's state goes on, without the token.
+            kept = urlencode({"state": query["state"][0]}) if "state" in query else ""
+            place = f"/?{kept}" if kept else "/"
+            return 303, "", [(b"location", place.encode()), (b"set-cookie", value.encode())]
         if not self._right(self._carried(headers.get(b"cookie", ""))):
             return 403, "open the address that the command jshape studio printed", []
         return 200, "", []
@@ -97,14 +107,14 @@ class Guard:
 
     async def _passed(self, scope: Message, receive: Receive, send: Send) -> None:
         """Pass a request on; its body is counted, also where it did not say how long it is."""
-        count, begun = 0, False
+        count, begun, most = 0, False, _most(scope["path"])
 
         async def counted() -> Message:
             nonlocal count
             message = await receive()
             if message["type"] == "http.request":
                 count += len(message.get("body", b""))
-                if count > MOST:
+                if count > most:
                     raise TooLargeError
             return message
 
@@ -119,7 +129,12 @@ class Guard:
             await self.app(scope, counted, with_headers)
         except TooLargeError:
             if not begun:
-                await _answered(send, 413, f"at most {MOST} bytes", [])
+                await _answered(send, 413, f"at most {most} bytes", [])
+
+
+def _most(path: str) -> int:
+    """Bytes of a request; a file comes with some hundred bytes about it."""
+    return MOST_UPLOADED + 4096 if UPLOAD.fullmatch(path) else MOST
 
 
 async def _answered(send: Send, status: int, words: str, extra: list[tuple[bytes, bytes]]) -> None:

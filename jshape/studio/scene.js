@@ -5,6 +5,12 @@ const jshapeScene = {
   data: null, at: 0, playing: !matchMedia("(prefers-reduced-motion: reduce)").matches, last: null,
   colours: { unshaped: "#b9855f", shaped: "#0072b2", dark: "#444", line: "#999" },
 
+  paint(dark) {
+    this.colours.dark = dark ? "#bbb" : "#444";
+    this.colours.line = dark ? "#777" : "#999";
+    this.draw();
+  },
+
   set(data) {
     this.data = data;
     if (!this.running) { this.running = true; requestAnimationFrame((now) => this.step(now)); }
@@ -45,7 +51,7 @@ const jshapeScene = {
     const x = (v) => wide / 2 + (v - (left + right) / 2) * size, y = (v) => high / 2 - (v - (low + top) / 2) * size;
     pen.strokeStyle = this.colours.line;
     pen.lineWidth = 2;
-    if (kind !== "link") this.path(pen, [[0, y(0)], [wide, y(0)]]);
+    if (kind !== "link" && kind !== "above") this.path(pen, [[0, y(0)], [wide, y(0)]]);
     for (const name of ["unshaped", "shaped"]) {
       pen.globalAlpha = name === "shaped" ? 1 : 0.55;
       this[kind](pen, places[name][frame], x, y, this.colours[name], places[name]);
@@ -73,6 +79,18 @@ const jshapeScene = {
     pen.fillStyle = this.colours.dark;
     pen.fillRect(x(now[0][0]) - 14, y(now[0][1]) - 5, 28, 10);
     now.slice(1).forEach(([a, b], i) => this.disc(pen, x(a), y(b), i === now.length - 2 ? 9 : 5, colour));
+  },
+  above(pen, now, x, y, colour) {
+    pen.strokeStyle = this.colours.dark;
+    pen.lineWidth = 3;
+    this.path(pen, now.slice(0, -1).map(([a, b]) => [x(a), y(b)]));
+    pen.lineWidth = 1;
+    this.path(pen, now.slice(-2).map(([a, b]) => [x(a), y(b)]));
+    pen.fillStyle = this.colours.dark;
+    const [held, load] = now.slice(-2);
+    now.slice(0, -2).forEach(([a, b]) => this.disc(pen, x(a), y(b), 8, this.colours.dark));
+    pen.fillRect(x(held[0]) - 6, y(held[1]) - 6, 12, 12);
+    this.disc(pen, x(load[0]), y(load[1]), 8, colour);
   },
   masses(pen, now, x, y, colour, all) {
     const gap = this.data.gap, base = x(now[0][0]), load = x(now[1][0] + gap), floor = y(0);

@@ -5,15 +5,16 @@ import contextlib
 import secrets
 import socket
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
 from nicegui import app, ui
 
 from jshape.studio import curves, takeaway
 from jshape.studio.guard import MOST, Guard
+from jshape.studio.link import unpacked
 from jshape.studio.page import build
-from jshape.studio.state import State, with_impulses
+from jshape.studio.state import State, with_one_for_all
 from jshape.studio.tab import Tab
 
 HOST = "127.0.0.1"
@@ -35,15 +36,22 @@ def serve(state: State, port: int, show: bool, say: Callable[[str], None]) -> No
     worker = ThreadPoolExecutor(1, thread_name_prefix="curves")
     first = worker.submit(_first, state)
     worker.submit(lambda: _warm(first.result()))
-    script = Path(__file__).with_name("scene.js").read_text(encoding="utf-8")
+    scripts = [Path(__file__).with_name(name).read_text(encoding="utf-8") for name in ("scene.js", "drag.js")]
 
     @ui.page("/")
     async def page() -> None:
-        ui.add_head_html(f"<script>{script}</script>")
+        for script in scripts:
+            ui.add_head_html(f"<script>{script}</script>")
         await ui.context.client.connected()
-        begin = app.storage.tab.get("state") or await asyncio.wrap_future(first)
+        begin, wrong = await _begun(first)
         tab = Tab(begin, worker)
+        if (dark := app.storage.tab.get("dark")) is None:
+            dark = await ui.run_javascript("matchMedia('(prefers-color-scheme: dark)').matches", timeout=10.0)
+        tab.dark = bool(dark)
         build(tab)
+        if wrong:
+            # Curves that follow would take a warning above them away.
+            ui.notify(wrong, type="negative", timeout=0, close_button="Close")
         await tab.start()
 
     app.add_middleware(Guard, token=token, port=port)
@@ -66,6 +74,21 @@ def serve(state: State, port: int, show: bool, say: Callable[[str], None]) -> No
     )
 
 
+async def _begun(first: Future[State]) -> tuple[State, str]:
+    """The state with which a tab begins: its own, a link's or the first one; and what is wrong with a link."""
+    request, kept = ui.context.client.request, app.storage.tab
+    given = request.query_params.get("state") if request is not None else None
+    wrong = ""
+    if given and given != kept.get("link"):
+        # Once: a reload shows what the tab showed last.
+        kept["link"] = given
+        try:
+            return unpacked(given), ""
+        except ValueError as error:
+            wrong = str(error)
+    return kept.get("state") or await asyncio.wrap_future(first), wrong
+
+
 def _free_port() -> int:
     with socket.socket() as one:
         one.bind((HOST, 0))
@@ -75,7 +98,7 @@ def _free_port() -> int:
 def _first(state: State) -> State:
     """The state with the simplest shaper for its machine, where there is one."""
     try:
-        return with_impulses(state, *takeaway.closed_form(state, takeaway.SIMPLEST))
+        return with_one_for_all(state, *takeaway.closed_form(state, takeaway.SIMPLEST))
     except ValueError:
         return state
 

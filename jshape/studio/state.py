@@ -32,6 +32,29 @@ PLANTS = 21
 """Of an uncertain leaf, when a shaper is tuned: the count of its range."""
 
 
+MOST_PINS = 5
+"""Designs to compare with the one that is changed."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Pin:
+    """A shaper that stays while the page's own is changed.
+
+    Attributes:
+        name: of the design.
+        amplitudes: of the impulses.
+        times: of the impulses, s.
+        axis: as in ``State``.
+        own: as in ``State``.
+    """
+
+    name: str
+    amplitudes: tuple[float, ...]
+    times: tuple[float, ...]
+    axis: str = ""
+    own: "tuple[Pin, ...]" = ()
+
+
 @dataclasses.dataclass(frozen=True)
 class State:
     """What a page shows.
@@ -40,11 +63,17 @@ class State:
         starter: machine, move, uncertain leaves and design, as a problem file has them.
         amplitudes: of the impulses; they sum to 1.
         times: of the impulses, s; the first is 0.
+        pins: designs to compare, on the same machine.
+        axis: that is shown of several, whose shaper the impulses are where each axis has its own; empty for one axis.
+        own: the shapers of the other axes, named by them; empty where all share one.
     """
 
     starter: Starter
     amplitudes: tuple[float, ...] = (0.5, 0.5)
     times: tuple[float, ...] = (0.0, 0.5)
+    pins: tuple[Pin, ...] = ()
+    axis: str = ""
+    own: tuple[Pin, ...] = ()
 
     @property
     def text(self) -> str:
@@ -82,9 +111,8 @@ class Parameter:
 
 
 def plants() -> dict[str, str]:
-    """The plants that a page can show, with their titles: those of one axis that need no file of their own."""
-    known = catalogue.plants()
-    shown = [each for each in starters.STARTERS if each.plant not in catalogue.READERS and not known[each.plant].axes]
+    """The plants that a page can show, with their titles: those that need no file of their own."""
+    shown = [each for each in starters.STARTERS if each.plant not in catalogue.READERS]
     return {each.plant: f"{each.title[0].upper()}{each.title[1:]}" for each in shown}
 
 
@@ -96,7 +124,20 @@ def begin(plant: str) -> State:
     """
     if plant not in plants():
         raise ValueError(f"plant must be one of {', '.join(plants())}, not {plant!r}")
-    return State(starters.find(plant))
+    return _fresh(starters.find(plant))
+
+
+def _fresh(starter: Starter) -> State:
+    """A state with the first axis shown; each axis has a shaper of its own where the design says so."""
+    state = State(starter)
+    names = axes(state)
+    shown = dataclasses.replace(state, axis=names[0]) if names else state
+    return with_own(shown, starter.design.get("shapers", "shared") != "shared")
+
+
+def axes(state: State) -> list[str]:
+    """The axes of a page's machine; empty for a machine of one axis."""
+    return list(catalogue.plants()[state.starter.plant].axes)
 
 
 def from_text(text: str) -> State:
@@ -104,7 +145,7 @@ def from_text(text: str) -> State:
 
     Raises:
         ValueError: for whatever is wrong with it, for code of its own (``module:Class``), for a plant that is read from
-            another file, and for one of several axes.
+            another file.
     """
     with _draft(text) as draft:
         return from_draft(draft)
@@ -119,10 +160,11 @@ def from_draft(draft: Draft) -> State:
     file, kind = draft.file, draft.plant.kind
     if draft.foreign is not None:
         raise ValueError(f"plant.type: the studio runs no code of a problem file's own, here {kind!r}")
-    entry = catalogue.plants()[kind]
-    if entry.axes:
-        raise ValueError(f"plant.type: {kind} has the axes {', '.join(entry.axes)}, which the studio does not show")
-    state = State(
+    tables = file.command or {}
+    delayed = [f"{axis}.delay" for axis, table in tables.items() if isinstance(table, dict) and "delay" in table]
+    if unknown := [key for key in tables if key == "synchronised"] + delayed:
+        raise ValueError(f"command.{unknown[0]}: the studio does not show it")
+    state = _fresh(
         Starter(
             name=kind, title=file.title or kind, plant=kind,
             values={key: value for key, value in file.plant.items() if key != "type"},
@@ -140,6 +182,9 @@ def from_draft(draft: Draft) -> State:
 
 def _same(given: Any, written: Any) -> bool:
     """Whether an object is written as it was given, with the defaults of the keys that were not."""
+    if isinstance(given, Part) and isinstance(written, Part) and given.kind == written.kind == "Axes":
+        held = given.values.keys() == written.values.keys()
+        return held and all(_same(value, written.values[name]) for name, value in given.values.items())
     if not (isinstance(given, Part) and isinstance(written, Part) and given.entry is not None):
         return _plain(given) == _plain(written)
     keys = given.entry.keys
@@ -212,11 +257,21 @@ def parameters(state: State) -> list[Parameter]:
     entry = catalogue.plants()[starter.plant]
     found = list(_numbers("plant", entry, starter.values, {}, starter.uncertain))
     units = {"m": entry.command_unit(starter.values.get("drive"))}
+    if entry.axes:
+        units_of, several = entry.command_units(starter.values.get("drive")), starter.move.items()
+        for axis, move in several:
+            found += _numbers_of_move(f"command.{axis}", move, {"m": units_of.get(axis, units["m"])})
+        return found
     if "type" not in starter.move:
         return [*found, _parameter("distance", starter.move["distance"], units["m"], "of the step", {})]
-    command = catalogue.known("AbstractCommand")[starter.move["type"]]
-    numbers = {key: value for key, value in starter.move.items() if not isinstance(value, list)}
-    return [*found, *_numbers("command", command, numbers, units, {})]
+    return [*found, *_numbers_of_move("command", starter.move, units)]
+
+
+def _numbers_of_move(path: str, move: dict[str, Any], units: dict[str, str]) -> Iterator[Parameter]:
+    """The numbers of a command."""
+    command = catalogue.known("AbstractCommand")[move["type"]]
+    numbers = {key: value for key, value in move.items() if not isinstance(value, list)}
+    yield from _numbers(path, command, numbers, units, {})
 
 
 def _numbers(
@@ -271,7 +326,7 @@ def with_value(state: State, path: str, value: float) -> State:
         keys = catalogue.plants()[starter.plant].keys.values()
         lists = {key.name: list(key.default) for key in keys if isinstance(key.default, list | tuple)}
         return _with(state, values=_placed(lists | starter.values, rest.split("."), written))
-    return _with(state, move=_placed(starter.move, [rest or table], written if rest else value))
+    return _with(state, move=_placed(starter.move, rest.split(".") if rest else [table], written if rest else value))
 
 
 def _placed(values: Any, keys: list[str], value: Any) -> Any:
@@ -330,6 +385,49 @@ def with_impulses(state: State, amplitudes: Any, times: Any) -> State:
     return dataclasses.replace(state, amplitudes=tuple(map(float, amplitudes)), times=tuple(map(float, times)))
 
 
+def with_axis(state: State, axis: str) -> State:
+    """The state that shows another axis.
+
+    Raises:
+        ValueError: for an axis that the machine does not have.
+    """
+    if axis not in axes(state):
+        raise ValueError(f"axis must be one of {', '.join(axes(state)) or 'none'}, not {axis!r}")
+    if axis == state.axis or not state.own:
+        return dataclasses.replace(state, axis=axis)
+    (chosen,) = [each for each in state.own if each.name == axis]
+    rest = [each for each in state.own if each.name != axis]
+    own = (*rest, Pin(state.axis, state.amplitudes, state.times))
+    return with_impulses(dataclasses.replace(state, axis=axis, own=own), chosen.amplitudes, chosen.times)
+
+
+def with_own(state: State, own: bool) -> State:
+    """The state in which each axis has a shaper of its own, at first the one that all shared; or all share one."""
+    if not axes(state):
+        return state
+    others = [axis for axis in axes(state) if axis != state.axis] if own else []
+    shapers = tuple(Pin(axis, state.amplitudes, state.times) for axis in others)
+    design = state.starter.design | {"shapers": "per axis" if own else "shared"}
+    return _with(dataclasses.replace(state, own=shapers), design=design)
+
+
+def with_one_for_all(state: State, amplitudes: Any, times: Any) -> State:
+    """The state with another shaper, the same for all axes at first where each has its own."""
+    made = with_impulses(state, amplitudes, times)
+    return with_own(made, True) if state.own else made
+
+
+def with_shapers(state: State, shapers: dict[str, tuple[list[float], list[float]]]) -> State:
+    """The state with a shaper for each axis.
+
+    Args:
+        state: before.
+        shapers: axis → amplitudes and times (s).
+    """
+    own = tuple(Pin(axis, tuple(a), tuple(t)) for axis, (a, t) in shapers.items() if axis != state.axis)
+    return with_impulses(dataclasses.replace(state, own=own), *shapers[state.axis])
+
+
 def with_amplitude(state: State, index: int, value: float) -> State:
     """The state with another amplitude of one impulse; the others keep their ratios and the sum stays 1."""
     rest = 1.0 - state.amplitudes[index]
@@ -347,6 +445,39 @@ def with_time(state: State, index: int, value: float) -> State:
     if index > 0:
         times[index] = min([max(value, times[index - 1]), *times[index + 1 : index + 2]])
     return with_impulses(state, state.amplitudes, times)
+
+
+def with_pin(state: State) -> State:
+    """The state with its shaper among the designs to compare.
+
+    Raises:
+        ValueError: for more than five, and for one that is there already.
+    """
+    if len(state.pins) == MOST_PINS:
+        raise ValueError(f"at most {MOST_PINS} designs can be compared; remove one first")
+    made = Pin("", state.amplitudes, state.times, state.axis, state.own)
+    if any(dataclasses.replace(pin, name="") == made for pin in state.pins):
+        raise ValueError("this design is pinned already")
+    taken = {pin.name for pin in state.pins}
+    letter = next(letter for letter in "ABCDE" if not any(name.startswith(letter) for name in taken))
+    name = f"{letter}: {len(state.times)} impulses, {state.times[-1]:.3g} s"
+    return dataclasses.replace(state, pins=(*state.pins, dataclasses.replace(made, name=name)))
+
+
+def with_design_of(state: State, pin: Pin) -> State:
+    """The state with the shapers of a design."""
+    fitting = state if bool(pin.own) == bool(state.own) else with_own(state, bool(pin.own))
+    return with_impulses(dataclasses.replace(fitting, axis=pin.axis, own=pin.own), pin.amplitudes, pin.times)
+
+
+def with_pins(state: State, pins: tuple[Pin, ...]) -> State:
+    """The state with other designs to compare."""
+    return dataclasses.replace(state, pins=pins)
+
+
+def without_pin(state: State, name: str) -> State:
+    """The state with one design less to compare."""
+    return dataclasses.replace(state, pins=tuple(pin for pin in state.pins if pin.name != name))
 
 
 def with_one_more(state: State) -> State:

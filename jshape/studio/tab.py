@@ -10,8 +10,8 @@ from nicegui import Client, app, ui
 
 from jshape.studio import charts, curves
 from jshape.studio.live import Live
-from jshape.studio.state import State
-from jshape.studio.tuning import Tuning
+from jshape.studio.state import Pin, State, with_amplitude, with_time
+from jshape.studio.work import Work
 
 LOG = logging.getLogger("jshape.studio")
 
@@ -22,30 +22,58 @@ MADE = """return new Promise((done) => {
 })"""
 
 
+FARTHEST = 1e6
+"""Time (s) and amplitude to which a bar can be dragged."""
+
+
 class Tab:
     """A tab: every change makes a new state, which the worker computes and the charts draw.
 
     Attributes:
         state: what the tab shows.
-        tuning: its tuning process.
+        works: its processes.
         moves: the responses that are drawn, if they are of this state.
+        linear: likewise, V(ω, ζ).
         sensitivity: likewise, the sensitivity.
+        pinned: likewise, the designs to compare.
+        dragged: whether a bar of the impulses is being dragged.
         followers: called when the impulses are others.
         renewed: called when the machine is another.
+        turned: called when another axis is shown.
+        painted: charts that are not in ``charts``.
+        dark: whether the page is.
+        compared: called when designs to compare are others, or computed.
+        begun: called once the browser has made the charts.
+        printed: called when a printer's shapers are chosen.
     """
 
     def __init__(self, state: State, worker: Executor):
         self.state, self.worker = state, worker
-        self.tuning = Tuning()
+        self.works: list[Work] = []
         self.moves: curves.Moves | None = None
         self.sensitivity: curves.Sensitivity | None = None
         self.live = Live(curves.stages, worker, self._show, self._failed)
         self.charts: dict[str, ui.echart] = {}
+        self.linear: curves.Linear | None = None
+        self.pinned: dict[Pin, curves.Pinned] = {}
+        self.dragged = False
         self.followers: list[Callable[[], None]] = []
         self.renewed: list[Callable[[], None]] = []
+        self.compared: list[Callable[[], None]] = []
+        self.turned: list[Callable[[], None]] = []
+        self.painted: list[ui.echart] = []
+        self.dark = False
+        self.begun: list[Callable[[], None]] = []
+        self.printed: list[Callable[[dict[str, Any]], None]] = []
         self.client: Client = ui.context.client
         self.kept = app.storage.tab
         self.client.on_delete(self._closed)
+
+    @property
+    def address(self) -> str:
+        """The page's, without the query string."""
+        request = self.client.request
+        return str(request.base_url) if request is not None else "/"
 
     def place(self, summary: ui.label, busy: ui.spinner, warning: ui.label) -> None:
         """Take the elements that say how far it is, and what is wrong."""
@@ -56,6 +84,10 @@ class Tab:
         made = [chart.id for chart in self.charts.values()]
         await self.client.run_javascript(MADE.replace("MADE", json.dumps(made)), timeout=30.0)
         self.draw("impulses", charts.impulses(self.state))
+        self.client.run_javascript(f"jshapeDrag.attach({self.charts['impulses'].id})")
+        for begin in self.begun:
+            begin()
+        self.paint(self.dark)
         self.want()
 
     def change(self, make: Callable[[State], State], *, impulses: bool = False) -> None:
@@ -72,26 +104,55 @@ class Tab:
             return
         self.kept["state"] = self.state
         if impulses:
-            self.draw("impulses", charts.impulses(self.state))
+            self.draw("impulses", charts.impulses(self.state, self.dragged))
             for follow in self.followers:
                 follow()
         self.want()
 
+    def drag(self, given: Any) -> None:
+        """Move the end of an impulse's bar, as the browser asks.
+
+        Args:
+            given: ``index``, ``time`` (s), ``amplitude`` and whether the bar is ``done``; whatever else is ignored.
+        """
+        if not isinstance(given, dict):
+            return
+        index, time, amplitude, done = (given.get(k) for k in ("index", "time", "amplitude", "done"))
+        self.dragged = done is not True
+        places = [place for place in (time, amplitude) if isinstance(place, int | float) and abs(place) <= FARTHEST]
+        if not isinstance(index, int) or not 0 <= index < len(self.state.times) or len(places) < 2:
+            self.draw("impulses", charts.impulses(self.state, self.dragged))
+            return
+        self.change(lambda now: with_time(with_amplitude(now, index, places[1]), index, places[0]), impulses=True)
+
     def want(self) -> None:
         """Compute the curves of the state as it is now."""
-        self.moves = self.sensitivity = None
+        self.moves = self.sensitivity = self.linear = None
         self.busy.set_visibility(True)
         self.live.want(self.state)
 
     def draw(self, name: str, option: dict[str, Any]) -> None:
         """Change a chart: its curves are replaced, all else stays."""
-        self.charts[name].run_chart_method("setOption", option, {"replaceMerge": ["series"]})
+        replaced = {"replaceMerge": ["series"]} if "series" in option else {}
+        self.charts[name].run_chart_method("setOption", option, replaced)
 
     def clear(self, words: str) -> None:
         """Take away the numbers and curves of another machine, and of a state that has none."""
         self.summary.set_text(words)
         for name in ("position", "deflection", "sensitivity", "vibration"):
             self.draw(name, {"series": []})
+
+    def paint(self, dark: bool) -> None:
+        """Take the colours of a dark page, or of a light one."""
+        self.dark = dark
+        for name in self.charts:
+            self.draw(name, charts.colours(dark, 2 if name.startswith("printer") else 1))
+        for chart in self.painted:
+            for part, look in charts.colours(dark).items():
+                given = chart.options.get(part, {})
+                chart.options[part] = charts.merged(given, look[0] if isinstance(look, list) else look)
+            chart.update()
+        self.client.run_javascript(f"jshapeScene.paint({json.dumps(dark)})")
 
     def warn(self, words: str) -> None:
         """Say what is wrong above the charts; nothing, where the words are empty."""
@@ -103,20 +164,56 @@ class Tab:
         if isinstance(result, curves.Moves):
             self.moves = result
             self.warn(result.warning)
-            self.draw("position", charts.position(result))
-            self.draw("deflection", charts.deflection(result))
+            text = self.state.text
+            self.pinned = {pin: each for pin, each in self.pinned.items() if each.text == text}
+            self._draw_moves(result)
             self.client.run_javascript(f"jshapeScene.set({json.dumps(charts.scene(result))})")
             if not self.state.starter.uncertain:
                 self.draw("sensitivity", charts.sensitivity(None))
         elif isinstance(result, curves.Linear):
-            self.draw("vibration", charts.vibration(result))
+            self.linear = result
+            self.draw("vibration", charts.vibration(result, self._others()))
         elif isinstance(result, curves.Sensitivity):
             self.sensitivity = result
-            self.draw("sensitivity", charts.sensitivity(result))
-            self.busy.set_visibility(result.draft)
+            self.draw("sensitivity", charts.sensitivity(result, self._others()))
+            self._settle()
         elif isinstance(result, curves.Numbers):
             self.summary.set_text(charts.summary(result))
-            self.busy.set_visibility(self.sensitivity is not None and self.sensitivity.draft)
+            self._settle()
+
+        elif isinstance(result, curves.Pinned):
+            self._compare(result)
+
+    def _settle(self) -> None:
+        """Show whether anything of the state is still being computed."""
+        draft = self.sensitivity is not None and self.sensitivity.draft
+        self.busy.set_visibility(draft or any(pin not in self.pinned for pin in self.state.pins))
+
+    def _others(self) -> list[curves.Pinned]:
+        """The designs to compare that are computed for the machine as it is."""
+        return [self.pinned[pin] for pin in self.state.pins if pin in self.pinned]
+
+    def _draw_moves(self, moves: curves.Moves) -> None:
+        self.draw("position", charts.position(moves, self._others()))
+        self.draw("deflection", charts.deflection(moves, self._others()))
+
+    def compare(self) -> None:
+        """Draw the designs to compare again."""
+        if self.moves is not None:
+            self._draw_moves(self.moves)
+        if self.linear is not None:
+            self.draw("vibration", charts.vibration(self.linear, self._others()))
+        if self.sensitivity is not None:
+            self.draw("sensitivity", charts.sensitivity(self.sensitivity, self._others()))
+        for follow in self.compared:
+            follow()
+
+    def _compare(self, result: curves.Pinned) -> None:
+        """Draw a design to compare, unless it is drawn already."""
+        if result.pin not in self.pinned:
+            self.pinned[result.pin] = result
+            self.compare()
+            self._settle()
 
     def _failed(self, error: Exception) -> None:
         """Say why a state has no curves; those of the state before go."""
@@ -130,4 +227,5 @@ class Tab:
 
     def _closed(self) -> None:
         self.live.stop()
-        self.tuning.kill()
+        for work in self.works:
+            work.kill()

@@ -43,7 +43,7 @@ def exported(state: State, format: str, fields: dict[str, str]) -> tuple[str, by
     options = {name: _read(name, text.strip()) for name, text in fields.items() if text.strip()}
     made = export(shaper_of(state), format, **options)
     chosen: Format = FORMATS[format]
-    return f"shaper{chosen.ending}", as_bytes(made)
+    return f"shaper{f'_{state.axis}' if state.own else ''}{chosen.ending}", as_bytes(made)
 
 
 def _read(name: str, text: str) -> Any:
@@ -84,6 +84,10 @@ def closed_form(state: State, name: str) -> tuple[list[float], list[float]]:
 
 def script(state: State) -> str:
     """A Python script that does what the page does, beside its problem file."""
+    each = [(state.axis, state.amplitudes, state.times), *((own.name, own.amplitudes, own.times) for own in state.own)]
+    made = [f"js.Shaper(amplitudes={list(a)}, times={list(t)})" for _, a, t in each]
+    names = [f"{axis!r}: {shaper}" for (axis, _, _), shaper in zip(each, made, strict=True)]
+    shaper = f"{{{', '.join(names)}}}" if state.own else made[0]
     return f"""\
 import jax
 jax.config.update("jax_enable_x64", True)
@@ -91,10 +95,10 @@ import jshape as js
 from jshape.problems.problem import load
 
 problem = load({json.dumps(FILE)})
-shaper = js.Shaper(amplitudes={list(state.amplitudes)}, times={list(state.times)})
+shaper = {shaper}
 print("on the page:", js.residual_energy(problem.plant, shaper, problem.distance), "J")
 tuned = js.tune(problem.plant, problem.distance, **problem.tuning)
-print(tuned.shaper, tuned.message)
+print(tuned)
 """
 
 

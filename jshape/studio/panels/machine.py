@@ -1,0 +1,106 @@
+"""The machine: which one, and a slider for each of its parameters."""
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+from nicegui import events, ui
+
+from jshape.problems import limits
+from jshape.studio import state, takeaway
+from jshape.studio.panels.shaper import closed_form
+from jshape.studio.panels.slider import Slider
+from jshape.studio.state import Parameter, State
+from jshape.studio.tab import Tab
+
+
+def build(tab: Tab) -> None:
+    """Choose a machine; a slider for each of its parameters."""
+
+    @ui.refreshable
+    def sliders() -> None:
+        for parameter in state.parameters(tab.state):
+            _parameter(tab, parameter)
+
+    async def begin(made: Callable[[], State]) -> None:
+        tab.clear("computing …")
+        tab.change(lambda _: made(), impulses=True)
+        sliders.refresh()
+        for renew in tab.renewed:
+            renew()
+        await closed_form(tab, takeaway.SIMPLEST, every=True)
+
+    async def loaded(event: events.UploadEventArguments) -> None:
+        upload.reset()
+        try:
+            if event.file.size() > limits.SIZE:
+                raise ValueError(f"a problem file must have at most {limits.SIZE} bytes, not {event.file.size()}")
+            given = state.from_text((await event.file.read()).decode())
+        except ValueError as error:
+            tab.warn(f"{event.file.name}: {error}")
+            return
+        await begin(lambda: given)
+
+    plant = tab.state.starter.plant
+    choose = ui.select(state.plants(), value=plant, label="machine").classes("w-full").props("dense")
+    choose.on_value_change(lambda event: begin(lambda: state.begin(event.value)))
+    upload = ui.upload(
+        label="or a problem file", on_upload=loaded, auto_upload=True, max_file_size=limits.SIZE, max_files=1
+    ).classes("w-full").props('accept=".toml" flat bordered dense')  # fmt: skip
+    upload.on("rejected", lambda: tab.warn(f"a problem file must have at most {limits.SIZE} bytes"))
+    ui.label("± marks what is uncertain").classes("text-xs q-mt-sm opacity-80")
+    sliders()
+
+
+def _parameter(tab: Tab, parameter: Parameter) -> None:
+    """A slider, a number beside it, and a mark for what is uncertain."""
+    path, leaf = parameter.path, parameter.leaf
+    words = path.removeprefix("plant.").removeprefix("command.").replace("_", " ")
+    with ui.row().classes("w-full no-wrap items-center gap-2"):
+        label = ui.label(words).classes("text-sm").style("flex:1")
+        label.tooltip(parameter.meaning or words)
+        number = (
+            ui.number(value=_rounded(parameter.value), suffix=parameter.unit)
+            .classes("studio-number")
+            .style("width:124px")
+        )
+        number.props(f'dense outlined aria-label="{words}" debounce=300')
+        share = (
+            ui.number(value=_share(parameter), min=0, max=99, suffix="%").classes("studio-number").style("width:74px")
+        )
+        share.props(f'dense outlined prefix=± aria-label="{words}: uncertain by" placeholder="–" debounce=300')
+        share.set_visibility(leaf is not None)
+    step = (parameter.high - parameter.low) / 200
+    slider = Slider(min=parameter.low, max=parameter.high, step=step, value=parameter.value).classes("w-full")
+    slider.props(f'dense aria-label="{words}" data-testid="slider-{path}"')
+
+    def moved(event: Any) -> None:
+        value = _rounded(float(event.value))
+        if value != number.value:
+            number.set_value(value)
+
+    def given(event: Any) -> None:
+        if event.value is None or not math.isfinite(event.value):
+            return
+        value = float(event.value)
+        slider.props["min"], slider.props["max"] = min(value, parameter.low), max(value, parameter.high)
+        if slider.value is None or _rounded(slider.value) != value:
+            slider.set_value(value)
+        tab.change(lambda before: state.with_value(before, path, value))
+
+    def uncertain(event: Any) -> None:
+        part = None if not event.value else event.value / 100
+        tab.change(lambda before: state.with_uncertainty(before, str(leaf), part))
+
+    slider.on_value_change(moved)
+    number.on_value_change(given)
+    share.on_value_change(uncertain)
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.4g}")
+
+
+def _share(parameter: Parameter) -> float | None:
+    """± in percent of an uncertain parameter."""
+    return None if parameter.share is None else float(f"{100 * parameter.share:.3g}")

@@ -1,0 +1,122 @@
+"""Tuning, with its history while it runs, and the Pareto front, whose points can be taken."""
+
+from typing import Any
+
+from nicegui import ui
+
+from jshape.studio import charts, state
+from jshape.studio.panels import running
+from jshape.studio.state import Pin, State
+from jshape.studio.tab import Tab
+
+
+def tune(tab: Tab) -> None:
+    """Tune in a process, with progress and a stop."""
+    best: list[tuple[int, float]] = []
+    with ui.row().classes("w-full no-wrap gap-2"):
+        count = ui.number("impulses", min=2, max=16, precision=0).props("dense").style("width:80px")
+        kind = ui.select(["positive", "bounded", "unity", "free"], label="amplitudes").props("dense")
+        kind.style("width:110px")
+        duration = ui.number("duration, s", min=0, format="%.5g").props("dense").style("flex:1")
+
+    def renew() -> None:
+        design = tab.state.starter.design
+        count.set_value(design.get("impulses", 3))
+        kind.set_value(design.get("amplitudes", "positive"))
+        length = design.get("duration")
+        ends = f"{length[0]} to {length[1]}" if isinstance(length, list) else "free"
+        duration.set_value(None if isinstance(length, list) else length)
+        duration.props["placeholder"] = ends
+
+    def ask() -> tuple[dict[str, Any], None]:
+        best.clear()
+        shown.set_visibility(True)
+        tab.change(lambda before: _designed(before, int(count.value or 3), str(kind.value), duration.value))
+        return {"text": tab.state.text}, None
+
+    def during(now: dict[str, Any]) -> None:
+        if now["best"] is not None:
+            best.append((len(best), now["best"]))
+            shown.run_chart_method("setOption", charts.history(best))
+
+    def show(found: dict[str, Any]) -> str:
+        shapers = found["shapers"]
+        if "" in shapers:
+            tab.change(lambda now: state.with_impulses(now, *shapers[""]), impulses=True)
+        else:
+            tab.change(lambda now: state.with_shapers(now, shapers), impulses=True)
+        return found["message"]
+
+    renew()
+    tab.renewed.append(renew)
+    running.row(tab, "tune", "Tune", ask, show, during)
+    shown = ui.echart(charts.chart("", "step", "best, J") | {"legend": {"show": False}, "toolbox": {}})
+    tab.painted.append(shown)
+    shown.classes("w-full").style("height:150px;min-height:150px").set_visibility(False)
+
+
+def pareto(tab: Tab) -> None:
+    """Compute the front in a process; a point that is clicked on becomes the page's shaper."""
+    points: dict[str, dict[str, Any]] = {}
+    with ui.row().classes("w-full no-wrap gap-2"):
+        most = ui.number("impulses up to", value=3, min=2, max=8, precision=0).props("dense").style("flex:1")
+        count = ui.number("durations", value=8, min=2, max=40, precision=0).props("dense").style("flex:1")
+
+    def ask() -> tuple[dict[str, Any], None]:
+        numbers = list(range(2, int(most.value or 3) + 1))
+        return {"text": tab.state.text, "impulses": numbers, "durations": int(count.value or 8)}, None
+
+    def show(found: dict[str, Any]) -> str:
+        tab.kept["front"] = found
+        drawn(found)
+        return f"{found['message']}; click on a point, or choose it"
+
+    def drawn(found: dict[str, Any]) -> None:
+        points.clear()
+        for name, front in found["designs"].items():
+            for i, point in enumerate(front):
+                points[f"{name} {i}"] = point
+        words = {key: f"{key.rpartition(' ')[0]}, {p['duration']:.3g} s: {p['objective']:.3g} J"
+                 for key, p in points.items()}  # fmt: skip
+        choose.set_options(words, value=None)
+        chart.set_visibility(True)
+        choose.set_visibility(True)
+        # By its options, which a chart takes up that the browser makes later, when its panel is opened.
+        chart.options.update(charts.front(found))
+        chart.update()
+
+    def take(key: str | None) -> None:
+        if (point := points.get(key or "")) is not None:
+            # All axes share the shapers of the front.
+            shaper = Pin("", tuple(point["amplitudes"]), tuple(point["times"]), tab.state.axis)
+            tab.change(lambda now: state.with_design_of(now, shaper), impulses=True)
+            for turn in tab.turned:
+                turn()
+
+    def renew() -> None:
+        # The front of another machine.
+        tab.kept.pop("front", None)
+        points.clear()
+        chart.set_visibility(False)
+        choose.set_visibility(False)
+
+    running.row(tab, "pareto", "Compute", ask, show)
+    chart = ui.echart(charts.front_chart()).classes("w-full").style("height:230px;min-height:230px")
+    chart.props("data-testid=chart-front")
+    tab.painted.append(chart)
+    chart.on_point_click(lambda event: take(f"{event.series_name} {event.data_index}"))
+    choose = ui.select({}, label="a point of the front").classes("w-full").props("dense data-testid=front")
+    choose.on_value_change(lambda event: take(event.value))
+    chart.set_visibility(False)
+    choose.set_visibility(False)
+    tab.renewed.append(renew)
+    if (kept := tab.kept.get("front")) is not None:
+        drawn(kept)
+
+
+def _designed(before: State, impulses: int, amplitudes: str, duration: float | None) -> State:
+    """The state with the design that the fields hold; a range of durations stays where no single one is given."""
+    design = before.starter.design
+    kept = duration or (design["duration"] if isinstance(design.get("duration"), list) else None)
+    limit = design.get("limit", 1.5) if amplitudes == "bounded" else None
+    return state.with_design(before, impulses=impulses, amplitudes=amplitudes, duration=kept, limit=limit)

@@ -1,0 +1,65 @@
+"""Designs to compare: pin the shaper as it is, take one up again, remove one."""
+
+import functools
+
+from nicegui import ui
+
+from jshape.studio import state
+from jshape.studio.charts import PINS
+from jshape.studio.curves import Sensitivity
+from jshape.studio.state import Pin
+from jshape.studio.tab import Tab
+
+
+def build(tab: Tab) -> None:
+    """The button that pins, and a row for each design."""
+
+    def pin() -> None:
+        tab.warn("")
+        tab.change(state.with_pin)
+        rows.refresh()
+
+    def remove(name: str) -> None:
+        tab.change(lambda before: state.without_pin(before, name))
+        rows.refresh()
+
+    def take(pin: Pin) -> None:
+        tab.change(lambda before: state.with_design_of(before, pin), impulses=True)
+        for turn in tab.turned:
+            turn()
+
+    @ui.refreshable
+    def rows() -> None:
+        for pin, look in zip(tab.state.pins, PINS, strict=False):
+            with ui.row().classes("w-full no-wrap items-center gap-2").props("data-testid=pin"):
+                ui.element("div").style(f"width:22px;border-top:3px dashed {look['color']}")
+                ui.label(f"{pin.name}{_left(tab, pin)}").classes("text-xs").style("flex:1")
+                taken = ui.button("take", on_click=functools.partial(take, pin))
+                taken.props(f'dense flat no-caps size=sm aria-label="take {pin.name}"')
+                gone = ui.button(icon="close", on_click=functools.partial(remove, pin.name))
+                gone.props(f'dense flat size=sm aria-label="remove {pin.name}"')
+
+    with ui.row().classes("w-full items-center q-mt-md"):
+        ui.label("Compare").classes("text-sm text-weight-bold")
+        ui.button("Pin this design", on_click=pin).props("dense outline no-caps data-testid=pin-it").classes("px-3")
+    rows()
+
+    def again() -> None:
+        rows.refresh()
+
+    tab.compared.append(again)
+
+
+def _left(tab: Tab, pin: Pin) -> str:
+    """What a design leaves, once it is computed."""
+    if pin not in tab.pinned:
+        return ""
+    found = tab.pinned[pin]
+    worst = "" if found.sensitivity is None else f", at worst {_worst(found.sensitivity)}"
+    return f" · leaves {found.numbers.shaped:.3g} J{worst}"
+
+
+def _worst(found: Sensitivity) -> str:
+    """The greatest of what is left over the uncertain set."""
+    most = max(found.values["shaped"])
+    return f"{100 * most:.3g} %" if found.quantity == "residual vibration" else f"{most:.3g} J"

@@ -1,0 +1,166 @@
+"""A printer's shaper from its accelerometer: files on the left, spectrum, choices and lines to paste beside them."""
+
+import functools
+import re
+import tempfile
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from nicegui import events, ui
+
+from jshape.calibration.files import axis_of
+from jshape.studio import charts
+from jshape.studio.guard import MOST_UPLOADED
+from jshape.studio.panels import running
+from jshape.studio.tab import Tab
+
+MOST_FILES = 8
+"""Of a printer's records at once."""
+
+VERSIONS = {"current": "current", "2024": "December 2024"}
+
+AXES = ("x", "y")
+
+COLUMNS = {
+    "name": "shaper", "frequency": "Hz", "vibration": "left (%)", "smoothing": "blur (mm)", "max_accel": "max_accel",
+    "duration": "ms",
+}  # fmt: skip
+
+LEGEND = (
+    "* Klipper's choice; left: of the measured vibration; blur: Klipper's smoothing of corners; max_accel: the "
+    "greatest acceleration, mm/s²; ms: the shaper's duration. Dashed: Klipper's shapers; solid: tuned ones."
+)
+
+
+def file_name(given: str) -> str:
+    """The name under which an uploaded file is kept: the last part of a path, in plain characters.
+
+    Args:
+        given: the name that the browser sent.
+    """
+    last = PurePosixPath(given.replace("\\", "/")).name
+    return re.sub(r"[^\w.-]", "_", last, flags=re.ASCII).lstrip(".")[-80:] or "file.csv"
+
+
+def build(tab: Tab) -> None:
+    """Files, options, and the button that chooses a shaper."""
+    folder = tempfile.TemporaryDirectory(prefix="jshape-")
+    tab.client.on_delete(folder.cleanup)
+    axes: dict[str, str] = {}
+
+    def without(name: str) -> None:
+        axes.pop(name, None)
+        rows.refresh()
+
+    @ui.refreshable
+    def rows() -> None:
+        for name in axes:
+            with ui.row().classes("w-full no-wrap items-center gap-2"):
+                ui.label(name).classes("text-sm ellipsis").style("flex:1").tooltip(name)
+                which = ui.toggle(list(AXES), value=axes[name]).props(f'dense no-caps aria-label="axis of {name}"')
+                which.on_value_change(lambda event, name=name: axes.update({name: event.value}))
+                remove = ui.button(icon="close", on_click=functools.partial(without, name))
+                remove.props(f'dense flat size=sm aria-label="remove {name}"')
+
+    async def dropped(event: events.UploadEventArguments) -> None:
+        name = file_name(event.file.name)
+        if name not in axes and len(axes) == MOST_FILES:
+            tab.warn(f"{name}: at most {MOST_FILES} files at once")
+            return
+        await event.file.save(Path(folder.name) / name)
+        axes[name] = axis_of(Path(name))
+        rows.refresh()
+
+    def ask() -> tuple[dict[str, Any], Path]:
+        if not axes:
+            raise ValueError("drop a file first: a raw record or a spectrum, as Klipper writes them")
+        files = {axis: [name for name, of in axes.items() if of == axis] for axis in AXES if axis in axes.values()}
+        options = {"version": version.value, "zeta": zeta.value, "corner_speed": corner.value}
+        if None in options.values():
+            raise ValueError("damping ratio and corner velocity must be numbers")
+        return {"files": files, "options": options}, Path(folder.name)
+
+    def show(found: dict[str, Any]) -> str:
+        tab.kept["printer"] = found
+        for each in tab.printed:
+            each(found)
+        return "done: choices and lines to paste are beside this"
+
+    ui.label("A printer's shaper from its accelerometer").classes("text-sm text-weight-bold")
+    words = "Klipper's raw_data_*.csv or resonances_*.csv; several of an axis are loads that share a shaper"
+    ui.label(words).classes("text-xs")
+    upload = ui.upload(
+        label="drop CSV files, or +", on_upload=dropped, auto_upload=True, multiple=True, max_file_size=MOST_UPLOADED
+    ).classes("w-full").props('accept=".csv" flat bordered dense data-testid=records')  # fmt: skip
+    upload.on("rejected", lambda: tab.warn(f"a record must have at most {MOST_UPLOADED} bytes"))
+    rows()
+    with ui.row().classes("w-full no-wrap gap-2"):
+        version = ui.select(VERSIONS, value="current", label="Klipper").props("dense").style("flex:1")
+        zeta = ui.number("damping ratio", value=0.1, min=0.001, max=0.3, step=0.01).props("dense").style("width:96px")
+        corner = ui.number("corner, mm/s", value=5.0, min=0).props("dense").style("width:96px")
+    running.row(tab, "calibrate", "Choose a shaper", ask, show, unit="")
+
+
+def view(tab: Tab) -> None:
+    """What was found: for each axis one picture, both choices and why, and the table; then the lines to paste."""
+    hint = ui.label("Drop the records of your printer on the left, then choose a shaper.").classes("q-pa-md")
+    cells: dict[str, Any] = {}
+    with ui.element("div").classes("studio-printer"):
+        for axis in AXES:
+            with ui.column().classes("studio-axis gap-1").props(f"data-testid=axis-{axis}") as cell:
+                picture = ui.echart(charts.spectrum_chart(axis)).classes("w-full").style("height:330px")
+                picture.props(f"data-testid=chart-printer-{axis}")
+                words = ui.column().classes("gap-0 text-sm q-px-sm")
+                table = ui.table(
+                    rows=[], row_key="name",
+                    columns=[{"name": key, "field": key, "label": label, "align": "left" if key == "name" else "right"}
+                             for key, label in COLUMNS.items()],
+                ).classes("w-full").props("dense flat")  # fmt: skip
+            cell.set_visibility(False)
+            tab.charts[f"printer-{axis}"] = picture
+            cells[axis] = cell, words, table
+    with ui.column().classes("w-full q-pa-sm gap-1") as block:
+        with ui.row().classes("items-center gap-3"):
+            ui.label("Lines for printer.cfg").classes("text-sm text-weight-bold")
+            ui.button("Copy", on_click=lambda: ui.clipboard.write(text.content)).props("dense no-caps").classes("px-3")
+        text = ui.code("", language="ini").classes("w-full text-xs").props("data-testid=paste")
+    block.set_visibility(False)
+
+    def show(found: dict[str, Any]) -> None:
+        hint.set_visibility(False)
+        block.set_visibility(True)
+        text.set_content(found["paste"])
+        for axis, (cell, words, table) in cells.items():
+            one = found["axes"].get(axis)
+            cell.set_visibility(one is not None)
+            if one is not None:
+                tab.draw(f"printer-{axis}", charts.spectrum(one))
+                _said(words, one)
+                table.rows = [_cells(row) for row in one["rows"]]
+
+    tab.printed.append(show)
+    if (kept := tab.kept.get("printer")) is not None:
+        tab.begun.append(lambda: show(kept))
+
+
+def _said(words: ui.column, found: dict[str, Any]) -> None:
+    """Both choices, and why."""
+    words.clear()
+    with words:
+        ui.label(f"Klipper's choice: {found['klipper']}")
+        ui.label(f"Ours for stock firmware: {found['stock']}").classes("text-weight-bold")
+        for line in found["why"]:
+            ui.label(line)
+        ui.label(LEGEND).classes("text-xs")
+
+
+def _cells(row: dict[str, Any]) -> dict[str, str]:
+    """A row of the table as it is read."""
+    return {
+        "name": row["name"] + (" *" if row["chosen"] else ""),
+        "frequency": "" if row["frequency"] is None else f"{row['frequency']:.1f}",
+        "vibration": f"{100 * row['vibration']:.2g}",
+        "smoothing": f"{row['smoothing']:.4f}",
+        "max_accel": str(row["max_accel"]),
+        "duration": f"{1e3 * row['duration']:.2f}",
+    }
