@@ -54,6 +54,7 @@ ROOMS = {
 }
 
 TESTS = {
+    "jshape/simulation/angles.py": ("angles",),
     "jshape/simulation/components.py": ("components", "integrate"),
     "jshape/simulation/integrate.py": ("integrate", "components"),
     "jshape/simulation/schedule.py": ("simulate::test_every_command", "simulate", "metrics"),
