@@ -131,7 +131,7 @@ def kept(function: Callable[P, R]) -> Callable[P, R]:
     All arrays are traced, everything else is part of the program. What the function returns consists of arrays.
     """
     plain: Any = eqx.filter_jit(function)
-    alone: Any = eqx.filter_jit(function, compiler_options=_OPTIONS)
+    alone: Any = eqx.filter_jit(function, compiler_options=_OPTIONS)  # pyright: ignore[reportCallIssue]
     programs: dict[Any, Callable[[list], Any] | None] = {}
 
     @functools.wraps(function)

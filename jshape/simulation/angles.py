@@ -8,8 +8,6 @@ Source: Cody and Waite (1980), reduction of the argument by π/2 in three parts.
 (sin r − r)/r³ and (cos r − 1 + r²/2)/r⁴ at Chebyshev's points of r² on [0, (π/4)²], within 1.4e-17.
 """
 
-import functools
-
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array
@@ -25,7 +23,11 @@ _FARTHEST = 1e6
 
 
 def _polynomial(coefficients: tuple[float, ...], z: Array) -> Array:
-    return functools.reduce(lambda value, coefficient: coefficient + z * value, coefficients[::-1])
+    *lower, highest = coefficients
+    value = jnp.full_like(z, highest)
+    for coefficient in reversed(lower):
+        value = coefficient + z * value
+    return value
 
 
 def _sine_of(x: Array, quarters: float) -> Array:

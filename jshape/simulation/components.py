@@ -74,10 +74,11 @@ def _run(jaxpr: core.Jaxpr, given: list[Any]) -> list[Any]:
             results = _MOVES[name](*map(_apart, inputs), **parameters)
         elif components and name in _ELEMENTWISE and _is_small(equation):
             results = _each(equation, inputs)
-        elif components and name == "reduce_sum" and equation.invars[0].aval.size <= _SMALL:
+        elif components and name == "reduce_sum" and math.prod(_shape(equation.invars[0])) <= _SMALL:
             results = _array(_apart(inputs[0]).sum(axis=parameters["axes"]))
         elif components and name == "dot_general" and _is_small_product(equation):
-            results = _array(np.tensordot(*map(_apart, inputs), parameters["dimension_numbers"][0]))
+            first, second = map(_apart, inputs)
+            results = _array(np.tensordot(first, second, parameters["dimension_numbers"][0]))
         else:
             results = _bound(equation, map(_joined, inputs))
         results = results if isinstance(results, list | tuple) else [results]
@@ -108,21 +109,25 @@ def _joined(value: Any) -> Any:
 
 def _bound(equation: core.JaxprEqn, inputs: Any) -> Any:
     """An operation on other inputs."""
-    name = equation.primitive.name
-    if name in ("sin", "cos") and equation.outvars[0].aval.dtype == np.float64 and jax.default_backend() == "cpu":
+    name, inputs = equation.primitive.name, list(inputs)
+    if name in ("sin", "cos") and jnp.result_type(inputs[0]) == np.float64 and jax.default_backend() == "cpu":
         return getattr(angles, name)(*inputs)
     with equation.ctx.manager:
         return equation.primitive.bind(*inputs, **equation.primitive.get_bind_params(equation.params))
 
 
 def _is_small(equation: core.JaxprEqn) -> bool:
-    return max(variable.aval.size for variable in equation.outvars) <= _SMALL
+    return max(math.prod(_shape(variable)) for variable in equation.outvars) <= _SMALL
+
+
+def _shape(variable: Any) -> tuple[int, ...]:
+    return variable.aval.shape
 
 
 def _is_small_product(equation: core.JaxprEqn) -> bool:
     (contracted, _), batched = equation.params["dimension_numbers"]
-    first = equation.invars[0].aval
-    products = equation.outvars[0].aval.size * math.prod(first.shape[axis] for axis in contracted)
+    first = _shape(equation.invars[0])
+    products = math.prod(_shape(equation.outvars[0])) * math.prod(first[axis] for axis in contracted)
     return batched == ((), ()) and products <= _SMALL
 
 
@@ -133,7 +138,7 @@ def _array(value: Any) -> np.ndarray:
 
 def _each(equation: core.JaxprEqn, inputs: list[Any]) -> np.ndarray:
     """An operation element by element."""
-    result = np.empty(equation.outvars[0].aval.shape, dtype=object)
+    result = np.empty(_shape(equation.outvars[0]), dtype=object)
     columns = [_apart(x) if np.ndim(x) else _objects([_joined(x)] * result.size).reshape(result.shape) for x in inputs]
     for place in np.ndindex(result.shape):
         result[place] = _bound(equation, [column[place] for column in columns])
