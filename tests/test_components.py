@@ -95,3 +95,41 @@ def test_what_a_function_holds_is_differentiated_and_batched():
         return jnp.stack(components(components.captured, t, list(y)))
 
     np.testing.assert_allclose(held(apart), held(lambda field, t, y: field(t, y)), rtol=1e-14)
+
+
+def what_users_write(t, y):
+    """Operations that are not element by element, arrays without elements, other kinds of numbers."""
+    q, v = y[:2], y[2:]
+    mass = jnp.array([[2 + jnp.cos(q[0]), 0.1], [0.1, 1 + q[1] ** 2]])
+    turned = (q + 1j * v) * jnp.exp(1j * t)
+    several = {
+        "empty": jnp.concatenate([y[:0], v, jnp.zeros(0, y.dtype), -q * jnp.sum(y[:0]) + t]),
+        "branches": jnp.concatenate([v, t * jax.lax.cond(q[0] > 0, lambda q: 2 * q, lambda q: -q, q)]),
+        "loop": jnp.concatenate([v, jax.lax.fori_loop(0, 3, lambda i, w: w + q * i, jnp.zeros_like(q))]),
+        "linear equations": jnp.concatenate([v, jnp.linalg.solve(mass, t - q)]),
+        "complex": jnp.concatenate([turned.real, turned.imag]),
+        "indices": y[jnp.array([2, 3, 0, 1])] * t,
+        "updates": jnp.zeros_like(y).at[:2].set(v).at[2:].add(-q * t),
+        "masks": jnp.where(jnp.arange(4) == jnp.argmax(y), y * t, jnp.minimum(y, 0.2)),
+        "sums": jnp.cumsum(y) * t + jnp.max(y) - jnp.mean(y) + jnp.linalg.norm(y) + jnp.prod(y),
+        "contraction": jnp.einsum("ij,j->i", jnp.arange(16.0, dtype=y.dtype).reshape(4, 4), y) * t,
+        "whole numbers": y * jnp.array([1, 2, 3, 4]) + (jnp.arange(4) % 2) * t,
+        "kinks": jnp.clip(y, -0.5, 0.5) + jnp.round(3 * y) * t + jnp.sign(y) + jnp.hypot(y, y) + jnp.sinc(y),
+        "matrices": (y.reshape(2, 2) @ y.reshape(2, 2).T @ jnp.ones((2, 2), y.dtype)).ravel() * t,
+        "a table": jnp.interp(y, jnp.linspace(-1, 2, 7), jnp.linspace(0, 1, 7) ** 2).astype(y.dtype) * t,
+    }
+    return jnp.concatenate(list(several.values())).astype(y.dtype)
+
+
+@pytest.mark.parametrize("dtype", [jnp.float64, pytest.param(jnp.float32, marks=pytest.mark.slow)])
+def test_what_users_write_is_the_same(dtype):
+    t, y = jnp.asarray(0.6, dtype), STATE.astype(dtype)
+
+    def apart(y):
+        components = Components(what_users_write, t, vector=y)
+        return jnp.stack(components(components.captured, t, list(y)))
+
+    found = jax.jit(jax.vmap(apart))(jnp.stack([y, 2 * y]))
+    expected = jnp.stack([what_users_write(t, y), what_users_write(t, 2 * y)])
+    assert found.dtype == dtype
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-14 if dtype == jnp.float64 else 1e-5)

@@ -70,11 +70,11 @@ def _run(jaxpr: core.Jaxpr, given: list[Any]) -> list[Any]:
         components = any(map(_is_apart, inputs))
         if name == "jit":
             results = _run(parameters["jaxpr"].jaxpr, [*parameters["jaxpr"].consts, *inputs])
-        elif name in _MOVES and (components or _is_small(equation)):
+        elif name in _MOVES and (components or _is_small(equation)) and not _is_empty(equation):
             results = _MOVES[name](*map(_apart, inputs), **parameters)
         elif components and name in _ELEMENTWISE and _is_small(equation):
             results = _each(equation, inputs)
-        elif components and name == "reduce_sum" and math.prod(_shape(equation.invars[0])) <= _SMALL:
+        elif components and name == "reduce_sum" and _is_small(equation):
             results = _array(_apart(inputs[0]).sum(axis=parameters["axes"]))
         elif components and name == "dot_general" and _is_small_product(equation):
             first, second = map(_apart, inputs)
@@ -98,7 +98,9 @@ def _is_apart(value: Any) -> bool:
 
 
 def _apart(value: Any) -> np.ndarray:
-    return value if _is_apart(value) else _objects(parts_of(jnp.ravel(value))).reshape(jnp.shape(value))
+    if _is_apart(value):
+        return value
+    return _objects(parts_of(jnp.ravel(value)) if np.ndim(value) else [value]).reshape(np.shape(value))
 
 
 def _joined(value: Any) -> Any:
@@ -117,7 +119,11 @@ def _bound(equation: core.JaxprEqn, inputs: Any) -> Any:
 
 
 def _is_small(equation: core.JaxprEqn) -> bool:
-    return max(math.prod(_shape(variable)) for variable in equation.outvars) <= _SMALL
+    return all(0 < math.prod(_shape(variable)) <= _SMALL for variable in (*equation.outvars, *equation.invars))
+
+
+def _is_empty(equation: core.JaxprEqn) -> bool:
+    return any(math.prod(_shape(variable)) == 0 for variable in (*equation.outvars, *equation.invars))
 
 
 def _shape(variable: Any) -> tuple[int, ...]:
@@ -139,7 +145,7 @@ def _array(value: Any) -> np.ndarray:
 def _each(equation: core.JaxprEqn, inputs: list[Any]) -> np.ndarray:
     """An operation element by element."""
     result = np.empty(_shape(equation.outvars[0]), dtype=object)
-    columns = [_apart(x) if np.ndim(x) else _objects([_joined(x)] * result.size).reshape(result.shape) for x in inputs]
+    columns = [np.broadcast_to(_apart(x), result.shape) for x in inputs]
     for place in np.ndindex(result.shape):
         result[place] = _bound(equation, [column[place] for column in columns])
     return result
