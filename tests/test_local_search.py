@@ -45,6 +45,20 @@ def test_hessians_of_a_linear_plant_are_exact():
     np.testing.assert_allclose(along.T @ (found.hessians / scale) @ along, along.T @ (exact / scale) @ along, atol=1e-6)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("drawn", "objective"), [(None, "nominal"), ({"m2": [0.9, 1.0]}, "worst")])
+def test_derivatives_are_compiled_ahead(caplog, drawn, objective):
+    problem = problem_of(js.plants.TwoMass(spring=js.plants.Duffing(10.0, 100.0)), 1.0, 3, (0.2, 1.0), drawn, objective)
+    search = LocalSearch(problem)
+    point = Point(np.array([0.3, 0.4, 0.3]), np.array([0.4, 0.3]), np.zeros(0))
+    with jax.log_compiles():
+        search.compile(point)
+        assert "XLA compilation of jit(linearise)" in caplog.text
+        caplog.clear()
+        search.linearise(search.vector(point))
+    assert "XLA compilation of jit(linearise)" not in caplog.text
+
+
 def test_plants_are_added_in_the_places_of_those_with_the_least_energy():
     problem = problem_of(
         js.plants.TwoMass(spring=js.plants.Duffing(10.0, 100.0)), 1.0, 2, (0.2, 1.0), {"m2": [0.9, 1.0, 1.1]}

@@ -21,6 +21,8 @@ from jshape.design.tuning.epigraph import Merit, QuadraticModel, Rows, Space, Ve
 from jshape.design.tuning.evaluate import FORWARD, LOOSEST, Linearisation, Values, evaluate, linearise
 from jshape.design.tuning.objective import TAIL, value_of, weights_of
 from jshape.design.tuning.scenarios import Point
+from jshape.simulation.schedule import schedule
+from jshape.simulation.simulate import initial
 from jshape.simulation.steps import TOLERANCE, least_tolerance
 
 OPTIMAL = 1e-6
@@ -157,6 +159,16 @@ class LocalSearch:
             _remember(self._linearised, key, found)
             return found
         return self._linearised[key]
+
+    def compile(self, point: Point) -> None:
+        """Compile the program of the derivatives, in whose numbers nobody is interested yet."""
+        scenarios, point = self.problem.scenarios, self.point(self.vector(point))
+        if scenarios.metric is not None:
+            return
+        plants = len(next(iter(scenarios.samples.values()))) if scenarios.samples else 1
+        plan = schedule(scenarios.plant, scenarios.command, scenarios.shaping(point))
+        ends = np.asarray(initial(scenarios.plant, scenarios.state))[None].repeat(plants, axis=0)
+        linearise(scenarios, point, ends, np.ones(len(plan.breaks) - 1, np.int32))
 
     def merit(self, point: Point, tolerance: float | None = None) -> float:
         """The objective with the cost of time, J; limits that are exceeded cost more than any objective."""

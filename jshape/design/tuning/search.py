@@ -4,8 +4,10 @@
 sample time if asked to, and judges what it found. An interrupt after the first candidate keeps the best so far.
 """
 
+import contextlib
 import functools
 import os
+import threading
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
@@ -129,6 +131,7 @@ class Search:
     def _descend(self, starts: list[Point], iterations: int) -> None:
         """Local search from the best of the starts; the best of its ends are refined to the end."""
         count, done = len(starts), 0
+        compiling = begun(self.judge, starts[0])
         more = max(1.0, CHEAP / self._work(starts[0]))
         rounds = [(min(count, int(size * more)) if most else size, most) for size, most in ROUNDS]
         total = sum(size for size, _ in rounds)
@@ -143,6 +146,7 @@ class Search:
         descents: list[Descent] = []
         try:
             # Here, so that two threads do not compile the same program twice.
+            compiling.join()
             self.judge.linearise(self.judge.vector(ranked[0]))
             # Each in a search of its own: two run side by side.
             descents = [
@@ -325,6 +329,19 @@ def distinct(judge: LocalSearch, descents: list[Descent]) -> list[Descent]:
         if all(np.abs(descent.x - other.x).max() > 1e-3 for other in found):
             found.append(descent)
     return found
+
+
+def begun(judge: LocalSearch, start: Point) -> threading.Thread:
+    """A thread that compiles the derivatives, while others compile and rank values: a design's first seconds."""
+
+    def compile() -> None:
+        # What stands in the way is met again, and reported, where derivatives are asked for.
+        with contextlib.suppress(Exception):
+            judge.compile(start)
+
+    thread = threading.Thread(target=compile, daemon=True)
+    thread.start()
+    return thread
 
 
 def side_by_side(descents: list[Descent], iterations: int) -> Iterator[Descent]:
