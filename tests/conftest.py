@@ -42,7 +42,7 @@ LONGEST = (
 )
 """Files that take longest, longest first: begun first, so that no worker is left alone with one at the end."""
 
-MOST_MEMORY = 4.0
+MOST_MEMORY = 6.0
 """GB of a process beyond which its compiled programs are dropped."""
 
 
