@@ -725,7 +725,7 @@ def test_a_stop_keeps_the_best_shaper_so_far():
         work, seen = Work(), []
         shown = state.with_design(state.begin("TwoMass"), starts=200, impulses=5)
         running = asyncio.create_task(work.run("tune", {"text": shown.text}, seen.append))
-        while not any(line["done"] for line in seen):
+        while not any(0 < line["done"] < line["total"] for line in seen):
             await asyncio.sleep(0.1)
             assert not running.done()
         begin = time.monotonic()
