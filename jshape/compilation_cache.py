@@ -34,7 +34,6 @@ import equinox as eqx
 import jax
 import jax.export
 import numpy as np
-from jax.extend.core import get_opaque_trace_state
 
 from jshape import _check
 from jshape._files import whole
@@ -43,13 +42,6 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 _FORMAT = "jshape-program 1"
-
-_OPTIONS: dict[str, bool | str] = {"xla_llvm_disable_expensive_passes": True}
-"""For the compiler, which takes them of programs that are not part of another one: a fifth to a quarter less time, and
-what it makes runs as fast (a double-pendulum crane's, jax 0.10 on a processor)."""
-
-_TOP = get_opaque_trace_state()
-"""What JAX traces where it traces nothing."""
 
 _LIBRARIES = ("jax", "jaxlib", "equinox", "diffrax", "optimistix", "lineax", "numpy", "jaxtyping")
 """Whose code is traced besides jshape's own; their versions belong to a program's name, jshape's source does too."""
@@ -131,15 +123,12 @@ def kept(function: Callable[P, R]) -> Callable[P, R]:
     All arrays are traced, everything else is part of the program. What the function returns consists of arrays.
     """
     plain: Any = eqx.filter_jit(function)
-    alone: Any = eqx.filter_jit(function, compiler_options=_OPTIONS)  # pyright: ignore[reportCallIssue]
     programs: dict[Any, Callable[[list], Any] | None] = {}
 
     @functools.wraps(function)
     def call(*args: P.args, **kwargs: P.kwargs) -> R:
-        if get_opaque_trace_state() != _TOP:
-            return plain(*args, **kwargs)
         if _folder is None:
-            return alone(*args, **kwargs)
+            return plain(*args, **kwargs)
         leaves, tree = jax.tree.flatten((args, kwargs))
         if not _check.is_concrete(leaves):
             return plain(*args, **kwargs)
@@ -149,7 +138,7 @@ def kept(function: Callable[P, R]) -> Callable[P, R]:
         if (tree, kinds, settings) not in programs:
             programs[tree, kinds, settings] = _program(function, leaves, tree, settings, _folder)
         program = programs[tree, kinds, settings]
-        return alone(*args, **kwargs) if program is None else program([leaf for leaf in leaves if eqx.is_array(leaf)])
+        return plain(*args, **kwargs) if program is None else program([leaf for leaf in leaves if eqx.is_array(leaf)])
 
     return call
 
@@ -177,7 +166,7 @@ def _program(function: Callable, leaves: list, tree: Any, settings: Any, folder:
         except Exception:  # What stands in the way, if it is an error at all, the plain call reports.
             return None
     structure = jax.tree.structure(result)
-    run = jax.jit(_named(function.__name__, lambda *arrays: exported.call(*arrays)), compiler_options=_OPTIONS)
+    run = jax.jit(_named(function.__name__, lambda *arrays: exported.call(*arrays)))
     return lambda arrays: jax.tree.unflatten(structure, run(*arrays))
 
 
