@@ -71,7 +71,7 @@ def solve(machine: Machine, payloads: int, bound: float, intervals: int = INTERV
 
     program = _Program(ca, machine, payloads, bound, intervals)
     solver = ca.nlpsol("solver", "ipopt", program.problem(), OPTIONS)
-    found = solver(x0=program.start, lbx=program.low, ubx=program.high, lbg=program.least, ubg=program.greatest)
+    found = solver(**program.arguments())
     if not solver.stats()["success"]:
         raise ConvergenceError(solver.stats()["return_status"])
     return program.motion(np.asarray(found["x"]).ravel())
@@ -180,30 +180,17 @@ class _Program:
             for k in range(3)
         ]
 
-    @property
-    def start(self) -> np.ndarray:
-        """Where the search begins."""
-        return np.concatenate(self._start)
-
-    @property
-    def low(self) -> np.ndarray:
-        """Least values of the unknowns."""
-        return np.concatenate(self._low)
-
-    @property
-    def high(self) -> np.ndarray:
-        """Greatest values of the unknowns."""
-        return np.concatenate(self._high)
-
-    @property
-    def greatest(self) -> np.ndarray:
-        """Of the constraints."""
-        return np.concatenate(self._greatest)
-
-    @property
-    def least(self) -> np.ndarray:
-        """Of the constraints: those with a greatest value other than 0 have none."""
-        return np.where(self.greatest > 0, -np.inf, 0.0)
+    def arguments(self) -> dict[str, np.ndarray]:
+        """Where the search begins and the limits of unknowns and constraints, as CasADi's solver takes them."""
+        greatest = np.concatenate(self._greatest)
+        # Constraints with a greatest value other than 0 have no least one.
+        return {
+            "x0": np.concatenate(self._start),
+            "lbx": np.concatenate(self._low),
+            "ubx": np.concatenate(self._high),
+            "lbg": np.where(greatest > 0, -np.inf, 0.0),
+            "ubg": greatest,
+        }
 
     def problem(self) -> dict[str, Any]:
         """As CasADi takes it."""
