@@ -164,15 +164,31 @@ def residual_vibration(
 
     Source: Moonmangmee and Chatlatanagulchai (2025), before Fig. 5, there read off the first overshoot.
     """
-    plan, plant, state = _prepare(plant, shaper, distance, initial_state)
     steps = None if steps is None else _check.count(steps, "steps")
+    return _residuals(plant, shaper, distance, initial_state, steps, tolerance)[1]
+
+
+def residual_energy_and_vibration(
+    plant: AbstractPlant, shaper: Shaping, distance: Any, *, tolerance: Number | None = None
+) -> tuple[Scalar, PerAxis]:
+    """The residual energy, J, and the residual vibration, a fraction, from one simulation of the move.
+
+    Arguments as for ``residual_energy`` and ``residual_vibration``, which take a simulation each.
+    """
+    return _residuals(plant, shaper, distance, None, None, tolerance)
+
+
+def _residuals(plant, shaper, distance, initial_state, steps: int | None, tolerance) -> tuple[Scalar, PerAxis]:
+    plan, plant, state = _prepare(plant, shaper, distance, initial_state)
     fine = fine_steps(plant, plan, 2.0) if steps is None else 32 * steps
     if tolerance is not None:
         _check_tolerance(tolerance, state)
-    value, error, met = _residual_vibration(plant, plan, state, steps, fine, _as_tolerance(tolerance, state))
-    if _check.is_concrete(value):
+    energy, vibration, error, met = _energy_and_vibration(
+        plant, plan, state, steps, fine, _as_tolerance(tolerance, state)
+    )
+    if _check.is_concrete(vibration):
         _require_met(plant, plan, met, error, tolerance)
-    return value
+    return energy, vibration
 
 
 def overshoot(plant: AbstractPlant, shaper: Shaping, distance: Any, *, initial_state: Any = None) -> PerAxis:
@@ -408,7 +424,11 @@ def _end(plant, plan: Schedule, state: State, steps: int | None, method: str, to
 
 @kept
 def _residual_energy(plant, plan: Schedule, state, steps: int | None, method: str, tolerance):
-    end = _end(plant, plan, state, steps, method, tolerance)
+    return _energy_at(plant, plan, _end(plant, plan, state, steps, method, tolerance))
+
+
+def _energy_at(plant, plan: Schedule, end: _End) -> tuple[Scalar, Scalar, Bool[Array, ""]]:
+    """The residual energy, NaN where the tolerance was not met, the estimate of its error, and whether it was."""
     energy = plant.residual_energy(end.state, plan.final_inputs(plant))
     # A plant without rest at its final input has no energy above it, whatever the tolerance.
     rest = jnp.all(jnp.isfinite(plant.rest_state(plan.final_inputs(plant))))
@@ -417,7 +437,7 @@ def _residual_energy(plant, plan: Schedule, state, steps: int | None, method: st
 
 
 @kept
-def _residual_vibration(plant, plan: Schedule, state, steps: int | None, fine: int, tolerance):
+def _energy_and_vibration(plant, plan: Schedule, state, steps: int | None, fine: int, tolerance):
     end = _end(plant, plan, state, steps, "dopri8", tolerance)
     inputs = plan.final_inputs(plant)
     met = end.met
@@ -436,8 +456,8 @@ def _residual_vibration(plant, plan: Schedule, state, steps: int | None, fine: i
         amplitude = _over_distance(departure, plant, plan, along)
         diverged = end.diverged | along.diverged
         met = met & (along.met | along.diverged)
-    value = jnp.where(met, jnp.where(diverged, jnp.inf, amplitude), jnp.nan)
-    return value, end.error, met
+    vibration = jnp.where(met, jnp.where(diverged, jnp.inf, amplitude), jnp.nan)
+    return _energy_at(plant, plan, end)[0], vibration, end.error, met
 
 
 def _amplitude(along: Trajectory) -> Scalar:

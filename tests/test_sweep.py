@@ -122,8 +122,7 @@ def test_derivatives_are_those_of_the_metric():
         np.testing.assert_allclose(ds[f"d_residual_energy_d_{name}"].values[0, 3], difference, rtol=1e-6)
 
 
-def test_an_interrupted_sweep_goes_on_and_ends_with_the_same_bits(tmp_path, monkeypatch):
-    monkeypatch.setattr(chunks, "CHUNK", 50)
+def test_an_interrupted_sweep_goes_on_and_ends_with_the_same_bits(tmp_path):
     over = {"m2": jnp.linspace(0.6, 1.4, 230)}
     call = lambda **given: js.sweep(PLANT, THREE, 1.0, over, "residual_energy", estimate_error=False, **given)
     whole = call()
@@ -136,7 +135,7 @@ def test_an_interrupted_sweep_goes_on_and_ends_with_the_same_bits(tmp_path, monk
 
     with pytest.raises(KeyboardInterrupt):
         call(store=tmp_path / "store", progress=stop)
-    assert seen == [(0, 5), (1, 5), (2, 5)]
+    assert seen == [(0, 8), (1, 8), (2, 8)]
     kept = sorted(p.name for p in (tmp_path / "store").glob("chunk_*.npz"))
     assert kept == ["chunk_000000.npz", "chunk_000001.npz"]
     before = (tmp_path / "store" / kept[0]).stat().st_mtime_ns

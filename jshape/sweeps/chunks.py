@@ -22,8 +22,14 @@ from jshape.sweeps.leaves import with_leaves
 CHUNK = 65536
 """Plants in a chunk, and the most that an interrupted sweep computes again."""
 
+PARTS = 8
+"""Of a set that is small, so many chunks for the cores of a processor to share; fewer of less than ``LEAST``."""
+
+LEAST = 32
+"""Plants that fill the vector units."""
+
 FEW = 4096
-"""Fewer plants than that run side by side."""
+"""Fewer plants than that are not put in order."""
 
 _CORNERS = 64
 """So many corners of the set are examined; that is all of them for up to six leaves."""
@@ -73,7 +79,9 @@ def corners(points: Mapping[str, np.ndarray]) -> dict[str, Array]:
 
 def slices(at: np.ndarray) -> list[Chunk]:
     """Those plants in chunks of one size."""
-    return [Chunk(at[i : i + CHUNK], min(CHUNK, len(at))) for i in range(0, len(at), CHUNK)]
+    parts = PARTS if jax.default_backend() == "cpu" else 1
+    size = min(CHUNK, max(-(-len(at) // parts), LEAST), len(at))
+    return [Chunk(at[i : i + size], size) for i in range(0, len(at), size)]
 
 
 def _fastest_modes(plant: AbstractPlant, plan: Schedule, points: Mapping[str, np.ndarray]) -> np.ndarray:

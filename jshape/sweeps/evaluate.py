@@ -7,8 +7,12 @@
 """
 
 import dataclasses
-from collections.abc import Callable, Iterable, Iterator, Mapping
+import os
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from importlib.metadata import version
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -64,23 +68,19 @@ class Evaluation(eqx.Module):
 
     def __call__(self, shaper: Shaping, values: dict[str, Array], tolerance: Any) -> Float[Array, " values"]:
         """For one shaper and one plant: each metric, followed by its derivatives."""
+
+        def at(values: dict[str, Array], *metrics: str | Metric) -> list[Array]:
+            return measured(metrics, with_leaves(self.plant, values), shaper, self.command, tolerance)
+
+        if not self.slopes:
+            return jnp.stack(at(values, *self.metrics))
         found = []
         for metric in self.metrics:
-
-            def at(values: dict[str, Array], metric: str | Metric = metric) -> Array:
-                changed = with_leaves(self.plant, values)
-                if callable(metric):
-                    return metric(changed, shaper, self.command)
-                return measure(metric, changed, shaper, self.command, tolerance)
-
-            if not self.slopes:
-                found.append(at(values))
-                continue
             if len(self.slopes) <= FORWARD and isinstance(metric, str):
-                slopes, value = jax.jacfwd(lambda values, at=at: (at(values),) * 2, has_aux=True)(values)
+                slopes, value = jax.jacfwd(lambda values, of=metric: (at(values, of)[0],) * 2, has_aux=True)(values)
             else:
                 # A function of the user's may have no forward mode.
-                value, slopes = jax.value_and_grad(at)(values)
+                value, slopes = jax.value_and_grad(lambda values, of=metric: at(values, of)[0])(values)
             found += [value, *(slopes[name] for name in self.slopes)]
         return jnp.stack(found)
 
@@ -97,12 +97,27 @@ def checked(metric: str | Metric) -> bool:
     return isinstance(metric, str) and metric.partition(".")[0] in CHECKED
 
 
-def measure(metric: str, plant: AbstractPlant, shaper: Shaping, command: AbstractCommand, tolerance: Any = None):
-    """A metric by name, ``"overshoot"``; of one of several axes, ``"overshoot.trolley"``."""
-    name, _, axis = metric.partition(".")
-    given = dict(tolerance=tolerance) if checked(metric) and tolerance is not None else {}
-    value = getattr(metrics, name)(plant, shaper, command, **given)
-    return value[plant.axes.index(axis)] if axis else value
+def measured(
+    asked: Sequence[str | Metric], plant: AbstractPlant, shaper: Shaping, command: AbstractCommand, tolerance: Any
+) -> list[Array]:
+    """Metrics by name, ``"overshoot"``, of one of several axes ``"overshoot.trolley"``, or as functions; those by name
+    that follow from one simulation take one."""
+    names = {metric.partition(".")[0] for metric in asked if isinstance(metric, str)}
+    known: dict[str, Any] = {}
+    if names.issuperset(CHECKED):
+        both = metrics.residual_energy_and_vibration(plant, shaper, command, tolerance=tolerance)
+        known = dict(zip(CHECKED, both, strict=True))
+    for name in names.difference(known):
+        given = dict(tolerance=tolerance) if checked(name) else {}
+        known[name] = getattr(metrics, name)(plant, shaper, command, **given)
+
+    def value(metric: str | Metric) -> Array:
+        if callable(metric):
+            return metric(plant, shaper, command)
+        name, _, axis = metric.partition(".")
+        return known[name][plant.axes.index(axis)] if axis else known[name]
+
+    return [value(metric) for metric in asked]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -200,7 +215,7 @@ def evaluate(
         calls = ((i, (of, {n: v[at] for n, v in points.items()}, size, wide)) for i, (at, size) in some)
         if client is not None:
             return on_cluster(client, side_by_side, calls)
-        return ((index, side_by_side(*arguments)) for index, arguments in calls)
+        return on_cores(side_by_side, calls)
 
     found: np.ndarray | None = None
     for index, values in in_chunks(compute, len(chunks), store, lambda: _fingerprint(study), progress):
@@ -210,6 +225,31 @@ def evaluate(
         found[:, :, at] = values
     assert found is not None
     return found
+
+
+def on_cores(
+    function: Callable[..., np.ndarray], calls: Iterable[tuple[int, tuple[Any, ...]]]
+) -> Iterator[tuple[int, np.ndarray]]:
+    """Yield the index and result of each call, in their order; the processor's cores share them.
+
+    Compiled programs leave Python's lock alone. The first call is alone, so that no two compile the same program.
+    """
+    calls = iter(calls)
+    cores = (os.cpu_count() or 1) if len(jax.local_devices()) == 1 and jax.default_backend() == "cpu" else 1
+    pool = ThreadPoolExecutor(cores)
+    pending: deque[tuple[int, Future[np.ndarray]]] = deque()
+    try:
+        for index, arguments in islice(calls, 1):
+            yield index, function(*arguments)
+        for index, arguments in calls:
+            pending.append((index, pool.submit(function, *arguments)))
+            if len(pending) > cores:
+                first, future = pending.popleft()
+                yield first, future.result()
+        for index, future in pending:
+            yield index, future.result()
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
 
 
 def side_by_side(

@@ -31,7 +31,7 @@ from jshape.simulation.schedule import schedule
 from jshape.simulation.simulate import fastest
 from jshape.simulation.steps import TOLERANCE
 from jshape.sweeps.dask import check_client
-from jshape.sweeps.evaluate import Metric, Study, checked, evaluate, measure, side_by_side, study
+from jshape.sweeps.evaluate import Metric, Study, checked, evaluate, measured, side_by_side, study
 from jshape.sweeps.leaves import leaf, with_leaves
 from jshape.sweeps.sampling import draw
 
@@ -257,7 +257,7 @@ def _errors(found: Study, asked: dict[str, str | Metric], values: np.ndarray) ->
             plants = [with_leaves(of.plant, {n: v[i] for n, v in few.items()}) for i in range(size)]
             at = int(np.argmax([fastest(one, schedule(one, of.command)) for one in plants]))
             shapers = [jax.tree.map(lambda leaf, i=i: leaf[i], of.shapers) for i in range(values.shape[1])]
-            other = np.array([float(measure(metric, plants[at], shaper, of.command)) for shaper in shapers])
+            other = np.array([float(measured([metric], plants[at], shaper, of.command, None)[0]) for shaper in shapers])
             coarse = coarse[:, at]
         # Infinite both times is no change.
         with np.errstate(invalid="ignore"):
