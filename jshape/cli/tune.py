@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -14,6 +14,7 @@ from jshape.cli._shared import Out, ProblemFile, announced, checked, explained, 
 
 if TYPE_CHECKING:
     from jshape.problems.problem import Problem
+    from jshape.shaper import Shaping
 
 Latex = Annotated[bool, typer.Option("--latex", help="The table for LaTeX (booktabs), too: table.tex.")]
 
@@ -55,9 +56,9 @@ def tune(
             given["seed"] = seed
         count = given["starts"] if first is None else 1
         announced(read.distance, plants_of(read), count, "starts", read.design.impulses)
-        # The closed forms are compiled beside the search: with two cores that saves some seconds of a first run.
         with progress_line() as (step, progress), ThreadPoolExecutor(1) as beside:
             closed = beside.submit(closed_forms, read.plant, read.distance)
+            ready = beside.submit(lambda: report.rehearse(read, closed.result()[0], _any_shaper(read)))
             step("tuning")
             solution = tune_shaper(read.plant, read.distance, start=first, progress=progress, **given)
             if solution.status is Status.INTERRUPTED:
@@ -65,11 +66,21 @@ def tune(
                 report.write_numbers(report.interrupted(read, solution), folder)
                 typer.echo(f"{solution.message}\nthe best shaper so far is in {folder}", err=True)
                 raise typer.Exit(130)
+            # What stood in the way of the rehearsal stands in the way of the report, too, and is reported there.
+            wait([ready])
             result = report.build(read, solution, step, closed.result())
             figures = report.write(result, folder, step, draw)
         if latex:
             write_text(folder / "table.tex", latex_table(result))
         show_report(result, folder, figures)
+
+
+def _any_shaper(problem: "Problem") -> "Shaping":
+    """A shaper of the form of the problem's tuned one."""
+    from jshape.shaper import Shaper
+
+    shaper = Shaper([1.0], [0.0]).pad(problem.design.impulses)
+    return shaper if problem.design.shapers == "shared" else dict.fromkeys(problem.plant.axes, shaper)
 
 
 def compare(problem: ProblemFile, out: Out = None, latex: Latex = False) -> None:

@@ -22,8 +22,9 @@ from jshape.metrics import energy_profile, residual_energy
 from jshape.plants import AbstractOscillator
 from jshape.problems.problem import Problem
 from jshape.reports.responses import numbers_of, responses
-from jshape.shaper import Shaper, shaped
-from jshape.sweeps.evaluate import alike_shapers, evaluate, study
+from jshape.shaper import Shaper, Shaping, shaped
+from jshape.sweeps.evaluate import CHECKED, Study, alike_shapers, evaluate, study
+from jshape.sweeps.evaluate import rehearse as rehearsed
 from jshape.sweeps.leaves import leaf
 from jshape.sweeps.sweep import as_metrics, moving
 
@@ -162,14 +163,11 @@ def build(
         alike = alike_shapers(list(shapers.values()), problem.plant.axes)
         nominal = [float(residual_energy(problem.plant, shaper, problem.distance)) for shaper in alike]
     else:
-        # The nominal plant rides along as the last value of every leaf; with a single leaf, plants between those that
-        # are stated and its curve before it, so that one program computes all.
         widths = {name: _wide(values) for name, values in problem.over.items()}
         alone = len(widths) == 1
         step("residual energies and vibrations over the uncertainty")
-        judged = {name: _between(values) if alone else list(values) for name, values in problem.over.items()}
-        over = {name: [*values, *(widths[name] if alone else ()), 1.0] for name, values in judged.items()}
-        energy, vibration = _swept(problem, shapers, over, "residual_energy", "residual_vibration")
+        judged, over = _judged(problem)
+        energy, vibration = _swept(problem, shapers, over)
         nominal = energy[(slice(None), *(-1 for _ in over))].tolist()
         stated = (slice(None), *(slice(len(values)) for values in judged.values()))
         leaves = tuple(range(1, 1 + len(over)))
@@ -178,23 +176,55 @@ def build(
             step(f"sensitivity to {name}")
             wide, along = widths[name], vibration[:, len(judged[name]) : -1]
             if not alone:
-                (along,) = _swept(problem, shapers, {name: wide}, "residual_vibration")
+                # With all leaves, though the others do not vary: by the program that there is.
+                only = {other: wide if other == name else [1.0] for other in problem.over}
+                along = _swept(problem, shapers, only)[1].reshape(len(shapers), -1)
             curves[name] = Curves(wide, wide * float(leaf(problem.plant, name)), dict(zip(shapers, along, strict=True)))
     rows = [Row(*values) for values in zip(shapers, shapers.values(), nominal, energies, vibrations, strict=True)]
     return Report(problem, rows, left_out, curves, solution)
 
 
-def _swept(problem: Problem, shapers: dict[str, Any], over: dict[str, Any], *metrics: str) -> list[np.ndarray]:
-    """Each metric of every shaper (its first axis) over a grid of multiples of the leaves (the others).
+def rehearse(problem: Problem, closed: dict[str, Shaper], tuned: Shaping) -> None:
+    """Compile what ``build`` will run, while others search for the tuned shaper.
 
-    Of several axes of the machine, the greatest value.
+    This function stands for speed alone: it takes up to ten seconds from the first process of a problem.
+
+    Args:
+        problem: the problem.
+        closed: its closed forms.
+        tuned: any shaper of the tuned one's form.
     """
-    names = list(as_metrics(metrics, moving(problem.plant, problem.distance)))
-    asked = study(problem.plant, shapers.values(), problem.distance, over, tuple(names))
+    if problem.over:
+        rehearsed(_study(problem, {**closed, "tuned": tuned}, _judged(problem)[1]))
+
+
+def _judged(problem: Problem) -> tuple[dict[str, list[float]], dict[str, list[float]]]:
+    """Multiples of each leaf among which the worst case is looked for; and all that are computed.
+
+    The nominal plant rides along as the last value of every leaf; with a single leaf, plants between those that are
+    stated and its curve before it, so that one program computes all.
+    """
+    alone = len(problem.over) == 1
+    judged = {name: _between(values) if alone else list(values) for name, values in problem.over.items()}
+    return judged, {
+        name: [*values, *(_wide(problem.over[name]) if alone else ()), 1.0] for name, values in judged.items()
+    }
+
+
+def _study(problem: Problem, shapers: dict[str, Any], over: dict[str, Any]) -> Study:
+    metrics = as_metrics(CHECKED, moving(problem.plant, problem.distance))
+    return study(problem.plant, shapers.values(), problem.distance, over, tuple(metrics))
+
+
+def _swept(problem: Problem, shapers: dict[str, Any], over: dict[str, Any]) -> list[np.ndarray]:
+    """Energy and vibration of every shaper (the first axis) over a grid of multiples of the leaves (the others).
+
+    Of several axes of the machine, the greatest vibration.
+    """
+    asked = _study(problem, shapers, over)
     shape = len(shapers), *(len(values) for values in asked.absolute.values())
-    found = dict(zip(names, evaluate(asked), strict=True))
-    each = ([values for name, values in found.items() if name.partition(".")[0] == metric] for metric in metrics)
-    return [np.max(values, axis=0).reshape(shape) for values in each]
+    energies, *vibrations = evaluate(asked)
+    return [energies.reshape(shape), np.max(vibrations, axis=0).reshape(shape)]
 
 
 def _between(values: Any) -> list[float]:

@@ -23,7 +23,7 @@ CHUNK = 65536
 """Plants in a chunk, and the most that an interrupted sweep computes again."""
 
 PARTS = 8
-"""Of a set that is small, so many chunks for the cores of a processor to share; fewer of less than ``LEAST``."""
+"""Chunks of a set that is small, at least, for the cores of a processor to share; or fewer of ``LEAST`` plants."""
 
 LEAST = 32
 """Plants that fill the vector units."""
@@ -79,8 +79,10 @@ def corners(points: Mapping[str, np.ndarray]) -> dict[str, Array]:
 
 def slices(at: np.ndarray) -> list[Chunk]:
     """Those plants in chunks of one size."""
-    parts = PARTS if jax.default_backend() == "cpu" else 1
-    size = min(CHUNK, max(-(-len(at) // parts), LEAST), len(at))
+    size = min(CHUNK, len(at))
+    if jax.default_backend() == "cpu":
+        # One size for many sets, so that they share a program.
+        size = min(size, LEAST * 2 ** int(np.log2(max(len(at) / (PARTS * LEAST), 1))))
     return [Chunk(at[i : i + size], size) for i in range(0, len(at), size)]
 
 

@@ -210,7 +210,7 @@ def evaluate(
     of, points, chunks = study.evaluation, study.points, study.chunks
 
     def compute(missing: list[int]) -> Iterator[tuple[int, np.ndarray]]:
-        wide = bool(jax.config.jax_enable_x64)  # pyright: ignore[reportAttributeAccessIssue]
+        wide = is_wide()
         some = ((index, chunks[index]) for index in missing)
         calls = ((i, (of, {n: v[at] for n, v in points.items()}, size, wide)) for i, (at, size) in some)
         if client is not None:
@@ -225,6 +225,17 @@ def evaluate(
         found[:, :, at] = values
     assert found is not None
     return found
+
+
+def rehearse(study: Study) -> None:
+    """Compile what ``evaluate`` runs, by the study's first chunk."""
+    at, size = study.chunks[0]
+    side_by_side(study.evaluation, {name: values[at] for name, values in study.points.items()}, size, is_wide())
+
+
+def is_wide() -> bool:
+    """Whether JAX computes with 64 bits."""
+    return bool(jax.config.jax_enable_x64)  # pyright: ignore[reportAttributeAccessIssue]
 
 
 def on_cores(

@@ -31,7 +31,7 @@ from jshape.simulation.schedule import schedule
 from jshape.simulation.simulate import fastest
 from jshape.simulation.steps import TOLERANCE
 from jshape.sweeps.dask import check_client
-from jshape.sweeps.evaluate import Metric, Study, checked, evaluate, measured, side_by_side, study
+from jshape.sweeps.evaluate import Metric, Study, checked, evaluate, is_wide, measured, side_by_side, study
 from jshape.sweeps.leaves import leaf, with_leaves
 from jshape.sweeps.sampling import draw
 
@@ -245,8 +245,8 @@ def _errors(found: Study, asked: dict[str, str | Metric], values: np.ndarray) ->
     some = slice(None, None, max(1, -(-values.shape[2] // 64)))
     few = {name: v[some] for name, v in found.points.items()}
     again = dataclasses.replace(of, metrics=tuple(m for m in of.metrics if checked(m)), slopes=())
-    size, wide = len(values[0, 0, some]), bool(jax.config.jax_enable_x64)  # pyright: ignore[reportAttributeAccessIssue]
-    finer: list[Array] = list(side_by_side(again, few, size, wide, TOLERANCE / 100)) if again.metrics else []
+    size = len(values[0, 0, some])
+    finer: list[Array] = list(side_by_side(again, few, size, is_wide(), TOLERANCE / 100)) if again.metrics else []
     errors = {}
     for (name, metric), coarse in zip(asked.items(), values[:, :, some], strict=True):
         if callable(metric):
