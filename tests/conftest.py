@@ -46,6 +46,12 @@ MOST_MEMORY = 6.0
 """GB of a process beyond which its compiled programs are dropped."""
 
 
+def pytest_configure(config):
+    """The quick set, whose time is compiling, compiles with fewer optimisations; the slow set as users do."""
+    if config.option.markexpr == "not slow" and "XLA_FLAGS" not in os.environ:
+        os.environ["XLA_FLAGS"] = "--xla_backend_optimization_level=0"
+
+
 def pytest_collection_modifyitems(config, items):
     if not hasattr(config, "workerinput"):
         # Without workers files come in the order in which they are named.
