@@ -21,10 +21,12 @@ import json
 import os
 import shutil
 import sys
+import threading
 import time
 import types
 import warnings
 from collections.abc import Callable
+from concurrent.futures import Future
 from enum import Enum
 from importlib.metadata import version
 from pathlib import Path
@@ -51,6 +53,9 @@ _KNOWN = {"jshape", "builtins", "collections", *_LIBRARIES}
 
 _UNGUARDED = ("lapack_dormqr_ffi", "lapack_sormqr_ffi")
 """Calls that JAX does not promise to other versions of itself; a program never meets one."""
+
+COMPILING = "jshape compiles"
+"""The name of threads in which nothing happens that anybody would miss."""
 
 _DAYS = 30
 """Programs of another version that nobody has used for so long are deleted."""
@@ -141,6 +146,23 @@ def kept(function: Callable[P, R]) -> Callable[P, R]:
         return plain(*args, **kwargs) if program is None else program([leaf for leaf in leaves if eqx.is_array(leaf)])
 
     return call
+
+
+def beside(function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> Future[R]:
+    """Call a function, most of whose time is compiling, in a thread; Python itself waits for it before it ends.
+
+    No daemon: a process that ends while one compiles may crash.
+    """
+    future: Future[R] = Future()
+
+    def run() -> None:
+        try:
+            future.set_result(function(*args, **kwargs))
+        except BaseException as error:
+            future.set_exception(error)
+
+    threading.Thread(target=run, name=COMPILING).start()
+    return future
 
 
 def _program(function: Callable, leaves: list, tree: Any, settings: Any, folder: Path) -> Callable[[list], Any] | None:

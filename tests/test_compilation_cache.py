@@ -3,6 +3,8 @@
 import hashlib
 import json
 import os
+import subprocess
+import sys
 import time
 
 import equinox as eqx
@@ -239,3 +241,20 @@ def test_where_programs_are_kept(tmp_path, monkeypatch):
             assert programs._folder is None
     finally:
         jax.config.update("jax_compilation_cache_dir", settled)
+
+
+def test_a_thread_beside_gives_result_or_error():
+    assert programs.beside(divmod, 7, 2).result() == (3, 1)
+    with pytest.raises(ZeroDivisionError):
+        programs.beside(divmod, 7, 0).result()
+
+
+@pytest.mark.slow
+def test_a_command_that_ends_does_not_wait_for_what_is_being_compiled():
+    code = (
+        "import sys, time; from jshape import cli; from jshape.compilation_cache import beside; "
+        "beside(time.sleep, 600); sys.argv = ['jshape', 'plants', 'Nothing']; cli.main()"
+    )
+    ended = subprocess.run([sys.executable, "-c", code], timeout=300, capture_output=True, text=True)
+    assert ended.returncode == 2
+    assert "Nothing" in ended.stderr

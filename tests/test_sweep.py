@@ -8,7 +8,7 @@ import xarray as xr
 
 import jshape as js
 from jshape.sweeps import chunks
-from jshape.sweeps.evaluate import study
+from jshape.sweeps.evaluate import on_cores, study
 from jshape.sweeps.leaves import with_leaves
 from jshape.sweeps.sampling import draw
 from jshape.sweeps.sweep import summary
@@ -120,6 +120,30 @@ def test_derivatives_are_those_of_the_metric():
     for name, h in (("m2", 1e-5), ("spring.k3", 1e-3)):
         difference = (energy(name, 3, h) - energy(name, 3, -h)) / (2 * h)
         np.testing.assert_allclose(ds[f"d_residual_energy_d_{name}"].values[0, 3], difference, rtol=1e-6)
+
+
+def test_energy_and_vibration_from_one_simulation_are_those_of_two():
+    over = {"m2": jnp.linspace(0.6, 1.4, 40)}
+    both = js.sweep(
+        PLANT, {"two": TWO, "three": THREE}, 1.0, over, ["residual_energy", "residual_vibration"], estimate_error=False
+    )
+    for name in ("residual_energy", "residual_vibration"):
+        alone = js.sweep(PLANT, {"two": TWO, "three": THREE}, 1.0, over, name, estimate_error=False)
+        np.testing.assert_allclose(both[name].values, alone[name].values, rtol=1e-9, atol=1e-12)
+
+
+def test_cores_share_calls_and_results_keep_their_order():
+    calls = [(index, (index,)) for index in range(20)]
+    found = list(on_cores(lambda number: np.array(number), calls))
+    assert [(index, int(value)) for index, value in found] == [(index, index) for index in range(20)]
+
+    def fails(number):
+        if number == 7:
+            raise ValueError("seven")
+        return np.array(number)
+
+    with pytest.raises(ValueError, match="seven"):
+        list(on_cores(fails, calls))
 
 
 def test_an_interrupted_sweep_goes_on_and_ends_with_the_same_bits(tmp_path):

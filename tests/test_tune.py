@@ -1,6 +1,7 @@
 """Tuning by gradients: against the closed forms, and against what no neighbouring shaper improves."""
 
 import itertools
+from concurrent.futures import Future
 
 import jax
 import jax.numpy as jnp
@@ -269,6 +270,22 @@ def test_an_interrupt_before_the_first_candidate_passes(objective, plant, monkey
     monkeypatch.setattr(f"jshape.design.tuning.search.{name}", interrupt)
     with pytest.raises(KeyboardInterrupt):
         robustly(plant, objective=objective, starts=65)
+
+
+@pytest.mark.slow
+def test_an_interrupt_does_not_wait_for_derivatives(plant, monkeypatch):
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("jshape.design.tuning.search.beside", lambda *_: Future())
+    monkeypatch.setattr("jshape.design.tuning.search.wait", interrupt)
+    monkeypatch.setattr("jshape.design.tuning.local_search.linearise", interrupt)
+    solution = robustly(plant)
+    assert solution.status is js.Status.INTERRUPTED
+    assert np.isnan(solution.optimality)
+    assert obeys(solution.shaper, 0, 1, DURATION)
+    left = [float(js.residual_energy(two_mass(m2=m), solution.shaper, 1.0)) for m in solution.samples["m2"]]
+    np.testing.assert_allclose(solution.energies, left, rtol=1e-6, atol=1e-9)
 
 
 @pytest.mark.slow

@@ -5,10 +5,12 @@ One file a command. Nothing imports JAX before a command runs, so that help come
 """
 
 import sys
-from typing import Annotated
+import threading
+from typing import Annotated, Any
 
 import typer
 
+from jshape.cli._interrupt import end_at_once
 from jshape.cli.adapt import adapt
 from jshape.cli.animate import animate
 from jshape.cli.calibrate import calibrate
@@ -54,4 +56,20 @@ def _options(
 
 def main() -> None:
     """Entry point of the command line; without arguments it shows the help."""
-    app(sys.argv[1:] or ["--help"])
+    code: Any = None
+    try:
+        app(sys.argv[1:] or ["--help"])
+    except SystemExit as end:
+        code = end.code
+    _end_compiling(code if isinstance(code, int) else int(code is not None))
+    sys.exit(code)
+
+
+def _end_compiling(code: int) -> None:
+    """End the process if something is being compiled, for which nobody waits, and around which it could crash."""
+    cache = sys.modules.get("jshape.compilation_cache")
+    if cache is None or not any(thread.name == cache.COMPILING for thread in threading.enumerate()):
+        return
+    sys.stdout.flush()
+    sys.stderr.flush()
+    end_at_once(code)

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor, wait
+from concurrent.futures import wait
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -10,7 +10,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from jshape.cli._artist import artist
-from jshape.cli._shared import Out, ProblemFile, announced, checked, explained, made, most_impulses, progress_line
+from jshape.cli._shared import (
+    Out,
+    ProblemFile,
+    announced,
+    checked,
+    explained,
+    made,
+    most_impulses,
+    progress_line,
+)
 
 if TYPE_CHECKING:
     from jshape.problems.problem import Problem
@@ -43,6 +52,7 @@ def tune(
     """Tune a shaper for a problem and set it beside every closed form that applies."""
     with explained(), begun(problem, out) as (read, folder, draw):
         from jshape._files import write_text
+        from jshape.compilation_cache import beside
         from jshape.design.closed_forms import closed_forms
         from jshape.design.tuning.tune import tune as tune_shaper
         from jshape.export import read_shaper
@@ -56,9 +66,10 @@ def tune(
             given["seed"] = seed
         count = given["starts"] if first is None else 1
         announced(read.distance, plants_of(read), count, "starts", read.design.impulses)
-        with progress_line() as (step, progress), ThreadPoolExecutor(1) as beside:
-            closed = beside.submit(closed_forms, read.plant, read.distance)
-            ready = beside.submit(lambda: report.rehearse(read, closed.result()[0], _any_shaper(read)))
+        # The closed forms and the report are compiled beside the search.
+        closed = beside(closed_forms, read.plant, read.distance)
+        ready = beside(lambda: report.rehearse(read, closed.result()[0], _any_shaper(read)))
+        with progress_line() as (step, progress):
             step("tuning")
             solution = tune_shaper(read.plant, read.distance, start=first, progress=progress, **given)
             if solution.status is Status.INTERRUPTED:

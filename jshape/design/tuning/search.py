@@ -4,12 +4,10 @@
 sample time if asked to, and judges what it found. An interrupt after the first candidate keeps the best so far.
 """
 
-import contextlib
 import functools
 import os
-import threading
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from typing import NamedTuple
 
 import jax
@@ -18,6 +16,7 @@ import numpy as np
 
 from jshape import _check
 from jshape._types import Progress
+from jshape.compilation_cache import beside
 from jshape.design.tuning import digital, interval
 from jshape.design.tuning.adam import descend
 from jshape.design.tuning.design_problem import DesignProblem
@@ -78,6 +77,7 @@ class Search:
         self.history: list[float] = []
         self.summary = ""
         self.interrupted = False
+        self.compiling: Future[None] | None = None
 
     @property
     def best(self) -> Candidate:
@@ -131,7 +131,8 @@ class Search:
     def _descend(self, starts: list[Point], iterations: int) -> None:
         """Local search from the best of the starts; the best of its ends are refined to the end."""
         count, done = len(starts), 0
-        compiling = begun(self.judge, starts[0])
+        # Derivatives, while values are compiled and ranked; what stands in the way is met again below.
+        self.compiling = beside(self.judge.compile, starts[0])
         more = max(1.0, CHEAP / self._work(starts[0]))
         rounds = [(min(count, int(size * more)) if most else size, most) for size, most in ROUNDS]
         total = sum(size for size, _ in rounds)
@@ -146,7 +147,7 @@ class Search:
         descents: list[Descent] = []
         try:
             # Here, so that two threads do not compile the same program twice.
-            compiling.join()
+            wait([self.compiling])
             self.judge.linearise(self.judge.vector(ranked[0]))
             # Each in a search of its own: two run side by side.
             descents = [
@@ -297,6 +298,9 @@ class Search:
         if self.problem.zero_is_optimal and float(values[0]) <= 4 * self._eps * self._bare and self.best.optimal:
             # Zero is the least energy there is; the slope of rounding says no more.
             return Optimality(np.ones(1), 0.0)
+        if self.interrupted and self.compiling is not None and not self.compiling.done():
+            # Who interrupts does not wait for derivatives.
+            return Optimality(np.zeros(len(values)), np.nan)
         return self.judge.optimality(point)
 
     @functools.cached_property
@@ -329,19 +333,6 @@ def distinct(judge: LocalSearch, descents: list[Descent]) -> list[Descent]:
         if all(np.abs(descent.x - other.x).max() > 1e-3 for other in found):
             found.append(descent)
     return found
-
-
-def begun(judge: LocalSearch, start: Point) -> threading.Thread:
-    """A thread that compiles the derivatives, while others compile and rank values: a design's first seconds."""
-
-    def compile() -> None:
-        # What stands in the way is met again, and reported, where derivatives are asked for.
-        with contextlib.suppress(Exception):
-            judge.compile(start)
-
-    thread = threading.Thread(target=compile, daemon=True)
-    thread.start()
-    return thread
 
 
 def side_by_side(descents: list[Descent], iterations: int) -> Iterator[Descent]:
