@@ -124,16 +124,26 @@ def test_another_process_finds_the_programs_and_tells_the_same(tmp_path):
 
 
 @pytest.mark.slow
-def test_an_interrupted_search_is_written(tmp_path, monkeypatch):
+@pytest.mark.parametrize(
+    ("stage", "status"),
+    [
+        ("design.tuning.local_search.Descent.run", js.Status.INTERRUPTED),
+        ("reports.report.build", js.Status.CONVERGED),
+        ("reports.report.figures", js.Status.CONVERGED),
+    ],
+)
+def test_an_interrupted_search_is_written(stage, status, tmp_path, monkeypatch):
     def interrupt(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("jshape.design.tuning.local_search.Descent.run", interrupt)
+    monkeypatch.setattr(f"jshape.{stage}", interrupt)
     result = run(app, ["tune", "own_plant", "--starts", "1", "--out", str(tmp_path / "out")])
     assert result.exit_code == 130, result.output
     record = json.loads((tmp_path / "out" / "results.json").read_text(encoding="utf-8"))
-    assert record["tuned"]["status"] == js.Status.INTERRUPTED.value
+    assert record["tuned"]["status"] == status.value
     assert record["shapers"][-1]["name"] == "tuned"
+    # What had been computed when it came is there, too.
+    assert (len(record["shapers"]) > 1) == (stage == "reports.report.figures")
 
 
 @pytest.mark.slow

@@ -10,16 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from jshape.cli._artist import artist
-from jshape.cli._shared import (
-    Out,
-    ProblemFile,
-    announced,
-    checked,
-    explained,
-    made,
-    most_impulses,
-    progress_line,
-)
+from jshape.cli._shared import Out, ProblemFile, announced, checked, explained, made, most_impulses, progress_line
 
 if TYPE_CHECKING:
     from jshape.problems.problem import Problem
@@ -72,15 +63,19 @@ def tune(
         with progress_line() as (step, progress):
             step("tuning")
             solution = tune_shaper(read.plant, read.distance, start=first, progress=progress, **given)
-            if solution.status is Status.INTERRUPTED:
-                # An interrupted command ends soon: what was found is written before anything else is computed.
-                report.write_numbers(report.interrupted(read, solution), folder)
+            result = report.interrupted(read, solution)
+            try:
+                if solution.status is Status.INTERRUPTED:
+                    raise KeyboardInterrupt
+                # What stood in the way of the rehearsal stands in the way of the report, too, and is reported there.
+                wait([ready])
+                result = report.build(read, solution, step, closed.result())
+                figures = report.write(result, folder, step, draw)
+            except KeyboardInterrupt:
+                # An interrupted command ends soon: what was found is written, and nothing else computed.
+                report.write_numbers(result, folder)
                 typer.echo(f"{solution.message}\nthe best shaper so far is in {folder}", err=True)
-                raise typer.Exit(130)
-            # What stood in the way of the rehearsal stands in the way of the report, too, and is reported there.
-            wait([ready])
-            result = report.build(read, solution, step, closed.result())
-            figures = report.write(result, folder, step, draw)
+                raise typer.Exit(130) from None
         if latex:
             write_text(folder / "table.tex", latex_table(result))
         show_report(result, folder, figures)

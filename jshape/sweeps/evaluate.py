@@ -102,14 +102,16 @@ def measured(
 ) -> list[Array]:
     """Metrics by name, ``"overshoot"``, of one of several axes ``"overshoot.trolley"``, or as functions; those by name
     that follow from one simulation take one."""
-    names = {metric.partition(".")[0] for metric in asked if isinstance(metric, str)}
+    # In the order in which they are named: the program's text is the name of a checkpoint.
+    names = list(dict.fromkeys(metric.partition(".")[0] for metric in asked if isinstance(metric, str)))
     known: dict[str, Any] = {}
-    if names.issuperset(CHECKED):
+    if all(name in names for name in CHECKED):
         both = metrics.residual_energy_and_vibration(plant, shaper, command, tolerance=tolerance)
         known = dict(zip(CHECKED, both, strict=True))
-    for name in names.difference(known):
-        given = dict(tolerance=tolerance) if checked(name) else {}
-        known[name] = getattr(metrics, name)(plant, shaper, command, **given)
+    for name in names:
+        if name not in known:
+            given = dict(tolerance=tolerance) if checked(name) else {}
+            known[name] = getattr(metrics, name)(plant, shaper, command, **given)
 
     def value(metric: str | Metric) -> Array:
         if callable(metric):
@@ -241,12 +243,15 @@ def is_wide() -> bool:
 def on_cores(
     function: Callable[..., np.ndarray], calls: Iterable[tuple[int, tuple[Any, ...]]]
 ) -> Iterator[tuple[int, np.ndarray]]:
-    """Yield the index and result of each call, in their order; the processor's cores share them.
+    """Yield the index and result of each call, in their order; where JAX has one processor, its cores share them.
 
     Compiled programs leave Python's lock alone. The first call is alone, so that no two compile the same program.
     """
     calls = iter(calls)
-    cores = (os.cpu_count() or 1) if len(jax.local_devices()) == 1 and jax.default_backend() == "cpu" else 1
+    cores = os.cpu_count() or 1
+    if cores == 1 or len(jax.local_devices()) > 1 or jax.default_backend() != "cpu":
+        yield from ((index, function(*arguments)) for index, arguments in calls)
+        return
     pool = ThreadPoolExecutor(cores)
     pending: deque[tuple[int, Future[np.ndarray]]] = deque()
     try:
