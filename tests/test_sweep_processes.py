@@ -139,7 +139,7 @@ def test_a_cluster_loses_a_worker_half_way(whole, tmp_path):
     store = tmp_path / "store"
     arguments = [str(tmp_path / "values.npz"), str(tmp_path), str(store)]
     subprocess.run([sys.executable, str(program), *arguments], check=True, timeout=300)
-    assert len(list(store.glob("chunk_*.npz"))) == 8
+    assert len(list(store.glob("chunk_*.npz"))) == 16
     for name, found in values(tmp_path / "values.npz").items():
         assert found.dtype == np.float64
         np.testing.assert_array_equal(found, whole[name])
