@@ -23,8 +23,7 @@ from jshape.plants import AbstractOscillator
 from jshape.problems.problem import Problem
 from jshape.reports.responses import numbers_of, responses
 from jshape.shaper import Shaper, Shaping, shaped
-from jshape.sweeps.evaluate import CHECKED, Study, alike_shapers, evaluate, study
-from jshape.sweeps.evaluate import rehearse as rehearsed
+from jshape.sweeps.evaluate import CHECKED, Study, alike_shapers, evaluate, run_first_chunk, study
 from jshape.sweeps.leaves import leaf
 from jshape.sweeps.sweep import as_metrics, moving
 
@@ -195,7 +194,7 @@ def rehearse(problem: Problem, closed: dict[str, Shaper], tuned: Shaping) -> Non
         tuned: any shaper of the tuned one's form.
     """
     if problem.over:
-        rehearsed(_study(problem, {**closed, "tuned": tuned}, _judged(problem)[1]))
+        run_first_chunk(_study(problem, {**closed, "tuned": tuned}, _judged(problem)[1]))
 
 
 def _judged(problem: Problem) -> tuple[dict[str, list[float]], dict[str, list[float]]]:

@@ -229,8 +229,8 @@ def evaluate(
     return found
 
 
-def rehearse(study: Study) -> None:
-    """Compile what ``evaluate`` runs, by the study's first chunk."""
+def run_first_chunk(study: Study) -> None:
+    """Compile what ``evaluate`` runs, by running it on the first chunk."""
     at, size = study.chunks[0]
     side_by_side(study.evaluation, {name: values[at] for name, values in study.points.items()}, size, is_wide())
 
