@@ -167,6 +167,35 @@ def test_infinite_only_where_the_plant_has_left_for_good():
         assert jnp.isfinite(run(ridge / 10))
 
 
+def test_a_plant_thrown_out_by_coarse_runs_alone_comes_back():
+    """Far softening, undamped: two runs with unresolved steps end outside the region, finer ones do not."""
+    mass, k1, k3 = 0.08401344628007086, 0.564149568453674, -0.02141640713223708
+    amplitudes = [0.2777782076860909, 0.576660471470785, 0.14556132084312398]
+    times, state = [0.0, 131.4847978493404, 200.98576126736035], [-0.007963690989264659, 0.8628041996175304]
+    energy = lambda y, u: mass * y[1] ** 2 / 2 + k1 / 2 * (y[0] - u) ** 2 + k3 / 4 * (y[0] - u) ** 4
+    levels, judged = np.cumsum(amplitudes), state
+    for begin, end, u in zip(times[:-1], times[1:], levels[:-1], strict=True):
+        field = lambda t, y, u=u: [y[1], -(k1 * (y[0] - u) + k3 * (y[0] - u) ** 3) / mass]
+        judged = solve_ivp(field, (begin, end), judged, "DOP853", rtol=1e-13, atol=1e-14).y[:, -1]
+    plant = js.plants.TwoMass(m2=mass, spring=js.plants.Duffing(k1, k3), damper=js.plants.LinearDamper(0.0))
+    found = jax.jit(lambda y: js.residual_energy(plant, js.Shaper(amplitudes, times), 1.0, initial_state=y))
+    np.testing.assert_allclose(found(jnp.asarray(state)), energy(judged, 1.0), rtol=1e-9)
+
+
+@pytest.mark.slow
+def test_a_double_pendulum_that_coarse_runs_throw_over_comes_back():
+    plant = js.plants.DoublePendulumCrane(
+        0.5295678685476609, 0.03963910253740459, 1.0830869776347176, 10.226911288, drive="acceleration"
+    )
+    shaper = js.Shaper([0.834418370708613, 0.16558162929138712], [0.0, 2.0113231729521597])
+    command = js.Trapezoid(-2.5889767564017325, 1.9855723343555212, 0.9728126616156247)
+    state = [1.0421121902243546, -0.00012654238853320395, 3.769768361869338, 0.005576984187169842]
+    found, judged = (
+        js.residual_energy(plant, shaper, command, initial_state=state, steps=steps) for steps in (None, 30_000)
+    )
+    np.testing.assert_allclose(found, judged, rtol=1e-8)
+
+
 def test_any_tolerance_is_met():
     expected, greatest = truth(100.0, [3, 0, 1], TIMES)
     left = jax.jit(lambda t: js.residual_energy(pair(), js.Shaper(AMPLITUDES, TIMES), 1.0, tolerance=t))

@@ -46,6 +46,10 @@ _RUNS = 40
 _ROUNDED = 3
 """So many runs in a row that differ by rounding alone end a pilot that does not meet its tolerance."""
 
+_LEFT = 4
+"""So many runs in a row whose unresolved step, each a quarter of the one before, begins outside the region from which
+the plant returns: it has left. A coarse run may be thrown out of it, or pass through where it is about to come back."""
+
 
 class Checked(NamedTuple):
     """The state after the last break, and what is known about it.
@@ -274,6 +278,12 @@ class _Pilot(NamedTuple):
     found: Int[Array, " segments"]
     spent: Bool[Array, ""]
     """Whether the most steps were not enough, or rounding is what is left."""
+    kinked: Bool[Array, ""]
+    """Whether the estimates of any two runs fell too slowly for a smooth equation."""
+    close: Bool[Array, ""]
+    """Whether the last run's error was within ten tolerances."""
+    left: Int[Array, ""]
+    """Runs in a row that have seen the plant outside the region from which it returns."""
     rounded: Int[Array, ""]
     """Runs in a row that differ by rounding alone."""
     runs: Int[Array, ""]
@@ -302,7 +312,11 @@ def _attempt(plant, segments: Segments, plan: Schedule, state: State, tolerance:
     sound = resolved & jnp.isfinite(estimate)
     compared = last.compared & sound & (difference <= 1e-2) & jnp.any(last.steps > last.before)
     diverged = jnp.where(resolved, plant.diverged(run.ends[-1], end_inputs), run.diverged)
-    met = (compared & (error <= tolerance)) | (~resolved & diverged & last.diverged)
+    left = jnp.where(diverged, last.left + 1, 0)
+    kinked = last.kinked | (compared & (slower > 1) & (estimate > tolerance))
+    close = compared & (error <= 10 * tolerance)
+    # A run may step over a kink unseen; two in a row hardly do.
+    met = (compared & (error <= tolerance) & (last.close | ~kinked)) | (~resolved & (left >= _LEFT))
     # The next numbers: from a run that is fine enough everywhere to the tolerance, from another one to such a run.
     fine = sound & (estimate <= 10 * _PROBE)
     ready = _batch_maximum((~(fine | met | last.met | last.spent)).astype(dtype)) == 0
@@ -332,7 +346,7 @@ def _attempt(plant, segments: Segments, plan: Schedule, state: State, tolerance:
     return _Pilot(
         jnp.maximum(steps, last.steps), last.steps, run.ends, estimates, fine, kept(last.diverged, diverged),
         kept(last.error, error), kept(last.scale, scale), last.met | met, kept(last.end, run.ends[-1]),
-        kept(last.found, last.steps), spent, rounded, last.runs + 1, go_on,
+        kept(last.found, last.steps), spent, kinked, close, left, rounded, last.runs + 1, go_on,
     )  # fmt: skip
 
 
@@ -341,10 +355,10 @@ def _pilot(plant, segments: Segments, plan: Schedule, state: State, tolerance: S
     count, dtype = len(segments.begin), state.dtype
     first = jnp.full(count, _FIRST, jnp.int32)
     nothing = jnp.zeros((), dtype)
-    no = jnp.asarray(False)
+    no, none = jnp.asarray(False), jnp.zeros((), jnp.int32)
     start = _Pilot(
         first, first, jnp.zeros((count, len(state)), dtype), jnp.zeros(count, dtype), no, no, nothing, nothing, no,
-        state, first, no, jnp.zeros((), jnp.int32), jnp.zeros((), jnp.int32), jnp.asarray(True),
+        state, first, no, no, no, none, none, none, jnp.asarray(True),
     )  # fmt: skip
     attempt = lambda last: _attempt(plant, segments, plan, state, tolerance, last)
     last = jax.lax.while_loop(lambda last: last.go_on, attempt, start)
