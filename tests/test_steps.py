@@ -182,6 +182,36 @@ def test_a_plant_thrown_out_by_coarse_runs_alone_comes_back():
     np.testing.assert_allclose(found(jnp.asarray(state)), energy(judged, 1.0), rtol=1e-9)
 
 
+# Moves with a Hertzian spring whose kink one run steps over unseen.
+KINKS = [
+    dict(
+        mass=10.29,
+        k1=0.00358,
+        level=67.63,
+        amplitudes=[62.44, 5.194, -66.63],
+        times=[0, 16.76, 38.63],
+        state=[15.43, 8.968],
+    ),
+    dict(
+        mass=1.23888,
+        k1=2.02347e-4,
+        level=27.6905,
+        amplitudes=[27.6905, -0.0020188, -26.6885],
+        times=[0, 116.203, 142.573],
+        state=[-0.028044, 0.82492],
+    ),
+]
+
+
+def test_one_run_that_steps_over_a_kink_is_not_believed():
+    family = attack.FAMILIES["Hertzian power-law spring"]
+    energy = jax.jit(attack.answer(family))
+    for row in KINKS:
+        row = {name: np.asarray(value, float) for name, value in row.items()}
+        (expected,), (greatest,) = family.exact({name: value[None] for name, value in row.items()})
+        assert abs(energy(row) - expected) <= 1e-10 * greatest
+
+
 @pytest.mark.slow
 def test_a_double_pendulum_that_coarse_runs_throw_over_comes_back():
     plant = js.plants.DoublePendulumCrane(
