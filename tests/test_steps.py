@@ -96,7 +96,10 @@ SOON = [name for name in attack.FAMILIES if not re.match(ELSEWHERE, name)]
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SOON)
 def test_thousands_of_random_moves_are_right_or_flagged(name):
-    assert not np.any(answers(name, 300, 4) == "wrong")
+    words = answers(name, 300, 4)
+    assert not np.any(words == "wrong")
+    # Fixed steps meet kinks where they may, so that some of those moves take more than there are.
+    assert np.sum(words == "flagged") <= (60 if re.search("Hertz|1.5", name) else 3)
 
 
 def energy(plant, amplitudes, steps=None):
@@ -255,3 +258,17 @@ def test_single_precision_keeps_what_it_can():
     expected, greatest = truth(100.0, [3, 0, 1], TIMES)
     assert found.dtype == jnp.float32
     assert abs(found - expected) <= 1e-4 * greatest
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:JAX is in its 32-bit mode")
+def test_a_crane_in_single_precision_is_answered():
+    crane = lambda mass: js.plants.DoublePendulumCrane(6.5, 1.5, 250.0, mass)
+    move = js.Shaper([0.5, 0.5], [0.0, 2.8]), js.Trapezoid(8.0, 1.0, 0.3)
+    single = lambda tree: jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), tree)
+    masses = jnp.linspace(1e3, 8e3, 5)
+    for metric in (js.residual_energy, js.residual_vibration):
+        expected = jax.vmap(lambda mass, metric=metric: metric(crane(mass), *move))(masses)
+        with jax.enable_x64(False):
+            found = jax.vmap(lambda mass, metric=metric: metric(single(crane(mass)), *single(move)))(single(masses))
+        np.testing.assert_allclose(found, expected, rtol=2e-4)
