@@ -30,6 +30,7 @@ from jaxtyping import Array, Float
 from jshape import _check
 from jshape._check import Argument, Checked, as_array, finite, not_zero, positive
 from jshape._types import Breaks, Coefficients, Impulses, PerAxis, Scalar
+from jshape.compilation_cache import kept
 
 if not TYPE_CHECKING:
     from equinox import AbstractVar
@@ -48,12 +49,12 @@ class AbstractCommand(Checked):
     @property
     def duration(self) -> Scalar:
         """Time of the last break, s."""
-        return self.pieces()[0][-1]
+        return _end(self)[0]
 
     @property
     def final(self) -> PerAxis:
         """Value after the last break, m (rad, N: the unit of the plant's drive); of several axes, one each."""
-        return self.pieces()[1][-1, ..., 0]
+        return _end(self)[1]
 
     def __call__(self, t: Any, derivative: int = 0) -> Array:
         """The command's value, or one of its derivatives; of several axes, one each, along the last dimension.
@@ -68,6 +69,12 @@ class AbstractCommand(Checked):
         each = (...,) + (None,) * (coefficients.ndim - 2)
         value = polynomial(coefficients[index], (t - breaks[index])[each], derivative)
         return jnp.where((t < breaks[0])[each], 0.0, value)
+
+
+@kept
+def _end(command: AbstractCommand) -> tuple[Scalar, PerAxis]:
+    breaks, coefficients = command.pieces()
+    return breaks[-1], coefficients[-1, ..., 0]
 
 
 def polynomial(coefficients: Float[Array, "... powers"], t: Array, derivative: int = 0) -> Array:

@@ -94,9 +94,11 @@ class Shaper(Checked):
         """
         if not isinstance(other, Shaper):
             raise ValueError(f"other must be a Shaper, not {other!r}")
-        times = (self.times[:, None] + other.times[None, :]).reshape(-1)
-        amplitudes = (self.amplitudes[:, None] * other.amplitudes[None, :]).reshape(-1)
-        order = jnp.argsort(times, stable=True)
+        xp = _check.numerics(self, other)
+        mine, others = (tuple(map(xp.asarray, (one.times, one.amplitudes))) for one in (self, other))
+        times = (mine[0][:, None] + others[0][None, :]).reshape(-1)
+        amplitudes = (mine[1][:, None] * others[1][None, :]).reshape(-1)
+        order = xp.argsort(times, stable=True)
         return Shaper(amplitudes[order], times[order])
 
     def scale(self, factor: Any) -> "Shaper":

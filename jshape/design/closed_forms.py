@@ -10,6 +10,7 @@ from jshape.command import AbstractCommand
 from jshape.design import energy, linear
 from jshape.plants import AbstractOscillator, AbstractPlant, ModalPlant
 from jshape.shaper import Shaper
+from jshape.simulation.simulate import natural_frequencies
 
 
 def closed_forms(plant: AbstractPlant, distance: Any) -> tuple[dict[str, Shaper], dict[str, str]]:
@@ -24,7 +25,7 @@ def closed_forms(plant: AbstractPlant, distance: Any) -> tuple[dict[str, Shaper]
     """
     found: dict[str, Shaper] = {"unshaped": Shaper([1.0], [0.0])}
     left_out: dict[str, str] = {}
-    frequencies = np.atleast_1d(np.asarray(plant.natural_frequency()))
+    frequencies = np.atleast_1d(np.asarray(natural_frequencies(plant)))
     zeta = np.atleast_1d(np.asarray(plant.zeta)) if isinstance(plant, ModalPlant) else np.zeros_like(frequencies)
     modes = [(float(w), float(z)) for w, z in zip(frequencies, zeta, strict=True)]
     if all(np.isfinite(w) and w > 0 for w, _ in modes):

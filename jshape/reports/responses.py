@@ -10,7 +10,7 @@ from jshape.command import as_command
 from jshape.plants import AbstractCrane, AbstractPlant
 from jshape.problems.problem import Problem
 from jshape.shaper import Shaping
-from jshape.simulation.simulate import simulate
+from jshape.simulation.simulate import natural_frequencies, simulate
 from jshape.sweeps.evaluate import alike_shapers
 from jshape.sweeps.leaves import leaf, with_leaves
 from jshape.sweeps.sweep import moving
@@ -75,7 +75,7 @@ def shown_until(plant: AbstractPlant, duration: float, frequencies: Any = None) 
         duration: of the shaped command, s.
         frequencies: natural ones of the plant, rad/s, where they are known already.
     """
-    natural = float(np.min(np.asarray(plant.natural_frequency() if frequencies is None else frequencies)))
+    natural = float(np.min(np.asarray(natural_frequencies(plant) if frequencies is None else frequencies)))
     return duration + (3 * np.pi / natural if natural > 0 else duration)
 
 

@@ -10,6 +10,7 @@ twice (two cores, jax 0.10). Delete this file, and hand the equation to the inte
 of a few components in registers.
 """
 
+import functools
 import math
 from collections.abc import Callable
 from typing import Any
@@ -45,14 +46,64 @@ class Components:
             (result,) = _run(traced.jaxpr, [*captured, *others, _objects(parts)])
             return list(_apart(result))
 
-        self._program = jax.jit(run)
-        inside = self._program.trace(traced.consts, *others, parts_of(vector)).jaxpr.jaxpr
+        self._program = _linearised(run)
+        inside = jax.make_jaxpr(run)(traced.consts, *others, parts_of(vector)).jaxpr
         given = inside.invars[-vector.size :]
         self.size = len(inside.eqns)
         self.same = {i: given.index(result) for i, result in enumerate(inside.outvars) if result in given}
 
     def __call__(self, captured: list[Any], *arguments: Any) -> list[Array]:
         return self._program(captured, *arguments)
+
+
+def _linearised(function: Callable[..., list[Array]]) -> Callable[..., list[Array]]:
+    """A function that is compiled as one program, and its derivative as two: the values that it needs, which do not
+    depend on the tangents, and what is linear in them.
+
+    In one program XLA would compute those values anew for every tangent: the derivatives of 22 double-pendulum cranes
+    in seven variables then take 2.8 times as long (two cores, jax 0.10).
+    """
+    linear: dict[Any, core.Jaxpr] = {}
+    plain = jax.jit(function)
+
+    @jax.jit
+    def values(*arguments):
+        leaves, tree = jax.tree.flatten(arguments)
+        smooth = list(map(_is_smooth, leaves))
+
+        def of_smooth(*given):
+            given = iter(given)
+            return function(*tree.unflatten([next(given) if s else x for s, x in zip(smooth, leaves, strict=True)]))
+
+        given = [x for s, x in zip(smooth, leaves, strict=True) if s]
+        result, along = jax.linearize(of_smooth, *given)
+        traced = jax.make_jaxpr(along)(*given)
+        linear[_types(arguments)] = traced.jaxpr
+        return result, traced.consts
+
+    @functools.partial(jax.jit, static_argnums=0)
+    def tangent(types, known, tangents):
+        return core.jaxpr_as_fun(core.ClosedJaxpr(linear[types], known))(*tangents)
+
+    @jax.custom_jvp
+    def program(*arguments):
+        return plain(*arguments)
+
+    @program.defjvp
+    def _(primals, tangents):
+        result, known = values(*primals)
+        pairs = zip(*map(jax.tree.leaves, (primals, tangents)), strict=True)
+        return result, tangent(_types(primals), known, [t for x, t in pairs if _is_smooth(x)])
+
+    return program
+
+
+def _types(arguments: Any) -> tuple[Any, ...]:
+    return tuple(map(jax.typeof, jax.tree.leaves(arguments)))
+
+
+def _is_smooth(value: Any) -> bool:
+    return jnp.issubdtype(jnp.result_type(value), jnp.inexact)
 
 
 def parts_of(vector: Array) -> list[Array]:

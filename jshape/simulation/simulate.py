@@ -209,7 +209,7 @@ def steps_for(plant: AbstractPlant, plan: Schedule, method: str = "dopri8", tole
 
 def initial(plant: AbstractPlant, initial_state: Any = None) -> State:
     """The state to begin with: the given one, checked, or rest at 0."""
-    rest = plant.rest_state(plant.zero_inputs())
+    rest = _rest(plant)
     if initial_state is None:
         return rest
     state = _check.as_array(initial_state, "initial_state")
@@ -241,6 +241,17 @@ def _jacobians(plant: AbstractPlant, plan: Schedule) -> Float[Array, "places sta
 
 
 state_jacobians: Any = kept(_jacobians)
+
+
+@kept
+def _rest(plant: AbstractPlant) -> State:
+    return plant.rest_state(plant.zero_inputs())
+
+
+@kept
+def natural_frequencies(plant: AbstractPlant) -> Array:
+    """The plant's natural frequencies at rest, rad/s, by one program, not one for each operation."""
+    return plant.natural_frequency()
 
 
 def fastest(plant: AbstractPlant, plan: Schedule) -> float:

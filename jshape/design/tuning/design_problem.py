@@ -8,7 +8,6 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -21,7 +20,7 @@ from jshape.design.tuning.objective import Objective, check_objective, objective
 from jshape.design.tuning.scenarios import Limits, Metric, Point, Scenarios
 from jshape.plants import AbstractPlant
 from jshape.simulation.schedule import schedule
-from jshape.simulation.simulate import initial, with_arrays
+from jshape.simulation.simulate import initial, natural_frequencies, with_arrays
 from jshape.sweeps.leaves import check_over, grid
 
 FINEST = 20_000
@@ -151,7 +150,7 @@ def _groups(command: AbstractCommand, shapers: str | Sequence[str]) -> tuple[tup
 
 def slowest_period(plant: AbstractPlant, argument: str) -> float:
     """Period of the slowest mode at rest, s. *Raises* ``ValueError`` that asks for the argument where there is none."""
-    omega = float(jnp.min(plant.natural_frequency()))
+    omega = float(np.min(np.asarray(natural_frequencies(plant))))
     if not np.isfinite(omega) or omega <= 0:
         raise ValueError(f"{argument} must be given: {type(plant).__name__} has no natural frequency at rest")
     return 2 * np.pi / omega

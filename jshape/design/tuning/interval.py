@@ -16,6 +16,7 @@ from jshape import _check
 from jshape.design.tuning.design_problem import DesignProblem
 from jshape.design.tuning.evaluate import LOOSEST, Values, evaluate
 from jshape.design.tuning.scenarios import Point
+from jshape.simulation.simulate import natural_frequencies
 from jshape.simulation.steps import TOLERANCE
 from jshape.sweeps.leaves import with_leaves
 
@@ -68,8 +69,8 @@ def _maxima(problem: DesignProblem) -> int:
     plant, half_turns = problem.scenarios.plant, 0.0
     for name, values in problem.scenarios.samples.items():
         some = np.quantile(np.asarray(values, float), [0.0, 0.5, 1.0])
-        plants = [with_leaves(plant, {name: value}) for value in _check.on_device(some)]
-        omega = np.array([np.ravel(one.natural_frequency()) for one in plants])
+        plants = [with_leaves(plant, {name: _check.on_device(value)}) for value in some]
+        omega = np.array([np.ravel(natural_frequencies(one)) for one in plants])
         half_turns += np.nansum(np.abs(np.diff(omega, axis=0))) * problem.bounds.longest / np.pi
     return int(np.ceil(half_turns)) if np.isfinite(half_turns) else 0
 

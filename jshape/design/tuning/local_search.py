@@ -22,7 +22,7 @@ from jshape.design.tuning.evaluate import FORWARD, LOOSEST, Linearisation, Value
 from jshape.design.tuning.objective import TAIL, value_of, weights_of
 from jshape.design.tuning.scenarios import Point
 from jshape.simulation.schedule import schedule
-from jshape.simulation.simulate import initial
+from jshape.simulation.simulate import initial, natural_frequencies
 from jshape.simulation.steps import TOLERANCE, least_tolerance
 
 OPTIMAL = 1e-6
@@ -372,7 +372,7 @@ class Descent:
 
 def _time_unit(problem: DesignProblem) -> float:
     """The period of the fastest mode at rest, s, within a twentieth and all of the longest duration."""
-    omega = np.max(np.asarray(problem.scenarios.plant.natural_frequency(), float))
+    omega = np.max(np.asarray(natural_frequencies(problem.scenarios.plant), float))
     longest = float(problem.bounds.longest)
     period = 2 * np.pi / omega if np.isfinite(omega) and omega > 0 else longest
     return float(np.clip(period, longest / 20, longest))

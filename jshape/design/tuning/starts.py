@@ -15,12 +15,14 @@ from jshape.design.tuning.design_problem import DesignProblem
 from jshape.design.tuning.scenarios import Point
 from jshape.plants import AbstractOscillator, AbstractPlant, ModalPlant
 from jshape.shaper import Shaper
+from jshape.simulation.schedule import schedule
+from jshape.simulation.simulate import natural_frequencies
 
 
 def starts(problem: DesignProblem, count: int, seed: int) -> list[Point]:
     """``count`` starting points within the bounds: the closed forms come first, the random ones last."""
     plant, bounds, command = problem.scenarios.plant, problem.bounds, problem.scenarios.command
-    size = 0.0 if plant.axes else float(command.final)
+    size = 0.0 if plant.axes else float(schedule(plant, command).final)
     shapers = []
     for impulses in range(bounds.impulses, 1, -1):
         fewer = _linear(plant, impulses) + _energy(plant, size, impulses)
@@ -48,7 +50,7 @@ def _linear(plant: AbstractPlant, impulses: int) -> list[Shaper]:
     if isinstance(plant, ModalPlant):
         omega, zeta = np.asarray(plant.omega, float), np.asarray(plant.zeta, float)
     else:
-        omega = np.atleast_1d(np.asarray(plant.natural_frequency(), float))
+        omega = np.atleast_1d(np.asarray(natural_frequencies(plant), float))
         zeta = np.zeros_like(omega)
     modes = sorted(pair for pair in zip(omega, zeta, strict=True) if np.isfinite(pair[0]) and pair[0] > 0)
     found = []
