@@ -63,18 +63,22 @@ class AbstractCommand(Checked):
             t: times, s, of any shape; at a break the later piece counts.
             derivative: order, 0 for the value itself.
         """
-        t = as_array(t, "t")
-        breaks, coefficients = self.pieces()
-        index = jnp.clip(jnp.searchsorted(breaks, t, side="right") - 1, 0)
-        each = (...,) + (None,) * (coefficients.ndim - 2)
-        value = polynomial(coefficients[index], (t - breaks[index])[each], derivative)
-        return jnp.where((t < breaks[0])[each], 0.0, value)
+        return _value(self, as_array(t, "t"), derivative)
 
 
 @kept
 def _end(command: AbstractCommand) -> tuple[Scalar, PerAxis]:
     breaks, coefficients = command.pieces()
     return breaks[-1], coefficients[-1, ..., 0]
+
+
+@kept
+def _value(command: AbstractCommand, t: Array, derivative: int) -> Array:
+    breaks, coefficients = command.pieces()
+    index = jnp.clip(jnp.searchsorted(breaks, t, side="right") - 1, 0)
+    each = (...,) + (None,) * (coefficients.ndim - 2)
+    value = polynomial(coefficients[index], (t - breaks[index])[each], derivative)
+    return jnp.where((t < breaks[0])[each], 0.0, value)
 
 
 def polynomial(coefficients: Float[Array, "... powers"], t: Array, derivative: int = 0) -> Array:
@@ -273,6 +277,11 @@ def superpose(command: AbstractCommand, amplitudes: Impulses, times: Impulses) -
         amplitudes: factor of each copy, shape (impulses,).
         times: delay of each copy, s, shape (impulses,); need not be sorted.
     """
+    return PiecewisePolynomial(*_superposed(command, amplitudes, times), command.smoothness)
+
+
+@kept
+def _superposed(command: AbstractCommand, amplitudes: Impulses, times: Impulses) -> tuple[Breaks, Coefficients]:
     breaks, coefficients = command.pieces()
     copies, pieces = len(times), len(breaks)
     merged = (times[:, None] + breaks[None, :]).reshape(-1)
@@ -285,7 +294,7 @@ def superpose(command: AbstractCommand, amplitudes: Impulses, times: Impulses) -
     weight = jnp.where(started > 0, amplitudes[None, :], 0.0)
     age = merged[:, None] - (times[None, :] + breaks[active])
     shifted = taylor_shift(coefficients[active], age)
-    return PiecewisePolynomial(merged, jnp.sum(weight[..., None] * shifted, axis=1), command.smoothness)
+    return merged, jnp.sum(weight[..., None] * shifted, axis=1)
 
 
 def taylor_shift(coefficients: Float[Array, "... powers"], shift: Float[Array, "..."]) -> Float[Array, "... powers"]:

@@ -149,7 +149,7 @@ class Shaper(Checked):
             method: ``"nearest"`` puts each impulse at its nearest sample. ``"split"`` shares each between its two
                 neighbouring samples, so that its mean time stays. ``"zeros"`` splits, then makes the smallest change
                 of the taps that gives the filter, at each of the modes, exactly the response that the shaper has
-                there: a zero stays a zero, and a double one (of a ZVD) a double one.
+                there, within 1e-9: a zero stays a zero, and a double one (of a ZVD) a double one.
             modes: pairs (omega, zeta) for ``"zeros"``, rad/s and –.
 
         Returns:

@@ -405,7 +405,9 @@ def test_impulses_in_one_sample_add_up():
 def test_zeros_for_any_mode(omega, zeta, per_period):
     sample_time = 2 * np.pi / omega / per_period
     taps = linear.zvd(omega, zeta).digitise(sample_time, "zeros", [(omega, zeta)])
-    assert filter_vibration(taps, sample_time, omega, zeta) < 1e-11
+    # Light damping and a support that lies symmetrically leave equations that contradict each other by ζ²: what no taps
+    # of moderate size can fulfil is left, up to the 1e-9 above which ``digitise`` refuses.
+    assert filter_vibration(taps, sample_time, omega, zeta) < (1e-11 if zeta == 0 or zeta > 1e-3 else 1e-9)
     assert taps.sum() == pytest.approx(1, abs=1e-11)
 
 
