@@ -129,7 +129,7 @@ def scipy_gap(family: Family, rows: Row, truth: Verdict, doubt: np.ndarray, samp
     clear = np.flatnonzero(truth.done & ~truth.diverged & (doubt <= 1e-11 * truth.scale))[:sample]
     double = {name: np.asarray(value, float) for name, value in rows.items()}
     gaps = [abs(scipy_energy(family.build(pick(double, i))) - truth.energy[i]) / truth.scale[i] for i in clear]
-    return float(np.max(gaps, initial=0.0))
+    return float(np.nanmax([0.0, *gaps]))
 
 
 def write(rows: list[dict[str, Any]], seed: int) -> None:
