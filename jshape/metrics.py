@@ -208,8 +208,11 @@ def overshoot(plant: AbstractPlant, shaper: Shaping, distance: Any, *, initial_s
     Source: Moonmangmee and Chatlatanagulchai (2025), before Fig. 5: (x_p − x_d)/x_d.
     """
     plan, plant, state = _prepare(plant, shaper, distance, initial_state)
-    along = _along(plant, plan, state, 2.0, "payload")
+    return _overshoot(plant, plan, _along(plant, plan, state, 2.0, "payload"))
 
+
+@kept
+def _overshoot(plant: AbstractPlant, plan: Schedule, along: Trajectory) -> PerAxis:
     def greatest(along: Trajectory, target: Scalar, distance: Scalar) -> Scalar:
         beyond = extremes((along.value - target) / distance, along.slope / distance, along.step)
         return jnp.maximum(jnp.max(beyond), 0.0)
@@ -230,7 +233,11 @@ def peak_deflection(plant: AbstractPlant, shaper: Shaping, distance: Any, *, ini
         m; infinite where the plant diverged.
     """
     plan, plant, state = _prepare(plant, shaper, distance, initial_state)
-    along = _along(plant, plan, state, 1.0, "deflection")
+    return _peak(_along(plant, plan, state, 1.0, "deflection"))
+
+
+@kept
+def _peak(along: Trajectory) -> PerAxis:
     return jnp.where(along.diverged, jnp.inf, along_each_axis(_amplitude, along))
 
 
@@ -262,8 +269,13 @@ def settling_time(
     _check.positive(band, "band")
     _check.positive(periods, "periods")
     plan, plant, state = _prepare(plant, shaper, distance, initial_state)
-    along = _along(plant, plan, state, periods, "payload")
+    return _settling_time(
+        plant, plan, _along(plant, plan, state, periods, "payload"), _check.on_device(np.asarray(band))
+    )
 
+
+@kept
+def _settling_time(plant: AbstractPlant, plan: Schedule, along: Trajectory, band: Scalar) -> PerAxis:
     def settled(along: Trajectory, target: Scalar, distance: Scalar) -> Scalar:
         limit = band * jnp.abs(distance)
         sides = [last_above(sign * (along.value - target) - limit, sign * along.slope, along) for sign in (1, -1)]
@@ -300,14 +312,20 @@ def rise_time(
     if not 0 <= low < high <= 1:
         raise ValueError(f"low and high must satisfy 0 <= low < high <= 1, not {low} and {high}")
     plan, plant, state = _prepare(plant, shaper, distance, initial_state)
-    along = _along(plant, plan, state, 1.0, "payload")
+    levels = _check.on_device(np.asarray([low, high], float))
+    return _rise_time(plant, plan, _along(plant, plan, state, 1.0, "payload"), levels)
+
+
+@kept
+def _rise_time(plant: AbstractPlant, plan: Schedule, along: Trajectory, levels: Array) -> PerAxis:
+    low, high = levels
 
     def risen(along: Trajectory, target: Scalar, distance: Scalar) -> Scalar:
         begin = target - distance
         progress, slope = (along.value - begin) / distance, along.slope / distance
         reach = lambda level: first_above(progress - level, slope, along)
         end = reach(high)
-        first = reach(low) if low > 0 else jnp.zeros_like(end)
+        first = jnp.where(low > 0, reach(low), 0.0)
         return jnp.where(jnp.isfinite(end), end - jnp.where(jnp.isfinite(first), first, 0.0), jnp.inf)
 
     return _over_distance(risen, plant, plan, along)

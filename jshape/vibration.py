@@ -18,6 +18,7 @@ from scipy.optimize import brentq
 
 from jshape import _check
 from jshape._roots import safe_sqrt
+from jshape.compilation_cache import kept
 from jshape.shaper import Shaper
 
 
@@ -73,6 +74,11 @@ def percentage_vibration(shaper: Shaper, omega: Any, zeta: Any = 0.0) -> Float[A
     omega, zeta = _check.as_array(omega, "omega"), _check.as_array(zeta, "zeta")
     _check.positive(omega, "omega")
     _check.damping_ratio(zeta)
+    return _vibration(shaper, omega, zeta)
+
+
+@kept
+def _vibration(shaper: Shaper, omega: Array, zeta: Array) -> Array:
     value = transform(shaper.amplitudes, shaper.times, pole(omega, zeta))
     # The derivative of the magnitude does not exist at an exact zero; there it is taken as 0.
     return safe_sqrt(value.real**2 + value.imag**2)

@@ -224,6 +224,7 @@ def with_arrays(plant: AbstractPlant) -> AbstractPlant:
     return jax.tree.map(lambda x: jnp.asarray(x, dtype=float) if isinstance(x, int | float) else x, plant)
 
 
+@kept
 def default_horizon(plant: AbstractPlant, plan: Schedule) -> Scalar:
     """The command's duration and four periods of the slowest mode (or half as long again, if there is no period)."""
     lowest = jnp.min(plant.natural_frequency())

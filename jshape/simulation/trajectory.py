@@ -54,6 +54,7 @@ def fine_steps(plant, plan: Schedule, periods: float) -> int:
     return 2 ** int(np.clip(np.ceil(np.log2(max(angle, 1.0) / 0.03)), 8, 20)) if np.isfinite(angle) else 4096
 
 
+@kept
 def tail(plant, plan: Schedule, periods: float) -> Scalar:
     """That many periods of the slowest mode (of the command's duration, where there is none), s."""
     lowest = jnp.min(plant.natural_frequency())
