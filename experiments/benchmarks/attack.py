@@ -154,7 +154,7 @@ def write(rows: list[dict[str, Any]], seed: int) -> None:
         f"the greatest energy. Plain calls: {plain[0]}, {plain[1]} wrong, {plain[2]} flagged."
     )
     missing = [name for name in FAMILIES if name not in [row["family"] for row in rows]]
-    text += f" Not run: {', '.join(missing)}." if missing else ""
+    text += f" Not run: {'; '.join(missing)}." if missing else ""
     record = dict(seed=seed, rows=rows, total=total, about=about(cores, "jshape", "jax", "scipy", "numpy"))
     keep(__file__, record, [*lines, "", text])
 
