@@ -723,7 +723,7 @@ def replaced(plant, **values):
 def test_a_stop_keeps_the_best_shaper_so_far():
     async def stopped():
         work, seen = Work(), []
-        shown = state.with_design(state.begin("TwoMass"), starts=200, impulses=5)
+        shown = state.with_design(state.begin("TwoMass"), starts=2000, impulses=5)
         running = asyncio.create_task(work.run("tune", {"text": shown.text}, seen.append))
         while not any(0 < line["done"] < line["total"] for line in seen):
             await asyncio.sleep(0.1)
