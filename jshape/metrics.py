@@ -269,9 +269,8 @@ def settling_time(
     _check.positive(band, "band")
     _check.positive(periods, "periods")
     plan, plant, state = _prepare(plant, shaper, distance, initial_state)
-    return _settling_time(
-        plant, plan, _along(plant, plan, state, periods, "payload"), _check.on_device(np.asarray(band))
-    )
+    along = _along(plant, plan, state, periods, "payload")
+    return _settling_time(plant, plan, along, _check.as_array(band, "band"))
 
 
 @kept

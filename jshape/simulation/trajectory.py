@@ -21,6 +21,9 @@ ACCURACY = 1e-6
 """Relative error of the states above which a trajectory is flagged; in single precision four epsilons a step. The cubic
 pieces are about as accurate."""
 
+COARSEST = 1e-3
+"""The most that rounding may leave, however many steps there are."""
+
 
 class Trajectory(eqx.Module):
     """A quantity along a move.
@@ -85,7 +88,8 @@ def trajectory(plant, plan: Schedule, state, periods: float, name: str, steps: i
 
     value, slope = jax.vmap(jax.vmap(at, in_axes=(None, 0, 0)))(segments, states, local)
     diverged = plant.diverged(states[-1, -1], plan.final_inputs(plant)) | ~jnp.all(jnp.isfinite(value))
-    accuracy = max(ACCURACY, 4 * float(jnp.finfo(states.dtype).eps) * steps * len(segments.begin))
+    rounding = 4 * float(jnp.finfo(states.dtype).eps) * steps * len(segments.begin)
+    accuracy = max(ACCURACY, min(rounding, COARSEST))
     met = jnp.all(error <= accuracy * jnp.max(jnp.abs(states), axis=(0, 1)))
     return Trajectory(segments.begin[:, None] + local, value, slope, segments.duration / steps, diverged, met)
 

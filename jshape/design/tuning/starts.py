@@ -15,14 +15,13 @@ from jshape.design.tuning.design_problem import DesignProblem
 from jshape.design.tuning.scenarios import Point
 from jshape.plants import AbstractOscillator, AbstractPlant, ModalPlant
 from jshape.shaper import Shaper
-from jshape.simulation.schedule import schedule
 from jshape.simulation.simulate import natural_frequencies
 
 
 def starts(problem: DesignProblem, count: int, seed: int) -> list[Point]:
     """``count`` starting points within the bounds: the closed forms come first, the random ones last."""
     plant, bounds, command = problem.scenarios.plant, problem.bounds, problem.scenarios.command
-    size = 0.0 if plant.axes else float(schedule(plant, command).final)
+    size = 0.0 if plant.axes else float(command.final)
     shapers = []
     for impulses in range(bounds.impulses, 1, -1):
         fewer = _linear(plant, impulses) + _energy(plant, size, impulses)
