@@ -96,7 +96,10 @@ SOON = [name for name in attack.FAMILIES if not re.match(ELSEWHERE, name)]
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SOON)
 def test_thousands_of_random_moves_are_right_or_flagged(name):
-    assert not np.any(answers(name, 300, 4) == "wrong")
+    words = answers(name, 300, 4)
+    assert not np.any(words == "wrong")
+    # Fixed steps meet kinks where they may, so that some of those moves take more than there are.
+    assert np.sum(words == "flagged") <= (60 if re.search("Hertz|1.5", name) else 3)
 
 
 def energy(plant, amplitudes, steps=None):
@@ -167,6 +170,64 @@ def test_infinite_only_where_the_plant_has_left_for_good():
         assert jnp.isfinite(run(ridge / 10))
 
 
+def test_a_plant_thrown_out_by_coarse_runs_alone_comes_back():
+    """Far softening, undamped: two runs with unresolved steps end outside the region, finer ones do not."""
+    mass, k1, k3 = 0.08401344628007086, 0.564149568453674, -0.02141640713223708
+    amplitudes = [0.2777782076860909, 0.576660471470785, 0.14556132084312398]
+    times, state = [0.0, 131.4847978493404, 200.98576126736035], [-0.007963690989264659, 0.8628041996175304]
+    energy = lambda y, u: mass * y[1] ** 2 / 2 + k1 / 2 * (y[0] - u) ** 2 + k3 / 4 * (y[0] - u) ** 4
+    levels, judged = np.cumsum(amplitudes), state
+    for begin, end, u in zip(times[:-1], times[1:], levels[:-1], strict=True):
+        field = lambda t, y, u=u: [y[1], -(k1 * (y[0] - u) + k3 * (y[0] - u) ** 3) / mass]
+        judged = solve_ivp(field, (begin, end), judged, "DOP853", rtol=1e-13, atol=1e-14).y[:, -1]
+    plant = js.plants.TwoMass(m2=mass, spring=js.plants.Duffing(k1, k3), damper=js.plants.LinearDamper(0.0))
+    found = jax.jit(lambda y: js.residual_energy(plant, js.Shaper(amplitudes, times), 1.0, initial_state=y))
+    np.testing.assert_allclose(found(jnp.asarray(state)), energy(judged, 1.0), rtol=1e-9)
+
+
+# Moves with a Hertzian spring whose kink one run steps over unseen.
+KINKS = [
+    dict(
+        mass=10.29,
+        k1=0.00358,
+        level=67.63,
+        amplitudes=[62.44, 5.194, -66.63],
+        times=[0, 16.76, 38.63],
+        state=[15.43, 8.968],
+    ),
+    dict(
+        mass=1.23888,
+        k1=2.02347e-4,
+        level=27.6905,
+        amplitudes=[27.6905, -0.0020188, -26.6885],
+        times=[0, 116.203, 142.573],
+        state=[-0.028044, 0.82492],
+    ),
+]
+
+
+def test_one_run_that_steps_over_a_kink_is_not_believed():
+    family = attack.FAMILIES["Hertzian power-law spring"]
+    energy = jax.jit(attack.answer(family))
+    for row in KINKS:
+        row = {name: np.asarray(value, float) for name, value in row.items()}
+        (expected,), (greatest,) = family.exact({name: value[None] for name, value in row.items()})
+        assert abs(energy(row) - expected) <= 1e-10 * greatest
+
+
+@pytest.mark.slow
+def test_a_double_pendulum_that_coarse_runs_throw_over_comes_back():
+    plant = js.plants.DoublePendulumCrane(
+        0.5295678685476609, 0.03963910253740459, 1.0830869776347176, 10.226911288, drive="acceleration"
+    )
+    shaper = js.Shaper([0.834418370708613, 0.16558162929138712], [0.0, 2.0113231729521597])
+    command = js.Trapezoid(-2.5889767564017325, 1.9855723343555212, 0.9728126616156247)
+    state = [1.0421121902243546, -0.00012654238853320395, 3.769768361869338, 0.005576984187169842]
+    energy = lambda **options: js.residual_energy(plant, shaper, command, initial_state=state, **options)
+    found, judged = energy(tolerance=1e-9), energy(steps=30_000)
+    np.testing.assert_allclose(found, judged, rtol=1e-8)
+
+
 def test_any_tolerance_is_met():
     expected, greatest = truth(100.0, [3, 0, 1], TIMES)
     left = jax.jit(lambda t: js.residual_energy(pair(), js.Shaper(AMPLITUDES, TIMES), 1.0, tolerance=t))
@@ -197,3 +258,17 @@ def test_single_precision_keeps_what_it_can():
     expected, greatest = truth(100.0, [3, 0, 1], TIMES)
     assert found.dtype == jnp.float32
     assert abs(found - expected) <= 1e-4 * greatest
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:JAX is in its 32-bit mode")
+def test_a_crane_in_single_precision_is_answered():
+    crane = lambda mass: js.plants.DoublePendulumCrane(6.5, 1.5, 250.0, mass)
+    move = js.Shaper([0.5, 0.5], [0.0, 2.8]), js.Trapezoid(8.0, 1.0, 0.3)
+    single = lambda tree: jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), tree)
+    masses = jnp.linspace(1e3, 8e3, 5)
+    for metric in (js.residual_energy, js.residual_vibration):
+        expected = jax.vmap(lambda mass, metric=metric: metric(crane(mass), *move))(masses)
+        with jax.enable_x64(False):
+            found = jax.vmap(lambda mass, metric=metric: metric(single(crane(mass)), *single(move)))(single(masses))
+        np.testing.assert_allclose(found, expected, rtol=2e-4)

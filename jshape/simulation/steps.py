@@ -40,11 +40,28 @@ _PROBE = 1e-3
 _FIRST = 3
 """Steps in each segment of the first run."""
 
+_IDLE = 1e-3
+"""A segment whose estimate is below that part of its share of the tolerance is left as it is."""
+
 _RUNS = 40
 """Runs of the pilot at most."""
 
 _ROUNDED = 3
 """So many runs in a row that differ by rounding alone end a pilot that does not meet its tolerance."""
+
+_LEFT, _LEFT_FINE = 4, 2
+"""A plant has left where so many tries of a segment in a row, each with a quarter of the step, end at an unresolved one
+outside the region from which it returns; the latter where the last one is as fine as ``_FINE``. A coarse try may be
+thrown out, or pass through where the plant turns."""
+
+_FINE = MOST_STEPS // 16
+
+_TOGETHER = 1024
+"""Steps up to which a segment begins anew while other branches of the batch are under way: they leave room for theirs
+below the most that can be differentiated."""
+
+_SURE = 1e-6
+"""The relative error at which a plant that two runs in a row see outside in the end has left."""
 
 
 class Checked(NamedTuple):
@@ -190,51 +207,71 @@ def _square(values: Any) -> Any:
 
 
 class _Run(NamedTuple):
-    """One run of the pilot: states at the segments' ends, sums of their steps' absolute error estimates, the energies
-    at their beginnings and ends, whether all steps so far were resolved, and if not, whether the plant had diverged
-    there."""
+    """One run of the pilot: the steps that it took, states at the segments' ends, sums of their steps' absolute error
+    estimates, the energies at their beginnings and ends, whether all steps were resolved, and if not, whether because
+    the plant has left."""
 
+    steps: Int[Array, " segments"]
     ends: Float[Array, "segments state"]
     errors: Float[Array, "segments state"]
     energies: Float[Array, "segments two"]
-    resolved: Bool[Array, " segments"]
-    diverged: Bool[Array, ""]
+    resolved: Bool[Array, ""]
+    left: Bool[Array, ""]
 
 
-def _run(plant: AbstractPlant, segments: Segments, state: State, steps: Int[Array, " segments"]) -> _Run:
-    tableau, field = tableau_of("dopri8"), field_of(plant)
-    rounding = (1e3 * float(jnp.finfo(state.dtype).eps)) ** 2
+def _run(
+    plant: AbstractPlant, segments: Segments, state: State, steps: Int[Array, " segments"], most: Any, waits: Any
+) -> _Run:
+    """A run with at least these steps: a segment with a step that is not resolved begins anew with four times as many.
+
+    ``most``: steps up to which it does. ``waits``: nothing more is asked of this branch of the batch, so that nothing
+    begins anew for its sake.
+    """
+    tableau, field, dtype = tableau_of("dopri8"), field_of(plant), state.dtype
+    rounding = (1e3 * float(jnp.finfo(dtype).eps)) ** 2
 
     def advance_segment(carry, item):
-        state, resolved, diverged = carry
-        segment, count = item
-        step = segment.duration / count.astype(segment.duration.dtype)
-
-        def advance(inside):
-            index, state, error, resolved = inside
-            slope = lambda fraction, y: field((index.astype(step.dtype) + fraction) * step, y, segment)
-            after, local = map(parts_of, runge_kutta_step(tableau, slope, jnp.stack(state), step))
-            # A step whose error is a good part of its change, or not finite, is not resolved; the state stays.
-            # By components: on stacked states a step takes twice as long.
-            changes = [a - b for a, b in zip(after, state, strict=True)]
-            good = resolved & (_square(local) <= 0.01 * _square(changes) + rounding * _square(state))
-            state = tuple(jnp.where(good, a, b) for a, b in zip(after, state, strict=True))
-            error = tuple(e + jnp.where(good, jnp.abs(x), 0.0) for e, x in zip(error, local, strict=True))
-            return index + 1, state, error, good
-
-        begin = plant.residual_energy(jnp.stack(state), inputs_at(plant, segment.coefficients, segment.age))
-        zero = tuple(map(jnp.zeros_like, state))
-        inside = (jnp.zeros((), jnp.int32), state, zero, resolved)
-        _, state, error, still = jax.lax.while_loop(lambda inside: inside[0] < count, advance, inside)
+        state, resolved, left = carry
+        segment, least = item
         inputs = inputs_at(plant, segment.coefficients, segment.age + segment.duration)
-        end = jnp.stack(state)
-        diverged = diverged | (resolved & ~still & plant.diverged(end, inputs))
-        energies = jnp.stack([begin, plant.residual_energy(end, inputs)])
-        return (state, still, diverged), (end, jnp.stack(error), energies, still)
+        zero = tuple(map(jnp.zeros_like, state))
+
+        def attempt(inside):
+            count, outside = inside[0], inside[-3]
+            step = segment.duration / count.astype(dtype)
+
+            def advance(inside):
+                index, state, error, resolved = inside
+                slope = lambda fraction, y: field((index.astype(dtype) + fraction) * step, y, segment)
+                after, local = map(parts_of, runge_kutta_step(tableau, slope, jnp.stack(state), step))
+                # A step whose error is a good part of its change, or not finite, is not resolved; the state stays.
+                # By components: on stacked states a step takes twice as long.
+                changes = [a - b for a, b in zip(after, state, strict=True)]
+                good = resolved & (_square(local) <= 0.01 * _square(changes) + rounding * _square(state))
+                state = tuple(jnp.where(good, a, b) for a, b in zip(after, state, strict=True))
+                error = tuple(e + jnp.where(good, jnp.abs(x), 0.0) for e, x in zip(error, local, strict=True))
+                return index + 1, state, error, good
+
+            start = (jnp.zeros((), jnp.int32), state, zero, resolved)
+            _, end, error, good = jax.lax.while_loop(lambda inside: inside[0] < count, advance, start)
+            outside = jnp.where(~good & plant.diverged(jnp.stack(end), inputs), outside + 1, 0)
+            gone = outside >= jnp.where(count >= _FINE, _LEFT_FINE, _LEFT)
+            more = resolved & ~good & ~waits & ~gone & (count < most)
+            again = _batch_maximum(more.astype(dtype)) > 0
+            count = jnp.where(again, jnp.minimum(4 * count, most), count)
+            return count, end, error, good, outside, gone, again
+
+        start = (least, state, zero, resolved, jnp.zeros((), jnp.int32), jnp.asarray(False), jnp.asarray(True))
+        count, end, error, good, _, gone, _ = jax.lax.while_loop(lambda inside: inside[-1], attempt, start)
+        begin = plant.residual_energy(jnp.stack(state), inputs_at(plant, segment.coefficients, segment.age))
+        last = jnp.stack(end)
+        energies = jnp.stack([begin, plant.residual_energy(last, inputs)])
+        left = left | (resolved & ~good & gone)
+        return (end, good, left), (count, last, jnp.stack(error), energies)
 
     begin = (tuple(state), jnp.asarray(True), jnp.asarray(False))
-    (_, _, diverged), found = jax.lax.scan(advance_segment, begin, (segments, steps))
-    return _Run(*found, diverged)
+    (_, resolved, left), found = jax.lax.scan(advance_segment, begin, (segments, steps))
+    return _Run(*found, resolved, left)
 
 
 def _in_energy(
@@ -261,6 +298,8 @@ class _Pilot(NamedTuple):
     batch others may need more steps, or reach none of it."""
 
     steps: Int[Array, " segments"]
+    most: Int[Array, ""]
+    """Steps up to which a segment that is not resolved begins anew."""
     before: Int[Array, " segments"]
     ends: Float[Array, "segments state"]
     estimates: Float[Array, " segments"]
@@ -274,8 +313,14 @@ class _Pilot(NamedTuple):
     found: Int[Array, " segments"]
     spent: Bool[Array, ""]
     """Whether the most steps were not enough, or rounding is what is left."""
+    kinked: Bool[Array, ""]
+    """Whether the estimates of any two runs fell too slowly for a smooth equation."""
+    close: Bool[Array, ""]
+    """Whether the last run's error was within ten tolerances."""
     rounded: Int[Array, ""]
     """Runs in a row that differ by rounding alone."""
+    apart: Scalar
+    """The most by which any of those differ."""
     runs: Int[Array, ""]
     go_on: Bool[Array, ""]
 
@@ -284,13 +329,13 @@ def _attempt(plant, segments: Segments, plan: Schedule, state: State, tolerance:
     """One more run: its error, from what it differs by from the last one, and the steps of the next."""
     count, dtype, end_inputs = len(segments.begin), state.dtype, plan.final_inputs(plant)
     tiny = float(jnp.finfo(dtype).tiny)
-    run = _run(plant, segments, state, last.steps)
+    run = _run(plant, segments, state, last.steps, last.most, last.met | last.spent)
     energies = jnp.append(run.energies, plant.residual_energy(run.ends[-1], end_inputs))
     scale = jnp.max(jnp.where(jnp.isfinite(energies), jnp.abs(energies), 0.0))
     measure = lambda changes: _in_energy(plant, plan.coefficients[1:], run.ends, changes, scale)
     estimates = jnp.nan_to_num(measure(run.errors), nan=jnp.inf)
     estimate = jnp.sum(estimates)
-    ratio = last.before.astype(dtype) / last.steps.astype(dtype)
+    ratio = last.before.astype(dtype) / run.steps.astype(dtype)
     difference = jnp.max(measure(run.ends - last.ends))
     # What the sum of local errors grew to in the coarser run, and will have grown to in this one. Where the
     # estimates fall far more slowly than their order says, the equation has kinks: they are no upper bound then.
@@ -298,41 +343,52 @@ def _attempt(plant, segments: Segments, plan: Schedule, state: State, tolerance:
     least = jnp.where(slower > 1, jnp.minimum(slower, 10.0), 0.1)
     amplification = jnp.maximum(difference / (jnp.sum(last.estimates) + tiny), least)
     error = amplification * jnp.sum(estimates * ratio)
-    resolved = run.resolved[-1]
-    sound = resolved & jnp.isfinite(estimate)
-    compared = last.compared & sound & (difference <= 1e-2) & jnp.any(last.steps > last.before)
-    diverged = jnp.where(resolved, plant.diverged(run.ends[-1], end_inputs), run.diverged)
-    met = (compared & (error <= tolerance)) | (~resolved & diverged & last.diverged)
+    sound = run.resolved & jnp.isfinite(estimate)
+    # In a batch steps grow where other branches need them, too: this branch is compared where its own have grown.
+    grown = run.steps > last.before
+    grown = jnp.any(grown) & jnp.all(grown | (estimates <= _IDLE * tolerance / count))
+    compared = last.compared & sound & (difference <= 1e-2) & grown
+    diverged = jnp.where(run.resolved, plant.diverged(run.ends[-1], end_inputs), run.left)
+    kinked = last.kinked | (compared & (slower > 1) & (estimate > tolerance))
+    close = compared & (error <= 10 * tolerance)
+    # More steps make no less of rounding, an epsilon a step.
+    rounding = float(jnp.finfo(dtype).eps) * jnp.sum(run.steps).astype(dtype)
+    rounded = jnp.where(compared & (difference <= rounding), last.rounded + 1, 0)
+    apart = jnp.where(rounded > 0, jnp.maximum(difference, last.apart), 0.0)
+    agreed = (rounded >= _ROUNDED) & (3 * apart <= tolerance)
+    # A run may step over a kink unseen; two in a row hardly do.
+    left = run.left | (compared & diverged & last.diverged & (error <= _SURE))
+    met = (compared & (error <= tolerance) & (last.close | ~kinked)) | agreed | left
+    error = jnp.where(agreed, jnp.minimum(error, 3 * apart), error)
     # The next numbers: from a run that is fine enough everywhere to the tolerance, from another one to such a run.
     fine = sound & (estimate <= 10 * _PROBE)
-    ready = _batch_maximum((~(fine | met | last.met | last.spent)).astype(dtype)) == 0
+    # A branch that is not resolved by the steps it may take now waits until the others are done.
+    ended = met | last.met | last.spent
+    ready = _batch_maximum((~(fine | ended) & run.resolved).astype(dtype)) == 0
     # The fewest steps whose errors add up to the target: a segment's share grows as the ninth root of its error.
     target = jnp.where(ready, tolerance, _PROBE)
     shares = estimates ** (1 / (_ORDER + 1))
     predicted = shares * (0.3 * jnp.sum(shares) / target) ** (1 / _ORDER)
     refined = 1.1 * jnp.maximum(error / tolerance, 1.0) ** (1 / _ORDER)
-    idle = estimates <= 1e-3 * target / count
+    idle = estimates <= _IDLE * target / count
     # A run with the same numbers everywhere would be compared with itself.
     idle = idle & ~jnp.all(idle)
     least = jnp.where(ready & ~idle, 1.5, 1.0)
     growth = jnp.where(ready & compared & ~idle, refined, jnp.clip(predicted, least, 64.0))
-    # Where the first step was not resolved, four times as many; what comes after is not known yet.
-    before = jnp.concatenate([jnp.ones(1, bool), run.resolved[:-1]])
-    growth = jnp.where(before, jnp.where(run.resolved, jnp.nan_to_num(growth, nan=4.0), 4.0), 1.0)
-    wanted = jnp.minimum(jnp.ceil(last.steps * growth - 1e-6), MOST_STEPS)
-    # More steps make no less of rounding, an epsilon a step.
-    rounding = float(jnp.finfo(dtype).eps) * jnp.sum(last.steps).astype(dtype)
-    rounded = jnp.where(compared & (difference <= rounding), last.rounded + 1, 0)
+    growth = jnp.where(run.resolved, jnp.nan_to_num(growth, nan=4.0), 1.0)
+    wanted = jnp.minimum(jnp.ceil(run.steps * growth - 1e-6), MOST_STEPS)
     # A fine branch that waits for the others of its batch does not want to grow either.
-    spent = last.spent | (jnp.all(wanted <= last.steps) & (ready | ~fine)) | (rounded >= _ROUNDED)
+    stuck = jnp.where(run.resolved, jnp.all(wanted <= run.steps) & (ready | ~fine), last.most >= MOST_STEPS)
+    spent = last.spent | stuck | (rounded >= _ROUNDED)
     done = met | last.met | spent
     steps = _batch_maximum(jnp.where(done, 0.0, wanted)).astype(jnp.int32)
+    most = jnp.where(_batch_maximum((~done & run.resolved).astype(dtype)) > 0, last.most, MOST_STEPS)
     go_on = (_batch_maximum((~done).astype(dtype)) > 0) & (last.runs + 1 < _RUNS)
     kept = lambda old, new: jnp.where(last.met, old, new)
     return _Pilot(
-        jnp.maximum(steps, last.steps), last.steps, run.ends, estimates, fine, kept(last.diverged, diverged),
+        jnp.maximum(steps, run.steps), most, run.steps, run.ends, estimates, fine, kept(last.diverged, diverged),
         kept(last.error, error), kept(last.scale, scale), last.met | met, kept(last.end, run.ends[-1]),
-        kept(last.found, last.steps), spent, rounded, last.runs + 1, go_on,
+        kept(last.found, run.steps), spent, kinked, close, rounded, apart, last.runs + 1, go_on,
     )  # fmt: skip
 
 
@@ -341,10 +397,10 @@ def _pilot(plant, segments: Segments, plan: Schedule, state: State, tolerance: S
     count, dtype = len(segments.begin), state.dtype
     first = jnp.full(count, _FIRST, jnp.int32)
     nothing = jnp.zeros((), dtype)
-    no = jnp.asarray(False)
+    no, none = jnp.asarray(False), jnp.zeros((), jnp.int32)
     start = _Pilot(
-        first, first, jnp.zeros((count, len(state)), dtype), jnp.zeros(count, dtype), no, no, nothing, nothing, no,
-        state, first, no, jnp.zeros((), jnp.int32), jnp.zeros((), jnp.int32), jnp.asarray(True),
+        first, jnp.asarray(_TOGETHER, jnp.int32), first, jnp.zeros((count, len(state)), dtype), jnp.zeros(count, dtype),
+        no, no, nothing, nothing, no, state, first, no, no, no, none, nothing, none, jnp.asarray(True),
     )  # fmt: skip
     attempt = lambda last: _attempt(plant, segments, plan, state, tolerance, last)
     last = jax.lax.while_loop(lambda last: last.go_on, attempt, start)
