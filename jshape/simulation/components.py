@@ -18,6 +18,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.custom_derivatives import SymbolicZero
 from jax.extend import core
 from jaxtyping import Array
 
@@ -66,40 +67,46 @@ def _linearised(function: Callable[..., list[Array]]) -> Callable[..., list[Arra
     linear: dict[Any, core.Jaxpr] = {}
     plain = jax.jit(function)
 
-    @jax.jit
-    def values(*arguments):
+    @functools.partial(jax.jit, static_argnums=0)
+    def values(moving, *arguments):
         leaves, tree = jax.tree.flatten(arguments)
-        smooth = list(map(_is_smooth, leaves))
+        given = [x for m, x in zip(moving, leaves, strict=True) if m]
 
-        def of_smooth(*given):
+        def of_given(*given):
             given = iter(given)
-            return function(*tree.unflatten([next(given) if s else x for s, x in zip(smooth, leaves, strict=True)]))
+            return function(*tree.unflatten([next(given) if m else x for m, x in zip(moving, leaves, strict=True)]))
 
-        given = [x for s, x in zip(smooth, leaves, strict=True) if s]
-        result, along = jax.linearize(of_smooth, *given)
+        result, along = jax.linearize(of_given, *given)
         traced = jax.make_jaxpr(along)(*given)
-        linear[_types(arguments)] = traced.jaxpr
+        linear[moving, _types(leaves)] = traced.jaxpr
         return result, traced.consts
 
     @functools.partial(jax.jit, static_argnums=0)
-    def tangent(types, known, tangents):
-        return core.jaxpr_as_fun(core.ClosedJaxpr(linear[types], known))(*tangents)
+    def tangent(which, known, tangents):
+        return core.jaxpr_as_fun(core.ClosedJaxpr(linear[which], known))(*tangents)
 
     @jax.custom_jvp
     def program(*arguments):
         return plain(*arguments)
 
-    @program.defjvp
+    @functools.partial(program.defjvp, symbolic_zeros=True)
     def _(primals, tangents):
-        result, known = values(*primals)
-        pairs = zip(*map(jax.tree.leaves, (primals, tangents)), strict=True)
-        return result, tangent(_types(primals), known, [t for x, t in pairs if _is_smooth(x)])
+        leaves, along = jax.tree.leaves(primals), jax.tree.leaves(tangents)
+        moving = tuple(map(moves, leaves, along))
+        result, known = values(moving, *primals)
+        which = moving, _types(leaves)
+        return result, tangent(which, known, [t for m, t in zip(moving, along, strict=True) if m])
 
     return program
 
 
-def _types(arguments: Any) -> tuple[Any, ...]:
-    return tuple(map(jax.typeof, jax.tree.leaves(arguments)))
+def moves(value: Any, tangent: Any) -> bool:
+    """Whether a tangent may differ from zero."""
+    return _is_smooth(value) and not isinstance(tangent, SymbolicZero)
+
+
+def _types(leaves: list[Any]) -> tuple[Any, ...]:
+    return tuple(map(jax.typeof, leaves))
 
 
 def _is_smooth(value: Any) -> bool:

@@ -23,7 +23,7 @@ from jaxtyping import Array, Float, PyTree
 
 from jshape import _check
 from jshape._types import Scalar, State
-from jshape.simulation.components import Components, parts_of
+from jshape.simulation.components import Components, moves, parts_of
 
 if TYPE_CHECKING:
     import diffrax
@@ -70,9 +70,18 @@ def runge_kutta_step(
         fenced = len(state) > 2
         return _stages(tableau, rates, functools.partial(field, values), state, step, fenced)
 
-    @advance.defjvp
+    @functools.partial(advance.defjvp, symbolic_zeros=True)
     def _(primals, tangents):
-        return jax.jvp(whole, primals, tangents)
+        leaves, tree = jax.tree.flatten(primals)
+        along = jax.tree.leaves(tangents)
+        moving = list(map(moves, leaves, along))
+
+        def of_moving(*given):
+            given = iter(given)
+            return whole(*tree.unflatten([next(given) if m else x for m, x in zip(moving, leaves, strict=True)]))
+
+        some = lambda values: [x for m, x in zip(moving, values, strict=True) if m]
+        return jax.jvp(of_moving, some(leaves), some(along))
 
     return advance(state, step, field.captured)
 
