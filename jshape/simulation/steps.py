@@ -344,9 +344,10 @@ def _attempt(plant, segments: Segments, plan: Schedule, state: State, tolerance:
     amplification = jnp.maximum(difference / (jnp.sum(last.estimates) + tiny), least)
     error = amplification * jnp.sum(estimates * ratio)
     sound = run.resolved & jnp.isfinite(estimate)
-    # In a batch steps grow where other branches need them, too: this branch is compared where its own have grown.
+    # In a batch steps grow where other branches need them, too: this branch is compared where its own have grown, but
+    # for segments that add next to nothing.
     grown = run.steps > last.before
-    grown = jnp.any(grown) & jnp.all(grown | (estimates <= _IDLE * tolerance / count))
+    grown = jnp.any(grown) & (jnp.sum(jnp.where(grown, 0.0, estimates)) <= 10 * _IDLE * tolerance)
     compared = last.compared & sound & (difference <= 1e-2) & grown
     diverged = jnp.where(run.resolved, plant.diverged(run.ends[-1], end_inputs), run.left)
     kinked = last.kinked | (compared & (slower > 1) & (estimate > tolerance))
