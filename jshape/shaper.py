@@ -149,7 +149,7 @@ class Shaper(Checked):
             method: ``"nearest"`` puts each impulse at its nearest sample. ``"split"`` shares each between its two
                 neighbouring samples, so that its mean time stays. ``"zeros"`` splits, then makes the smallest change
                 of the taps that gives the filter, at each of the modes, exactly the response that the shaper has
-                there, within 1e-9: a zero stays a zero, and a double one (of a ZVD) a double one.
+                there: a zero stays a zero, and a double one (of a ZVD) a double one.
             modes: pairs (omega, zeta) for ``"zeros"``, rad/s and –.
 
         Returns:
@@ -163,9 +163,9 @@ class Shaper(Checked):
         _check.positive(sample_time, "sample_time")
         _check.one_of(method, "method", ("nearest", "split", "zeros"))
         _check.samples(float(self.duration), float(sample_time))
-        amplitudes, position = np.asarray(self.amplitudes, float), np.asarray(self.times, float) / float(sample_time)
+        amplitudes, exact = np.asarray(self.amplitudes, float), np.asarray(self.times, float) / float(sample_time)
         # A time that is a whole number of samples but for rounding is taken as one.
-        position = np.where(np.abs(position - np.rint(position)) < 1e-9, np.rint(position), position)
+        position = np.where(np.abs(exact - np.rint(exact)) < 1e-9, np.rint(exact), exact)
         if method == "nearest":
             taps = np.zeros(int(np.rint(position).max()) + 1)
             np.add.at(taps, np.rint(position).astype(int), amplitudes)
@@ -174,7 +174,7 @@ class Shaper(Checked):
         below, share = np.floor(position).astype(int), position - np.floor(position)
         np.add.at(taps, below, amplitudes * (1 - share))
         np.add.at(taps, np.ceil(position).astype(int), amplitudes * share)
-        return taps if method == "split" else _place_zeros(taps, amplitudes, position, float(sample_time), modes)
+        return taps if method == "split" else _place_zeros(taps, amplitudes, exact, float(sample_time), modes)
 
 
 Shaping = Shaper | Mapping[str, Shaper | None] | None
@@ -244,7 +244,7 @@ def _place_zeros(taps, amplitudes, position, sample_time: float, modes) -> Float
         raise ValueError(f'modes must be at least one pair (omega, zeta) for method="zeros", not {modes!r}')
     # One free tap on either side of each impulse is enough room for the corrections of several modes.
     support = np.unique(
-        np.clip(np.concatenate([np.floor(position) + k for k in (-1, 0, 1, 2)]), 0, len(taps)).astype(int)
+        np.clip(np.concatenate([np.floor(position + 1e-9) + k for k in (-1, 0, 1, 2)]), 0, len(taps)).astype(int)
     )
     wide = np.zeros(support.max() + 1)
     wide[: len(taps)] = taps
