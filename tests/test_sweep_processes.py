@@ -1,6 +1,7 @@
 """Sweeps on several devices, on a cluster, and over the death of a process: always the same bits."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -8,6 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
+from experiments.reliability import cluster
 
 SETUP = """
 import sys, time
@@ -112,7 +115,7 @@ from distributed import Client, LocalCluster
 if __name__ == "__main__":
     with LocalCluster(
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, local_directory=sys.argv[2]
-    ) as cluster, Client(cluster) as client:
+    ) as cluster, Client(cluster, set_as_default=False) as client:
         workers = client.run(os.getpid)
         killed = []
 
@@ -143,3 +146,30 @@ def test_a_cluster_loses_a_worker_half_way(whole, tmp_path):
     for name, found in values(tmp_path / "values.npz").items():
         assert found.dtype == np.float64
         np.testing.assert_array_equal(found, whole[name])
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory):
+    """The sweep of the experiment, in one process."""
+    return cluster.undisturbed(tmp_path_factory.mktemp("faults") / "alone")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("fault", "line"),
+    [
+        ("both workers are killed", r"client: the cluster tcp://\S+ has had no workers for 10 s; .*"),
+        ("the scheduler falls silent", r"client: the scheduler tcp://\S+ has not answered for 12 s; .*"),
+        (
+            "the scheduler is killed",
+            r"client: the connection to the scheduler tcp://\S+ is lost; .* the same call resumes",
+        ),
+        ("the sweep's connections are dropped, and come back", ""),
+    ],
+)
+def test_a_cluster_is_lost_half_way(undisturbed, tmp_path, fault, line):
+    """It ends with one line and resumes, or, where the connections come back, as if nothing had happened."""
+    pytest.importorskip("distributed")
+    case = cluster.disturbed(tmp_path / "faulty", fault, 3, undisturbed, anew=False)
+    assert not case.wrong
+    assert re.fullmatch(line, case.line)
