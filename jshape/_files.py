@@ -99,6 +99,11 @@ def printable(name: str) -> str:
     return "".join(each if each.isprintable() or category(each) == "Zs" else "\ufffd" for each in name)
 
 
+def escaped(words: str) -> str:
+    """A text in which control characters, which a terminal would obey, and bytes that are no UTF-8 are escapes."""
+    return "".join(each if printable(each) == each else ascii(each)[1:-1] for each in words)
+
+
 def write_results(folder: Path, record: Mapping[str, Any]) -> None:
     """Write ``results.json``, the mark of a result folder, and make the folder where there is none.
 
@@ -125,20 +130,28 @@ def _plain(value: Any) -> Any:
 def whole(path: Path) -> Iterator[BinaryIO]:
     """A file to write to, under another name until the block ends: a file of the right name is complete.
 
-    Others may write the same file meanwhile; the last one stands.
+    Others may write the same file meanwhile; the last one stands. A device or a pipe is written to as it is: a file in
+    its place would be none.
 
     Raises:
         OSError: that names the path, where it cannot be written; what stood there before still stands.
     """
     partial = path.with_name(f".{os.getpid()}-{threading.get_ident()}{PARTIAL}")
     try:
-        with partial.open("wb") as file:
-            yield file
-        os.replace(partial, path)
+        if path.exists() and not path.is_file():
+            with path.open("wb") as file:
+                yield file
+            return
+        # A new file, whatever others have put there under its name: a link of theirs may lead anywhere.
+        partial.unlink(missing_ok=True)
+        try:
+            with partial.open("xb") as file:
+                yield file
+            os.replace(partial, path)
+        finally:
+            partial.unlink(missing_ok=True)
     except OSError as error:
         raise OSError(error.errno, error.strerror, str(path)) from None
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 def write_text(path: Path, text: str) -> None:

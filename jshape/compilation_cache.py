@@ -74,14 +74,25 @@ def keep_programs(folder: str | Path | None = None) -> None:
     Args:
         folder: where JAX keeps its own (``JAX_COMPILATION_CACHE_DIR``), or else the user's cache folder, unless given.
     """
+    global _folder
+    _folder = None
     if folder is None:
-        settled = jax.config.jax_compilation_cache_dir  # pyright: ignore[reportAttributeAccessIssue]
-        folder = _users_cache() if settled is None else settled
+        folder = jax.config.jax_compilation_cache_dir  # pyright: ignore[reportAttributeAccessIssue]
+    if folder is None:
+        try:
+            folder = _private_folder(_users_cache())
+        except RuntimeError:
+            # A user without a home.
+            return
+    # JAX takes addresses, and an empty name for "keep nothing", too.
+    local = bool(str(folder)) and "://" not in str(folder)
+    if local and Path(folder).is_dir() and not _private(Path(folder)):
+        warnings.warn(f"{folder}: others may write to it, so no programs are kept there", stacklevel=2)
+        return
     jax.config.update("jax_compilation_cache_dir", str(folder))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
-    # JAX takes addresses, and an empty name for "keep nothing", too.
-    if str(folder) and "://" not in str(folder):
+    if local:
         _open(Path(folder) / "programs")
 
 
@@ -90,6 +101,18 @@ def _users_cache() -> Path:
     if sys.platform == "win32":
         base = os.environ.get("LOCALAPPDATA") or base
     return Path(base) / "jshape"
+
+
+def _private_folder(folder: Path) -> Path:
+    """The same folder, made where there is none; its user alone may write to it, where the system has such rights."""
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        if hasattr(os, "getuid") and folder.stat().st_uid == os.getuid():
+            folder.chmod(folder.stat().st_mode & ~0o022)
+    except OSError:
+        # One that cannot be made keeps nothing.
+        pass
+    return folder
 
 
 def _open(folder: Path) -> None:

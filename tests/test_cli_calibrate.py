@@ -135,6 +135,16 @@ def test_two_axes(folder):
     assert {key[-1] for key in parser["input_shaper"]} == {"x", "y"}
 
 
+def test_lines_of_someone_elses_are_not_written_over(tmp_path):
+    for axis in "xy":
+        (tmp_path / f"made_up_{axis}.csv").write_text(spectrum_text(), encoding="utf-8")
+    (tmp_path / "paste.txt").write_text("mine", encoding="utf-8")
+    found = run(tmp_path / "made_up_x.csv", tmp_path / "made_up_y.csv", "--out", tmp_path)
+    assert found.exit_code == 2, found.output
+    assert "paste.txt: is not jshape's, and is left as it is" in found.output
+    assert (tmp_path / "paste.txt").read_text(encoding="utf-8") == "mine"
+
+
 def test_axis_from_the_name(tmp_path):
     for name, axis in [
         ("raw_data_y_20250101.csv", "y"),

@@ -112,3 +112,9 @@ def test_mistakes(tmp_path):
         assert result.exit_code == 2
         assert words in result.output
         assert not (tmp_path / "new.toml").exists()
+
+
+def test_without_a_standard_input_nothing_is_asked(monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "stdin", None)
+    assert not sys.modules["jshape.cli.new"]._on_terminal()

@@ -57,3 +57,14 @@ def test_mistakes_are_told_with_their_line(tmp_path):
     assert f"{problem}:17: pareto.starts: input should be greater than or equal to 1, not 0" in result.output
     problem.write_text(PROBLEM.replace("[0.4, 0.591241]", "[0.6, 0.4]"), encoding="utf-8")
     assert "durations must be a list in ascending order" in run("pareto", problem, "--out", tmp_path / "out").output
+
+
+def test_a_store_in_the_folder_of_the_results_is_refused(tmp_path):
+    """An interrupted command could not go on: the folder would hold files that are no results."""
+    problem, out = tmp_path / "front.toml", tmp_path / "out"
+    problem.write_text(PROBLEM, encoding="utf-8")
+    for store in (out, out / "store"):
+        result = run("pareto", problem, "--out", out, "--store", store)
+        assert result.exit_code == 2, result.output
+        assert "must not lie in the folder of the results" in result.output
+        assert not out.exists()

@@ -181,6 +181,38 @@ def test_a_folder_that_others_may_write_to_keeps_nothing(tmp_path, monkeypatch):
         programs._open(tmp_path / "programs")
 
 
+@pytest.mark.skipif(not hasattr(os, "getuid"), reason="no permissions to look at")
+def test_what_jax_keeps_is_nobody_elses_either(tmp_path, monkeypatch):
+    """What it has compiled is run as it lies there."""
+    settled = jax.config.jax_compilation_cache_dir
+    monkeypatch.setattr(programs, "_folder", None)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "user"))
+    try:
+        jax.config.update("jax_compilation_cache_dir", None)
+        (tmp_path / "user" / "jshape").mkdir(parents=True)
+        (tmp_path / "user" / "jshape").chmod(0o777)
+        js.keep_programs()
+        assert (tmp_path / "user" / "jshape").stat().st_mode & 0o777 == 0o755
+        assert programs._folder is not None
+        jax.config.update("jax_compilation_cache_dir", None)
+        (tmp_path / "shared").mkdir()
+        (tmp_path / "shared").chmod(0o777)
+        with pytest.warns(UserWarning, match="others may write to it"):
+            js.keep_programs(tmp_path / "shared")
+        assert programs._folder is None
+        assert jax.config.jax_compilation_cache_dir is None
+        monkeypatch.delenv("XDG_CACHE_HOME")
+        monkeypatch.setattr(programs.Path, "home", fail_to_find)
+        js.keep_programs()
+        assert programs._folder is None
+    finally:
+        jax.config.update("jax_compilation_cache_dir", settled)
+
+
+def fail_to_find():
+    raise RuntimeError("Could not determine home directory.")
+
+
 def test_errors_come_through(folder):
     with pytest.raises(TypeError, match="unsupported"):
         kept(both)(jnp.arange(3.0), None)

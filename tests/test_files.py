@@ -1,6 +1,8 @@
 """Files of results: what is written over, what is refused, and that nothing is half written."""
 
 import json
+import os
+import threading
 
 import pytest
 
@@ -53,3 +55,25 @@ def test_a_file_is_there_when_it_is_complete(tmp_path):
         file.writelines([b"half of the sec", None])
     assert path.read_bytes() == b"first"
     assert [found.name for found in tmp_path.iterdir()] == ["x.bin"]
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names")
+def test_a_pipe_stays_a_pipe(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    reader = os.open(tmp_path / "pipe", os.O_RDONLY | os.O_NONBLOCK)
+    _files.write_text(tmp_path / "pipe", "through")
+    assert os.read(reader, 100) == b"through"
+    os.close(reader)
+    assert (tmp_path / "pipe").is_fifo()
+    assert [found.name for found in tmp_path.iterdir()] == ["pipe"]
+
+
+@pytest.mark.skipif(not hasattr(os, "getuid"), reason="no links that anybody may make")
+def test_a_link_in_the_place_of_what_is_being_written_is_not_followed(tmp_path):
+    """In a folder where others may write, too, one of them may have guessed the name."""
+    (tmp_path / "mine").write_text("mine")
+    (tmp_path / f".{os.getpid()}-{threading.get_ident()}.partial").symlink_to(tmp_path / "mine")
+    _files.write_text(tmp_path / "x", "other")
+    assert (tmp_path / "mine").read_text() == "mine"
+    assert (tmp_path / "x").read_text() == "other"
+    assert not (tmp_path / "x").is_symlink()

@@ -1,13 +1,14 @@
 """CSV files of any origin: what is read, what is refused, and where; corrupt ones by the hundred."""
 
 import re
+import time
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from jshape.identification.csv_file import read_csv
+from jshape.identification.csv_file import axis_unit, read_csv
 from jshape.identification.from_csv import identify_csv
 from jshape.identification.records import RecordError
 
@@ -77,6 +78,27 @@ def test_columns_units_and_rate(path):
     np.testing.assert_allclose(table.inputs, values[:, 1], rtol=1e-7)
     np.testing.assert_allclose(table.axis, times, atol=1e-9)
     assert table.names == ("x",)
+
+
+@pytest.mark.parametrize(
+    ("name", "spectrum", "factor"),
+    [
+        ("t [ms]", False, 1e-3),
+        ("sample_time_ms", False, 1e-3),
+        ("ms", False, 1e-3),
+        ("time (relative) [us]", False, 1e-6),
+        ("terms", False, 1.0),
+        ("f/kHz", True, 2000 * np.pi),
+        ("kHz", True, 2000 * np.pi),
+        ("freqkHz", True, 2000 * np.pi),
+        ("omega_rad/s", True, 1.0),
+        ("_" * 100_000 + "!", False, 1.0),
+    ],
+)
+def test_a_unit_is_what_stands_after_the_last_separator(name, spectrum, factor):
+    begin = time.process_time()
+    assert axis_unit(name, spectrum) == factor
+    assert time.process_time() - begin < 1
 
 
 def test_encodings(path):

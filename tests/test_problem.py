@@ -93,6 +93,12 @@ WRONG = {
     "half an impulse": ("impulses = 3", "impulses = 2.5", 17, "design.impulses: input should be a valid integer"),
     "misspelt key": ("impulses = 3", "impulse = 3", 17, "; did you mean impulses?"),
     "misspelt table": ("[uncertainty]", "[uncertanty]", 13, "uncertanty: unknown key; there are title, distance"),
+    "an axis of a plant that has one": (
+        "distance = 1.0",
+        "[command.trolley]\ntype = 'Step'\nsize = 1.0",
+        2,
+        "command.trolley: TwoMass has one axis and takes a plain command, not the axes trolley",
+    ),
     "unknown objective": ('"worst"', '"best"', 18, "design.objective: input should be 'nominal', 'worst'"),
     "unknown leaf": ("m2 = {", "m3 = {", 14, "uncertainty.m3: unknown leaf 'm3': TwoMass has m1, m2, spring"),
     "band the wrong way round": ("low = 0.8", "low = 1.8", 14, "uncertainty.m2: low must be below high"),
@@ -110,6 +116,12 @@ def test_wrong_is_told_with_line_and_key(load, case):
         load(old, new)
     assert f"problem.toml:{line}: " in str(caught.value)
     assert words in str(caught.value)
+
+
+def test_an_axis_may_be_called_anything(load):
+    """Its name is none of a pattern in which an error is looked for."""
+    with pytest.raises(ProblemError, match=r"command\.delay: of \( must not be negative"):
+        load("distance = 1.0", "[command.'(']\ntype = 'Step'\nsize = 1.0\ndelay = -1.0")
 
 
 def test_file_errors(tmp_path, load):

@@ -7,6 +7,7 @@ from typer.testing import CliRunner
 
 from jshape._files import check_unedited
 from jshape.cli import app
+from jshape.plants import mujoco_model
 from jshape.problems.problem import load
 from jshape.problems.reading import ProblemError, read
 from jshape.reports.report import Report, write_numbers
@@ -83,6 +84,25 @@ def test_machines_that_cannot_be_read(written):
         read(written(PROBLEM, "<mujoco>"))
     with pytest.raises(ProblemError, match=r":8: plant: joint 'elbow' has limits"):
         load(written(PROBLEM, ARM.replace('name="elbow"', 'name="elbow" range="-1 1"')))
+
+
+@pytest.mark.parametrize(
+    ("part", "words"),
+    [
+        (
+            '<replicate count="1000000000"><geom size="0.1"/></replicate>',
+            "makes 1e\\+09 copies of a part, more than 1000",
+        ),
+        ('<replicate count="99"><replicate count="99"><geom size="0.1"/></replicate></replicate>', "makes 9801 copies"),
+        ('<geom size="0.1" mass="0"/>' * 1001, "geoms, more than 1000"),
+        ('</worldbody><size nuser_body="1000000000"/><worldbody>', "nuser_body must be at most 4096, not 1e\\+09"),
+        ('</worldbody><asset><model name="m" file="m.xml"/></asset><worldbody>', "attaches 'm.xml', which attaches"),
+    ],
+)
+def test_machines_that_would_take_all_memory_or_end_the_process_are_refused(tmp_path, part, words):
+    (tmp_path / "m.xml").write_text(f"<mujoco><worldbody>{part}</worldbody></mujoco>", encoding="utf-8")
+    with pytest.raises(ValueError, match=words):
+        mujoco_model.load(tmp_path / "m.xml")
 
 
 def test_without_mujoco(written, monkeypatch):

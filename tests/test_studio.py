@@ -294,6 +294,7 @@ HOSTILE = {
     "two lists of the same length": linked(impulses=[[0.5], [0.0, 1.0]]),
     "must be finite numbers": linked(impulses=[[0.5, 0.5], [0.0, float("inf")]]),
     "must be finite numbers, not words": linked(impulses=[[0.5, 0.5], [0.0, True]]),
+    "must be finite numbers of at most": linked(impulses=[[0.5, 0.5], [0.0, 10**400]]),
     "must sum to 1": linked(impulses=[[0.5, 0.6], [0.0, 1.0]]),
     "must increase from 0": linked(impulses=[[0.5, 0.5], [0.0, -1.0]]),
 }

@@ -1,6 +1,7 @@
 """Sampled trajectories, shaped joint by joint: beside sums of delayed copies by SciPy's own interpolation."""
 
 import json
+import time
 
 import numpy as np
 import pytest
@@ -196,6 +197,8 @@ MISTAKES = [
     ("t,a\n0,1\n0,2\n", "line 3: times must increase strictly"),
     ("t,a,a\n0,1,1\n1,2,2\n", "every joint needs a name of its own"),
     ("t,a\n0,1\n1,2\n1.5,2\n4,2\n", "give --sample-time"),
+    ("t,a\n0,1\n0.01,1e300\n0.02,1\n", "it goes beyond 1e+150"),
+    ("t,a\n0,1\n1e-320,2\n0.02,1\n0.03,1\n", "give --sample-time"),
     ("t,a\n0,1\n1,2\n", "the sample time, 1 s, must not be longer than the shaper"),
 ]
 
@@ -209,6 +212,36 @@ def test_mistakes_in_csv_are_a_line(written, text, words):
     assert "arm.csv" in result.output
     assert words in " ".join(result.output.split()), result.output
     assert "Traceback" not in result.output
+
+
+def test_cells_and_names_of_any_length_are_read_at_once(written):
+    """No pattern goes back over them again and again."""
+    begin = time.process_time()
+    long = 100_000
+    for odd in ("(" * long, "a" + " " * long + "!", ")" * long + "x)", "_" * long + "!"):
+        assert read_trajectory(written(f"{odd},{odd}b\n0,1\n1,2\n")).names == (f"{odd}b",)
+    with pytest.raises(ValueError, match="is no finite number"):
+        read_trajectory(written(f"t,a\n0,1\n1,{'1' * long}x\n"))
+    assert time.process_time() - begin < 5
+
+
+@pytest.mark.parametrize(
+    ("column", "name", "unit"),
+    [
+        ("a [m]", "a", "m"),
+        ("a (b) [rad/s]", "a (b)", "rad/s"),
+        ("a ((m)", "a", "(m"),
+        ("(a) b", "(a) b", ""),
+        ("[m]", "", "m"),
+    ],
+)
+def test_the_unit_stands_in_the_last_brackets(written, column, name, unit):
+    if not name:
+        with pytest.raises(ValueError, match="every joint needs a name of its own"):
+            read_trajectory(written(f"t,{column}\n0,1\n1,2\n"))
+        return
+    found = read_trajectory(written(f"t,{column}\n0,1\n1,2\n"))
+    assert (found.names, found.units) == ((name,), (unit,))
 
 
 def changed(**fields):
@@ -251,6 +284,7 @@ def test_mistakes_of_the_command(written):
         ([str(path)], "give a shaper file"),
         ([str(path), str(good), "--joint", "wrist=a"], "--joint must be JOINT=FILE with one of shoulder, elbow"),
         ([str(path), str(path)], "not a shaper file"),
+        ([str(path), str(good), "--out", str(path.with_suffix(".png"))], "arm.png: is the name of the drawing"),
         ([str(path), str(good), "--sample-time", "4 m"], "--sample-time must be in s"),
         ([str(path), str(good), "--sample-time", "-1"], "sample_time must be greater than 0"),
         ([str(path), str(good), "--sample-time", "1e-9"], "sample_time must be at least"),

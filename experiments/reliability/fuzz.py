@@ -10,6 +10,7 @@ import argparse
 import json
 import math
 import os
+import re
 import tempfile
 import time
 import warnings
@@ -29,7 +30,7 @@ from hypothesis import strategies as st  # noqa: E402
 import jshape as js  # noqa: E402
 from experiments import markdown  # noqa: E402
 from experiments.reliability.damage import damaged  # noqa: E402
-from experiments.reliability.literals import altered, arguments, literal  # noqa: E402
+from experiments.reliability.literals import altered, arguments, exchanged, literal  # noqa: E402
 from experiments.reliability.records import accelerations, vibration  # noqa: E402
 from jshape.calibration.files import read as read_accelerometer  # noqa: E402
 from jshape.export import read_shaper  # noqa: E402
@@ -37,6 +38,8 @@ from jshape.identification.csv_file import read_csv  # noqa: E402
 from jshape.identification.from_csv import identify_csv  # noqa: E402
 from jshape.problems.problem import load  # noqa: E402
 from jshape.problems.reading import shipped  # noqa: E402
+from jshape.problems.starters import STARTERS  # noqa: E402
+from jshape.problems.starters import text as started  # noqa: E402
 from jshape.sweeps.checkpoint import in_chunks  # noqa: E402
 
 LONGEST = 5000
@@ -144,6 +147,12 @@ def problem_damaged(random: np.random.Generator, folder: Path) -> bool:
 def problem_altered(random: np.random.Generator, folder: Path) -> bool:
     """A problem file with one to three values or keys that nobody means."""
     return _problem(altered(_a_problem(random), random).encode(errors="surrogateescape"), folder)
+
+
+def problem_exchanged(random: np.random.Generator, folder: Path) -> bool:
+    """What ``jshape new`` writes for a machine, with tables of another machine's or under names that nobody means."""
+    one, other = (started(STARTERS[i]) for i in random.integers(len(STARTERS), size=2))
+    return _problem(re.sub(r" +#.*", "", exchanged(one, other, random)).encode(), folder)
 
 
 def _a_problem(random: np.random.Generator) -> str:
@@ -326,6 +335,7 @@ TARGETS: dict[str, tuple[float, Target]] = {
     "policies": (8.0, policy_file),
     "arguments, fifty at a time": (1.0, called),
     "command line": (10.0, command_line),
+    "problem files, exchanged": (5.0, problem_exchanged),
 }
 """What is tried, and its share of the inputs."""
 

@@ -63,6 +63,25 @@ def altered(text: str, random: np.random.Generator) -> str:
     return "\n".join(lines)
 
 
+NAMES = ("(", "[", "a|", "(a+)+$", "self", "delay", "commands", "type", "synchronised", "trolley", "x.y", "\\u202e", "")
+"""Of tables: words of regular expressions and of Python's calls among them."""
+
+
+def exchanged(text: str, other: str, random: np.random.Generator) -> str:
+    """A TOML file in which one to three tables are another file's, have another name, or are missing."""
+    tables, others = (re.split(r"^(?=\[)", each, flags=re.MULTILINE) for each in (text, other))
+    for _ in range(random.choice([1, 1, 2, 3])):
+        place, kind = int(random.integers(len(tables))), random.random()
+        if kind < 0.6:
+            tables[place] = others[random.integers(len(others))]
+        elif kind < 0.9:
+            name = f'."{NAMES[random.integers(len(NAMES))]}"]'
+            tables[place] = re.sub(r"(\.\w+)?\]", lambda _, name=name: name, tables[place], count=1)
+        elif len(tables) > 1:
+            del tables[place]
+    return "".join(tables)
+
+
 NUMBERS = st.one_of(
     st.floats(0.01, 100.0), st.floats(), st.integers(), st.integers(-(10**400), 10**400), st.booleans(), st.none()
 )

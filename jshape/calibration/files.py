@@ -24,7 +24,7 @@ COMPONENTS = ("xyz", "x", "y", "z")
 _RAW = ["#time", "accel_x", "accel_y", "accel_z"]
 _AXES = ["psd_x", "psd_y", "psd_z", "psd_xyz"]
 _SHAPER = re.compile(r"(zv|mzv|zvd|ei|[23]hump_ei)(\(.*\))?")
-_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
+_NUMBER = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 _LARGEST = 1e12
 """No acceleration (mm/s²), frequency or time is as large; a damaged number may be."""
 _ROUNDED = 0.02

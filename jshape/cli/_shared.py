@@ -76,6 +76,16 @@ def results_folder(out: Path | None, name: str) -> Path:
     return folder
 
 
+def check_store(store: Path | None, folder: Path) -> None:
+    """Check that a store lies beside the results: in their folder it would be taken for files that are not jshape's.
+
+    Raises:
+        ValueError: for one in the folder of the results.
+    """
+    if store is not None and folder.resolve() in (store.resolve(), *store.resolve().parents):
+        raise ValueError(f"--store {store}: must not lie in the folder of the results, {folder}")
+
+
 def prepare_jax() -> None:
     """64-bit arithmetic, kept programs, and a process that ends quickly."""
     import jax
@@ -103,6 +113,9 @@ def need_environments() -> None:
         raise ValueError("this command needs the environments: pip install 'jshape[envs]'")
 
 
+LONGEST = 3000
+"""Characters of an error's line."""
+
 PLAIN = 5.0
 """Seconds between lines of progress where the stream is no terminal."""
 
@@ -119,13 +132,18 @@ def explained() -> Iterator[None]:
     try:
         with prompt_interrupts():
             yield
-    except (ValueError, OSError, MemoryError) as error:
-        if isinstance(error, BrokenPipeError):
+    except (ValueError, OSError, MemoryError, RuntimeError) as error:
+        # JAX's own error where the memory is full says so in a word.
+        full = isinstance(error, MemoryError) or "RESOURCE_EXHAUSTED" in str(error)
+        if isinstance(error, BrokenPipeError) or (isinstance(error, RuntimeError) and not full):
             raise
-        words = str(error) or "the memory is full"
+        words = "the memory is full" if full else str(error)
         if isinstance(error, OSError) and error.strerror and error.filename is not None:
             words = f"{error.filename}: {error.strerror}"
-        typer.echo(f"jshape: {' '.join(words.split())}", err=True)
+        from jshape._files import escaped, in_a_line
+
+        # A message may quote what was given, which may be anything, of any length.
+        typer.echo(f"jshape: {escaped(in_a_line(words, LONGEST))}", err=True)
         raise typer.Exit(2) from None
     except KeyboardInterrupt:
         typer.echo("jshape: interrupted", err=True)

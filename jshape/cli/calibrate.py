@@ -58,6 +58,9 @@ def calibrate(
     folders = {
         which: results_folder(out / which if out and len(axes) > 1 else out, name) for which, name in names.items()
     }
+    together = out / "paste.txt" if out and len(axes) > 1 else None
+    if together and together.exists() and not all((each / "results.json").exists() for each in folders.values()):
+        raise ValueError(f"{together}: is not jshape's, and is left as it is; name another folder")
     prepare_jax()
     from jshape.calibration.report import axes_together, lines, write
     from jshape.calibration.report import calibrate as calibrate_printer
@@ -92,9 +95,9 @@ def calibrate(
     if len(all_found) > 1:
         text = axes_together(all_found)
         typer.echo(f"\n{text}", nl=False)
-        if out:
-            write_text(out / "paste.txt", text)
-            typer.echo(f"(also in {out / 'paste.txt'})")
+        if together:
+            write_text(together, text)
+            typer.echo(f"(also in {together})")
 
 
 def _axes(data: list[Path], axis: str | None, loads: bool) -> dict[str, list[Path]]:

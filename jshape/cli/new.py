@@ -67,7 +67,8 @@ def _copy(files: dict[str, Path], like: str, path: Path) -> None:
 
 
 def _on_terminal() -> bool:
-    return sys.stdin.isatty()
+    # There is none where it was closed.
+    return sys.stdin is not None and sys.stdin.isatty()
 
 
 def _ask(question: str, default: Any, read: Callable[[str], T]) -> T:

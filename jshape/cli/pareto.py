@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from jshape.cli._shared import Out, ProblemFile, announced, checked, explained, made, progress_line
+from jshape.cli._shared import Out, ProblemFile, announced, check_store, checked, explained, made, progress_line
 
 
 @explained()
@@ -19,6 +19,7 @@ def pareto(
 ) -> None:
     """How much residual a shaper's duration buys: the front for each number of impulses, the closed forms beside it."""
     draft, folder = checked(problem, out)
+    check_store(store, folder)
     read = made(draft)
     from jshape.design.tuning.pareto import pareto as front_of
     from jshape.reports.results import write_front

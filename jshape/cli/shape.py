@@ -41,6 +41,8 @@ def shape(
     given = read_trajectory(trajectory)
     path = out or trajectory.with_name(f"{trajectory.stem}-shaped{trajectory.suffix}")
     drawing = path.with_suffix(".png")
+    if path.suffix.lower() in (".png", ".pdf"):
+        raise ValueError(f"{path}: is the name of the drawing; give the trajectory another one with --out")
     for each in (path, drawing, drawing.with_suffix(".pdf")):
         if each.exists() and not force:
             raise ValueError(f"{each}: exists already, and is left as it is; --force writes over it")

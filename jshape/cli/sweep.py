@@ -6,7 +6,17 @@ from typing import Annotated, Any
 
 import typer
 
-from jshape.cli._shared import Out, ProblemFile, announced, checked, explained, made, most_impulses, progress_line
+from jshape.cli._shared import (
+    Out,
+    ProblemFile,
+    announced,
+    check_store,
+    checked,
+    explained,
+    made,
+    most_impulses,
+    progress_line,
+)
 
 
 @explained()
@@ -31,6 +41,7 @@ def sweep(
     draft, folder = checked(problem, out)
     if not draft.over:
         raise ValueError(f"{problem}: nothing is uncertain; it needs an [uncertainty] table")
+    check_store(store, folder)
     read = made(draft)
     from jshape._files import printable
     from jshape.design.closed_forms import closed_forms
@@ -39,8 +50,6 @@ def sweep(
     from jshape.reports.tables import show_sweep
     from jshape.sweeps.sweep import sweep as sweep_plants
 
-    if store is not None and folder.resolve() in (store.resolve(), *store.resolve().parents):
-        raise ValueError(f"--store {store}: must not lie in the folder of the results, {folder}")
     over: dict[str, Any] = dict(read.over)
     if samples is not None:
         for name, values in read.over.items():

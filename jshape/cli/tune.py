@@ -52,7 +52,7 @@ def tune(
         from jshape.status import Status
 
         first = None if start is None else read_shaper(start)
-        given: dict[str, Any] = read.tuning | {"starts": starts or read.design.starts}
+        given: dict[str, Any] = read.tuning | {"starts": read.design.starts if starts is None else starts}
         if seed is not None:
             given["seed"] = seed
         count = given["starts"] if first is None else 1

@@ -23,6 +23,9 @@ UNITS = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6,
 FREQUENCIES = {"hz": 2 * math.pi, "khz": 2000 * math.pi, "rad/s": 1.0, "rad_s": 1.0}
 """Units of frequency that a header may name, in rad/s."""
 
+LONGEST = 16
+"""Characters at the end of a name in which a unit is looked for."""
+
 
 def read_csv(
     path: str | Path,
@@ -179,7 +182,7 @@ def _number(cell: str, comma: bool) -> float | None:
     cell = cell.strip()
     if comma and re.fullmatch(r"[-+]?\d*,\d+(e[-+]?\d+)?", cell, re.I):
         cell = cell.replace(",", ".")
-    if not re.fullmatch(r"[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?|[-+]?inf(inity)?", cell, re.I | re.A):
+    if not re.fullmatch(r"[-+]?(\d+(\.\d*)?|\.\d+)(e[-+]?\d+)?|[-+]?inf(inity)?", cell, re.I | re.A):
         return None
     return float(cell)
 
@@ -190,12 +193,14 @@ def _missing(cell: str) -> bool:
 
 def axis_unit(name: str, spectrum: bool) -> float:
     """The factor to SI units of the column's name: what stands in brackets or after the last separator."""
-    known = FREQUENCIES if spectrum else UNITS
-    found = re.search(r"[\[(/_,\s]\s*([\wµμ/]+)\s*[\])]?\s*$", name)
+    known, name = FREQUENCIES if spectrum else UNITS, name.lower()
     inside = re.search(r"[\[(]\s*([\wµμ/]+)\s*[\])]", name)
+    # No unit is as long as what is looked at: a file may have names of any length.
+    end = f" {name}"[-LONGEST:].rstrip("]) \t")
+    found = re.fullmatch(rf".*[\[(/_,\s]({'|'.join(known)})", end, re.DOTALL)
     for match in (inside, found):
-        if match and match[1].lower() in known:
-            return known[match[1].lower()]
+        if match and match[1] in known:
+            return known[match[1]]
     if spectrum:
-        return next((factor for unit, factor in FREQUENCIES.items() if name.lower().endswith(unit)), 2 * math.pi)
+        return next((known[unit] for unit in sorted(known, key=len, reverse=True) if name.endswith(unit)), 2 * math.pi)
     return 1.0

@@ -3,6 +3,7 @@
 Without JAX: a problem file is checked before that is loaded.
 """
 
+import re
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,12 @@ Model = Any
 
 SIZE = 2**24
 """Bytes of a file, without what it includes."""
+
+MOST = 1000
+"""Bodies, joints, geoms of a model, and copies of a part; pairs of geoms are looked at one by one."""
+
+LARGEST = 4096
+"""Rows and columns of a height field, keyframes, numbers of the user's own."""
 
 HINGE, SLIDE = 3, 2
 """MuJoCo's types of joints that can be simulated."""
@@ -51,13 +58,41 @@ def load(file: str | Path) -> Model:
     name = "file" if text else printable(str(file))
     if text and len(str(file)) > SIZE:
         raise ValueError(f"file must have at most {SIZE} characters, not {len(str(file))}")
-    if not text:
-        read_text(Path(file), SIZE)
+    content = str(file) if text else read_text(Path(file), SIZE)
+    for words in _beyond(content):
+        raise ValueError(f"{name}: {words}")
+    for attached in () if text else ATTACHED.findall(content):
+        # MuJoCo ends the process where a model is attached to itself.
+        if (path := Path(file).parent / attached).is_file() and ATTACHED.search(read_text(path, SIZE)):
+            raise ValueError(f"{name}: attaches {attached!r}, which attaches another model: name that one here")
     try:
         read = mujoco.MjModel.from_xml_string if text else mujoco.MjModel.from_xml_path
-        return read(str(file))
+        model = read(str(file))
     except ValueError as error:
         raise ValueError(f"{name}: MuJoCo cannot read it: {in_a_line(str(error))}") from None
+    for kind, number in (("bodies", model.nbody), ("joints", model.njnt), ("geoms", model.ngeom)):
+        if number > MOST:
+            raise ValueError(f"{name}: has {number} {kind}, more than {MOST}")
+    return model
+
+
+ATTACHED = re.compile(r"<model\b[^<>]*\bfile\s*=\s*[\"']([^\"'<>]*)")
+"""The file of a model that is attached."""
+
+
+def _beyond(text: str) -> Iterator[str]:
+    """What a file asks for that MuJoCo, which knows no limit, would take all memory or time for."""
+    copies = [1.0]
+    for end, rest in re.findall(r"<(/?)replicate\b([^<>]*)", text):
+        if end:
+            copies = copies[:-1] or [1.0]
+        elif count := re.search(r"\bcount\s*=\s*[\"']\s*(\d+)", rest):
+            copies.append(copies[-1] * float(count[1]))
+            if copies[-1] > MOST:
+                yield f"makes {copies[-1]:.6g} copies of a part, more than {MOST}"
+    for key, number in re.findall(r"\b(nkey|nrow|ncol|nuser_\w+)\s*=\s*[\"']\s*(\d+)", text):
+        if float(number) > LARGEST:
+            yield f"{key} must be at most {LARGEST}, not {float(number):.6g}"
 
 
 def dependencies(file: Path) -> list[Path]:

@@ -3,6 +3,7 @@
 ``parse`` gives the text and the tables; ``exceeded`` finds the keys whose values are beyond a limit.
 """
 
+import re
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
@@ -22,6 +23,11 @@ LENGTH = 1000
 GREATEST = 10**18
 """Size of a whole number."""
 
+DOTS = 200
+"""Dots in a line that are none of a number."""
+
+_DOT = re.compile(r"(?<!\d)\.|\.(?!\d)|\.(?=[\w\s-]*\.)")
+
 PLANTS = 10**7
 """Plants that the counts of an uncertainty multiply to."""
 
@@ -33,6 +39,10 @@ def parse(path: Path) -> tuple[str, dict[str, Any]]:
         ValueError: that says what is wrong, for one that is too long, no text or no TOML.
     """
     text = read_text(path, SIZE)
+    # Tables inside of each other by name: their reader takes memory as the square of how many there are.
+    for number, line in enumerate(text.split("\n"), 1):
+        if len(line) > DOTS and not line.startswith("#") and len(_DOT.findall(line)) > DOTS:
+            raise ValueError(f"{path}:{number}: more than {DEPTH} tables and lists are inside of each other")
     try:
         return text, tomllib.loads(text)
     except RecursionError:
@@ -56,7 +66,9 @@ def exceeded(value: Any, keys: tuple[str, ...] = ()) -> Iterator[tuple[list[str]
     elif isinstance(value, dict):
         for key, inner in value.items():
             if len(key) > LENGTH:
-                yield [*keys, key[:20]], f"a key has {len(key)} characters, more than {LENGTH}"
+                yield [*keys, printable(key[:20])], f"a key has {len(key)} characters, more than {LENGTH}"
+            elif printable(key) != key:
+                yield [*keys, printable(key)], f"a key must be of printable characters, not {key[:20]!r}"
             else:
                 yield from exceeded(inner, (*keys, key))
     elif isinstance(value, list):

@@ -18,7 +18,7 @@ class Lines:
         self.lines: dict[tuple[str, ...], int] = {}
         table: tuple[str, ...] = ()
         for number, line in enumerate(text.splitlines(), start=1):
-            header = re.match(r"\s*\[\[?\s*([^\]]+?)\s*\]", line)
+            header = re.match(r"\s*\[\[?([^\]]+)\]", line)
             pair = re.match(r"\s*((?:\"[^\"]*\"|'[^']*'|[\w-]+)(?:\s*\.\s*(?:\"[^\"]*\"|'[^']*'|[\w-]+))*)\s*=", line)
             if header:
                 table = self._split(header[1])

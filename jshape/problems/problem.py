@@ -18,7 +18,7 @@ import numpy as np
 from jshape import command as commands
 from jshape import plants
 from jshape._files import printable
-from jshape.axes import Axes
+from jshape.axes import Axes, for_axes
 from jshape.plants import AbstractPlant
 from jshape.problems.catalogue import COMMANDS, PARTS, READERS, REQUIRED, Entry, Key, described
 from jshape.problems.echo import label, understood
@@ -104,7 +104,7 @@ def load(name: str | Path | Draft) -> Problem:
         draft = with_class(draft, _entry(kind))
     plant = _object(draft.plant, ["plant"], lines, kind)
     draft = dataclasses.replace(draft, units=_units(plant))
-    distance = file.distance if draft.command is None else _object(draft.command, ["command"], lines)
+    distance = file.distance if draft.command is None else _command(draft.command, plant, lines)
     over, nominal, questions = {}, {}, list(draft.questions)
     for at, spread in draft.over.items():
         values = np.array(spread.values)
@@ -125,6 +125,16 @@ def load(name: str | Path | Draft) -> Problem:
         name, file.title or name, plant, distance, over, file.design, file.pareto, file.adapt, draft.text, foreign,
         labels, understood(draft, nominal), questions, draft.files,
     )  # fmt: skip
+
+
+def _command(part: Part, plant: AbstractPlant, lines: Lines) -> Any:
+    """The move, which the plant must be able to make."""
+    made = _object(part, ["command"], lines)
+    try:
+        for_axes(made, plant.axes, type(plant).__name__, "command")
+    except ValueError as error:
+        raise lines.error(["command", *part.values][:2], str(error).removeprefix("command: ")) from None
+    return made
 
 
 def _units(plant: AbstractPlant) -> Units:
@@ -171,7 +181,7 @@ def _object(part: Part, keys: list[str], lines: Lines, kind: type | None = None)
         return made(**values)
     except (ImportError, TypeError, ValueError) as error:
         message = str(error)
-        blamed = next((name for name in values if re.match(rf"{name}\b", message)), None)
+        blamed = next((name for name in values if re.match(rf"{re.escape(name)}\b", message)), None)
         if isinstance(error, TypeError):
             message = message.replace(f"{made.__name__}.__init__() ", "")
         elif blamed:

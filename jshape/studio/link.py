@@ -8,11 +8,11 @@ import base64
 import binascii
 import itertools
 import json
-import math
 import zlib
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
+from jshape.problems.limits import GREATEST
 from jshape.studio import state
 from jshape.studio.state import MOST_PINS, Pin, State
 
@@ -114,8 +114,8 @@ def _impulses(given: Any) -> tuple[tuple[float, ...], tuple[float, ...]]:
     lists = isinstance(given, list) and len(given) == 2 and all(isinstance(each, list) for each in given)
     if not lists or len(given[0]) != len(given[1]) or not 1 <= len(given[0]) <= IMPULSES:
         raise ValueError(f"the link's impulses must be two lists of the same length, 1 to {IMPULSES}")
-    if not all(type(value) in (int, float) and math.isfinite(value) for each in given for value in each):
-        raise ValueError("the link's impulses must be finite numbers")
+    if not all(type(value) in (int, float) and abs(value) <= GREATEST for each in given for value in each):
+        raise ValueError(f"the link's impulses must be finite numbers of at most {GREATEST:.0e} in size")
     amplitudes, times = (tuple(float(value) for value in each) for each in given)
     if abs(sum(amplitudes) - 1) > 1e-6:
         raise ValueError(f"the link's amplitudes must sum to 1, not {sum(amplitudes):.6g}")

@@ -21,10 +21,10 @@ from jshape.identification.csv_file import axis_unit
 ORDERS = ("positions", "velocities", "accelerations")
 """Fields of a point of a JointTrajectory."""
 
-UNIT = re.compile(r"(.*?)\s*[\[(]([^\])]*)[\])]\s*")
-"""A column's name and its unit in brackets."""
+UNIT = re.compile(r"((?:.*[\])])?[^\[(\])]*)[\[(]([^\])]*)[\])]")
+"""A column's name and, in the last brackets, its unit."""
 
-NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?", re.IGNORECASE | re.ASCII)
+NUMBER = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)(e[-+]?\d+)?", re.IGNORECASE | re.ASCII)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -114,7 +114,7 @@ def _from_csv(text: str) -> Trajectory:
     times = _times(numbers[:, 0] * unit, where)
     parted = [UNIT.fullmatch(name) for name in names[1:]]
     units = [found[2].strip() if found else "" for found in parted]
-    names = [found[1] if found else name for found, name in zip(parted, names[1:], strict=True)]
+    names = [found[1].rstrip() if found else name for found, name in zip(parted, names[1:], strict=True)]
     form = Form(separator, comma, lines[0][1] if header else "", 1 / unit)
     return Trajectory(tuple(map(printable, names)), tuple(map(printable, units)), times, numbers[:, 1:, None], form)
 

@@ -25,6 +25,9 @@ UNEVEN = 0.02
 BETWEEN = 8
 """Places at which each interval is looked at between its samples."""
 
+LARGEST = 1e150
+"""No position, velocity or acceleration is as large; squares of larger ones are not finite."""
+
 States = Float[np.ndarray, "times joints orders"]
 
 
@@ -102,6 +105,8 @@ def shape(trajectory: Trajectory, shapers: Mapping[str, Shaper], step: float) ->
     fine = np.unique(np.concatenate([fine.ravel(), trajectory.times, at[-1:], *delayed]))
     fine = fine[fine <= at[-1]]
     exact = shaped_states(trajectory, shapers, fine)[:, :, 0]
+    if not np.max([np.max(np.abs(found)), np.max(np.abs(exact))]) <= LARGEST:
+        raise ValueError(f"it goes beyond {LARGEST:g}: numbers are too large, or too near to each other in time")
     unshaped = shaped_states(trajectory, {}, fine)[:, :, 0]
     return Effect(
         done,
@@ -116,6 +121,7 @@ def shape(trajectory: Trajectory, shapers: Mapping[str, Shaper], step: float) ->
     )
 
 
+@np.errstate(all="ignore")
 def shaped_states(trajectory: Trajectory, shapers: Mapping[str, Shaper], at: Float[np.ndarray, " times"]) -> States:
     """Positions and, where the trajectory has them, velocities and accelerations of all joints at any times (s)."""
     first, orders = trajectory.states[0], trajectory.states.shape[2]
