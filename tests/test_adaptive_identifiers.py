@@ -383,6 +383,16 @@ def test_a_tracker_that_diverged_begins_anew():
     assert abs(found.omega[-1] - 6.0) < 0.1
 
 
+def test_a_tracker_begins_anew_for_a_vibration_that_crosses_its_gate():
+    # Far larger than the gate, a vibration still passes it in every half period: never are all samples outliers.
+    tracker = FrequencyTracker(TIME, BAND, noise=2e-3, amplitude=0.05, threshold=3e-3)
+    noise = 2e-3 * np.random.default_rng(0).standard_normal(9 * 1200)
+    active = np.tile(np.arange(1200) >= 320, 9)
+    samples = np.concatenate([vibration(2400, 8.5, 0.02, 0.003), *[vibration(1200, 5.7, 0.02, 0.4)] * 7]) + noise
+    estimate = jax.tree.map(np.asarray, scan(tracker, samples, active)[1][0])
+    np.testing.assert_allclose(estimate.omega[-100:], 5.7, rtol=0.03)
+
+
 def test_the_decrement_is_exact_where_nothing_disturbs():
     identifier = IDENTIFIERS["decrement"]
     for zeta in (0.0, 0.02, 0.1):

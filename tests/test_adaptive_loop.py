@@ -19,7 +19,8 @@ from jshape.adaptive.shapers.increments import IncrementShaper
 from jshape.adaptive.shapers.transition import transition_zvd
 from jshape.adaptive.strategies.extremum_seeking import ExtremumSeeking
 from jshape.adaptive.strategies.paper_cases import BANDS, CASES, SERVO, ZETA, case
-from jshape.adaptive.strategies.state_aware import StateAware
+from jshape.adaptive.strategies.state_aware import Mode, StateAware
+from jshape.adaptive.strategies.strategy import AbstractStrategy, Decision
 from jshape.plants import FlexibleLink, Linearised
 
 TIME = 0.005
@@ -126,6 +127,11 @@ def test_least_squares_with_missing_samples_and_without_a_signal(ringing):
     gone = np.random.default_rng(3).random(len(bent)) < 0.2
     _, fits = fitted(FilteredLeastSquares(TIME, (4.0, 14.0), 3e-3, memory=1.0), np.where(gone, np.nan, bent), angle)
     assert fits[-1].omega == pytest.approx(omega, rel=0.01)
+    # Nor does a reading whose square overflows count: it would never be forgotten.
+    huge = np.where(np.arange(len(angle)) == 600, 1e300, angle)
+    _, fits = fitted(FilteredLeastSquares(TIME, (4.0, 14.0), 3e-3, memory=1.0), bent, huge)
+    assert fits[-1].valid
+    assert fits[-1].omega == pytest.approx(omega, rel=2e-3)
     _, silent = fitted(FilteredLeastSquares(TIME, (4.0, 14.0), 3e-3, memory=1.0), np.zeros(200), np.zeros(200))
     assert not any(fit.valid for fit in silent)
     assert np.isfinite(silent[-1].omega)
@@ -221,6 +227,64 @@ def test_both_forms_of_a_strategy_agree(name):
     np.testing.assert_allclose(np.array([d.omega for d in plain]), fast.omega, rtol=1e-7)
     np.testing.assert_allclose(np.array([d.zeta for d in plain]), fast.zeta, atol=1e-12)
     np.testing.assert_array_equal([d.rejected for d in plain], fast.rejected)
+
+
+@pytest.mark.parametrize("name", CASES[2:])
+def test_a_reading_beyond_any_sensor_counts_as_a_missing_one(name):
+    # Its square overflows, and what has once overflowed is never forgotten.
+    rng = np.random.default_rng(6)
+    angle = 6.0 * np.arange(1000) * TIME
+    readings = 0.1 * np.stack([np.cos(angle), np.sin(angle), np.sin(angle), np.sin(10 * angle)], axis=1)
+    readings += 0.01 * rng.normal(size=readings.shape)
+
+    def decided(value):
+        samples = readings.copy()
+        samples[[100, 330, 331, 500], range(4)] = value
+        online = case(name, TIME, points=200).online(-0.4)
+        edges = np.where(np.arange(1000) // 350 % 2, 0.4, -0.4)
+        return [online.push(float(r), Readings(*map(float, row))) for r, row in zip(edges, samples, strict=True)]
+
+    for huge, missing in zip(decided(1e300), decided(np.nan), strict=True):
+        np.testing.assert_array_equal(np.hstack(huge), np.hstack(missing))
+
+
+@pytest.mark.parametrize("wild", [80.0, 1e9])
+def test_a_cost_beyond_its_unit_leaves_the_damping_ratios_alone(wild):
+    online, silent = case("I-D-E", TIME).online(0.0), Readings(*[0.0] * 4)
+    for edge, cost in enumerate((10.0, wild, 10.0, 10.0)):
+        online.state = online.state._replace(cost=cost, steady=True)
+        online.push(edge + 1.0, silent)
+        assert [one.centre for one in online.state.seeking] == list(ZETA)
+
+
+def test_a_gain_that_contradicts_a_certain_one_replaces_it(ringing):
+    _, _, gain, _, angle, bent = ringing
+    online = case("state-aware", TIME).online(0.0)
+    # As a knock on the encoder leaves it: tiny, and with a deviation that is tiny, too.
+    online.state = online.state._replace(mode=Mode(7.0, 0.03, 1e-6, 1e-6, 1e-9))
+    for u, y in zip(angle[:600], bent[:600], strict=True):
+        online.push(0.0, Readings(float(u), float(y), 0.0, 0.0))
+    assert online.state.mode.gain == pytest.approx(gain, rel=0.05)
+
+
+def test_faults_of_single_sensors_and_coarse_ones():
+    # Sensors are read through the strategy: its command is what it measures.
+    class Echo(AbstractStrategy):
+        sample_time: float = TIME
+
+        def initial(self, reference):
+            return ()
+
+        def advance(self, numbers, state, reference, readings):
+            return state, Decision(reference, jnp.stack(list(readings)), jnp.zeros(4), 0)
+
+    link, nothing = SampledLink(FlexibleLink(), [0.0], TIME), faults.Faults.none(3)
+    alive = jnp.ones((3, 4)).at[1, 0].set(-2.0)
+    coarse = jnp.zeros((3, 4)).at[2, 0].set(0.4)
+    given = nothing._replace(alive=alive, coarse=coarse, missing=jnp.zeros((3, 4), bool).at[1, 3].set(True))
+    found = run(link, {"": Echo()}, [0.3] * 3, [0] * 3, sensors=SILENT, faults=given)[""].omega
+    np.testing.assert_allclose(found[:, 0], [0.3, -0.6, 0.4], atol=1e-12)
+    np.testing.assert_array_equal(np.isnan(found), np.isnan([[0] * 4, [0, 0, 0, np.nan], [0] * 4]))
 
 
 def test_a_move_with_another_cause_of_vibration_leaves_the_damping_ratio_alone():

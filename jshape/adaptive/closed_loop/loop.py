@@ -19,25 +19,28 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 from jshape import _check
 from jshape.adaptive.closed_loop.sampled_link import Readings, SampledLink, Sensors
 from jshape.adaptive.strategies.strategy import AbstractStrategy
+from jshape.quantisation import quantised
 
 
 class Faults(NamedTuple):
-    """Faults of the sensors, sample by sample."""
+    """Faults of the sensors, sample by sample: shape (samples,) for all four alike, (samples, 4) for one each."""
 
     added: Float[Array, "samples 4"]
     """Added to the readings, in their units and order: a knock, a hum."""
-    alive: Float[Array, " samples"]
+    alive: Float[Array, "samples ..."]
     """What the readings are multiplied with: 0 is a dead sensor."""
-    missing: Bool[Array, " samples"]
-    """The sample does not come: all readings are NaN."""
-    frozen: Bool[Array, " samples"]
-    """The readings stay what they were."""
+    missing: Bool[Array, "samples ..."]
+    """The sample does not come: the reading is NaN."""
+    frozen: Bool[Array, "samples ..."]
+    """The reading stays what it was."""
+    coarse: Float[Array, "samples ..."]
+    """To what steps the readings are rounded, in their units; 0 for none."""
 
     @classmethod
     def none(cls, samples: int) -> "Faults":
         """Sensors that work."""
         never = jnp.zeros(samples, bool)
-        return cls(jnp.zeros((samples, 4)), jnp.ones(samples), never, never)
+        return cls(jnp.zeros((samples, 4)), jnp.ones(samples), never, never, jnp.zeros(samples))
 
 
 class Trace(NamedTuple):
@@ -98,7 +101,8 @@ def run(
         for name, strategy in strategies.items():
             body, memory, command, before = state[name]
             readings = sensors.read(link.truth(body, command, which), draw)
-            values = jnp.where(fault.frozen, before, fault.alive * jnp.stack(list(readings)) + fault.added)
+            values = quantised(fault.alive * jnp.stack(list(readings)) + fault.added, fault.coarse)
+            values = jnp.where(fault.frozen, before, values)
             memory, decision = strategy.step(memory, angle, Readings(*jnp.where(fault.missing, jnp.nan, values)))
             truth = link.truth(body, decision.command, which)
             traces[name] = Trace(

@@ -31,7 +31,7 @@ class TrackState(NamedTuple):
     covariance: Any
     """Of the mean: (5, 5)."""
     outliers: Any
-    """How many in a row."""
+    """How many more than other samples, in the end: one less with each that is none."""
     sensor: Sensor
     estimate: Estimate
     reason: Any
@@ -41,10 +41,10 @@ class FrequencyTracker(AbstractIdentifier):
     """Frequency and damping ratio of the one vibration in a band, followed sample by sample.
 
     While a sample is missing or blanked the oscillator turns on by itself. A sample six deviations off is left out
-    (``OUTLIER``); if that goes on for half a period of the lowest frequency, or if everything is forgotten after a long
-    gap, the filter begins anew. It begins in the middle of the band and converges from there where one vibration stands
-    out; a second one of like size in or near the band misleads it. Standard deviations are the filter's own, so as good
-    as ``noise`` is.
+    (``OUTLIER``); once these outnumber the others by half a period of the lowest frequency, or if everything is
+    forgotten after a long gap, the filter begins anew. It begins in the middle of the band and converges from there
+    where one vibration stands out; a second one of like size in or near the band misleads it. Standard deviations are
+    the filter's own, so as good as ``noise`` is.
 
     Args:
         sample_time: s.
@@ -118,7 +118,9 @@ class FrequencyTracker(AbstractIdentifier):
         covariance = covariance - weight * xp.outer(cross, cross)
         omega, zeta = xp.clip(mean[2], low, high), xp.clip(mean[3], 0.0, GREATEST_ZETA)
         mean = xp.array([mean[0], mean[1], omega, zeta, mean[4]])
-        outliers = select(trouble == reasons.FOUND, select(outlier, outliers + 1, 0), outliers)
+        # Not those in a row: a vibration far beyond the gate still crosses it in every half period.
+        fewer = select(outliers > 0, outliers - 1, 0)
+        outliers = select(trouble == reasons.FOUND, select(outlier, outliers + 1, fewer), outliers)
 
         omega_std, zeta_std = (xp.sqrt(xp.maximum(covariance[i, i], 0.0)) for i in (2, 3))
         found = Estimate(mean[2], mean[3], omega_std, zeta_std, xp.hypot(mean[0], mean[1]), True)

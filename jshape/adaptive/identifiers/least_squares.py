@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 from jshape import _check
 from jshape.adaptive.arguments import check_band, check_time
 from jshape.adaptive.formulas import Numbers
+from jshape.adaptive.identifiers.sensor import LIMIT
 
 
 class Filtered(NamedTuple):
@@ -93,8 +94,8 @@ class FilteredLeastSquares:
     def advance(self, numbers: Numbers, state: Normal, output: Any, input: Any) -> Normal:
         """The state after a sample of y and u.
 
-        In the place of a sample that is not finite the one before goes through the filter, so that time goes on, and
-        the normal equations stay.
+        In the place of a sample that is not finite, or beyond ``LIMIT``, the one before goes through the filter, so
+        that time goes on, and the normal equations stay: what overflows in them is never forgotten.
 
         Args:
             numbers: JAX or NumPy.
@@ -102,8 +103,8 @@ class FilteredLeastSquares:
             output: y, in any unit.
             input: u, in any unit.
         """
-        xp, select = numbers.xp, numbers.select
-        usable = xp.isfinite(output) & xp.isfinite(input)
+        select = numbers.select
+        usable = (abs(output) <= LIMIT) & (abs(input) <= LIMIT)  # false for a NaN
         first = state.weight == 0
 
         def filtered(old: Filtered, sample: Any) -> Filtered:

@@ -8,7 +8,8 @@ with an edge, and what it was worth is known with the next, so that there is one
 move meets the perturbation it had; seconds would multiply it with that of a later moment, and the sign of the slope
 would depend on how long a move takes. Nor does a move count whose frequencies were wrong or whose shaper had not run
 out: its vibration is far larger than any damping ratio's share, and the next move's cost is then the first of a new
-series.
+series. The same holds for a cost beyond its unit, as a broken accelerometer shows it: a single one would take the
+damping ratios to their bounds, from where costs of the usual size bring them back in tiny steps only.
 
 Source: Chatlatanagulchai, Chotana and Prutthapong, Figs. 3 and 6.
 """
@@ -23,6 +24,7 @@ from jshape._types import Scalar
 from jshape.adaptive.arguments import check_positive
 from jshape.adaptive.formulas import Numbers, plain
 from jshape.adaptive.identifiers.estimate import Estimate
+from jshape.adaptive.identifiers.sensor import LIMIT
 from jshape.adaptive.identifiers.sliding_dft import SlidingDFT
 from jshape.adaptive.shapers.adaptive_shaper import AdaptiveShaper
 from jshape.adaptive.shapers.cascade import Cascade, ShaperState, packed
@@ -59,7 +61,7 @@ class DirectAdaptive(AbstractStrategy):
         dfts: one ``SlidingDFT`` for each mode, or none: then the frequencies stay.
         seeking: of the damping ratios, one step a move, by the vibration accumulated over the preceding movement; or
             ``None``.
-        cost_unit: the seeking's cost is ∫ |a| dt in this unit, m/s.
+        cost_unit: the seeking's cost is ∫ |a| dt in this unit, m/s, and what is more does not count.
 
     Raises:
         ValueError: if the numbers of modes differ, or sample times do, or the seeking's step is not one move.
@@ -127,7 +129,7 @@ class DirectAdaptive(AbstractStrategy):
         self: Any, numbers: Numbers, state: DirectState, reference: Any, readings: Readings
     ) -> tuple[DirectState, Decision]:
         select, samples = numbers.select, (readings.tip, readings.middle)
-        tip_usable, middle_usable = abs(readings.tip) < np.inf, abs(readings.middle) < np.inf  # false for a NaN
+        tip_usable, middle_usable = abs(readings.tip) <= LIMIT, abs(readings.middle) <= LIMIT  # false for a NaN
         reference_usable = abs(reference) < np.inf
         moved = reference_usable & (reference != state.reference)
         seeking, zeta = state.seeking, state.zeta
@@ -151,7 +153,7 @@ class DirectAdaptive(AbstractStrategy):
 
 def _after_move(own: Any, numbers: Numbers, state: DirectState) -> tuple[Any, Any]:
     """The extremum seeking at an edge and its damping ratios: a step, unless the cost has another cause than those."""
-    counts = state.steady & _agree(numbers.xp, state.shaper)
+    counts = state.steady & _agree(numbers.xp, state.shaper) & ((state.cost > own.cost_unit) == 0)  # true for a NaN
     stepped = advanced(numbers, own.seeking, state.seeking, state.cost / own.cost_unit)
     seeking = numbers.select(counts, stepped, skipped(numbers, own.seeking, state.seeking))
     return seeking, perturbed(numbers, own.seeking, seeking)

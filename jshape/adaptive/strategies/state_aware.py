@@ -132,7 +132,7 @@ class StateAware(AbstractStrategy):
         select, xp = numbers.select, numbers.xp
         patience = half_period(self.band, self.sample_time)
         strain, sample, reason = checked(numbers, state.strain, readings.strain, True, LIMIT, patience)
-        usable = (reason == FOUND) & xp.isfinite(readings.motor)
+        usable = (reason == FOUND) & (abs(readings.motor) <= LIMIT)
         normal = self.identifier.advance(numbers, state.normal, select(usable, sample, np.nan), readings.motor)
         mode = _updated(self, numbers, state.mode, normal)
 
@@ -184,7 +184,8 @@ def _updated(own: Any, numbers: Numbers, old: Mode, normal: Normal) -> Mode:
     omega_std, gain_std = old.omega_std * age, old.gain_std * age
     apart = abs(found.omega - old.omega) > 4 * (found.omega_std + omega_std)
     better = found.valid & ((found.omega_std < omega_std) | apart)
-    better_gain = found.gain_valid & (found.gain_std < gain_std)
+    wrong_gain = abs(found.gain - old.gain) > 4 * (found.gain_std + gain_std)
+    better_gain = found.gain_valid & ((found.gain_std < gain_std) | wrong_gain)
     zeta = xp.clip(found.zeta, 0.0, own.zeta_limit)
     return Mode(
         select(better, found.omega, old.omega),
