@@ -8,13 +8,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import typer
 from typer.testing import CliRunner
 
 import jshape as js
 from jshape._files import write_results
 from jshape.cli import app
 from jshape.cli._artist import artist
-from jshape.cli._shared import results_folder
+from jshape.cli._shared import explained, results_folder
 from jshape.export import read_shaper
 
 run = CliRunner().invoke
@@ -35,12 +36,28 @@ def test_mistakes_end_with_a_line_and_status_2(tmp_path):
         (["tune", "no_such_problem"], "no such file"),
         (["compare", str(tmp_path / "x.toml")], "no such file"),
         (["new", str(tmp_path / "a" / "b.toml")], "no such folder"),
+        (["tune", "paper_000", "--starts", "0", "--out", str(tmp_path / "out")], "starts must be a whole number"),
         (["new", str(tmp_path / "c.toml"), "--like", "nothing"], "no shipped problem"),
     ]:
         result = run(app, arguments)
         assert result.exit_code == 2
         assert words in result.output
         assert "Traceback" not in result.output
+
+
+@pytest.mark.parametrize("words", ["RESOURCE_EXHAUSTED: Out of memory", "INTERNAL: Out of memory allocating 9 bytes"])
+def test_a_full_memory_and_control_characters_are_a_line(words, capsys):
+    with pytest.raises(typer.Exit) as ended, explained():
+        raise RuntimeError(words)
+    assert ended.value.exit_code == 2
+    with pytest.raises(RuntimeError, match="another"), explained():
+        raise RuntimeError("another")
+    with pytest.raises(typer.Exit), explained():
+        raise ValueError("\x1b[2J\udcff" + "x" * 5000)
+    first, second = capsys.readouterr().err.splitlines()
+    assert first == "jshape: the memory is full"
+    assert second.startswith("jshape: \\x1b[2J\\udcffxxx")
+    assert len(second) < 3100
 
 
 def test_foreign_files_are_not_written_over(tmp_path):

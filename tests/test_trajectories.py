@@ -288,6 +288,7 @@ def test_mistakes_of_the_command(written):
         ([str(path), str(good), "--sample-time", "4 m"], "--sample-time must be in s"),
         ([str(path), str(good), "--sample-time", "-1"], "sample_time must be greater than 0"),
         ([str(path), str(good), "--sample-time", "1e-9"], "sample_time must be at least"),
+        ([str(path), str(good), "--sample-time", "1.7e-7"], "the trajectory asks for 2.4"),
         ([str(path.with_name("gone.csv")), str(good)], "gone.csv: cannot be read"),
     ]:
         result = run(app, ["shape", *given])

@@ -152,7 +152,7 @@ def problem_altered(random: np.random.Generator, folder: Path) -> bool:
 def problem_exchanged(random: np.random.Generator, folder: Path) -> bool:
     """What ``jshape new`` writes for a machine, with tables of another machine's or under names that nobody means."""
     one, other = (started(STARTERS[i]) for i in random.integers(len(STARTERS), size=2))
-    return _problem(re.sub(r" +#.*", "", exchanged(one, other, random)).encode(), folder)
+    return _problem(re.sub(r" *#.*", "", exchanged(one, other, random)).encode(), folder)
 
 
 def _a_problem(random: np.random.Generator) -> str:

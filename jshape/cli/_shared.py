@@ -116,6 +116,8 @@ def need_environments() -> None:
 LONGEST = 3000
 """Characters of an error's line."""
 
+FULL = ("RESOURCE_EXHAUSTED", "Out of memory")
+
 PLAIN = 5.0
 """Seconds between lines of progress where the stream is no terminal."""
 
@@ -133,8 +135,9 @@ def explained() -> Iterator[None]:
         with prompt_interrupts():
             yield
     except (ValueError, OSError, MemoryError, RuntimeError) as error:
-        # JAX's own error where the memory is full says so in a word.
-        full = isinstance(error, MemoryError) or "RESOURCE_EXHAUSTED" in str(error)
+        # JAX's own error where the memory is full says so in one way or another.
+        full = isinstance(error, MemoryError)
+        full |= isinstance(error, RuntimeError) and any(words in str(error) for words in FULL)
         if isinstance(error, BrokenPipeError) or (isinstance(error, RuntimeError) and not full):
             raise
         words = "the memory is full" if full else str(error)

@@ -25,6 +25,9 @@ UNEVEN = 0.02
 BETWEEN = 8
 """Places at which each interval is looked at between its samples."""
 
+COPIES = 16
+"""Of all states, that are in memory at once."""
+
 LARGEST = 1e150
 """No position, velocity or acceleration is as large; squares of larger ones are not finite."""
 
@@ -94,7 +97,8 @@ def shape(trajectory: Trajectory, shapers: Mapping[str, Shaper], step: float) ->
     _check.samples(last - begin + delays.max(), step)
     count = int(np.ceil((last - begin + delays.max()) / step - 1e-9)) + 1
     impulses = sum(len(each.times) for each in shapers.values())
-    _check.memory((count * BETWEEN + impulses * len(trajectory.times)) * trajectory.states[0].size, "the trajectory")
+    numbers = (count * BETWEEN + impulses * len(trajectory.times)) * trajectory.states[0].size
+    _check.memory(COPIES * numbers, "the trajectory")
     at = begin + step * np.arange(count)
     # At the last sample all joints have arrived, also where rounding puts it a digit before their end.
     found = shaped_states(trajectory, shapers, np.append(at[:-1], max(at[-1], last + delays.max())))
