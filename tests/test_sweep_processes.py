@@ -162,7 +162,7 @@ def undisturbed(tmp_path_factory):
         ("the scheduler falls silent", r"client: the scheduler tcp://\S+ has not answered for 12 s; .*"),
         (
             "the scheduler is killed",
-            r"client: the connection to the scheduler tcp://\S+ is lost; .* the same call resumes",
+            r"client: the connection to the scheduler tcp://\S+ is broken; .* the same call resumes",
         ),
         ("the sweep's connections are dropped, and come back", ""),
     ],

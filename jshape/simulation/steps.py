@@ -325,24 +325,35 @@ class _Pilot(NamedTuple):
     go_on: Bool[Array, ""]
 
 
+def _error(last: _Pilot, steps: Array, estimates: Array, difference: Scalar) -> tuple[Scalar, Scalar]:
+    """A run's error, and how much more slowly its estimates fell than their order says, as a factor.
+
+    Args:
+        last: what is known from the run before.
+        steps: of each segment.
+        estimates: of each segment's own error.
+        difference: of the two runs.
+    """
+    tiny = float(jnp.finfo(difference.dtype).tiny)
+    ratio = last.before.astype(difference.dtype) / steps.astype(difference.dtype)
+    # What the sum of local errors grew to in the coarser run, and will have grown to in this one. Where the
+    # estimates fall far more slowly than their order says, the equation has kinks: they are no upper bound then.
+    slower = jnp.sum(estimates) / (jnp.sum(last.estimates * ratio**_KINKED) + tiny)
+    least = jnp.where(slower > 1, jnp.minimum(slower, 10.0), 0.1)
+    amplification = jnp.maximum(difference / (jnp.sum(last.estimates) + tiny), least)
+    return amplification * jnp.sum(estimates * ratio), slower
+
+
 def _attempt(plant, segments: Segments, plan: Schedule, state: State, tolerance: Scalar, last: _Pilot) -> _Pilot:
     """One more run: its error, from what it differs by from the last one, and the steps of the next."""
     count, dtype, end_inputs = len(segments.begin), state.dtype, plan.final_inputs(plant)
-    tiny = float(jnp.finfo(dtype).tiny)
     run = _run(plant, segments, state, last.steps, last.most, last.met | last.spent)
     energies = jnp.append(run.energies, plant.residual_energy(run.ends[-1], end_inputs))
     scale = jnp.max(jnp.where(jnp.isfinite(energies), jnp.abs(energies), 0.0))
     measure = lambda changes: _in_energy(plant, plan.coefficients[1:], run.ends, changes, scale)
     estimates = jnp.nan_to_num(measure(run.errors), nan=jnp.inf)
-    estimate = jnp.sum(estimates)
-    ratio = last.before.astype(dtype) / run.steps.astype(dtype)
-    difference = jnp.max(measure(run.ends - last.ends))
-    # What the sum of local errors grew to in the coarser run, and will have grown to in this one. Where the
-    # estimates fall far more slowly than their order says, the equation has kinks: they are no upper bound then.
-    slower = estimate / (jnp.sum(last.estimates * ratio**_KINKED) + tiny)
-    least = jnp.where(slower > 1, jnp.minimum(slower, 10.0), 0.1)
-    amplification = jnp.maximum(difference / (jnp.sum(last.estimates) + tiny), least)
-    error = amplification * jnp.sum(estimates * ratio)
+    estimate, difference = jnp.sum(estimates), jnp.max(measure(run.ends - last.ends))
+    error, slower = _error(last, run.steps, estimates, difference)
     sound = run.resolved & jnp.isfinite(estimate)
     # In a batch steps grow where other branches need them, too: this branch is compared where its own have grown, but
     # for segments that add next to nothing.

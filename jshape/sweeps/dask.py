@@ -1,6 +1,6 @@
 """Work on a ``dask.distributed`` cluster: calls sent out as there is room, results as they complete.
 
-The scheduler gives the calls of a worker that dies to the others; calls that were under way when a connection was lost
+The scheduler gives the calls of a worker that dies to the others; calls that were under way when a connection broke
 are sent out again once it is back. A scheduler is given up when it has not answered for
 ``distributed.comm.timeouts.tcp`` (30 s; twice as long where a result was just being fetched), a cluster without workers
 after ``distributed.scheduler.no-workers-timeout`` (where that is not set, 5 minutes). Workers that fall silent are up
@@ -54,7 +54,7 @@ def on_cluster(
         calls: (index, arguments) of each call.
 
     Raises:
-        ConnectionError: for a cluster that is lost.
+        ConnectionError: for a cluster that stays away.
     """
     from distributed.client import ClosedClientError
 
@@ -126,7 +126,7 @@ def _fetched(future: Any, call: _Call) -> bool:
         if future.key in future.client.futures:
             call.result = future.result(timeout=call.patience)
             return True
-        reason = "the connection was lost"
+        reason = "the connection broke"
     except (KilledWorker, NoValidWorkerError, NoWorkerError) as problem:
         raise _lost(f"the scheduler gave chunk {call.index} up: {problem}") from None
     except (OSError, CancelledError) as problem:
@@ -163,7 +163,7 @@ class _Watch:
     def look(self) -> None:
         """Look whether the client is open, and from time to time whether the others are there."""
         if self._client.status in ("closing", "closed"):
-            raise _lost(f"the connection to the scheduler {self._address} is lost")
+            raise _lost(f"the connection to the scheduler {self._address} is broken")
         if time.monotonic() - self._asked > BEAT:
             self.ask()
 
