@@ -237,7 +237,7 @@ def disturbed(folder: Path, fault: str, moment: int, expected: dict[str, np.ndar
 
 
 def _start(folder: Path, *arguments: str) -> subprocess.Popen:
-    """Start Python in a folder, in a session of its own; what a sweep prints is in ``said``."""
+    """Start Python in a folder, in a process group of its own; what a sweep prints is in ``said``."""
     folder.mkdir(exist_ok=True)
     root = str(Path(__file__).parents[2])
     limits = LIMITS | (DESERTED if SWEEP in arguments else {})
