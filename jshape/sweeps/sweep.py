@@ -110,8 +110,8 @@ def sweep(
         ValueError: for an unknown metric, leaf or sampling, an empty set, shapers that are none, a store that holds
             something else, or a client that is none.
         ImportError: for a client without dask.distributed.
-        ConnectionError: for a cluster that stays away: its scheduler is gone or does not answer, or it has no workers for
-            so long as dask's configuration says (see ``jshape.sweeps.dask``). With ``store`` the same call resumes.
+        ConnectionError: for a cluster that stays away: its scheduler is gone or does not answer, or it has no workers
+            for so long as dask's configuration says (see ``jshape.sweeps.dask``). With ``store`` the same call resumes.
     """
     names = named_shapers(shapers)
     asked = as_metrics(metric, moving(plant, distance))
