@@ -9,7 +9,7 @@ Source: Golub and Pereyra, SIAM J. Numer. Anal. 10 (1973), the derivative of a p
 
 import abc
 import dataclasses
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -30,8 +30,10 @@ class AbstractFamily(abc.ABC):
         background: shapes that need no mode, shape (rows, shapes).
         lowest: frequency that the record resolves, rad/s.
         highest: likewise.
+        reach: over how many rows the noise is correlated by the way the rows are made; 0 where that is not known.
     """
 
+    reach: ClassVar[int] = 0
     data: np.ndarray
     weights: np.ndarray
     background: np.ndarray
@@ -103,9 +105,9 @@ class Fit:
         modes = zip(self.omega, self.zeta, strict=True)
         return np.hstack([family.background, *(family.columns(*mode)[0] for mode in modes)]) @ self.factors
 
-    def covariance(self) -> np.ndarray:
-        """Of (ω_1 …, ζ_1 …)."""
-        return covariance(self.jacobian, self.residuals, self.free)
+    def covariance(self, reach: int = 0) -> np.ndarray:
+        """Of (ω_1 …, ζ_1 …); ``reach``: over how many rows the noise is known to be correlated, 0 if it is not."""
+        return covariance(self.jacobian, self.residuals, self.free, reach, self.basis)
 
 
 def project(

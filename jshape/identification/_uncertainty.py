@@ -21,15 +21,21 @@ def is_white(residuals: np.ndarray) -> bool:
     return bool(np.max(test) < chi2.ppf(1 - 0.01 / channels, lags))
 
 
-def covariance(jacobian: np.ndarray, residuals: np.ndarray, free: float) -> np.ndarray:
+def covariance(
+    jacobian: np.ndarray, residuals: np.ndarray, free: float, reach: int = 0, basis: np.ndarray | None = None
+) -> np.ndarray:
     """The covariance of the parameters of a least squares fit, linearised.
 
     Where the residuals are not white, their autocorrelation stands for the noise's, tapered by Bartlett's window.
+    Where it is known over how many rows the noise is correlated, its autocovariance up to there does, without a test or
+    a taper.
 
     Args:
         jacobian: shape (rows, channels, parameters).
         residuals: in units of each channel's noise, shape (rows, channels).
         free: degrees of freedom a channel.
+        reach: over how many rows the noise is correlated by the way the rows were made; 0 where that is not known.
+        basis: with it, orthonormal, of all that was fitted linearly, shape (rows, shapes).
     """
     rows, parameters = jacobian.shape[0], jacobian.shape[2]
     scale = np.sqrt(np.sum(jacobian**2, axis=(0, 1)))
@@ -37,18 +43,57 @@ def covariance(jacobian: np.ndarray, residuals: np.ndarray, free: float) -> np.n
     jacobian = jacobian / scale
     flat = jacobian.reshape(-1, parameters)
     found = np.linalg.pinv(flat.T @ flat, rcond=1e-14)
-    if is_white(residuals):
-        found = found * np.sum(residuals**2) / (free * residuals.shape[1])
+    white = found * np.sum(residuals**2) / (free * residuals.shape[1])
+    if not reach and is_white(residuals):
+        found = white
     else:
         lags = min(LAGS, rows // 20)
         taper = 1 - np.arange(lags + 1) / (lags + 1)
         filling = np.zeros_like(found)
         for c, channel in enumerate(residuals.T):
-            products = taper * _products(channel, lags) / free
+            if reach:
+                absorbed = [jacobian[:, c]] if basis is None else [basis, jacobian[:, c]]
+                products = _autocovariance(channel, np.hstack(absorbed), reach)
+            else:
+                products = taper * _products(channel, lags) / free
             kernel = np.concatenate([products[:0:-1], products])
             filling += jacobian[:, c].T @ fftconvolve(jacobian[:, c], kernel[:, None], mode="same", axes=0)
-        found = found @ filling @ found
+        # Of few rows what is estimated without a taper can be no autocovariance.
+        sound = not reach or np.linalg.eigvalsh(filling)[0] > -1e-9 * np.trace(filling)
+        found = found @ filling @ found if sound else white
     return found / np.outer(scale, scale)
+
+
+def _autocovariance(channel: np.ndarray, absorbed: np.ndarray, lags: int) -> np.ndarray:
+    """The noise's autocovariance from residuals, unbiased for noise that is correlated over so many rows.
+
+    A fit of p parameters takes of the noise what lies in p directions, and that leaves residuals less correlated than
+    the noise. For noise of autocovariance γ the products of residuals, Σ_i r_i r_{i+k}, are expected to be linear in γ.
+
+    Args:
+        channel: residuals, shape (rows,).
+        absorbed: the directions, shape (rows, p).
+        lags: over how many rows the noise is correlated.
+    """
+    rows = len(channel)
+    directions, size, _ = np.linalg.svd(absorbed, full_matrices=False)
+    directions = directions[:, size > 1e-11 * size[0]]
+    # S_k adds what lies k rows before and after: r'S_k r is twice the product, and trace(M S_k M S_j) with
+    # M = 1 − QQ' its expectation for γ_j = 1.
+    shifted = [directions]
+    for k in range(1, lags + 1):
+        both = np.zeros_like(directions)
+        both[k:] += directions[:-k]
+        both[:-k] += directions[k:]
+        shifted.append(both)
+    inner = [directions.T @ both for both in shifted]
+    expected = np.diag([rows, *(2.0 * (rows - k) for k in range(1, lags + 1))])
+    expected += [
+        [np.sum(inner[k] * inner[j].T) - 2 * np.sum(shifted[k] * shifted[j]) for j in range(lags + 1)]
+        for k in range(lags + 1)
+    ]
+    products = _products(channel, lags) * np.array([1.0, *[2.0] * lags])
+    return np.linalg.solve(expected, products)
 
 
 def _products(channel: np.ndarray, lags: int) -> np.ndarray:

@@ -42,7 +42,7 @@ def identify(
     """Modes of a machine from a measured record: frequencies, damping ratios, their uncertainty and their number.
 
     The fit is maximum likelihood for white noise in each channel; where the residuals turn out correlated the
-    uncertainty allows for that.
+    uncertainty allows for that. Neighbouring frequencies of a power spectral density always count as correlated.
 
     Args:
         times: s, increasing, evenly spaced but for gaps, shape (rows,); of a spectrum frequencies, rad/s.
@@ -126,7 +126,7 @@ def _result(
     """The modes among what was fitted, in the record's units, with everything that is to be said about them."""
     if not len(found.omega):
         raise RecordError(f"values: no vibration stands out in this {kind} of {len(record.axis)} samples")
-    count, covariance = len(found.omega), found.covariance()
+    count, covariance = len(found.omega), found.covariance(family.reach)
     spread = np.sqrt(np.maximum(np.diag(covariance)[:count], 0.0))
     inside = (found.omega > 1.02 * family.lowest) & (found.omega < 0.995 * family.highest)
     vibrates = inside & (found.zeta < 0.98 * STEEPEST) & (spread < 0.2 * found.omega)

@@ -62,6 +62,10 @@ class PowerSpectrum(_AbstractSpectrum):
         level: the expected size at each frequency, to which the error is in proportion; a running mean unless given.
     """
 
+    # A window correlates the estimates at frequencies that are so many steps apart: Hann's and Hamming's two,
+    # Blackman's three.
+    reach = 3
+
     def __init__(self, at_omega: np.ndarray, data: np.ndarray, level: np.ndarray | None = None):
         super().__init__(at_omega, data)
         if level is None:
