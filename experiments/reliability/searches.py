@@ -1,0 +1,201 @@
+"""Random design problems beside a search with fifty times the starts.
+
+    python -m experiments.reliability.searches --problems 200 --seed 0      # writes searches.md beside itself; hours
+
+Every kind of problem (nominal, at durations that do and do not reach zero; worst case; mean; CVaR) with two to six
+impulses and every rule of amplitudes. The judge is the same search from 1,600 starting points of another seed instead
+of 32, and its best of two: the share of problems whose design lies within 0.1 % of the better of both, and whether one
+says that it converged more than half a percent above it. Finished problems are kept in the file that ``--rows`` names.
+"""
+
+import argparse
+import json
+import time
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+import jshape as js
+from experiments import markdown
+from jshape.design.energy import two_impulse
+from jshape.design.linear import zv
+from jshape.simulation.simulate import natural_frequencies
+
+STARTS, FACTOR = 32, 50
+"""Of the search, and how many times as many the judge has."""
+
+CLOSE, APART = 1e-3, 5e-3
+"""Relative distances from the best that is known: what is asked for, and where nothing may say that it converged."""
+
+ZERO = 1e-9
+"""Part of what the bare command leaves that counts as nothing."""
+
+FINE = 201
+"""Plants on which worst cases are compared."""
+
+KINDS = ("nominal", "nominal, at a boundary", "worst", "mean", "cvar")
+
+
+class Problem(NamedTuple):
+    """A design problem.
+
+    Attributes:
+        plant: its nominal plant.
+        command: the unshaped command.
+        leaf: what is uncertain, by up to a fifth.
+        options: of ``js.tune``.
+    """
+
+    plant: js.plants.AbstractPlant
+    command: Any
+    leaf: str
+    options: dict[str, Any]
+
+
+def draw(kind: str, random: np.random.Generator) -> Problem:
+    """A random problem of a kind."""
+    if random.random() < 0.25:
+        plant: Any = js.plants.Crane(random.uniform(0.5, 20))
+        command: Any = js.Trapezoid(random.uniform(0.5, 10), random.uniform(0.3, 2), random.uniform(0.2, 1))
+        leaf = "cable_length"
+    else:
+        stiffness, command = 10 ** random.uniform(0.5, 2), 10 ** random.uniform(-0.5, 0.3)
+        # From a softening spring that keeps half its stiffness to one that hardens thirty times, at that distance.
+        cubic = stiffness / command**2 * random.choice([0, -random.uniform(0, 0.2), 10 ** random.uniform(-1, 1.5)])
+        power = int(random.integers(1, 4))
+        zeta, speed = random.choice([0, 10 ** random.uniform(-2.5, -0.7)]), command * np.sqrt(stiffness)
+        damper = js.plants.PowerDamper(2 * zeta * np.sqrt(stiffness) / speed ** (power - 1), power)
+        plant = js.plants.TwoMass(1.0, 1.0, js.plants.Duffing(stiffness, cubic), damper)
+        leaf = "m2"
+    return Problem(plant, command, leaf, _options(kind, plant, command, leaf, random))
+
+
+def _options(kind: str, plant: Any, command: Any, leaf: str, random: np.random.Generator) -> dict[str, Any]:
+    rule = str(random.choice(["positive", "bounded", "unity", "free"], p=[0.4, 0.25, 0.2, 0.15]))
+    impulses = int(random.choice([3, 5])) if rule == "unity" else int(random.integers(2, 7))
+    period = 2 * np.pi / float(np.min(natural_frequencies(plant)))
+    duration = period * random.uniform(0.15, 1.5)
+    if kind == KINDS[1]:
+        # Just what the shaper of two impulses takes.
+        shaper = two_impulse(plant, command) if leaf == "m2" else zv(2 * np.pi / period, 0.0)
+        duration = float(shaper.times[-1])
+    # Free amplitudes without a limit can grow without one: a limit makes the optimum exist.
+    options = {"impulses": impulses, "duration": duration, "amplitudes": "bounded" if rule == "free" else rule}
+    if rule in ("bounded", "free"):
+        options["limit"] = 1.0 if rule == "bounded" else random.uniform(1.5, 4)
+    if not kind.startswith("nominal"):
+        options |= {"over": {leaf: np.linspace(0.8, 1.2, 7)}, "objective": kind}
+    return options
+
+
+def solve(problem: Problem, starts: int, seed: int) -> js.Solution:
+    """The design from so many starting points."""
+    return js.tune(problem.plant, problem.command, starts=starts, seed=seed, **problem.options)
+
+
+def value(problem: Problem, solution: js.Solution) -> float:
+    """What is compared, J: worst cases between the given plants, too."""
+    if problem.options.get("objective") != "worst":
+        return float(solution.objective)
+    over = {problem.leaf: np.linspace(0.8, 1.2, FINE)}
+    found = js.sweep(problem.plant, solution.shaper, problem.command, over, "residual_energy", estimate_error=False)
+    return float(found["residual_energy"].max(skipna=False))
+
+
+def run(kind: str, index: int, seed: int) -> dict[str, Any]:
+    """One problem, searched and judged."""
+    problem = draw(kind, np.random.default_rng([seed, KINDS.index(kind), index]))
+    begin = time.process_time()
+    found = solve(problem, STARTS, 0)
+    middle = time.process_time()
+    judge = solve(problem, FACTOR * STARTS, 1)
+    bare = float(js.residual_energy(problem.plant, None, problem.command))
+    return {
+        "kind": kind, "index": index, "plant": type(problem.plant).__name__, "impulses": problem.options["impulses"],
+        "amplitudes": problem.options["amplitudes"], "bare": bare, "value": value(problem, found),
+        "judge": value(problem, judge), "converged": found.converged, "judge_converged": judge.converged,
+        "seconds": middle - begin, "judge_seconds": time.process_time() - middle,
+    }  # fmt: skip
+
+
+def excess(row: dict[str, Any], key: str = "value") -> float:
+    """By how much a design is above the best that is known, relative to it; none where both leave nothing."""
+    best = max(min(row["value"], row["judge"]), ZERO * row["bare"])
+    return max(row[key] - best, 0.0) / best
+
+
+def report(rows: list[dict[str, Any]], seed: int) -> str:
+    """The page."""
+    groups = {kind: [row for row in rows if row["kind"] == kind] for kind in KINDS} | {"all": rows}
+    cells = []
+    for name, some in groups.items():
+        if some:
+            found = np.array([excess(row) for row in some])
+            early = sum(row["converged"] and excess(row) > APART for row in some)
+            judged = np.mean([excess(row, "judge") <= CLOSE for row in some])
+            zero = sum(min(row["value"], row["judge"]) <= ZERO * row["bare"] for row in some)
+            time_ratio = sum(row["judge_seconds"] for row in some) / sum(row["seconds"] for row in some)
+            cells.append([
+                name, len(some), zero, f"{np.mean(found <= CLOSE):.1%}", f"{np.max(found):.2%}", early,
+                f"{judged:.1%}", f"{time_ratio:.0f}",
+            ])  # fmt: skip
+    head = [
+        "kind",
+        "problems",
+        "zero in reach",
+        "within 0.1 %",
+        "worst",
+        "converged above 0.5 %",
+        "judge",
+        "time ratio",
+    ]
+    missed = sorted((row for row in rows if excess(row) > CLOSE), key=excess, reverse=True)
+    names = ("kind", "index", "plant", "impulses", "amplitudes", "converged", "value", "judge")
+    lines = [
+        f"# {len(rows)} design problems beside a search with {FACTOR} times the starts", "",
+        f"`python -m experiments.reliability.searches --problems {len(rows)} --seed {seed}`", "",
+        "*within 0.1 %*: share of designs that close to the better of search and judge; *worst*: the one furthest off;",
+        "*wrongly converged*: how many say that they converged and are over 0.5 % off; *judge*: the judge's own share.",
+        f"What leaves less than {ZERO:g} of the bare command's energy leaves nothing.", "",
+        *markdown.table(head, cells),
+    ]  # fmt: skip
+    if missed:
+        some = [[*(_cell(row[name]) for name in names), f"{excess(row):.2%}"] for row in missed]
+        lines += ["", "Those further off than 0.1 %:", "", *markdown.table([*names, "above"], some)]
+    return "\n".join(lines) + "\n"
+
+
+def _cell(value: Any) -> str:
+    return f"{value:.7g}" if isinstance(value, float) else str(value)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--problems", type=int, default=200)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--rows", type=Path, help="file that keeps finished problems")
+    options = parser.parse_args()
+    jax.config.update("jax_enable_x64", True)
+    js.keep_programs()
+    kept = options.rows.read_text(encoding="utf-8").splitlines() if options.rows and options.rows.exists() else []
+    rows = [json.loads(line) for line in kept]
+    begin, before = time.monotonic(), len(rows)
+    for i in range(before, options.problems):
+        rows.append(run(KINDS[i % len(KINDS)], i // len(KINDS), options.seed))
+        if options.rows:
+            with options.rows.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(rows[-1]) + "\n")
+        left = (time.monotonic() - begin) / (i + 1 - before) * (options.problems - i - 1)
+        row = rows[-1]
+        print(
+            f"{i + 1}/{options.problems}, {left / 60:.0f} min left: {row['kind']}, {excess(row):.2%} above", flush=True
+        )
+    text = report(rows, options.seed)
+    Path(__file__).with_suffix(".md").write_text(text, encoding="utf-8")
+    print(text)
+
+
+if __name__ == "__main__":
+    main()
