@@ -92,8 +92,22 @@ def keep_programs(folder: str | Path | None = None) -> None:
     jax.config.update("jax_compilation_cache_dir", str(folder))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
+    _let_jax_see_damage()
     if local:
         _open(Path(folder) / "programs")
+
+
+def _let_jax_see_damage() -> None:
+    """Have JAX pack what it compiles with zlib, whose checksum shows damage.
+
+    Where it finds zstd (Python 3.14, the package zstandard) it takes that, without one: of entries with a flipped bit
+    half unpack to other machine code, which is run.
+    """
+    from jax._src import compilation_cache
+
+    for name in ("zstd", "zstandard"):
+        if getattr(compilation_cache, name, None) is not None:
+            setattr(compilation_cache, name, None)
 
 
 def _users_cache() -> Path:

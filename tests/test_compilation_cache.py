@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 import time
+import zlib
 
 import equinox as eqx
 import jax
@@ -139,13 +140,13 @@ def test_a_flipped_bit_changes_no_number(folder):
     expected = kept(both)(x, 2.0)
     (path,) = folder.iterdir()
     whole = path.read_bytes()
-    for at in np.random.default_rng(0).choice(8 * len(whole), 200, replace=False).tolist():
+    for at in np.random.default_rng(0).choice(8 * len(whole), 1000, replace=False).tolist():
         damaged = bytearray(whole)
         damaged[at // 8] ^= 1 << at % 8
         path.write_bytes(damaged)
         with pytest.raises(ValueError, match="damaged"):
             programs._read(path)
-        if at % 20 == 0:
+        if at % 100 == 0:
             assert same(kept(both)(x, 2.0), expected)
             # What was written anew is whole, and found by the next.
             runs.clear()
@@ -207,6 +208,36 @@ def test_what_jax_keeps_is_nobody_elses_either(tmp_path, monkeypatch):
         assert programs._folder is None
     finally:
         jax.config.update("jax_compilation_cache_dir", settled)
+
+
+def test_jax_sees_damage_in_what_it_keeps(tmp_path, monkeypatch):
+    """Judge: what it packed before, unpacked; zstd would not see most of the flips."""
+    packing = pytest.importorskip("jax._src.compilation_cache")
+    monkeypatch.setattr(programs, "_folder", None)
+    monkeypatch.setattr(packing, "zstandard", WithoutChecksum, raising=False)
+    settled = jax.config.jax_compilation_cache_dir
+    try:
+        js.keep_programs(tmp_path / "cache")
+        whole = packing.compress_executable(bytes(np.random.default_rng(0).integers(0, 8, 20_000, dtype=np.uint8)))
+        for at in np.random.default_rng(1).choice(8 * len(whole), 1000, replace=False).tolist():
+            damaged = bytearray(whole)
+            damaged[at // 8] ^= 1 << at % 8
+            with pytest.raises(zlib.error):
+                packing.decompress_executable(bytes(damaged))
+    finally:
+        jax.config.update("jax_compilation_cache_dir", settled)
+
+
+class WithoutChecksum:
+    """A package like zstandard that packs nothing and sees nothing."""
+
+    class ZstdCompressor:
+        def compress(self, data):
+            return data
+
+    class ZstdDecompressor:
+        def decompress(self, data):
+            return data
 
 
 def fail_to_find():
