@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm, toeplitz
 from scipy.optimize import approx_fprime
-from scipy.signal import StateSpace, chirp, lsim, welch
+from scipy.signal import StateSpace, chirp, lfilter, lsim, welch
 
 import jshape.plants
 from jshape.identification import identify
@@ -326,6 +326,16 @@ def test_coloured_noise_widens_the_intervals():
         told.append(any("no white noise" in note for note in found.notes))
     assert np.all(np.mean(inside, axis=0) >= 0.85), np.mean(inside, axis=0)
     assert all(told)
+
+
+def test_coloured_noise_is_taken_for_no_mode():
+    # For white noise alone six of these ten would have further modes.
+    random, times = np.random.default_rng(0), np.arange(0, 6, 0.005)
+    for memory in np.linspace(0.3, 0.95, 10):
+        noise = lfilter([1.0], [1.0, -memory], 0.02 * random.standard_normal(len(times)))
+        found = identify(times, swing(times, OMEGA, ZETA, np.array([1.0, 0.5])) + noise)
+        assert len(found.omega) == 2
+        np.testing.assert_allclose(found.omega, OMEGA, rtol=0.01)
 
 
 def test_the_plant_is_the_machine():

@@ -123,14 +123,12 @@ class Kind(NamedTuple):
     Attributes:
         draw: a machine and its record from the prior.
         record: what ``js.identify`` takes it for.
-        share: of the draws asked for; less than 1 where each takes long.
         given: whether the number of modes is known.
         prior: in words.
     """
 
     draw: Callable[[np.random.Generator], tuple[Machine, np.ndarray, np.ndarray]]
     record: str
-    share: float
     given: bool
     prior: str
 
@@ -142,20 +140,20 @@ RECORD = (
 COLOURED = f"{RECORD}, of first order: correlation from sample to sample 0.3 to 0.95"
 
 KINDS: dict[str, Kind] = {
-    "ring-down, white noise": Kind(ring_down, "ring-down", 1, False, RECORD),
+    "ring-down, white noise": Kind(ring_down, "ring-down", False, RECORD),
     "ring-down, coloured noise, number of modes given": Kind(
-        ring_down_in_coloured_noise, "ring-down", 1, True, COLOURED
+        ring_down_in_coloured_noise, "ring-down", True, COLOURED
     ),
     "ring-down, coloured noise": Kind(
-        ring_down_in_coloured_noise, "ring-down", 0.1, False, COLOURED
+        ring_down_in_coloured_noise, "ring-down", False, COLOURED
     ),
     "frequency response": Kind(
-        frequency_response, "spectrum", 1, False,
+        frequency_response, "spectrum", False,
         "150 to 600 frequencies from 0.2–0.6 of the lowest mode to 1.4–2 of the highest; white complex noise of 0.3 to "
         "10 % of the highest peak (logarithm uniform)",
     ),
     "power spectrum": Kind(
-        power_spectrum, "spectrum", 1, False,
+        power_spectrum, "spectrum", False,
         "white noise shakes the modes, Welch's method with Hann's window: as long as 10 to 50 segments that overlap by "
         "half, the narrowest peak 4 to 20 frequency steps wide (logarithm uniform), from 0.3 of the lowest mode to 1.6 "
         "of the highest",
@@ -212,7 +210,7 @@ def sample(draws: int, seed: int, store: Path) -> dict[str, list[dict[str, Any]]
                 one = json.loads(line)
                 finished[one["kind"], one["seed"], one["draw"]] = one
     store.parent.mkdir(parents=True, exist_ok=True)
-    wanted = [(name, seed, i) for name, kind in KINDS.items() for i in range(round(kind.share * draws))]
+    wanted = [(name, seed, i) for name in KINDS for i in range(draws)]
     missing = [key for key in wanted if key not in finished]
     begin = shown = time.monotonic()
     with store.open("a", encoding="utf-8") as file:

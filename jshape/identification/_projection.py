@@ -31,9 +31,11 @@ class AbstractFamily(abc.ABC):
         lowest: frequency that the record resolves, rad/s.
         highest: likewise.
         reach: over how many rows the noise is correlated by the way the rows are made; 0 where that is not known.
+        in_time: whether the rows follow each other in time.
     """
 
     reach: ClassVar[int] = 0
+    in_time: ClassVar[bool] = True
     data: np.ndarray
     weights: np.ndarray
     background: np.ndarray

@@ -1,7 +1,8 @@
 """The number of modes and where they are: one more at the residuals' highest peak, all refined, while it pays.
 
 Bayes's information criterion in Djurić's form for tones decides: a frequency counts three times, because its precision
-grows as the record's length to the power 3/2 and not 1/2.
+grows as the record's length to the power 3/2 and not 1/2. Of records in time it also chooses between white noise and
+noise of first order, which white noise and further modes would stand for.
 
 Source: Schwarz, Annals of Statistics 6 (1978); Djurić, IEEE Trans. Signal Processing 44 (1996).
 """
@@ -43,7 +44,7 @@ def search(
     """
     rows, channels = family.data.shape
     found = fit(family, [], [], np.maximum(np.std(family.data, axis=0), 1e-300))
-    fits, values = [found], [criterion(found)]
+    fits, values = [found], [criterion(found, family.in_time)]
     most = MOST if modes is None else modes
     shapes = family.columns(family.highest / 2, 0.01)[0].shape[1]
     while len(fits) <= most:
@@ -55,18 +56,31 @@ def search(
             progress("modes", len(fits), most, math.inf)
         found = _one_more(family, found)
         fits.append(found)
-        values.append(criterion(found))
+        values.append(criterion(found, family.in_time))
         if modes is None and len(fits) - 1 - int(np.argmin(values)) >= PATIENCE:
             break
     best = int(np.argmin(values)) if modes is None else modes
     return fits[best], np.asarray(values)
 
 
-def criterion(found: Fit) -> float:
-    """Bayes's criterion: rows × log of the residual variance, and log(rows) a parameter, thrice for a frequency."""
+def criterion(found: Fit, in_time: bool) -> float:
+    """Bayes's criterion: rows × log of the noise's variance, and log(rows) a parameter, thrice for a frequency.
+
+    Args:
+        found: the fit.
+        in_time: whether rows follow each other in time, so that the noise may be of first order: its variance is then
+            what a row has that the one before does not say.
+    """
     rows, channels = found.residuals.shape
-    likelihood = rows * float(np.sum(np.log(np.maximum(found.squares / rows, EXACT**2))))
-    return likelihood + np.log(rows) * (4 * len(found.omega) + channels * found.basis.shape[1])
+    least, variance = EXACT**2, found.squares / rows
+    parameters = 4 * len(found.omega) + channels * found.basis.shape[1]
+    value = rows * float(np.sum(np.log(np.maximum(variance, least)))) + np.log(rows) * parameters
+    if not in_time:
+        return value
+    sizes = np.maximum(np.sum(found.residuals**2, axis=0), 1e-300)
+    memory = np.sum(found.residuals[1:] * found.residuals[:-1], axis=0) / sizes
+    new = np.maximum(variance * (1 - memory**2), least)
+    return min(value, rows * float(np.sum(np.log(new))) + np.log(rows) * (parameters + channels))
 
 
 def _one_more(family: AbstractFamily, found: Fit) -> Fit:

@@ -13,6 +13,8 @@ from jshape.identification._projection import AbstractFamily, pole
 class _AbstractSpectrum(AbstractFamily):
     """Values over frequencies, rad/s."""
 
+    in_time = False
+
     def __init__(self, at_omega: np.ndarray, data: np.ndarray):
         self.axis, self.data = np.asarray(at_omega, float), data
         gap = float(np.median(np.diff(self.axis))) if len(self.axis) > 1 else 1.0
