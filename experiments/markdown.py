@@ -1,6 +1,7 @@
 """Tables in Markdown, for everything that experiments write down."""
 
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> list[str]:
@@ -10,3 +11,10 @@ def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> list[str]:
         return "| " + " | ".join(str(cell).replace("|", "\\|").replace("\n", " ") for cell in cells) + " |"
 
     return [line(head), line(["---"] * len(head)), *map(line, rows)]
+
+
+def write_beside(script: str, title: str, command: str, lines: Iterable[str]) -> None:
+    """Write a script's page beside it, title and command first, and print it."""
+    text = "\n".join([f"# {title}", "", f"`{command}`", "", *lines]) + "\n"
+    Path(script).with_suffix(".md").write_text(text, encoding="utf-8")
+    print(text)

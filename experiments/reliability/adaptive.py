@@ -36,6 +36,7 @@ from jshape.adaptive.closed_loop.schedules import Schedule
 from jshape.adaptive.identifiers.estimate import Estimate
 from jshape.adaptive.strategies.paper_cases import BANDS, BLANK, OMEGA, ZETA
 from jshape.adaptive.strategies.strategy import Decision, Readings
+from jshape.quantisation import quantised
 
 SIDE = 10
 """Loops side by side."""
@@ -277,8 +278,8 @@ def online(strategy: Any, seed: int, command: np.ndarray) -> list[object]:
     with np.errstate(all="ignore"):
         for n, (angle, which, *fault) in enumerate(zip(reference, loop.which, *loop.faults, strict=True)):
             added, alive, missing, frozen, coarse = fault
-            clean = rounded(outputs[which] @ body + through[which] * value + noise[n], own)
-            values = np.where(frozen, values, rounded(alive * clean + added, coarse))
+            clean = quantised(outputs[which] @ body + through[which] * value + noise[n], own)
+            values = np.where(frozen, values, quantised(alive * clean + added, coarse))
             decision = push(float(angle), Readings(*np.where(missing, np.nan, values).tolist()))
             value = decision.command
             body = flow[which] @ body + entry[which] * value
@@ -300,10 +301,6 @@ def online(strategy: Any, seed: int, command: np.ndarray) -> list[object]:
     ]
 
 
-def rounded(values: np.ndarray, steps: np.ndarray) -> np.ndarray:
-    return np.where(steps > 0, steps * np.round(values / np.where(steps > 0, steps, 1.0)), values)
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--hours", type=float, default=10.0, help="of samples for each strategy")
@@ -318,9 +315,9 @@ def main() -> None:
     rows = [[n, *row(s, found[n], found["I"][0]["residual"], loops, step)] for n, s in several.items()]
     live = [[n, *online(s, given.seed, found[n][0]["command"][0])] for n, s in several.items()]
     moves = list(adaptive_moves.rows(given.hours, given.seed, functools.partial(kept, given.keep)))
-    text = "\n".join(report(given, loops, rows, live, moves)) + "\n"
-    Path(__file__).with_suffix(".md").write_text(text, encoding="utf-8")
-    print(text)
+    command = f"python -m experiments.reliability.adaptive --hours {given.hours:g} --seed {given.seed}"
+    title = f"{given.hours:g} hours of adaptive samples with sensor faults"
+    markdown.write_beside(__file__, title, command, report(given, loops, rows, live, moves))
 
 
 def report(given: Any, loops: list[Loop], rows: list[Any], live: list[Any], moves: list[Any]) -> list[str]:
@@ -346,10 +343,6 @@ def report(given: Any, loops: list[Loop], rows: list[Any], live: list[Any], move
         "greatest difference from the functional form",
     ]
     return [
-        f"# {given.hours:g} hours of adaptive samples with sensor faults",
-        "",
-        f"`python -m experiments.reliability.adaptive --hours {given.hours:g} --seed {given.seed}`",
-        "",
         f"{len(loops)} loops of {MINUTES:g} minutes at {1 / TIME:g} samples a second: "
         f"{len(loops) * len(loops[0].which):,} samples for each strategy, "
         f"{sum(loop.number for loop in loops):,} faults of {len(KINDS)} kinds, {100 * spoilt:.0f} % of the time "

@@ -164,10 +164,6 @@ def main() -> None:
         f"`{name.lower().replace('__', '.').replace('_', '-')}` {value}" for name, value in (LIMITS | DESERTED).items()
     )
     lines = [
-        "# Faults of a cluster",
-        "",
-        "`python -m experiments.reliability.cluster`",
-        "",
         f"dask's limits in these runs: {limits}. The longest time is from the fault to the end of the process.",
         "",
         *markdown.table(head, rows),
@@ -176,9 +172,7 @@ def main() -> None:
         "",
         *(f"- {line}" for line in sorted({_general(case.line) for case in found if case.line})),
     ]
-    text = "\n".join(lines) + "\n"
-    Path(__file__).with_suffix(".md").write_text(text, encoding="utf-8")
-    print(text)
+    markdown.write_beside(__file__, "Faults of a cluster", "python -m experiments.reliability.cluster", lines)
 
 
 def cases() -> Iterator[Case]:

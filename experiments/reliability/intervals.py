@@ -274,10 +274,6 @@ def main() -> None:
         "ranks in tenths", "flat: p",
     ]  # fmt: skip
     lines = [
-        "# Intervals of identified modes",
-        "",
-        f"`python -m experiments.reliability.intervals --draws {given.draws} --seed {given.seed}`",
-        "",
         MACHINES,
         "",
         *(f"- {name}: {kind.prior}." for name, kind in KINDS.items()),
@@ -286,9 +282,8 @@ def main() -> None:
         "",
         *markdown.table(head, table),
     ]
-    text = "\n".join(lines) + "\n"
-    Path(__file__).with_suffix(".md").write_text(text, encoding="utf-8")
-    print(text)
+    command = f"python -m experiments.reliability.intervals --draws {given.draws} --seed {given.seed}"
+    markdown.write_beside(__file__, "Intervals of identified modes", command, lines)
 
 
 if __name__ == "__main__":

@@ -126,8 +126,8 @@ def excess(row: dict[str, Any], key: str = "value") -> float:
     return max(row[key] - best, 0.0) / best
 
 
-def report(rows: list[dict[str, Any]], seed: int) -> str:
-    """The page."""
+def report(rows: list[dict[str, Any]]) -> list[str]:
+    """The page's lines."""
     groups = {kind: [row for row in rows if row["kind"] == kind] for kind in KINDS} | {"all": rows}
     cells = []
     for name, some in groups.items():
@@ -154,8 +154,6 @@ def report(rows: list[dict[str, Any]], seed: int) -> str:
     missed = sorted((row for row in rows if excess(row) > CLOSE), key=excess, reverse=True)
     names = ("kind", "index", "plant", "impulses", "amplitudes", "converged", "value", "judge")
     lines = [
-        f"# {len(rows)} design problems beside a search with {FACTOR} times the starts", "",
-        f"`python -m experiments.reliability.searches --problems {len(rows)} --seed {seed}`", "",
         "*within 0.1 %*: share of designs that close to the better of search and judge; *worst*: the one furthest off;",
         "*wrongly converged*: how many say that they converged and are over 0.5 % off; *judge*: the judge's own share.",
         f"What leaves less than {ZERO:g} of the bare command's energy leaves nothing.", "",
@@ -164,7 +162,7 @@ def report(rows: list[dict[str, Any]], seed: int) -> str:
     if missed:
         some = [[*(_cell(row[name]) for name in names), f"{excess(row):.2%}"] for row in missed]
         lines += ["", "Those further off than 0.1 %:", "", *markdown.table([*names, "above"], some)]
-    return "\n".join(lines) + "\n"
+    return lines
 
 
 def _cell(value: Any) -> str:
@@ -192,9 +190,9 @@ def main() -> None:
         print(
             f"{i + 1}/{options.problems}, {left / 60:.0f} min left: {row['kind']}, {excess(row):.2%} above", flush=True
         )
-    text = report(rows, options.seed)
-    Path(__file__).with_suffix(".md").write_text(text, encoding="utf-8")
-    print(text)
+    title = f"{len(rows)} design problems beside a search with {FACTOR} times the starts"
+    command = f"python -m experiments.reliability.searches --problems {len(rows)} --seed {options.seed}"
+    markdown.write_beside(__file__, title, command, report(rows))
 
 
 if __name__ == "__main__":

@@ -100,16 +100,8 @@ def main() -> None:
             wrong = "; ".join(f"{case.writes}: {case.wrong}" for case in chosen if case.wrong)
             rows.append([command, fault, len(chosen), wrong or "none"])
     head = ["command", "fault", "writes that failed, one by one", "of these with a half file, no line, or another end"]
-    lines = [
-        "# Faults in every write",
-        "",
-        "`python -m experiments.reliability.writes`",
-        "",
-        *markdown.table(head, rows),
-    ]
-    text = "\n".join(lines) + "\n"
-    Path(__file__).with_suffix(".md").write_text(text, encoding="utf-8")
-    print(text)
+    command = "python -m experiments.reliability.writes"
+    markdown.write_beside(__file__, "Faults in every write", command, markdown.table(head, rows))
 
 
 def cases() -> Iterator[Case]:
