@@ -2,9 +2,9 @@
 
 from typing import Any
 
+import jax.numpy as jnp
 from jaxtyping import Array
 
-from jshape import _check
 from jshape._types import Scalar
 
 
@@ -15,6 +15,5 @@ def quantised(values: Any, resolution: Scalar | Array) -> Array:
         values: what is measured, in any unit.
         resolution: the converter's step in the same unit; values stay as they are where it is 0.
     """
-    xp = _check.numerics(values, resolution)
-    step = xp.where(resolution > 0, resolution, 1.0)
-    return xp.where(resolution > 0, step * xp.round(values / step), values)
+    step = jnp.where(resolution > 0, resolution, 1.0)
+    return jnp.where(resolution > 0, step * jnp.round(values / step), values)

@@ -36,7 +36,6 @@ from jshape.adaptive.closed_loop.schedules import Schedule
 from jshape.adaptive.identifiers.estimate import Estimate
 from jshape.adaptive.strategies.paper_cases import BANDS, BLANK, OMEGA, ZETA
 from jshape.adaptive.strategies.strategy import Decision, Readings
-from jshape.quantisation import quantised
 
 SIDE = 10
 """Loops side by side."""
@@ -278,8 +277,8 @@ def online(strategy: Any, seed: int, command: np.ndarray) -> list[object]:
     with np.errstate(all="ignore"):
         for n, (angle, which, *fault) in enumerate(zip(reference, loop.which, *loop.faults, strict=True)):
             added, alive, missing, frozen, coarse = fault
-            clean = quantised(outputs[which] @ body + through[which] * value + noise[n], own)
-            values = np.where(frozen, values, quantised(alive * clean + added, coarse))
+            clean = rounded(outputs[which] @ body + through[which] * value + noise[n], own)
+            values = np.where(frozen, values, rounded(alive * clean + added, coarse))
             decision = push(float(angle), Readings(*np.where(missing, np.nan, values).tolist()))
             value = decision.command
             body = flow[which] @ body + entry[which] * value
@@ -299,6 +298,11 @@ def online(strategy: Any, seed: int, command: np.ndarray) -> list[object]:
         f"{sizes[0]} / {sizes[1]}",
         f"{apart.max():.1e}",
     ]
+
+
+def rounded(values: np.ndarray, steps: np.ndarray) -> np.ndarray:
+    """``quantised`` without a call of JAX, of which the loop makes two a sample."""
+    return np.where(steps > 0, steps * np.round(values / np.where(steps > 0, steps, 1.0)), values)
 
 
 def main() -> None:
