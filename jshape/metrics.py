@@ -12,13 +12,13 @@ All of them run on the fixed-step kernel: under ``jit`` and ``vmap``, and ``grad
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from jshape import _check
 from jshape._types import Number, PerAxis, Scalar, State
@@ -26,9 +26,17 @@ from jshape.compilation_cache import kept
 from jshape.plants import AbstractOscillator, AbstractPlant
 from jshape.shaper import Shaper, Shaping
 from jshape.simulation.integrate import METHODS
+from jshape.simulation.residual import (
+    as_tolerance,
+    check_tolerance,
+    energy_at_end,
+    energy_with_error,
+    require_met,
+    state_at_end,
+)
 from jshape.simulation.schedule import Schedule, Segments, inputs_at, schedule
-from jshape.simulation.simulate import all_states, final_state, initial, steps_for, with_arrays
-from jshape.simulation.steps import MOST_STEPS, TOLERANCE, checked_state, least_tolerance
+from jshape.simulation.simulate import all_states, initial, steps_for, with_arrays
+from jshape.simulation.steps import MOST_STEPS
 from jshape.simulation.trajectory import (
     ACCURACY,
     Trajectory,
@@ -96,44 +104,19 @@ def residual_energy_and_error(
     if tolerance is not None:
         if steps is not None:
             raise ValueError(f"tolerance chooses the steps itself; give no steps beside it, not {steps!r}")
-        _check_tolerance(tolerance, state)
+        check_tolerance(tolerance, state)
     if steps is not None:
         steps = _check.count(steps, "steps")
     elif method == "tsit5":
         steps = steps_for(plant, plan, method)
-    energy, error, met = _residual_energy(plant, plan, state, steps, method, _as_tolerance(tolerance, state))
+    energy, error, met = energy_with_error(plant, plan, state, steps, method, as_tolerance(tolerance, state))
     if _check.is_concrete(energy):
-        _require_met(plant, plan, met, error, tolerance)
+        require_met(plant, plan, met, error, tolerance)
         if np.any(np.isnan(np.asarray(energy))):
             raise ValueError(
                 f"distance: {type(plant).__name__} has no rest at its final input, {_check.show(plan.final)}"
             )
     return energy, error
-
-
-def _check_tolerance(tolerance: Any, state: State) -> None:
-    _check.positive(tolerance, "tolerance")
-    least = least_tolerance(state.dtype)
-    if _check.is_concrete(tolerance) and np.any(np.asarray(tolerance) < least):
-        raise ValueError(f"tolerance {tolerance:g} cannot be met: it is below rounding, {least:.1g}")
-
-
-def _as_tolerance(tolerance: Any, state: State) -> Scalar:
-    least = max(TOLERANCE, least_tolerance(state.dtype))
-    return (
-        _check.on_device(np.asarray(least, state.dtype)) if tolerance is None else jnp.asarray(tolerance, state.dtype)
-    )
-
-
-def _require_met(plant: AbstractPlant, plan: Schedule, met: Any, error: Any, tolerance: Any) -> None:
-    """*Raises* ``ValueError`` unless the tolerance of a concrete result was met."""
-    if not np.all(np.asarray(met)):
-        asked = "the default" if tolerance is None else f"{tolerance:g}"
-        raise ValueError(
-            f"tolerance ({asked}) was not met: the residual energy of {type(plant).__name__} after "
-            f"{float(plan.breaks[-1]):.4g} s is known to about {float(np.max(np.asarray(error))):.2g} J only, with the "
-            "most steps there are; ask for a larger tolerance, or shorten the move"
-        )
 
 
 def residual_vibration(
@@ -182,12 +165,12 @@ def _residuals(plant, shaper, distance, initial_state, steps: int | None, tolera
     plan, plant, state = _prepare(plant, shaper, distance, initial_state)
     fine = fine_steps(plant, plan, 2.0) if steps is None else 32 * steps
     if tolerance is not None:
-        _check_tolerance(tolerance, state)
+        check_tolerance(tolerance, state)
     energy, vibration, error, met = _energy_and_vibration(
-        plant, plan, state, steps, fine, _as_tolerance(tolerance, state)
+        plant, plan, state, steps, fine, as_tolerance(tolerance, state)
     )
     if _check.is_concrete(vibration):
-        _require_met(plant, plan, met, error, tolerance)
+        require_met(plant, plan, met, error, tolerance)
     return energy, vibration
 
 
@@ -417,45 +400,9 @@ def _prepare(plant, shaper, distance, initial_state) -> tuple[Schedule, Any, Sta
     return plan, plant, initial(plant, initial_state)
 
 
-class _End(NamedTuple):
-    """The state after the last impulse, the estimate of the energy's error (J), whether the plant diverged, and
-    whether the tolerance was met."""
-
-    state: State
-    error: Scalar
-    diverged: Bool[Array, ""]
-    met: Bool[Array, ""]
-
-
-def _end(plant, plan: Schedule, state: State, steps: int | None, method: str, tolerance: Scalar) -> _End:
-    """By so many steps a segment; by as many as the tolerance takes, chosen at run time, where none are given."""
-    inputs = plan.final_inputs(plant)
-    if steps is None:
-        found = checked_state(plant, plan, state, tolerance)
-        return _End(found.state, found.error * found.scale, found.diverged, found.met)
-    end, error = final_state(plant, plan, state, steps, method)
-    slope, curved = jax.jvp(jax.grad(lambda y: plant.residual_energy(y, inputs)), (end,), (error,))
-    bound = jnp.abs(slope) @ error + jnp.abs(curved) @ error / 2
-    return _End(end, bound, plant.diverged(end, inputs), jnp.asarray(True))
-
-
-@kept
-def _residual_energy(plant, plan: Schedule, state, steps: int | None, method: str, tolerance):
-    return _energy_at(plant, plan, _end(plant, plan, state, steps, method, tolerance))
-
-
-def _energy_at(plant, plan: Schedule, end: _End) -> tuple[Scalar, Scalar, Bool[Array, ""]]:
-    """The residual energy, NaN where the tolerance was not met, the estimate of its error, and whether it was."""
-    energy = plant.residual_energy(end.state, plan.final_inputs(plant))
-    # A plant without rest at its final input has no energy above it, whatever the tolerance.
-    rest = jnp.all(jnp.isfinite(plant.rest_state(plan.final_inputs(plant))))
-    energy = jnp.where(end.diverged & rest, jnp.inf, energy)
-    return jnp.where(end.met, energy, jnp.nan), jnp.where(end.met, end.error, jnp.inf), end.met | ~rest
-
-
 @kept
 def _energy_and_vibration(plant, plan: Schedule, state, steps: int | None, fine: int, tolerance):
-    end = _end(plant, plan, state, steps, "dopri8", tolerance)
+    end = state_at_end(plant, plan, state, steps, "dopri8", tolerance)
     inputs = plan.final_inputs(plant)
     met = end.met
     if isinstance(plant, AbstractOscillator) and plant.drives()[0] == "displacement":
@@ -474,7 +421,7 @@ def _energy_and_vibration(plant, plan: Schedule, state, steps: int | None, fine:
         diverged = end.diverged | along.diverged
         met = met & (along.met | along.diverged)
     vibration = jnp.where(met, jnp.where(diverged, jnp.inf, amplitude), jnp.nan)
-    return _energy_at(plant, plan, end)[0], vibration, end.error, met
+    return energy_at_end(plant, plan, end)[0], vibration, end.error, met
 
 
 def _amplitude(along: Trajectory) -> Scalar:

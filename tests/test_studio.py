@@ -23,7 +23,7 @@ from jshape.export import FORMATS
 from jshape.problems import catalogue, limits
 from jshape.problems.problem import load
 from jshape.problems.reading import read, shipped
-from jshape.studio import charts, curves, link, state, takeaway
+from jshape.studio import changes, charts, curves, link, state, takeaway
 from jshape.studio.guard import MOST, MOST_UPLOADED, Guard
 from jshape.studio.live import Live
 from jshape.studio.panels.printer import file_name
@@ -62,7 +62,7 @@ def test_every_slider_reaches_the_problem_file(plant, tmp_path):
     assert before
     for path, value in before.items():
         wanted = 1.01 * value + 0.003
-        changed = state.with_value(shown, path, wanted)
+        changed = changes.with_value(shown, path, wanted)
         drafted(tmp_path, changed.text)
         after = {parameter.path: parameter.value for parameter in state.parameters(state.from_text(changed.text))}
         assert after == before | {path: wanted}
@@ -77,7 +77,7 @@ def test_what_a_page_can_show():
     with pytest.raises(ValueError, match="plant must be one of Crane"):
         state.begin("Nothing")
     with pytest.raises(ValueError, match=r"path must be one of plant\.m1"):
-        state.with_value(state.begin("TwoMass"), "plant.m3", 1.0)
+        changes.with_value(state.begin("TwoMass"), "plant.m3", 1.0)
 
 
 MOVE = 'distance = 1.0\n[plant]\ntype = "TwoMass"\nspring = { type = "LinearSpring", k = 10.0 }\n'
@@ -127,27 +127,27 @@ def test_moves_that_the_page_does_not_write_are_refused():
 
 
 def test_an_axis_keeps_its_own_shaper():
-    shown = state.with_impulses(state.with_own(state.begin("BridgeCrane"), False), [0.25, 0.75], [0.0, 1.0])
+    shown = changes.with_impulses(changes.with_own(state.begin("BridgeCrane"), False), [0.25, 0.75], [0.0, 1.0])
     assert isinstance(curves.shapers_of(shown), js.Shaper)
-    fresh = state.with_one_for_all(state.begin("TowerCrane"), [0.25, 0.75], [0.0, 1.0])
+    fresh = changes.with_one_for_all(state.begin("TowerCrane"), [0.25, 0.75], [0.0, 1.0])
     assert {(each.amplitudes, each.times) for each in fresh.own} == {((0.25, 0.75), (0.0, 1.0))}
-    own = state.with_impulses(state.with_own(shown, True), [0.5, 0.5], [0.0, 2.0])
+    own = changes.with_impulses(changes.with_own(shown, True), [0.5, 0.5], [0.0, 2.0])
     assert state.problem(own.text).tuning["shapers"] == "per axis"
-    other = state.with_axis(own, "bridge")
+    other = changes.with_axis(own, "bridge")
     assert (other.amplitudes, other.times) == ((0.25, 0.75), (0.0, 1.0))
     assert curves.longest(curves.shapers_of(other)) == 2.0
-    assert state.with_axis(other, "trolley") == own
-    pinned = state.with_pin(other)
-    shared = state.with_own(pinned, False)
+    assert changes.with_axis(other, "trolley") == own
+    pinned = changes.with_pin(other)
+    shared = changes.with_own(pinned, False)
     assert shared.own == ()
-    assert state.with_design_of(shared, pinned.pins[0]) == pinned
+    assert changes.with_design_of(shared, pinned.pins[0]) == pinned
     again = link.unpacked(link.packed(pinned))
     assert again == dataclasses.replace(pinned, starter=again.starter)
     assert state.from_text(again.text).text == again.text
     with pytest.raises(ValueError, match="axis must be one of trolley, bridge, not 'hoist'"):
-        state.with_axis(shown, "hoist")
+        changes.with_axis(shown, "hoist")
     with pytest.raises(ValueError, match="axis must be one of none, not 'bridge'"):
-        state.with_axis(state.begin("Crane"), "bridge")
+        changes.with_axis(state.begin("Crane"), "bridge")
     assert "'bridge': js.Shaper(" in takeaway.script(pinned)
     assert takeaway.exported(other, "json", {})[0] == "shaper_bridge.json"
 
@@ -155,9 +155,9 @@ def test_an_axis_keeps_its_own_shaper():
 @pytest.mark.slow
 def test_curves_of_several_axes():
     """What is left of a bridge crane with a shaper for each axis; where its payload is, seen from above."""
-    shown = state.with_impulses(state.with_own(state.begin("BridgeCrane"), True), [0.5, 0.5], [0.0, 2.0])
-    shown = state.with_uncertainty(shown, "cable_length", None)
-    shown = state.with_axis(shown, "bridge")
+    shown = changes.with_impulses(changes.with_own(state.begin("BridgeCrane"), True), [0.5, 0.5], [0.0, 2.0])
+    shown = changes.with_uncertainty(shown, "cable_length", None)
+    shown = changes.with_axis(shown, "bridge")
     found = {type(result): result for result in curves.stages(shown)}
     problem = state.problem(shown.text)
     shapers = {"trolley": js.Shaper([0.5, 0.5], [0.0, 2.0]), "bridge": js.Shaper(shown.amplitudes, shown.times)}
@@ -178,7 +178,7 @@ def test_curves_of_several_axes():
 @pytest.mark.parametrize("plant", ["TowerCrane", "HoistingCrane", "TwoLinkArm"])
 def test_drawings_of_several_axes(plant):
     """At rest before and after the move the parts are where the geometry says."""
-    shown = state.with_uncertainty(state.begin(plant), next(iter(state.begin(plant).starter.uncertain)), None)
+    shown = changes.with_uncertainty(state.begin(plant), next(iter(state.begin(plant).starter.uncertain)), None)
     moves = next(curves.stages(shown))
     first = moves.scene["places"]["shaped"][0]
     expected = {
@@ -188,7 +188,7 @@ def test_drawings_of_several_axes(plant):
     }
     np.testing.assert_allclose(first, expected[plant], atol=1e-9)
     if plant == "TowerCrane":
-        trolley = next(curves.stages(state.with_axis(shown, "trolley"))).position
+        trolley = next(curves.stages(changes.with_axis(shown, "trolley"))).position
         assert trolley["command"][[0, -1]] == pytest.approx([15.0, 25.0])
         driven = moves.scene["places"]["shaped"][-1, 1]
         np.testing.assert_allclose(driven, 25 * np.array([np.cos(np.radians(40)), np.sin(np.radians(40))]), atol=1e-6)
@@ -201,57 +201,57 @@ def test_tables_that_the_page_does_not_write_are_named(tmp_path):
 
 
 def test_uncertainty_and_its_objective():
-    shown = state.with_uncertainty(state.begin("Crane"), "cable_length", None)
+    shown = changes.with_uncertainty(state.begin("Crane"), "cable_length", None)
     assert shown.starter.uncertain == {}
     assert state.problem(shown.text).objective == "nominal"
-    marked = state.with_uncertainty(shown, "payload_mass", 0.3)
+    marked = changes.with_uncertainty(shown, "payload_mass", 0.3)
     found = state.problem(marked.text)
     assert found.objective == "worst"
     np.testing.assert_allclose(found.over["payload_mass"][[0, -1]], [0.7, 1.3])
     assert {p.path: p.share for p in state.parameters(marked)}["plant.payload_mass"] == pytest.approx(0.3)
-    asked = state.with_design(state.with_design(shown, objective="nominal"), duration=2.0)
-    assert state.problem(state.with_uncertainty(asked, "payload_mass", 0.3).text).objective == "worst"
+    asked = changes.with_design(changes.with_design(shown, objective="nominal"), duration=2.0)
+    assert state.problem(changes.with_uncertainty(asked, "payload_mass", 0.3).text).objective == "worst"
     with pytest.raises(ValueError, match=r"share must lie between 0 and 1, not 1\.5"):
-        state.with_uncertainty(shown, "payload_mass", 1.5)
+        changes.with_uncertainty(shown, "payload_mass", 1.5)
     # Ends in a unit of their own: half of 5 … 8 m of a cable of 6.5 m.
     (cable,) = [p for p in state.parameters(state.begin("Crane")) if p.leaf == "cable_length"]
     assert cable.share == pytest.approx(1.5 / 6.5)
 
 
 def test_amplitudes_keep_their_sum_and_times_their_order():
-    shown = state.with_impulses(state.begin("TwoMass"), [0.2, 0.3, 0.5], [0.0, 1.0, 2.0])
-    moved = state.with_amplitude(shown, 0, -0.6)
+    shown = changes.with_impulses(state.begin("TwoMass"), [0.2, 0.3, 0.5], [0.0, 1.0, 2.0])
+    moved = changes.with_amplitude(shown, 0, -0.6)
     assert sum(moved.amplitudes) == pytest.approx(1.0, abs=1e-12)
     assert moved.amplitudes[1] / moved.amplitudes[2] == pytest.approx(0.3 / 0.5)
-    alone = state.with_amplitude(state.with_impulses(shown, [1.0, 0.0], [0.0, 1.0]), 0, 0.4)
+    alone = changes.with_amplitude(changes.with_impulses(shown, [1.0, 0.0], [0.0, 1.0]), 0, 0.4)
     assert alone.amplitudes == (0.4, 0.6)
-    assert state.with_time(shown, 1, 7.0).times == (0.0, 2.0, 2.0)
-    assert state.with_time(shown, 1, -7.0).times == (0.0, 0.0, 2.0)
-    assert state.with_time(shown, 2, 7.0).times == (0.0, 1.0, 7.0)
-    assert state.with_time(shown, 0, 7.0).times == shown.times
-    more = state.with_one_more(shown)
+    assert changes.with_time(shown, 1, 7.0).times == (0.0, 2.0, 2.0)
+    assert changes.with_time(shown, 1, -7.0).times == (0.0, 0.0, 2.0)
+    assert changes.with_time(shown, 2, 7.0).times == (0.0, 1.0, 7.0)
+    assert changes.with_time(shown, 0, 7.0).times == shown.times
+    more = changes.with_one_more(shown)
     assert (more.amplitudes[-1], more.times[-1]) == (0.0, 3.0)
-    less = state.with_one_less(shown)
+    less = changes.with_one_less(shown)
     np.testing.assert_allclose(less.amplitudes, [0.4, 0.6])
-    one = state.with_one_less(state.with_one_less(less))
+    one = changes.with_one_less(changes.with_one_less(less))
     assert one.amplitudes == (1.0,)
-    assert state.with_amplitude(one, 0, 0.3) == one
+    assert changes.with_amplitude(one, 0, 0.3) == one
 
 
 def test_designs_to_compare():
     shown = state.begin("TwoMass")
     for number in range(5):
-        shown = state.with_pin(state.with_impulses(shown, [0.5, 0.5], [0.0, 1.0 + number]))
+        shown = changes.with_pin(changes.with_impulses(shown, [0.5, 0.5], [0.0, 1.0 + number]))
     names = [pin.name for pin in shown.pins]
     assert names[0] == "A: 2 impulses, 1 s"
     assert [name[0] for name in names] == list("ABCDE")
     with pytest.raises(ValueError, match="at most 5 designs"):
-        state.with_pin(state.with_impulses(shown, [0.5, 0.5], [0.0, 9.0]))
-    less = state.without_pin(shown, names[1])
+        changes.with_pin(changes.with_impulses(shown, [0.5, 0.5], [0.0, 9.0]))
+    less = changes.without_pin(shown, names[1])
     assert [pin.name[0] for pin in less.pins] == list("ACDE")
     with pytest.raises(ValueError, match="pinned already"):
-        state.with_pin(less)
-    again = state.with_pin(state.with_impulses(less, [1.0], [0.0]))
+        changes.with_pin(less)
+    again = changes.with_pin(changes.with_impulses(less, [1.0], [0.0]))
     assert again.pins[-1].name == "B: 1 impulses, 0 s"
     # The problem file does not depend on them.
     assert again.text == state.begin("TwoMass").text
@@ -260,8 +260,8 @@ def test_designs_to_compare():
 def test_a_link_carries_the_state():
     """Problem, impulses and pins come back to the last digit; the link opens the command, too."""
     shown = state.from_text(shipped()["paper_001"].read_text(encoding="utf-8"))
-    shown = state.with_pin(state.with_impulses(shown, [0.1, 0.9], [0.0, 1 / 3]))
-    shown = state.with_impulses(state.with_value(shown, "plant.m2", 1.2345678901234567), [1.1, -0.1], [0.0, 0.7])
+    shown = changes.with_pin(changes.with_impulses(shown, [0.1, 0.9], [0.0, 1 / 3]))
+    shown = changes.with_impulses(changes.with_value(shown, "plant.m2", 1.2345678901234567), [1.1, -0.1], [0.0, 0.7])
     packed = link.packed(shown)
     assert len(packed) < 2000
     again = link.unpacked(packed)
@@ -309,9 +309,9 @@ def test_links_are_data_and_bounded(words):
 @pytest.mark.slow
 def test_a_design_to_compare_has_the_numbers_that_it_had():
     """What is drawn of a pinned design is what was drawn of it before another took its place."""
-    shown = state.with_impulses(state.begin("TwoMass"), [0.3, 0.7], [0.0, 0.6])
+    shown = changes.with_impulses(state.begin("TwoMass"), [0.3, 0.7], [0.0, 0.6])
     before = {type(result): result for result in curves.stages(shown)}
-    later = state.with_impulses(state.with_pin(shown), [0.5, 0.5], [0.0, 0.9])
+    later = changes.with_impulses(changes.with_pin(shown), [0.5, 0.5], [0.0, 0.9])
     (pinned,) = [result for result in curves.stages(later) if isinstance(result, curves.Pinned)]
     assert pinned.numbers == before[curves.Numbers]
     np.testing.assert_array_equal(pinned.moves.position["shaped"], before[curves.Moves].position["shaped"])
@@ -326,7 +326,7 @@ def test_a_design_to_compare_has_the_numbers_that_it_had():
 def test_curves_of_the_duffing_pair():
     """Without a shaper the undamped pair swings by the whole distance; with the energy shaper nothing is left."""
     shown = state.begin("TwoMass")
-    shown = state.with_impulses(shown, *takeaway.closed_form(shown, "energy 2-impulse"))
+    shown = changes.with_impulses(shown, *takeaway.closed_form(shown, "energy 2-impulse"))
     found = {type(result): result for result in curves.stages(shown)}
     moves, numbers = found[curves.Moves], found[curves.Numbers]
     sensitivity, linear = found[curves.Sensitivity], found[curves.Linear]
@@ -353,10 +353,10 @@ def test_curves_of_the_duffing_pair():
 
 
 def test_a_shaper_that_cannot_be_is_an_error():
-    shown = state.with_impulses(state.begin("TwoMass"), [0.5, 0.6], [0.0, 1.0])
+    shown = changes.with_impulses(state.begin("TwoMass"), [0.5, 0.6], [0.0, 1.0])
     with pytest.raises(ValueError, match="amplitudes must sum to 1"):
         next(curves.stages(shown))
-    broken = state.with_value(state.begin("TwoMass"), "plant.m2", -1.0)
+    broken = changes.with_value(state.begin("TwoMass"), "plant.m2", -1.0)
     with pytest.raises(ValueError, match=r"plant\.m2: must be greater than 0, not"):
         next(curves.stages(broken))
 
@@ -388,7 +388,7 @@ CANNOT = {"on_off": "needs modes", "marlin": "knows the ZV alone"}
 @pytest.mark.parametrize("format", FORMATS)
 def test_every_format_can_be_taken_away(format, tmp_path):
     """With what the fields hold at first, or with a reason in words."""
-    shown = state.with_impulses(state.begin("TwoMass"), *SHAPER)
+    shown = changes.with_impulses(state.begin("TwoMass"), *SHAPER)
     fields = takeaway.needed(format)
     if format in CANNOT:
         with pytest.raises(ValueError, match=CANNOT[format]):
@@ -403,7 +403,7 @@ def test_every_format_can_be_taken_away(format, tmp_path):
 
 
 def test_fields_of_a_format():
-    shown = state.with_impulses(state.begin("TwoMass"), *SHAPER)
+    shown = changes.with_impulses(state.begin("TwoMass"), *SHAPER)
     _, text = takeaway.exported(shown, "scipy", {"sample_time": "0.01", "method": "zeros", "modes": "62.8,0; 80,0.01"})
     assert text
     with pytest.raises(ValueError, match="modes must be pairs omega,zeta"):
@@ -678,7 +678,7 @@ def test_a_stop_at_once_is_quiet(capfd):
 @pytest.mark.slow
 def test_tuning_gives_the_numbers_of_the_problem_file(tmp_path):
     """The process of the page, ``jshape tune`` on its problem file and its Python script, to the last digit."""
-    shown = state.with_design(state.begin("TwoMass"), starts=4, impulses=2)
+    shown = changes.with_design(state.begin("TwoMass"), starts=4, impulses=2)
     seen = []
     found = asyncio.run(Work().run("tune", {"text": shown.text}, seen.append))
     assert found["status"] == "CONVERGED"
@@ -697,7 +697,7 @@ def test_tuning_gives_the_numbers_of_the_problem_file(tmp_path):
 @pytest.mark.slow
 def test_a_front_holds_what_simulation_says():
     """Every point of the front is the worst case of its shaper, computed again; more duration never costs."""
-    shown = state.with_uncertainty(state.begin("TwoMass"), "m2", 0.1)
+    shown = changes.with_uncertainty(state.begin("TwoMass"), "m2", 0.1)
     asked = {"text": shown.text, "impulses": [2, 3], "durations": 3}
     found = asyncio.run(Work().run("pareto", asked, lambda _: None))
     assert set(found["designs"]) == {"2 positive", "3 positive"}
@@ -724,7 +724,7 @@ def replaced(plant, **values):
 def test_a_stop_keeps_the_best_shaper_so_far():
     async def stopped():
         work, seen = Work(), []
-        shown = state.with_design(state.begin("TwoMass"), starts=2000, impulses=5)
+        shown = changes.with_design(state.begin("TwoMass"), starts=2000, impulses=5)
         # So many plants that the search is far from its end when the first of its lines is read.
         text = shown.text.replace("count = 41", "count = 401")
         assert text != shown.text
@@ -746,8 +746,8 @@ def test_a_stop_keeps_the_best_shaper_so_far():
 def test_the_python_script_runs(tmp_path):
     import subprocess
 
-    shown = state.with_design(state.begin("TwoMass"), starts=4, impulses=2)
-    shown = state.with_impulses(shown, *takeaway.closed_form(shown, "energy 2-impulse"))
+    shown = changes.with_design(state.begin("TwoMass"), starts=4, impulses=2)
+    shown = changes.with_impulses(shown, *takeaway.closed_form(shown, "energy 2-impulse"))
     (tmp_path / state.FILE).write_text(shown.text, encoding="utf-8")
     (tmp_path / "studio.py").write_text(takeaway.script(shown), encoding="utf-8")
     done = subprocess.run([sys.executable, "studio.py"], cwd=tmp_path, capture_output=True, text=True, check=True)

@@ -16,7 +16,7 @@ pytest.importorskip("playwright")
 
 from experiments.benchmarks.studio import choose, chromium, computed, page_of, serving
 from jshape.problems.problem import load
-from jshape.studio import charts, state
+from jshape.studio import changes, charts, state
 
 pytestmark = [
     pytest.mark.slow,
@@ -223,7 +223,7 @@ def test_uploads(studio, tmp_path):
             (tmp_path / name).write_text(text)
             upload(page, tmp_path / name)
             page.get_by_text(words).wait_for(timeout=10_000)
-        (tmp_path / "mine.toml").write_text(state.with_value(state.begin("TwoMass"), "plant.m1", 1.25).text)
+        (tmp_path / "mine.toml").write_text(changes.with_value(state.begin("TwoMass"), "plant.m1", 1.25).text)
         upload(page, tmp_path / "mine.toml")
         page.wait_for_function("document.querySelector('[aria-label=m1]').value === '1.25'", timeout=10_000)
 

@@ -13,7 +13,7 @@ from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
 from jshape.problems.limits import GREATEST
-from jshape.studio import state
+from jshape.studio import changes, state
 from jshape.studio.state import MOST_PINS, Pin, State
 
 LONGEST = 2**14
@@ -68,7 +68,7 @@ def unpacked(text: str) -> State:
     made = _with(state.from_text(problem), data["shown"])
     for pin in given:
         # Their names are made anew.
-        made = state.with_pins(made, state.with_pin(_with(made, pin)).pins)
+        made = changes.with_pins(made, changes.with_pin(_with(made, pin)).pins)
     return made
 
 
@@ -80,7 +80,7 @@ def _with(before: State, given: Any) -> State:
     if axis not in (names or [""]) or sorted([axis, *given["own"]]) not in ([axis], sorted(names)):
         raise ValueError(f"the link's axes must be those of the machine, {', '.join(names) or 'none'}, not {axis!r}")
     own = tuple(Pin(name, *_impulses(each)) for name, each in given["own"].items())
-    return state.with_design_of(before, Pin("", *_impulses(given["impulses"]), axis, own))
+    return changes.with_design_of(before, Pin("", *_impulses(given["impulses"]), axis, own))
 
 
 def from_address(address: str) -> State:

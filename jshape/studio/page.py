@@ -2,7 +2,7 @@
 
 from nicegui import ui
 
-from jshape.studio import charts, panels, state
+from jshape.studio import changes, charts, panels, state
 from jshape.studio.panels import printer
 from jshape.studio.tab import Tab
 
@@ -101,10 +101,12 @@ def _axes(tab: Tab) -> None:
     def choose() -> None:
         if names := state.axes(tab.state):
             own = ui.switch("own shaper", value=bool(tab.state.own)).props("dense data-testid=own")
-            own.on_value_change(lambda event: tab.change(lambda now: state.with_own(now, bool(event.value))))
+            own.on_value_change(lambda event: tab.change(lambda now: changes.with_own(now, bool(event.value))))
             own.tooltip("each axis has a shaper of its own")
             axis = ui.toggle(names, value=tab.state.axis).props("dense no-caps data-testid=axis")
-            axis.on_value_change(lambda event: tab.change(lambda now: state.with_axis(now, event.value), impulses=True))
+            axis.on_value_change(
+                lambda event: tab.change(lambda now: changes.with_axis(now, event.value), impulses=True)
+            )
 
     def again() -> None:
         choose.refresh()

@@ -11,10 +11,11 @@ from pathlib import Path
 from nicegui import app, ui
 
 from jshape.studio import curves, takeaway
+from jshape.studio.changes import with_one_for_all
 from jshape.studio.guard import MOST, Guard
 from jshape.studio.link import unpacked
 from jshape.studio.page import build
-from jshape.studio.state import State, with_one_for_all
+from jshape.studio.state import State
 from jshape.studio.tab import Tab
 
 HOST = "127.0.0.1"

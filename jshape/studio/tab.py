@@ -9,8 +9,9 @@ from typing import Any
 from nicegui import Client, app, ui
 
 from jshape.studio import charts, curves
+from jshape.studio.changes import with_amplitude, with_time
 from jshape.studio.live import Live
-from jshape.studio.state import Pin, State, with_amplitude, with_time
+from jshape.studio.state import Pin, State
 from jshape.studio.work import Work
 
 LOG = logging.getLogger("jshape.studio")

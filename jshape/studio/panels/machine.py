@@ -7,7 +7,7 @@ from typing import Any
 from nicegui import events, ui
 
 from jshape.problems import limits
-from jshape.studio import state, takeaway
+from jshape.studio import changes, state, takeaway
 from jshape.studio.panels.shaper import closed_form
 from jshape.studio.panels.slider import Slider
 from jshape.studio.state import Parameter, State
@@ -86,11 +86,11 @@ def _parameter(tab: Tab, parameter: Parameter) -> None:
         slider.props["min"], slider.props["max"] = min(value, parameter.low), max(value, parameter.high)
         if slider.value is None or _rounded(slider.value) != value:
             slider.set_value(value)
-        tab.change(lambda before: state.with_value(before, path, value))
+        tab.change(lambda before: changes.with_value(before, path, value))
 
     def uncertain(event: Any) -> None:
         part = None if not event.value else event.value / 100
-        tab.change(lambda before: state.with_uncertainty(before, str(leaf), part))
+        tab.change(lambda before: changes.with_uncertainty(before, str(leaf), part))
 
     slider.on_value_change(moved)
     number.on_value_change(given)

@@ -4,7 +4,7 @@ from typing import Any
 
 from nicegui import ui
 
-from jshape.studio import charts, state
+from jshape.studio import changes, charts
 from jshape.studio.panels import running
 from jshape.studio.state import Pin, State
 from jshape.studio.tab import Tab
@@ -42,9 +42,9 @@ def tune(tab: Tab) -> None:
     def show(found: dict[str, Any]) -> str:
         shapers = found["shapers"]
         if "" in shapers:
-            tab.change(lambda now: state.with_impulses(now, *shapers[""]), impulses=True)
+            tab.change(lambda now: changes.with_impulses(now, *shapers[""]), impulses=True)
         else:
-            tab.change(lambda now: state.with_shapers(now, shapers), impulses=True)
+            tab.change(lambda now: changes.with_shapers(now, shapers), impulses=True)
         return found["message"]
 
     renew()
@@ -89,7 +89,7 @@ def pareto(tab: Tab) -> None:
         if (point := points.get(key or "")) is not None:
             # All axes share the shapers of the front.
             shaper = Pin("", tuple(point["amplitudes"]), tuple(point["times"]), tab.state.axis)
-            tab.change(lambda now: state.with_design_of(now, shaper), impulses=True)
+            tab.change(lambda now: changes.with_design_of(now, shaper), impulses=True)
             for turn in tab.turned:
                 turn()
 
@@ -119,4 +119,4 @@ def _designed(before: State, impulses: int, amplitudes: str, duration: float | N
     design = before.starter.design
     kept = duration or (design["duration"] if isinstance(design.get("duration"), list) else None)
     limit = design.get("limit", 1.5) if amplitudes == "bounded" else None
-    return state.with_design(before, impulses=impulses, amplitudes=amplitudes, duration=kept, limit=limit)
+    return changes.with_design(before, impulses=impulses, amplitudes=amplitudes, duration=kept, limit=limit)

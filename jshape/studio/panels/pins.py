@@ -4,7 +4,7 @@ import functools
 
 from nicegui import ui
 
-from jshape.studio import state
+from jshape.studio import changes
 from jshape.studio.charts import PINS
 from jshape.studio.curves import Sensitivity
 from jshape.studio.state import Pin
@@ -16,15 +16,15 @@ def build(tab: Tab) -> None:
 
     def pin() -> None:
         tab.warn("")
-        tab.change(state.with_pin)
+        tab.change(changes.with_pin)
         rows.refresh()
 
     def remove(name: str) -> None:
-        tab.change(lambda before: state.without_pin(before, name))
+        tab.change(lambda before: changes.without_pin(before, name))
         rows.refresh()
 
     def take(pin: Pin) -> None:
-        tab.change(lambda before: state.with_design_of(before, pin), impulses=True)
+        tab.change(lambda before: changes.with_design_of(before, pin), impulses=True)
         for turn in tab.turned:
             turn()
 

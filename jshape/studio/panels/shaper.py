@@ -7,7 +7,7 @@ from typing import Any
 
 from nicegui import ui
 
-from jshape.studio import state, takeaway
+from jshape.studio import changes, takeaway
 from jshape.studio.panels import optimise, pins
 from jshape.studio.panels.slider import Slider
 from jshape.studio.state import State
@@ -27,8 +27,10 @@ def build(tab: Tab) -> None:
             made.props("dense outline no-caps size=sm").classes("px-2")
     with ui.row().classes("w-full items-center q-mt-md"):
         ui.label("Impulses: amplitude, and time in s").classes("text-sm text-weight-bold")
-        ui.button("add", on_click=lambda: tab.change(state.with_one_more, impulses=True)).props("dense flat no-caps")
-        ui.button("remove", on_click=lambda: tab.change(state.with_one_less, impulses=True)).props("dense flat no-caps")
+        ui.button("add", on_click=lambda: tab.change(changes.with_one_more, impulses=True)).props("dense flat no-caps")
+        ui.button("remove", on_click=lambda: tab.change(changes.with_one_less, impulses=True)).props(
+            "dense flat no-caps"
+        )
     _impulses(tab)
     pins.build(tab)
     ui.label("Tune: least residual energy").classes("text-sm text-weight-bold q-mt-md")
@@ -55,8 +57,8 @@ def _impulses(tab: Tab) -> None:
                 second.props(f'dense aria-label="time {i + 1}" data-testid="time-{i}"')
                 second.set_enabled(i > 0)
                 label = ui.label(_impulse(tab.state, i)).classes("text-xs").style("width:104px")
-            first.on_value_change(lambda event, i=i: moved(state.with_amplitude, i, event))
-            second.on_value_change(lambda event, i=i: moved(state.with_time, i, event))
+            first.on_value_change(lambda event, i=i: moved(changes.with_amplitude, i, event))
+            second.on_value_change(lambda event, i=i: moved(changes.with_time, i, event))
             rows.append((first, second, label))
 
     def moved(make: Callable[[State, int, float], State], i: int, event: Any) -> None:
@@ -91,7 +93,7 @@ async def closed_form(tab: Tab, name: str, every: bool = False) -> None:
         name: of the closed form.
         every: whether it is for all axes, where each has a shaper of its own.
     """
-    put = state.with_one_for_all if every else state.with_impulses
+    put = changes.with_one_for_all if every else changes.with_impulses
     before = tab.state
     try:
         found = await asyncio.get_running_loop().run_in_executor(tab.worker, takeaway.closed_form, before, name)

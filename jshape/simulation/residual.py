@@ -1,0 +1,79 @@
+"""The state after the last impulse and the residual energy there, each with its accuracy."""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool
+
+from jshape import _check
+from jshape._types import Scalar, State
+from jshape.compilation_cache import kept
+from jshape.plants import AbstractPlant
+from jshape.simulation.schedule import Schedule
+from jshape.simulation.simulate import final_state
+from jshape.simulation.steps import TOLERANCE, checked_state, least_tolerance
+
+
+class End(NamedTuple):
+    """The state after the last impulse, the estimate of the energy's error (J), whether the plant diverged, and
+    whether the tolerance was met."""
+
+    state: State
+    error: Scalar
+    diverged: Bool[Array, ""]
+    met: Bool[Array, ""]
+
+
+def state_at_end(plant, plan: Schedule, state: State, steps: int | None, method: str, tolerance: Scalar) -> End:
+    """By so many steps a segment; by as many as the tolerance takes, chosen at run time, where none are given."""
+    inputs = plan.final_inputs(plant)
+    if steps is None:
+        found = checked_state(plant, plan, state, tolerance)
+        return End(found.state, found.error * found.scale, found.diverged, found.met)
+    end, error = final_state(plant, plan, state, steps, method)
+    slope, curved = jax.jvp(jax.grad(lambda y: plant.residual_energy(y, inputs)), (end,), (error,))
+    bound = jnp.abs(slope) @ error + jnp.abs(curved) @ error / 2
+    return End(end, bound, plant.diverged(end, inputs), jnp.asarray(True))
+
+
+@kept
+def energy_with_error(plant, plan: Schedule, state, steps: int | None, method: str, tolerance):
+    return energy_at_end(plant, plan, state_at_end(plant, plan, state, steps, method, tolerance))
+
+
+def energy_at_end(plant, plan: Schedule, end: End) -> tuple[Scalar, Scalar, Bool[Array, ""]]:
+    """The residual energy, NaN where the tolerance was not met, the estimate of its error, and whether it was."""
+    energy = plant.residual_energy(end.state, plan.final_inputs(plant))
+    # A plant without rest at its final input has no energy above it, whatever the tolerance.
+    rest = jnp.all(jnp.isfinite(plant.rest_state(plan.final_inputs(plant))))
+    energy = jnp.where(end.diverged & rest, jnp.inf, energy)
+    return jnp.where(end.met, energy, jnp.nan), jnp.where(end.met, end.error, jnp.inf), end.met | ~rest
+
+
+def check_tolerance(tolerance: Any, state: State) -> None:
+    """*Raises* ``ValueError`` unless a tolerance is positive and above rounding."""
+    _check.positive(tolerance, "tolerance")
+    least = least_tolerance(state.dtype)
+    if _check.is_concrete(tolerance) and np.any(np.asarray(tolerance) < least):
+        raise ValueError(f"tolerance {tolerance:g} cannot be met: it is below rounding, {least:.1g}")
+
+
+def as_tolerance(tolerance: Any, state: State) -> Scalar:
+    """A given tolerance as an array; the default, or what the precision allows, where none is given."""
+    least = max(TOLERANCE, least_tolerance(state.dtype))
+    return (
+        _check.on_device(np.asarray(least, state.dtype)) if tolerance is None else jnp.asarray(tolerance, state.dtype)
+    )
+
+
+def require_met(plant: AbstractPlant, plan: Schedule, met: Any, error: Any, tolerance: Any) -> None:
+    """*Raises* ``ValueError`` unless the tolerance of a concrete result was met."""
+    if not np.all(np.asarray(met)):
+        asked = "the default" if tolerance is None else f"{tolerance:g}"
+        raise ValueError(
+            f"tolerance ({asked}) was not met: the residual energy of {type(plant).__name__} after "
+            f"{float(plan.breaks[-1]):.4g} s is known to about {float(np.max(np.asarray(error))):.2g} J only, with the "
+            "most steps there are; ask for a larger tolerance, or shorten the move"
+        )
