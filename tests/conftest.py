@@ -12,6 +12,8 @@ PROGRAMS = Path(__file__).parents[1] / ".pytest_cache" / "programs"
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(PROGRAMS))
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.05")
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "-1")
+# The workers share the processor; the threads of one would wait for those of another.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import jax  # noqa: E402
 from jaxtyping import install_import_hook  # noqa: E402
@@ -47,9 +49,10 @@ MOST_MEMORY = 6.0
 
 
 def pytest_configure(config):
-    """The quick set, whose time is compiling, compiles with fewer optimisations; the slow set as users do."""
-    if config.option.markexpr == "not slow" and "XLA_FLAGS" not in os.environ:
-        os.environ["XLA_FLAGS"] = "--xla_backend_optimization_level=0"
+    """All programs are compiled as jshape's own are; the quick set's, whose time is compiling, optimised less."""
+    if "XLA_FLAGS" not in os.environ:
+        less = "--xla_backend_optimization_level=0" if config.option.markexpr == "not slow" else ""
+        os.environ["XLA_FLAGS"] = f"--xla_disable_hlo_passes={programs.WITHOUT['xla_disable_hlo_passes']} {less}"
 
 
 def pytest_collection_modifyitems(config, items):
