@@ -151,6 +151,7 @@ def test_the_fit_is_scipys(task, learn, window):
     np.testing.assert_allclose(got.swing, end - [1.0, 0.0], atol=1e-6)
 
 
+@pytest.mark.slow
 def test_the_covariance_is_honest(learn, window):
     """Over fifty windows the errors are as large as the posterior says they are, for every parameter."""
     run, _, _ = learn

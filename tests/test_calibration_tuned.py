@@ -209,7 +209,10 @@ def test_a_measured_damping_moves_everything(made_up, found):
 
 
 @pytest.mark.skipif(not MEASURED.exists(), reason="the measured spectrum is not beside this repository")
-@pytest.mark.parametrize(("version", "best", "gain"), [("current", 0.04852, 0.07), ("2024", 0.04171, 0.11)])
+@pytest.mark.parametrize(
+    ("version", "best", "gain"),
+    [("current", 0.04852, 0.07), pytest.param("2024", 0.04171, 0.11, marks=pytest.mark.slow)],
+)
 def test_better_than_klipper_on_a_measured_printer(version, best, gain):
     spectra = calibration.read(MEASURED)
     fits = calibration.fit_all(spectra, version=version)

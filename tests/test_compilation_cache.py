@@ -120,6 +120,17 @@ def test_traced_arguments_are_traced_on(folder):
     assert list(folder.iterdir()) == []
 
 
+@pytest.mark.parametrize("somewhere", [True, False])
+def test_concrete_arguments_may_stand_in_another_program(somewhere, folder, monkeypatch):
+    if not somewhere:
+        monkeypatch.setattr(programs, "_folder", None)
+    function, x = kept(both), jnp.arange(3.0)
+    for scale in (jax.jit, jax.grad, jax.vmap, lambda f: f):
+        total = lambda s: s * jnp.sum(function(x, 2.0)["pair"].size)
+        given = jnp.ones(2) if scale is jax.vmap else 1.0
+        assert np.all(scale(total)(given) == 6.0)
+
+
 def test_a_damaged_file_is_written_anew(folder):
     x = jnp.arange(3.0)
     first = kept(both)(x, 2.0)

@@ -141,6 +141,7 @@ def test_infeasible_reports_the_least_vibration():
     assert design.vibration == pytest.approx(0.072619784, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_brute_force_comes_no_nearer_than_the_least():
     # Symmetric switches at ±t3, ±(t3 − t2) and 0: over all of them, then closely around the design.
     least = nearest().vibration

@@ -309,6 +309,7 @@ def test_estimates_of_the_loss(papers):
         assert given(float(papers.approximate[name].amplitudes[0])) == pytest.approx(loss, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_robust_shaper_with_a_damper_rests_at_the_destination(papers):
     shaper = energy.robust(papers.damped, 1.0, rests=1)
     assert js.residual_energy(papers.damped, padded(shaper), 1.0) < 1e-20

@@ -122,6 +122,7 @@ def test_derivatives_are_those_of_the_metric():
         np.testing.assert_allclose(ds[f"d_residual_energy_d_{name}"].values[0, 3], difference, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_energy_and_vibration_from_one_simulation_are_those_of_two():
     over = {"m2": jnp.linspace(0.6, 1.4, 40)}
     both = js.sweep(
