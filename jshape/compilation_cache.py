@@ -36,10 +36,17 @@ import equinox as eqx
 import jax
 import jax.export
 import numpy as np
-from jax._src.core import trace_state_clean
 
 from jshape import _check
 from jshape._files import whole
+
+try:
+    from jax._src.core import trace_state_clean
+except ImportError:  # Not of JAX's public interface: without it every program is compiled as a part of another one is.
+
+    def trace_state_clean() -> bool:
+        return False
+
 
 P = ParamSpec("P")
 R = TypeVar("R")

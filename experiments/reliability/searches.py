@@ -110,12 +110,13 @@ def run(kind: str, index: int, seed: int) -> dict[str, Any]:
     begin = time.process_time()
     found = solve(problem, STARTS, 0)
     middle = time.process_time()
-    judge = solve(problem, FACTOR * STARTS, 1)
-    bare = float(js.residual_energy(problem.plant, None, problem.command))
+    bare, left = float(js.residual_energy(problem.plant, None, problem.command)), value(problem, found)
+    # Less than nothing is not to be found.
+    judge = found if left <= ZERO * bare else solve(problem, FACTOR * STARTS, 1)
     return {
         "kind": kind, "index": index, "plant": type(problem.plant).__name__, "impulses": problem.options["impulses"],
-        "amplitudes": problem.options["amplitudes"], "bare": bare, "value": value(problem, found),
-        "judge": value(problem, judge), "converged": found.converged, "judge_converged": judge.converged,
+        "amplitudes": problem.options["amplitudes"], "bare": bare, "value": left, "judge": value(problem, judge),
+        "converged": found.converged, "judge_converged": judge.converged, "judged": judge is not found,
         "seconds": middle - begin, "judge_seconds": time.process_time() - middle,
     }  # fmt: skip
 

@@ -97,16 +97,17 @@ class Bounds(eqx.Module):
             gaps.append(duration * random.dirichlet(np.full(self.impulses - 1, random.choice([4.0, 0.5]))))
         return Point(np.concatenate(amplitudes), np.concatenate(gaps), random.uniform(self.least, self.most))
 
-    def contains(self, point: Point, tolerance: float = 1e-9) -> bool:
-        """Whether a design is within the bounds."""
+    def contains(self, point: Point, tolerance: float = 1e-9) -> Any:
+        """Whether a design is within the bounds; of NumPy or JAX."""
         amplitudes = point.amplitudes.reshape(self.shapers, -1)
         totals = point.gaps.reshape(self.shapers, -1).sum(axis=1)
-        return bool(
-            all(np.all(np.isfinite(part)) for part in point)
-            and np.all((amplitudes >= self.lower - tolerance) & (amplitudes <= self.upper + tolerance))
-            and np.all(point.gaps >= -tolerance * self.longest)
-            and np.all((self.shortest * (1 - tolerance) <= totals) & (totals <= self.longest * (1 + tolerance)))
-            and np.all((point.leaves >= self.least) & (point.leaves <= self.most))
+        # What is not a number is in no range.
+        return (
+            ((amplitudes >= self.lower - tolerance) & (amplitudes <= self.upper + tolerance)).all()
+            & (abs(amplitudes) < np.inf).all()
+            & ((point.gaps >= -tolerance * self.longest) & (point.gaps < np.inf)).all()
+            & ((self.shortest * (1 - tolerance) <= totals) & (totals <= self.longest * (1 + tolerance))).all()
+            & ((point.leaves >= self.least) & (point.leaves <= self.most)).all()
         )
 
 

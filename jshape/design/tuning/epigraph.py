@@ -62,41 +62,42 @@ class Merit(NamedTuple):
         return np.inf if np.isnan(total) else total
 
 
-class QuadraticModel:
-    """Energies as quadratics about a design and slacks as linear functions.
+class Model:
+    """Energies as sums of squares of roots that are quadratics about a design, and slacks as linear functions.
+
+    Along a valley in which little energy is left, quadratics of the energies themselves hold a tenth as far.
 
     Args:
         center: the design, shape (variables,).
-        found: energies and slacks there, with their Jacobians.
-        hessians: of the energies, shape (plants, variables, variables).
+        found: energies and slacks there, with their derivatives.
     """
 
-    def __init__(self, center: Vector, found: Linearisation, hessians: np.ndarray):
-        self.center, self.found, self.hessians = center, found, hessians
+    def __init__(self, center: Vector, found: Linearisation):
+        self.center, self.found = center, found
 
     def __call__(self, x: Vector) -> Linearisation:
         """The model's energies and slacks at another design, with their Jacobians."""
         found, step = self.found, x - self.center
-        bend = self.hessians @ step
-        energies = found.energies + (found.jacobian + bend / 2) @ step
-        return Linearisation(
-            energies,
-            found.jacobian + bend,
-            found.slacks + found.slack_jacobian @ step,
-            found.slack_jacobian,
-            self.hessians,
+        bend, root_bend = found.bends @ step, found.root_bends @ step
+        change = (found.root_jacobian + root_bend / 2) @ step
+        slope = (change[:, None] @ (found.root_jacobian + root_bend))[:, 0]
+        return found._replace(
+            energies=found.energies + (found.jacobian + bend / 2) @ step + np.sum(change**2, axis=1) / 2,
+            jacobian=found.jacobian + bend + slope,
+            slacks=found.slacks + found.slack_jacobian @ step,
         )
 
     def can_be_greatest(self, radius: float) -> np.ndarray:
         """Mask of the plants whose energy may be the greatest of all somewhere within a distance of the center."""
-        reach = radius * np.abs(self.found.jacobian).sum(axis=1)
-        reach = reach + radius**2 / 2 * np.abs(self.hessians).sum(axis=(1, 2))
-        return self.found.energies + reach >= np.max(self.found.energies - reach)
+        found, once, twice = self.found, radius, radius**2 / 2
+        change = once * np.abs(found.root_jacobian).sum(axis=2) + twice * np.abs(found.root_bends).sum(axis=(2, 3))
+        reach = once * np.abs(found.jacobian).sum(axis=1) + twice * np.abs(found.bends).sum(axis=(1, 2))
+        return found.energies + reach + np.sum(change**2, axis=1) / 2 >= np.max(found.energies - reach)
 
-    def restricted(self, plants: np.ndarray) -> "QuadraticModel":
+    def restricted(self, plants: np.ndarray) -> "Model":
         """The model of some of the plants."""
-        found = self.found._replace(energies=self.found.energies[plants], jacobian=self.found.jacobian[plants])
-        return QuadraticModel(self.center, found, self.hessians[plants])
+        names = ("energies", "jacobian", "bends", "root_jacobian", "root_bends")
+        return Model(self.center, self.found._replace(**{name: getattr(self.found, name)[plants] for name in names}))
 
 
 def minimise_epigraph(

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
@@ -84,14 +85,26 @@ class Linearisation(NamedTuple):
         jacobian: theirs, shape (plants, variables).
         slacks: negative where a limit is missed, 1 where none of it is used, shape (limits,).
         slack_jacobian: theirs, shape (limits, variables).
-        hessians: of the energies, approximately (see ``_hessian``), shape (plants, variables, variables).
+        bends: Σ r_k ∂²r_k, where the energies are Σ r_k² / 2 of the states at the end (see ``_curvature``), shape
+            (plants, variables, variables).
+        roots: those r_k, shape (plants, state).
+        root_jacobian: their first derivatives, shape (plants, state, variables).
+        root_bends: their second derivatives, shape (plants, state, variables, variables).
     """
 
     energies: Any
     jacobian: Any
     slacks: Any
     slack_jacobian: Any
-    hessians: Any
+    bends: Any
+    roots: Any
+    root_jacobian: Any
+    root_bends: Any
+
+    @property
+    def hessians(self) -> Any:
+        """Of the energies, shape (plants, variables, variables)."""
+        return self.bends + np.swapaxes(self.root_jacobian, 1, 2) @ self.root_jacobian
 
 
 @kept
@@ -111,22 +124,22 @@ def linearise(scenarios: Scenarios, point: Point, ends: Any, steps: Any) -> Line
 
     if len(flat) <= FORWARD:
 
-        def whole(plant: AbstractPlant, end: Array) -> tuple[Array, Array, Array]:
+        def whole(plant: AbstractPlant, end: Array) -> tuple[Array, ...]:
             # Derivatives inside, plants outside: on four states and up to 64 plants half the time of the reverse.
             (value, _), (slope, slopes) = _with_jacobian(lambda x: one(x, plant, end), flat)
-            return value, slope, _hessian(scenarios, plant, point, end, slopes)
+            return value, slope, *_curvature(scenarios, plant, point, end, slopes)
 
-        energies, jacobian, hessians = _every_plant(scenarios, whole, ends)
+        energies, jacobian, *curvature = _every_plant(scenarios, whole, ends)
     else:
         # One pass back for each plant.
         energies, jacobian = _every_plant(
             scenarios, lambda plant, end: _with_jacobian(lambda x: one(x, plant, end)[0], flat), ends
         )
-        hessians = jnp.zeros((*jacobian.shape, len(flat)))
+        curvature = _no_curvature(*jacobian.shape)
     slack, slack_jacobian = jnp.zeros(0), jnp.zeros((0, len(flat)))
     if scenarios.limits.any:
         slack, slack_jacobian = _with_jacobian(lambda x: slacks(scenarios, unravel(x)), flat)
-    return Linearisation(energies, jacobian, slack, slack_jacobian, hessians)
+    return Linearisation(energies, jacobian, slack, slack_jacobian, *curvature)
 
 
 def _move(scenarios: Scenarios, plant: AbstractPlant, point: Point) -> tuple[AbstractPlant, Schedule, State]:
@@ -173,13 +186,21 @@ def _energy_and_end(
     return jnp.where(diverged, DIVERGED_ENERGY, value), end
 
 
-def _hessian(scenarios: Scenarios, plant: AbstractPlant, point: Point, end: Array, slopes: Array) -> Array:
-    """The energy's Hessian in the amplitudes, gaps and leaves, from the derivatives of the state at the end.
+def _no_curvature(*shape: int) -> tuple[Array, ...]:
+    *plants, n = shape
+    return tuple(jnp.zeros((*plants, *shape)) for shape in ((n, n), (0,), (0, n), (0, n, n)))
 
-    The Gauss–Newton part is exact where the energy vanishes. The rest, the state's own second derivatives along the
-    energy's gradient, is that of a plant which is linear after the move: an impulse that comes later by dt has moved
-    the end back by dt along its own trajectory, y″ = −M y′ with the equation's matrix M, and in proportion to its
-    amplitude.
+
+def _curvature(
+    scenarios: Scenarios, plant: AbstractPlant, point: Point, end: Array, slopes: Array
+) -> tuple[Array, ...]:
+    """``bends`` and the roots with their derivatives, in the amplitudes, gaps and leaves, of one plant (see
+    ``Linearisation``).
+
+    As a function of the state at the end the energy is taken for a quadratic, whose positive part is a sum of squares;
+    that state's second derivatives are those of a plant which is linear after the move: an impulse that comes later
+    by dt has moved the end back by dt along its own trajectory, y″ = −M y′ with the equation's matrix M, and in
+    proportion to its amplitude.
 
     Args:
         scenarios: the moves.
@@ -189,42 +210,67 @@ def _hessian(scenarios: Scenarios, plant: AbstractPlant, point: Point, end: Arra
         slopes: its derivatives, shape (state, variables).
     """
     if scenarios.metric is not None:
-        return jnp.zeros((slopes.shape[1],) * 2)
+        return _no_curvature(slopes.shape[1])
     plant, plan, _ = _move(scenarios, plant, point)
     inputs, after = plan.final_inputs(plant), plan.breaks[-1]
     field = lambda y: plant.vector_field(after, y, inputs)
     energy = lambda y: plant.residual_energy(y, inputs)
     values, vectors = jnp.linalg.eigh(jnp.nan_to_num(jax.hessian(energy)(end)))
-    gauss_newton = slopes.T @ ((vectors * jnp.maximum(values, 0.0)) @ (vectors.T @ slopes))
+    # The root that is symmetric, which is continuous along a search.
+    roots = jnp.sqrt(jnp.maximum(values, 0.0))
+    root, flat_roots = (vectors * roots) @ vectors.T, roots <= 1e-7 * roots[-1]
+    inverse = (vectors * jnp.where(flat_roots, 0.0, 1 / jnp.where(flat_roots, 1.0, roots))) @ vectors.T
     gradient, matrix = jax.grad(energy)(end), jax.jacfwd(field)(end)
     flat, unravel = ravel_pytree(point)
-    count = len(point.amplitudes) - len(point.gaps)
-    impulses = len(point.amplitudes) // count
     # Where one shaper shapes everything the move ends with its last impulse, and every gap delays the end; among
-    # several axes, the gaps of the shaper whose last impulse ends it. First all derivatives at a fixed end.
+    # several axes, the gaps of the shaper whose last impulse ends it.
     if scenarios.groups:
         later = jax.grad(lambda x: _move(scenarios, plant, unravel(x))[1].breaks[-1])(flat)
     else:
-        later = jnp.zeros_like(flat).at[impulses : 2 * impulses - 1].set(1.0)
-    away = field(end)
+        later = jnp.zeros_like(flat).at[_gaps(point, 0)].set(1.0)
+    along = lambda row: _bend(row, point, matrix, field(end), later, slopes)
+    bends, root_bends = along(gradient), jax.vmap(along)(root)
+    return tuple(map(jnp.nan_to_num, (bends, inverse @ gradient, root @ slopes, root_bends)))
+
+
+def _gaps(point: Point, shaper: int) -> slice:
+    """Where a shaper's gaps stand among the variables."""
+    count = len(point.amplitudes) - len(point.gaps)
+    each = len(point.gaps) // count
+    return slice(begin := len(point.amplitudes) + shaper * each, begin + each)
+
+
+def _bend(row: Array, point: Point, matrix: Array, away: Array, later: Array, slopes: Array) -> Array:
+    """Second derivatives of a component of the state at the end, shape (variables, variables).
+
+    Args:
+        row: the component, along which the state is taken, shape (state,).
+        point: the design.
+        matrix: of the linear plant, shape (state, state).
+        away: the state's derivative in time at the end, shape (state,).
+        later: derivatives of the move's end in time, shape (variables,).
+        slopes: first derivatives of the state, shape (state, variables).
+    """
+    count = len(point.amplitudes) - len(point.gaps)
+    impulses = len(point.amplitudes) // count
+    # First all derivatives at a fixed end.
     fixed = slopes - away[:, None] * later
-    rest = jnp.outer(later, gradient @ (matrix @ (fixed + away[:, None] * later / 2)))
+    rest = jnp.outer(later, row @ (matrix @ (fixed + away[:, None] * later / 2)))
     order = jnp.tril(jnp.ones((impulses - 1, impulses - 1)))
     twice_each = []
     for shaper in range(count):
-        begin = len(point.amplitudes) + shaper * (impulses - 1)
-        gaps, others = slice(begin, begin + impulses - 1), slice(shaper * impulses + 1, (shaper + 1) * impulses)
+        gaps, others = _gaps(point, shaper), slice(shaper * impulses + 1, (shaper + 1) * impulses)
         by_times = fixed[:, gaps] - jnp.pad(fixed[:, gaps][:, 1:], ((0, 0), (0, 1)))
-        amplitudes = flat[others]
+        amplitudes = point.amplitudes[others]
         small = jnp.abs(amplitudes) < 1e-3
-        mixed = jnp.where(small, 0.0, gradient @ by_times / jnp.where(small, 1.0, amplitudes))
-        twice_each.append((gaps, -gradient @ (matrix @ by_times)))
+        mixed = jnp.where(small, 0.0, row @ by_times / jnp.where(small, 1.0, amplitudes))
+        twice_each.append((gaps, -row @ (matrix @ by_times)))
         # From impulse times to gaps: an impulse comes after all gaps before it.
         rest = rest.at[others, gaps].add(mixed[:, None] * order)
     rest = rest + rest.T
     for gaps, twice in twice_each:
         rest = rest.at[gaps, gaps].add(order.T @ (twice[:, None] * order))
-    return gauss_newton + jnp.nan_to_num(rest)
+    return rest
 
 
 def slacks(scenarios: Scenarios, point: Point) -> Array:

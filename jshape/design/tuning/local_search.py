@@ -1,12 +1,13 @@
 """Local search for a design problem: a trust region around quadratic models of the energies.
 
-In each iteration all energies are modelled by their gradients and Hessians (``evaluate.linearise``; for other metrics
-by symmetric rank-one updates), the epigraph of the models is minimised within a box, and the step is taken if the
-energies themselves agree. Values come before derivatives, at a tolerance that tightens as the search converges.
+In each iteration all energies are modelled as sums of squares of roots, whose second derivatives are those of a linear
+plant (``evaluate.linearise``) and symmetric updates of rank two; other metrics are modelled by such updates alone. The
+epigraph of the models is minimised within a box, and the step is taken if the energies themselves agree. Values come
+before derivatives, at a tolerance that tightens as the search converges.
 ``LocalSearch.optimality`` judges any design by the Karush–Kuhn–Tucker conditions.
 
-Source: Fletcher (1985), an ℓ1 penalty method for nonlinear constraints, here with the ℓ∞ norm; Conn, Gould and Toint
-(1991), symmetric rank-one updates.
+Source: Fletcher (1985), an ℓ1 penalty method for nonlinear constraints, here with the ℓ∞ norm; Powell (1970), a
+symmetric form of Broyden's update.
 """
 
 from collections.abc import Callable
@@ -17,7 +18,7 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from jshape.design.tuning.design_problem import DesignProblem
-from jshape.design.tuning.epigraph import Merit, QuadraticModel, Rows, Space, Vector, minimise_epigraph
+from jshape.design.tuning.epigraph import Merit, Model, Rows, Space, Vector, minimise_epigraph
 from jshape.design.tuning.evaluate import FORWARD, LOOSEST, Linearisation, Values, evaluate, linearise
 from jshape.design.tuning.objective import TAIL, value_of, weights_of
 from jshape.design.tuning.scenarios import Point
@@ -29,7 +30,8 @@ OPTIMAL = 1e-6
 """An optimality residual that counts as an optimum."""
 
 NEARLY = 1e-2
-"""The same where there is no gain within ``WIDE`` either: the conditions hold as far as differences show."""
+"""The same where there is no gain within ``WIDE`` either, and the greatest relative slope of the objective there: the
+conditions hold as far as differences show."""
 
 EXCEEDED = 1e-6
 """A limit that is exceeded by less, as a fraction of itself, is kept."""
@@ -45,6 +47,9 @@ CONVERGED = 1e-13
 
 PROPOSED = 50
 """Iterations of SLSQP on the models, at most."""
+
+LATE = 16
+"""Iterations after which second derivatives are updated: most searches have ended before, and long steps mislead."""
 
 POLISHED = 20, 1e-3
 """Iterations of SLSQP on the energies themselves at the end of a search, and how far they may go."""
@@ -68,10 +73,12 @@ class Optimality(NamedTuple):
     Attributes:
         multipliers: of each plant's energy; they sum to 1.
         residual: norm of the Lagrangian's gradient over that of the steepest energy; 0 at an optimum.
+        slope: the same norm over the greatest energy, in the search's units.
     """
 
     multipliers: np.ndarray
     residual: float
+    slope: float
 
 
 class LocalSearch:
@@ -153,9 +160,11 @@ class LocalSearch:
         key = x.tobytes() + known.ends.tobytes() + steps.tobytes()
         if key not in self._linearised:
             found = Linearisation(*map(np.asarray, linearise(self.problem.scenarios, self.point(x), known.ends, steps)))
-            jacobian, slope = found.jacobian * self.units, found.slack_jacobian * self.units
-            hessians = found.hessians * self.units * self.units[:, None]
-            found = Linearisation(found.energies, jacobian, found.slacks, slope, hessians)
+            once, twice = self.units, self.units * self.units[:, None]
+            found = found._replace(
+                jacobian=found.jacobian * once, slack_jacobian=found.slack_jacobian * once, bends=found.bends * twice,
+                root_jacobian=found.root_jacobian * once, root_bends=found.root_bends * twice,
+            )  # fmt: skip
             _remember(self._linearised, key, found)
             return found
         return self._linearised[key]
@@ -221,8 +230,8 @@ class LocalSearch:
             target = np.append(target, heavy)
         balance = lsq_linear(matrix, target, (lower, upper), method="bvls").x if len(lower) else lower
         multipliers[active] = balance[: len(active)]
-        residual = np.linalg.norm(columns @ balance + gradient)
-        return Optimality(multipliers, float(residual / steepest) if steepest > 0 else 0.0)
+        slope = float(np.linalg.norm(columns @ balance + gradient))
+        return Optimality(multipliers, slope / float(steepest) if steepest > 0 else 0.0, slope)
 
     @property
     def time_cost(self) -> Vector:
@@ -248,13 +257,14 @@ class Descent:
     """
 
     def __init__(self, search: LocalSearch, start: Point, limit: int):
-        self.search, self.x, self.left = search, search.vector(start), limit
+        self.search, self.x, self.left, self.early = search, search.vector(start), limit, limit - LATE
         self.radius, self.penalty, self.widened = RADIUS, PENALTY, 0
         self.ended = self.optimal = self.stopped = False
         found = self._begin()
-        self.updates: np.ndarray | None = None
-        if search.problem.scenarios.metric is not None or len(self.x) > FORWARD:
-            self.updates = np.zeros((len(found.energies), len(self.x), len(self.x)))
+        # Of the second derivatives: those of the roots, or of the energies where there are no roots.
+        n, states = len(self.x), found.ends.shape[1:]
+        self.rooted = search.problem.scenarios.metric is None and n <= FORWARD
+        self.updates = np.zeros((len(found.energies), *(states if self.rooted else ()), n, n))
 
     @property
     def point(self) -> Point:
@@ -270,6 +280,9 @@ class Descent:
 
     def pose(self, problem: DesignProblem) -> None:
         """Go on with other plants in the set."""
+        before, after = self.search.problem.scenarios.samples, problem.scenarios.samples
+        for name in after:
+            self.updates[np.asarray(before[name]) != np.asarray(after[name])] = 0.0
         self.search.pose(problem)
         self._begin()
         self.ended = self.optimal = False
@@ -323,7 +336,7 @@ class Descent:
         actual = now - merit(trial, tried.energies, tried.slacks)
         step = np.abs(trial - self.x).max()
         if actual > 0.01 * gain:
-            if self.updates is not None:
+            if not self.rooted or self.left < self.early:
                 self._update(trial - self.x, found, search.linearise(trial, self.tolerance))
             self.x = trial
         if actual < 0.25 * gain:
@@ -339,7 +352,7 @@ class Descent:
     def _propose(self, found: Linearisation, merit: Merit, radius: float) -> tuple[Vector, float]:
         """The best design of the model in a trust region, and by how much it betters the merit there."""
         space = self.search.space
-        model = QuadraticModel(self.x, found, found.hessians if self.updates is None else self.updates)
+        model = Model(self.x, self._updated(found))
         if merit.objective == "worst":
             model = model.restricted(model.can_be_greatest(radius))
         lower, upper = np.maximum(space.lower, self.x - radius), np.minimum(space.upper, self.x + radius)
@@ -349,14 +362,24 @@ class Descent:
         gain = merit(self.x, before.energies, before.slacks) - merit(trial, after.energies, after.slacks)
         return trial, gain
 
+    def _updated(self, found: Linearisation) -> Linearisation:
+        """With the updates of the second derivatives."""
+        if not self.rooted:
+            return found._replace(bends=self.updates)
+        bends = found.bends + np.einsum("pk,pkij->pij", found.roots, self.updates)
+        return found._replace(bends=bends, root_bends=found.root_bends + self.updates)
+
     def _update(self, step: Vector, before: Linearisation, after: Linearisation) -> None:
-        """Symmetric rank-one update of the Hessian of each plant's metric."""
-        assert self.updates is not None
-        residuals = after.jacobian - before.jacobian - self.updates @ step
-        along = residuals @ step
-        sound = np.abs(along) > 1e-8 * np.linalg.norm(residuals, axis=1) * np.linalg.norm(step)
-        weights = np.where(sound, 1.0, 0.0) / np.where(sound, along, 1.0)
-        self.updates += weights[:, None, None] * residuals[:, :, None] * residuals[:, None, :]
+        """The least symmetric change of the second derivatives with which they explain how the first ones changed."""
+        if self.rooted:
+            change = after.root_jacobian - before.root_jacobian - after.root_bends @ step
+        else:
+            change = after.jacobian - before.jacobian
+        residuals = change - self.updates @ step
+        length = step @ step
+        along = residuals @ step / length
+        outer = residuals[..., :, None] * step
+        self.updates += (outer + np.swapaxes(outer, -1, -2) - along[..., None, None] * step[:, None] * step) / length
 
     def _end(self, found: Linearisation) -> None:
         """No gain is in sight: an optimum, a region that is too small, or limits that need a higher penalty."""
@@ -367,7 +390,9 @@ class Descent:
             self.radius, self.widened = WIDE, self.widened + 1
         else:
             self.ended = True
-            self.optimal = self.search.optimality(self.point).residual < (NEARLY if self.radius >= WIDE else OPTIMAL)
+            reached = self.search.optimality(self.point)
+            nearly = self.radius >= WIDE and max(reached.residual, reached.slope) < NEARLY
+            self.optimal = nearly or reached.residual < OPTIMAL
 
 
 def _time_unit(problem: DesignProblem) -> float:

@@ -31,9 +31,12 @@ from jshape.simulation.simulate import initial
 from jshape.simulation.steps import TOLERANCE
 from jshape.status import Status
 
-ROUNDS = ((12, 4), (8, 4), (5, 6), (3, 12), (2, None))
-"""How many of the best starts are refined, and by how many iterations, before the best of those go on; the last ones to
-the end. Where derivatives cost little, more of them, but for the last."""
+ROUNDS = ((12, 4), (8, 4), (5, 6), (3, 12), (1, 24), (2, None))
+"""How many of the best starts are refined, and by how many iterations, before the best of those go on, two
+at least; the last ones to the end. Where derivatives cost little, more of them, but for the last."""
+
+STIFF = 4
+"""How many times the steps of half the starts a start may take to be refined beside them."""
 
 CHEAP = 20_000
 """Segments, states, plants and variables, multiplied, above which there are no more than those."""
@@ -105,16 +108,21 @@ class Search:
         return self._solution()
 
     def _nominal(self, starts: list[Point], iterations: int) -> list[Point]:
-        """Levenberg–Marquardt, all starts side by side; the first that reaches zero counts. Returns the ends."""
+        """Levenberg–Marquardt, all starts side by side, until one reaches zero. Returns the ends."""
         bounds = self.problem.bounds
         self.progress("Levenberg–Marquardt", 0, 1, np.inf)
-        ends, history = levenberg_marquardt(self.problem, starts, self._steps(starts), iterations)
-        valid = np.isfinite(history[:, -1]) & [bounds.contains(end) for end in ends]
+        # All take the steps of the one that needs most: those that need many times as many would hold up the others.
+        steps = self._steps(starts)
+        total = steps.sum(axis=1)
+        few = total <= STIFF * np.median(total)
+        starts, steps = [start for start, one in zip(starts, few, strict=True) if one], steps[few].max(axis=0)
+        ends, history = levenberg_marquardt(self.problem, starts, steps, iterations, self._zero)
+        valid = np.isfinite(history[:, -1]) & [bool(bounds.contains(end)) for end in ends]
         ends = [bounds.clip(end) if inside else start for end, start, inside in zip(ends, starts, valid, strict=True)]
         # What was found with the steps of the starts is judged by steps of its own.
         final = np.array([self.judge.merit(end) for end in ends])
         # Where energies are differences, they are zero to rounding only.
-        rounded = (history[:, -1] <= self._zero) & (final <= 4 * self._eps * self._bare)
+        rounded = (history[:, -1] <= self._zero) & (final <= self._rounding)
         zero = np.flatnonzero((final <= self._zero) | rounded)
         best = int(zero[0]) if len(zero) else int(np.argmin(final))
         settled = int(np.argmax(history[best] <= max(2 * final[best], self._zero))) if valid[best] else 0
@@ -125,8 +133,8 @@ class Search:
         return [end for end, inside in zip(ends, valid, strict=True) if inside]
 
     def _steps(self, points: list[Point]) -> np.ndarray:
-        """Steps in each segment that are enough for all of the designs."""
-        return np.max([self.judge.values(self.judge.vector(point)).steps for point in points], axis=0)
+        """Steps in each segment that are enough for each of the designs, shape (designs, segments)."""
+        return np.stack([self.judge.values(self.judge.vector(point)).steps for point in points])
 
     def _descend(self, starts: list[Point], iterations: int) -> None:
         """Local search from the best of the starts; the best of its ends are refined to the end."""
@@ -134,7 +142,7 @@ class Search:
         # Derivatives, while values are compiled and ranked; what stands in the way is met again below.
         self.compiling = beside(self.judge.compile, starts[0])
         more = max(1.0, CHEAP / self._work(starts[0]))
-        rounds = [(min(count, int(size * more)) if most else size, most) for size, most in ROUNDS]
+        rounds = [(min(count, max(2, int(size * more))) if most else size, most) for size, most in ROUNDS]
         total = sum(size for size, _ in rounds)
 
         def report(value: float) -> None:
@@ -156,6 +164,8 @@ class Search:
             exchanged = self.problem.objective == "worst" and bool(self.problem.scenarios.samples)
             # Where plants will be added, the last ones are not refined to the end before.
             for size, most in rounds[:-1] if exchanged else rounds:
+                if self._reached():
+                    break
                 descents = distinct(self.judge, descents)[:size]
                 for descent in side_by_side(descents, most or iterations):
                     self._add(descent.point, descent.optimal)
@@ -173,11 +183,18 @@ class Search:
             # Values on the set before plants were added to it are no achievement.
             self.history = np.maximum(self.history, self.best.merit).tolist()
             self.summary = f"{self._value()}, the best of {rounds[0][0]} refined starts out of {count}"
-            if self.problem.zero_is_optimal:
+            if self._reached():
+                self.candidates = [self.best._replace(optimal=True)]
+                self.summary += f", zero but for rounding beside the bare command's {self._bare:.6g} J"
+            elif self.problem.zero_is_optimal:
                 self.summary += "; no shaper with these impulses and this duration was found that leaves none"
         if not self.best.optimal:
             self.summary += f", not optimal after {iterations} iterations"
         self.progress("local search", total, total, self.best.merit)
+
+    def _reached(self) -> bool:
+        """Whether the best candidate leaves nothing but rounding, where that is the optimum."""
+        return self.problem.zero_is_optimal and self.best.merit <= self._rounding
 
     def _work(self, point: Point) -> int:
         """Segments × states × plants × variables: what derivatives cost."""
@@ -227,7 +244,7 @@ class Search:
     def _first_order(self, starts: list[Point], iterations: int) -> None:
         """Adam, all starts side by side."""
         self.progress("Adam", 0, 1, np.inf)
-        ends, values = descend(self.problem, starts, self._steps(starts), iterations)
+        ends, values = descend(self.problem, starts, self._steps(starts).max(axis=0), iterations)
         merits = [self.judge.merit(end) for end in ends]
         best = int(np.argmin(merits))
         self.history = np.minimum.accumulate(values[best]).tolist()
@@ -295,12 +312,12 @@ class Search:
         )
 
     def _optimality(self, point: Point, values: np.ndarray) -> Optimality:
-        if self.problem.zero_is_optimal and float(values[0]) <= 4 * self._eps * self._bare and self.best.optimal:
+        if self.problem.zero_is_optimal and float(values[0]) <= self._rounding and self.best.optimal:
             # Zero is the least energy there is; the slope of rounding says no more.
-            return Optimality(np.ones(1), 0.0)
+            return Optimality(np.ones(1), 0.0, 0.0)
         if self.interrupted and self.compiling is not None and not self.compiling.done():
             # Who interrupts does not wait for derivatives.
-            return Optimality(np.zeros(len(values)), np.nan)
+            return Optimality(np.zeros(len(values)), np.nan, np.nan)
         return self.judge.optimality(point)
 
     @functools.cached_property
@@ -319,6 +336,11 @@ class Search:
     @property
     def _eps(self) -> float:
         return float(jnp.finfo(jax.tree.leaves(self.problem.scenarios.plant)[0].dtype).eps)
+
+    @property
+    def _rounding(self) -> float:
+        """What is left of zero where energies are differences, J."""
+        return 4 * self._eps * self._bare
 
     @property
     def _zero(self) -> float:
