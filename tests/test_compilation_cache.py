@@ -332,3 +332,23 @@ def test_a_command_that_ends_does_not_wait_for_what_is_being_compiled():
     ended = subprocess.run([sys.executable, "-c", code], timeout=300, capture_output=True, text=True)
     assert ended.returncode == 2
     assert "Nothing" in ended.stderr
+
+
+@pytest.mark.slow
+def test_without_jax_s_private_name_everything_runs(tmp_path):
+    """A JAX that no longer has it costs speed, not the answer."""
+    code = """
+import sys, types, jax, jax._src.core as core
+jax.config.update("jax_enable_x64", True)
+sys.modules[core.__name__] = without = types.ModuleType(core.__name__)
+vars(without).update({name: value for name, value in vars(core).items() if name != "trace_state_clean"})
+import jshape as js
+from jshape.compilation_cache import trace_state_clean
+sys.modules[core.__name__] = core
+assert not trace_state_clean()
+js.keep_programs(FOLDER)
+print(float(js.residual_energy(js.plants.Crane(1.0), None, 1.0)))
+"""
+    code = code.replace("FOLDER", repr(str(tmp_path / "kept")))
+    left = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert float(left) == pytest.approx(float(js.residual_energy(js.plants.Crane(1.0), None, 1.0)), rel=1e-12)

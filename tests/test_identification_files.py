@@ -338,7 +338,7 @@ def test_any_bytes_are_told(tmp_path, content):
 
 
 @pytest.mark.slow
-@_profile(10_000)
+@_profile(2_000)
 @given(edits=st.lists(EDITS, min_size=1, max_size=4))
-def test_ten_thousand_corrupt_files(tmp_path, edits):
+def test_two_thousand_corrupt_files(tmp_path, edits):
     survives(tmp_path / "corrupt.csv", edits)

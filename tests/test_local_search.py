@@ -1,4 +1,4 @@
-"""Local search: its Hessians beside exact ones, the worst case between the given plants, searches that once failed."""
+"""Local search: its models beside exact ones, the worst case between the given plants, searches that once failed."""
 
 import dataclasses
 
@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 import jshape as js
+from experiments.reliability.searches import draw
 from jshape.design.tuning import interval
 from jshape.design.tuning.design_problem import design_problem
-from jshape.design.tuning.evaluate import energies
+from jshape.design.tuning.epigraph import Model
+from jshape.design.tuning.evaluate import Linearisation, energies
 from jshape.design.tuning.interval import Maximum
 from jshape.design.tuning.local_search import Descent, LocalSearch
 from jshape.design.tuning.scenarios import Limits, Point
@@ -32,6 +34,7 @@ def test_hessians_of_a_linear_plant_are_exact():
     search = LocalSearch(problem)
     point = Point(np.array([0.3, 0.25, 0.2, 0.25]), np.array([0.4, 0.7, 0.5]), np.zeros(0))
     found = search.linearise(search.vector(point))
+    np.testing.assert_allclose(np.sum(found.roots**2, axis=1) / 2, found.energies, rtol=1e-9)
     steps = jnp.asarray(search.values(search.vector(point)).steps)
 
     def left(x):
@@ -43,6 +46,43 @@ def test_hessians_of_a_linear_plant_are_exact():
     # Directions in which the sum of the amplitudes changes change the destination, too: they are never taken.
     along = np.eye(7) - np.outer(np.repeat([0.25, 0.0], [4, 3]), np.repeat([1.0, 0.0], [4, 3]))
     np.testing.assert_allclose(along.T @ (found.hessians / scale) @ along, along.T @ (exact / scale) @ along, atol=1e-6)
+
+
+def test_models_are_squares_of_quadratics():
+    """Energies and slopes of a model beside the roots themselves, and updates beside how the slopes changed."""
+    random = np.random.default_rng(0)
+    plants, states, n = 5, 4, 7
+    roots, first = random.standard_normal((plants, states)), random.standard_normal((plants, states, n))
+    second = random.standard_normal((plants, states, n, n))
+    second = second + np.swapaxes(second, 2, 3)
+    energies, slopes = np.sum(roots**2, axis=1) / 2, np.einsum("pk,pki->pi", roots, first)
+    bends = np.einsum("pk,pkij->pij", roots, second)
+    found = Linearisation(energies, slopes, np.zeros(0), np.zeros((0, n)), bends, roots, first, second)
+    center, step = random.standard_normal(n), 0.3 * random.standard_normal(n)
+    model = Model(center, found)
+    ends = roots + first @ step + second @ step @ step / 2
+    there = model(center + step)
+    np.testing.assert_allclose(there.energies, np.sum(ends**2, axis=1) / 2, rtol=1e-12)
+    slope = np.stack(
+        [(model(center + step + 1e-6 * e).energies - model(center + step - 1e-6 * e).energies) for e in np.eye(n)]
+    )
+    np.testing.assert_allclose(there.jacobian, slope.T / 2e-6, rtol=1e-6, atol=1e-6)
+    # Whatever can be the greatest within a box is not left out.
+    for radius in (0.01, 0.1, 0.5):
+        tried = [model(center + radius * random.uniform(-1, 1, n)).energies for _ in range(200)]
+        assert set(np.argmax(tried, axis=1)) <= set(np.flatnonzero(model.can_be_greatest(radius)))
+    # An update explains the change of the slopes along the step, and is none where nothing is left to explain.
+    descent = Descent.__new__(Descent)
+    descent.rooted, descent.updates = True, np.zeros_like(second)
+    away = random.standard_normal((plants, states, n))
+    after = found._replace(root_jacobian=first + away)
+    descent._update(step, found, after)
+    explained = descent._updated(after).root_bends @ step
+    np.testing.assert_allclose(explained, away, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(descent.updates, np.swapaxes(descent.updates, 2, 3), rtol=1e-12, atol=1e-12)
+    before = descent.updates.copy()
+    descent._update(step, found, after)
+    np.testing.assert_allclose(descent.updates, before, rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.slow
@@ -138,6 +178,14 @@ def test_searches_that_once_failed(plant):
     padded = js.tune(plant, 1.0, 4, float(two.duration))
     assert padded.status is js.Status.CONVERGED
     assert padded.objective < 1e-18
+    # Where the way to zero is flat it ends at rounding, and says so; where it is steep, with the first start.
+    problem = draw("nominal, at a boundary", np.random.default_rng([0, 1, 3]))
+    flat = js.tune(problem.plant, problem.command, **problem.options)
+    assert flat.status is js.Status.CONVERGED
+    assert flat.objective < 1e-15 * float(js.residual_energy(problem.plant, None, problem.command))
+    steep = js.tune(plant, 1.0, 4, 1.2 * float(two.duration))
+    assert steep.status is js.Status.CONVERGED
+    assert len(steep.history) < 20
     # Zero is out of reach: the energy itself is minimised, here at coincident impulses.
     spring, damper = js.plants.Duffing(24.5801393, 187.4759402), js.plants.PowerDamper(0.1934599579, 3)
     stiff = js.plants.TwoMass(1.0, 0.8027740382, spring, damper)
