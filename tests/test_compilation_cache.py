@@ -347,8 +347,10 @@ from jshape.compilation_cache import trace_state_clean
 sys.modules[core.__name__] = core
 assert not trace_state_clean()
 js.keep_programs(FOLDER)
-print(float(js.residual_energy(js.plants.Crane(1.0), None, 1.0)))
+print(float(js.residual_energy(js.plants.Crane(1.0), None, js.Trapezoid(1.0, 1.0, 1.0))))
 """
     code = code.replace("FOLDER", repr(str(tmp_path / "kept")))
     left = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
-    assert float(left) == pytest.approx(float(js.residual_energy(js.plants.Crane(1.0), None, 1.0)), rel=1e-12)
+    assert float(left) == pytest.approx(
+        float(js.residual_energy(js.plants.Crane(1.0), None, js.Trapezoid(1.0, 1.0, 1.0))), rel=1e-12
+    )
