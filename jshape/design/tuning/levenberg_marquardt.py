@@ -14,14 +14,17 @@ from jshape.design.tuning.design_problem import DesignProblem
 from jshape.design.tuning.evaluate import energy, scaled_departure
 from jshape.design.tuning.scenarios import Point, Scenarios, stack, unstack
 
-AFTER = 2
+AFTER = 4
 """Iterations after the first start has reached zero: convergence is quadratic there, and they reach rounding."""
+
+UNUSED = 1e-6
+"""An amplitude below is none: a shaper of fewer impulses that leaves nothing does not end the search for one of all."""
 
 
 def levenberg_marquardt(
     problem: DesignProblem, starts: list[Point], steps: np.ndarray, iterations: int, zero: float
 ) -> tuple[list[Point], np.ndarray]:
-    """Minimise the residual energy from each start, until one has reached zero within the bounds.
+    """Minimise the residual energy from each start, until one has reached zero within the bounds with all its impulses.
 
     The amplitudes keep their sum, and with a fixed duration the gaps keep theirs; other bounds are left to the caller
     to check.
@@ -42,6 +45,11 @@ def levenberg_marquardt(
     numbers = jax.tree.map(jnp.asarray, bounds)
     ends, values = _run(problem.scenarios, numbers, stack(starts), steps, np.float64(zero), *fixed, iterations)
     return unstack(ends), np.asarray(values)
+
+
+def in_use(point: Point) -> Any:
+    """Whether every impulse of a design has an amplitude."""
+    return (abs(point.amplitudes) > UNUSED).all()
 
 
 @kept
@@ -87,7 +95,7 @@ def _run(
         y, state, _ = solver.step(residuals, y, start, {}, state, frozenset())
         point = build(start, y)
         value = energy(scenarios, scenarios.plant, point, steps)
-        return y, state, value, bounds.contains(point) & (value <= zero)
+        return y, state, value, bounds.contains(point) & (value <= zero) & in_use(point)
 
     starts = jax.tree.map(jnp.asarray, starts)
     dynamic, static = eqx.partition(eqx.filter_vmap(begin)(starts), eqx.is_array)

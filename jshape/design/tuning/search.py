@@ -21,7 +21,7 @@ from jshape.design.tuning import digital, interval
 from jshape.design.tuning.adam import descend
 from jshape.design.tuning.design_problem import DesignProblem
 from jshape.design.tuning.evaluate import DIVERGED_ENERGY, LOOSEST, Values, evaluate
-from jshape.design.tuning.levenberg_marquardt import levenberg_marquardt
+from jshape.design.tuning.levenberg_marquardt import in_use, levenberg_marquardt
 from jshape.design.tuning.local_search import EXCEEDED, OPTIMAL, Descent, LocalSearch, Optimality
 from jshape.design.tuning.objective import objective_name, value_of
 from jshape.design.tuning.scenarios import Point
@@ -124,6 +124,8 @@ class Search:
         # Where energies are differences, they are zero to rounding only.
         rounded = (history[:, -1] <= self._zero) & (final <= self._rounding)
         zero = np.flatnonzero((final <= self._zero) | rounded)
+        # In the order of the starts; those first that use all of their impulses.
+        zero = zero[np.argsort([not in_use(ends[i]) for i in zero], kind="stable")]
         best = int(zero[0]) if len(zero) else int(np.argmin(final))
         settled = int(np.argmax(history[best] <= max(2 * final[best], self._zero))) if valid[best] else 0
         self.history = history[best, : settled + 1].tolist()
