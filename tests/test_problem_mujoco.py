@@ -1,5 +1,7 @@
 """Problem files whose plant is described in a file of its own."""
 
+import os
+
 import numpy as np
 import pytest
 from machines import ARM, DOUBLE
@@ -103,6 +105,50 @@ def test_machines_that_would_take_all_memory_or_end_the_process_are_refused(tmp_
     (tmp_path / "m.xml").write_text(f"<mujoco><worldbody>{part}</worldbody></mujoco>", encoding="utf-8")
     with pytest.raises(ValueError, match=words):
         mujoco_model.load(tmp_path / "m.xml")
+
+
+@pytest.mark.parametrize(
+    ("main", "files", "words"),
+    [
+        (
+            '<worldbody><replicate count="99"><include file="sub/b.xml"/></replicate></worldbody>',
+            {"sub/b.xml": '<replicate count="99"><geom size="0.1"/></replicate>'},
+            "makes 9801 copies",
+        ),
+        (
+            '<include file="b.xml"/>',
+            {"b.xml": '<include file="c.xml"/>', "c.xml": '<size nkey="99999"/>'},
+            "nkey must be",
+        ),
+        (
+            '<asset><model name="b" file="sub/b.xml"/></asset>',
+            {"sub/b.xml": '<include file="c.xml"/>', "sub/c.xml": '<asset><model file="b.xml"/></asset>'},
+            "attaches 'sub/b.xml', which attaches another",
+        ),
+        (
+            '<asset><model name="b" file="b.xml"/></asset><worldbody><replicate count="99"/><replicate count="50">'
+            '</replicate></worldbody>',
+            {"b.xml": '<worldbody><replicate count="50"><geom size="0.1"/></replicate></worldbody>'},
+            "makes 2500 copies",
+        ),
+        ('<asset><mesh name="m" file="none.stl"/></asset>', {}, "MuJoCo cannot read it: .*none.stl"),
+        ('<include file="pipe"/>', {}, "includes 'pipe', which is no file"),
+        ('<asset><mesh name="m" file="pipe"/></asset>', {}, "pipe must be a file of at most"),
+    ],
+)  # fmt: skip
+def test_what_a_machine_includes_has_the_same_limits(tmp_path, main, files, words):
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "sub").mkdir()
+    for name, content in {"m.xml": main, **files}.items():
+        (tmp_path / name).write_text(f"<mujoco>{content}</mujoco>", encoding="utf-8")
+    with pytest.raises(ValueError, match=words):
+        mujoco_model.load(tmp_path / "m.xml")
+
+
+def test_what_is_commented_out_has_none(tmp_path):
+    comment = '<!-- <replicate count="100000"> <include file="m.xml"/> -->'
+    (tmp_path / "m.xml").write_text(f"<mujoco>{comment}<worldbody/></mujoco>", encoding="utf-8")
+    assert mujoco_model.load(tmp_path / "m.xml").nbody == 1
 
 
 def test_without_mujoco(written, monkeypatch):

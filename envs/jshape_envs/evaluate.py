@@ -30,6 +30,8 @@ WITHIN = 2
 """Moves within which it should have."""
 FIRST_SEED = 1_000_000
 """Far from the seeds of trainings."""
+NUMBERS = 40
+"""Of a move that are kept until all of them are made."""
 LONGEST = 16
 """Number of moves after which an unfinished recovery counts, as so many and one more."""
 
@@ -91,6 +93,7 @@ def evaluate(
     """
     episodes, seeds = _check.count(episodes, "episodes"), _check.count(seeds, "seeds")
     moves = int(params.horizon)
+    _check.memory(NUMBERS * seeds * episodes * moves, "seeds, with their episodes and moves,")
     keys = jnp.stack([jax.random.split(jax.random.key(seed + i), episodes) for i in range(seeds)])
     if isinstance(policy, AbstractPolicy):
         rewards, info = _rollouts(keys.reshape(-1), policy, params, moves)

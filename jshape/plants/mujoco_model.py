@@ -18,6 +18,12 @@ Model = Any
 SIZE = 2**24
 """Bytes of a file, without what it includes."""
 
+PART = 2**27
+"""Bytes of each file that it names, such as a mesh."""
+
+DEEPEST = 8
+"""Files that include one another."""
+
 MOST = 1000
 """Bodies, joints, geoms of a model, and copies of a part; pairs of geoms are looked at one by one."""
 
@@ -59,12 +65,17 @@ def load(file: str | Path) -> Model:
     if text and len(str(file)) > SIZE:
         raise ValueError(f"file must have at most {SIZE} characters, not {len(str(file))}")
     content = str(file) if text else read_text(Path(file), SIZE)
-    for words in _beyond(content):
+    for words in _beyond(content, Path() if text else Path(file).parent):
         raise ValueError(f"{name}: {words}")
-    for attached in () if text else ATTACHED.findall(content):
-        # MuJoCo ends the process where a model is attached to itself.
-        if (path := Path(file).parent / attached).is_file() and ATTACHED.search(read_text(path, SIZE)):
-            raise ValueError(f"{name}: attaches {attached!r}, which attaches another model: name that one here")
+    try:
+        parts = [] if text else dependencies(Path(file))
+    except mujoco.FatalError:
+        # No XML, as is said below.
+        parts = []
+    for path in parts:
+        # MuJoCo would wait for ever for a pipe that nobody writes to.
+        if path.exists() and (not path.is_file() or path.stat().st_size > PART):
+            raise ValueError(f"{name}: {printable(str(path))} must be a file of at most {PART} bytes")
     try:
         read = mujoco.MjModel.from_xml_string if text else mujoco.MjModel.from_xml_path
         model = read(str(file))
@@ -76,28 +87,58 @@ def load(file: str | Path) -> Model:
     return model
 
 
-ATTACHED = re.compile(r"<model\b[^<>]*\bfile\s*=\s*[\"']([^\"'<>]*)")
-"""The file of a model that is attached."""
+COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
+TAG = re.compile(r"<(/?)(replicate|include|model)\b([^<>]*)")
 
 
-def _beyond(text: str) -> Iterator[str]:
-    """What a file asks for that MuJoCo, which knows no limit, would take all memory or time for."""
-    copies = [1.0]
-    for end, rest in re.findall(r"<(/?)replicate\b([^<>]*)", text):
-        if end:
-            copies = copies[:-1] or [1.0]
-        elif count := re.search(r"\bcount\s*=\s*[\"']\s*(\d+)", rest):
-            copies.append(copies[-1] * float(count[1]))
-            if copies[-1] > MOST:
-                yield f"makes {copies[-1]:.6g} copies of a part, more than {MOST}"
+def _beyond(
+    text: str, folder: Path, copies: float = 1.0, attached: str = "", seen: Collection[Path] = ()
+) -> Iterator[str]:
+    """What a file, with those that it includes and attaches, asks for that MuJoCo, which knows no limit, would take all
+    memory or time for, or would end the process.
+
+    Args:
+        text: the file's.
+        folder: of its model, where MuJoCo finds what is included.
+        copies: that are made of it.
+        attached: the model's name, if it is attached to another.
+        seen: the files that include it.
+    """
+    text = COMMENT.sub("", text)
     for key, number in re.findall(r"\b(nkey|nrow|ncol|nuser_\w+)\s*=\s*[\"']\s*(\d+)", text):
         if float(number) > LARGEST:
             yield f"{key} must be at most {LARGEST}, not {float(number):.6g}"
+    around, most, models = [copies], copies, []
+    for end, tag, rest in TAG.findall(text):
+        file = re.search(r"\bfile\s*=\s*[\"']([^\"'<>]*)", rest)
+        if tag == "replicate" and end:
+            around = around[:-1] or [copies]
+        elif tag == "replicate" and not rest.endswith("/"):
+            count = re.search(r"\bcount\s*=\s*[\"']\s*(\d+)", rest)
+            around.append(around[-1] * float(count[1] if count else 1))
+            most = max(most, around[-1])
+            if most > MOST:
+                yield f"makes {most:.6g} copies of a part, more than {MOST}"
+        elif tag == "model" and file:
+            models.append(file[1])
+        elif tag == "include" and file and (path := folder / file[1]) not in seen:
+            if path.exists() and (not path.is_file() or len(seen) == DEEPEST):
+                yield f"includes {printable(file[1])!r}, which is no file, or within {DEEPEST} others"
+            elif path.exists():
+                yield from _beyond(read_text(path, SIZE), folder, around[-1], attached, {*seen, path})
+    for model in models:
+        path = folder / model
+        if attached:
+            # MuJoCo ends the process where a model is attached to itself.
+            yield f"attaches {printable(attached)!r}, which attaches another model: name that one here"
+        elif path.is_file():
+            yield from _beyond(read_text(path, SIZE), path.parent, most, model)
 
 
 def dependencies(file: Path) -> list[Path]:
     """The other files that an MJCF or URDF file includes or names, such as meshes."""
-    return sorted(Path(name) for name in engine().mju_getXMLDependencies(str(file)) if not file.samefile(name))
+    paths = map(Path, engine().mju_getXMLDependencies(str(file)))
+    return sorted(path for path in paths if not path.exists() or not file.samefile(path))
 
 
 def names(model: Model, kind: str) -> tuple[str, ...]:
