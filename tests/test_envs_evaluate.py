@@ -93,7 +93,7 @@ def test_scores_are_the_means_of_rollouts(duffing):
         evaluate([policy], duffing, episodes=2, seeds=2)
     with pytest.raises(ValueError, match="episodes"):
         evaluate(policy, duffing, episodes=0)
-    with pytest.raises(ValueError, match="seeds, with their episodes and moves, asks for .* GiB, more than 16"):
+    with pytest.raises(ValueError, match=r"seeds, with their episodes and moves, asks for .* GiB, more than 16"):
         evaluate(policy, duffing, episodes=64, seeds=2**31 - 1)
 
 
