@@ -4,8 +4,9 @@
 
 Every kind of problem (nominal, at durations that do and do not reach zero; worst case; mean; CVaR) with two to six
 impulses and every rule of amplitudes. The judge is the same search from 1,600 starting points of another seed instead
-of 32, and its best of two: the share of problems whose design lies within 0.1 % of the better of both, and whether one
-says that it converged more than half a percent above it. Finished problems are kept in the file that ``--rows`` names.
+of 32; where the search leaves nothing there is nothing to judge. Counted are the problems whose design lies within
+0.1 % of the better of both, and those that say that they converged more than half a percent above it. Finished
+problems are kept in the file that ``--rows`` names.
 """
 
 import argparse
@@ -156,8 +157,8 @@ def report(rows: list[dict[str, Any]]) -> list[str]:
     names = ("kind", "index", "plant", "impulses", "amplitudes", "converged", "value", "judge")
     lines = [
         "*within 0.1 %*: share of designs that close to the better of search and judge; *worst*: the one furthest off;",
-        "*wrongly converged*: how many say that they converged and are over 0.5 % off; *judge*: the judge's own share.",
-        f"What leaves less than {ZERO:g} of the bare command's energy leaves nothing.", "",
+        "*converged above 0.5 %*: how many say so and are further off; *judge*: the judge's own share.",
+        f"What leaves less than {ZERO:g} of the bare command's energy leaves nothing, and is its own judge.", "",
         *markdown.table(head, cells),
     ]  # fmt: skip
     if missed:
