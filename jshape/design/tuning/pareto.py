@@ -33,6 +33,9 @@ from jshape.simulation.steps import TOLERANCE
 from jshape.status import Status
 from jshape.sweeps.checkpoint import in_chunks
 
+ROUNDING = 1e-9
+"""Part of an objective that is no difference."""
+
 ROUNDS = (8, 4), (2, None)
 """Of the starts that are no neighbours, how many of the best are refined at each duration, and by how many iterations,
 before the best of those go on to the end."""
@@ -170,7 +173,8 @@ def _front(
         if best.ended:
             best.polish()
         found = Candidate(judge.merit(best.point), best.point, best.optimal)
-        return min([*known, found], key=lambda candidate: candidate.merit)
+        # Better by rounding is no better: the same design would be on the front twice.
+        return min([found, *known], key=lambda one: one.merit * (1 if one is found else 1 - ROUNDING))
 
     for done, search in enumerate(searches):
         report(done, len(times), front[-1].merit if front else np.inf)
