@@ -197,3 +197,6 @@ def test_searches_that_once_failed(plant):
     scan = jax.jit(jax.vmap(lambda gap: js.residual_energy(stiff, shaper(gap), 1.2189586936)))(gaps)
     assert short.objective <= float(jnp.min(scan)) * (1 + 1e-9)
     assert "no shaper" in short.message
+    # Few random starts meet the narrow basin of the best known design; near that of the next best they are more.
+    problem = draw("worst", np.random.default_rng([0, 2, 11]))
+    assert js.tune(problem.plant, problem.command, **problem.options).objective < 0.122394 * 1.001

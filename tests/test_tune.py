@@ -13,7 +13,7 @@ from problems import ANSWERS, two_mass
 
 import jshape as js
 from jshape import plants
-from jshape.design.tuning.bounds import design_bounds
+from jshape.design.tuning.bounds import SPREAD, design_bounds
 from jshape.design.tuning.objective import value_of
 from jshape.design.tuning.scenarios import Point
 
@@ -352,6 +352,12 @@ def test_projection_onto_the_bounds(impulses, amplitudes, limit, shortest):
         assert bounds.contains(point)
         assert shortest - 1e-9 <= point.gaps.sum() <= 2.5 + 1e-9
         np.testing.assert_allclose(bounds.project(point.amplitudes), point.amplitudes, atol=1e-9)
+    near = [bounds.near(inside[0], random) for _ in range(50)]
+    assert all(bounds.contains(point) for point in near)
+    # The gaps' proportions change by lognormal factors, whose logarithms differ by √2 of SPREAD.
+    change = np.log([point.gaps / inside[0].gaps for point in near])
+    if impulses > 2:
+        assert np.std(change[:, 0] - change[:, 1]) == pytest.approx(np.sqrt(2) * SPREAD, rel=0.3)
     wild = random.normal(size=impulses) * 3
     nearest = bounds.project(wild)
     assert bounds.contains(inside[0]._replace(amplitudes=nearest))

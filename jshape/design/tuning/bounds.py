@@ -17,6 +17,9 @@ AMPLITUDES = ("positive", "bounded", "unity", "free")
 SPAN = 10.0
 """A leaf that is designed without stated bounds may become so many times greater or smaller."""
 
+SPREAD = 0.5
+"""Standard deviation of the logarithms by which a design is changed at random."""
+
 
 class Bounds(eqx.Module):
     """The set of designs that a search considers.
@@ -96,6 +99,11 @@ class Bounds(eqx.Module):
             duration = random.uniform(max(self.shortest, 0.4 * self.longest), self.longest)
             gaps.append(duration * random.dirichlet(np.full(self.impulses - 1, random.choice([4.0, 0.5]))))
         return Point(np.concatenate(amplitudes), np.concatenate(gaps), random.uniform(self.least, self.most))
+
+    def near(self, point: Point, random: np.random.Generator) -> Point:
+        """A random design around another one: amplitudes and gaps times lognormal factors, within the bounds."""
+        change = lambda part: np.asarray(part) * np.exp(SPREAD * random.standard_normal(len(part)))
+        return self.clip(Point(change(point.amplitudes), change(point.gaps), point.leaves))
 
     def contains(self, point: Point, tolerance: float = 1e-9) -> Any:
         """Whether a design is within the bounds; of NumPy or JAX."""

@@ -60,6 +60,9 @@ WIDE = 0.01
 CLOSE = 1e-4
 """How near a better design is looked for where none is found farther away."""
 
+KNOWN = 1e-7
+"""The part of the objective to which it is known where searches are compared only."""
+
 REMEMBERED = 64
 """Designs whose values are kept."""
 
@@ -258,8 +261,9 @@ class Descent:
 
     def __init__(self, search: LocalSearch, start: Point, limit: int):
         self.search, self.x, self.left, self.early = search, search.vector(start), limit, limit - LATE
+        self.finest = search.tightest
         self.radius, self.penalty, self.widened = RADIUS, PENALTY, 0
-        self.ended = self.optimal = self.stopped = False
+        self.ended = self.optimal = self.stopped = self.compared = False
         found = self._begin()
         # Of the second derivatives: those of the roots, or of the energies where there are no roots.
         n, states = len(self.x), found.ends.shape[1:]
@@ -270,6 +274,11 @@ class Descent:
     def point(self) -> Point:
         """The best design so far."""
         return self.search.point(self.x)
+
+    @property
+    def merit(self) -> float:
+        """Its merit, J, to the tolerance of the search so far."""
+        return self.search.merit(self.point, self.tolerance)
 
     def _begin(self) -> Values:
         """Take the loosest tolerance with which the objective is known to a thousandth at least."""
@@ -288,10 +297,14 @@ class Descent:
         self.ended = self.optimal = False
         self.radius = max(self.radius, WIDE)
 
-    def run(self, iterations: int) -> None:
-        """So many iterations, or until an optimum."""
+    def run(self, iterations: int, known: float = 0.0) -> None:
+        """So many iterations, or until an optimum; or until no more is to be gained where the objective is known to
+        that part of itself only."""
+        found = self.search.values(self.x, self.tolerance)
+        least = known * value_of(self.search.problem.objective, found.energies) / _scale(found.greatest)
+        self.finest, self.compared = max(self.search.tightest, min(least, LOOSEST)), False
         for _ in range(iterations):
-            if self.ended or self.stopped or not self.left:
+            if self.ended or self.stopped or self.compared or not self.left:
                 return
             self.left -= 1
             self._iterate()
@@ -312,7 +325,7 @@ class Descent:
             self.x, self.optimal = trial, self.optimal or reached < OPTIMAL
 
     def _tighten(self, tolerance: float) -> None:
-        self.tolerance = max(min(self.tolerance, tolerance), self.search.tightest)
+        self.tolerance = min(self.tolerance, max(tolerance, self.finest))
 
     def _iterate(self) -> None:
         search = self.search
@@ -327,8 +340,10 @@ class Descent:
             trial, gain = self._propose(found, merit, CLOSE)
             self.radius = CLOSE if gain > least else self.radius
         if gain <= least:
-            if self.tolerance > search.tightest:
+            if self.tolerance > self.finest:
                 self._tighten(1e-2 * self.tolerance)
+            elif self.tolerance > search.tightest:
+                self.compared = True
             else:
                 self._end(found)
             return

@@ -22,7 +22,7 @@ from jshape._types import Progress
 from jshape.design.closed_forms import closed_forms
 from jshape.design.tuning.design_problem import DesignProblem, design_problem, slowest_period
 from jshape.design.tuning.evaluate import evaluate
-from jshape.design.tuning.local_search import Descent, LocalSearch
+from jshape.design.tuning.local_search import KNOWN, Descent, LocalSearch
 from jshape.design.tuning.objective import Objective, objective_name, value_of
 from jshape.design.tuning.scenarios import Limits, Point
 from jshape.design.tuning.search import Candidate, distinct, on_finer_set, side_by_side, status_of
@@ -167,8 +167,8 @@ def _front(
         descend = lambda point: Descent(LocalSearch(judge.problem), bounds.clip(point), iterations)
         descents = [descend(point) for point in sorted(fresh, key=judge.merit)[: ROUNDS[0][0]]]
         for size, most in ROUNDS:
-            descents = distinct(judge, descents)[:size] + ([] if most else [descend(point) for point in neighbours])
-            list(side_by_side(descents, most or iterations))
+            descents = distinct(descents)[:size] + ([] if most else [descend(point) for point in neighbours])
+            list(side_by_side(descents, most or iterations, KNOWN if most else 0.0))
         best = min(descents, key=lambda one: judge.merit(one.point))
         if best.ended:
             best.polish()

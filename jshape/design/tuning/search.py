@@ -6,7 +6,7 @@ sample time if asked to, and judges what it found. An interrupt after the first 
 
 import functools
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from typing import NamedTuple
 
@@ -22,7 +22,7 @@ from jshape.design.tuning.adam import descend
 from jshape.design.tuning.design_problem import DesignProblem
 from jshape.design.tuning.evaluate import DIVERGED_ENERGY, LOOSEST, Values, evaluate
 from jshape.design.tuning.levenberg_marquardt import in_use, levenberg_marquardt
-from jshape.design.tuning.local_search import EXCEEDED, OPTIMAL, Descent, LocalSearch, Optimality
+from jshape.design.tuning.local_search import EXCEEDED, KNOWN, OPTIMAL, Descent, LocalSearch, Optimality
 from jshape.design.tuning.objective import objective_name, value_of
 from jshape.design.tuning.scenarios import Point
 from jshape.design.tuning.solution import Solution
@@ -40,6 +40,12 @@ STIFF = 4
 
 CHEAP = 20_000
 """Segments, states, plants and variables, multiplied, above which there are no more than those."""
+
+AROUND, AGAIN = 26, 4
+"""Iterations of a search from around the best design, and how often those are repeated while they find better ones."""
+
+CLOSER = 1e-5
+"""The part of the objective by which another design is a better one there."""
 
 EXCHANGES = 20
 """How often the worst plants between those of the set are looked for, at most."""
@@ -71,10 +77,11 @@ class Search:
     Args:
         problem: what is minimised.
         progress: called along the way.
+        seed: of the designs around the best one.
     """
 
-    def __init__(self, problem: DesignProblem, progress: Progress):
-        self.problem, self.progress = interval.with_places(problem), progress
+    def __init__(self, problem: DesignProblem, progress: Progress, seed: int = 0):
+        self.problem, self.progress, self.random = interval.with_places(problem), progress, np.random.default_rng(seed)
         self.judge = LocalSearch(self.problem)
         self.candidates: list[Candidate] = []
         self.history: list[float] = []
@@ -168,16 +175,19 @@ class Search:
             for size, most in rounds[:-1] if exchanged else rounds:
                 if self._reached():
                     break
-                descents = distinct(self.judge, descents)[:size]
-                for descent in side_by_side(descents, most or iterations):
-                    self._add(descent.point, descent.optimal)
+                descents = distinct(descents)[:size]
+                for _ in side_by_side(descents, most or iterations, KNOWN if most else 0.0):
                     done += 1
+                if (size, most) == rounds[-2]:
+                    descents = self._around(descents, min(count // 2, int(more) - 1), iterations, report)
+                for descent in distinct(descents)[:1] if most else descents:
+                    self._add(descent.point, descent.optimal)
             if exchanged:
                 self._exchange(descents)
             elif all(one.ended for one in descents):
                 self._settled()
         except KeyboardInterrupt:
-            for descent in descents:
+            for descent in sorted(descents, key=lambda one: one.merit)[:JUDGED]:
                 self._add(descent.point, False)
             raise
         finally:
@@ -193,6 +203,23 @@ class Search:
         if not self.best.optimal:
             self.summary += f", not optimal after {iterations} iterations"
         self.progress("local search", total, total, self.best.merit)
+
+    def _around(
+        self, descents: list[Descent], count: int, iterations: int, report: Callable[[float], None]
+    ) -> list[Descent]:
+        """So many local searches from around the best design, and again while they find a better one.
+
+        Next to a good basin there is often a better one that few starts meet (iterated local search).
+        """
+        for _ in range(AGAIN if count > 0 else 0):
+            best = distinct(descents)[0]
+            points = [self.problem.bounds.near(best.point, self.random) for _ in range(count)]
+            around = [Descent(LocalSearch(self.problem, report=report), point, iterations) for point in points]
+            list(side_by_side(around, AROUND, KNOWN))
+            descents = [*descents, *around]
+            if distinct(descents)[0].merit > best.merit * (1 - CLOSER):
+                break
+        return descents
 
     def _reached(self) -> bool:
         """Whether the best candidate leaves nothing but rounding, where that is the optimum."""
@@ -222,7 +249,7 @@ class Search:
                 best, self.candidates = sorted(self.candidates, key=lambda one: one.merit)[:JUDGED], []
                 for candidate in best:
                     self._add(candidate.point, False)
-            descents = distinct(self.judge, descents)[:2]
+            descents = distinct(descents)[:2]
             if not any(one.left for one in descents):
                 return
             for descent in side_by_side(descents, BETWEEN):
@@ -350,23 +377,23 @@ class Search:
         return max(1e-20, (10 * self._eps) ** 2) * self._bare
 
 
-def distinct(judge: LocalSearch, descents: list[Descent]) -> list[Descent]:
+def distinct(descents: list[Descent]) -> list[Descent]:
     """The local searches from the best to the worst, one of those that have met."""
     found: list[Descent] = []
-    for descent in sorted(descents, key=lambda one: judge.merit(one.point, one.tolerance)):
+    for descent in sorted(descents, key=lambda one: one.merit):
         if all(np.abs(descent.x - other.x).max() > 1e-3 for other in found):
             found.append(descent)
     return found
 
 
-def side_by_side(descents: list[Descent], iterations: int) -> Iterator[Descent]:
-    """Go on with local searches, two at a time, and yield them in order as they end.
+def side_by_side(descents: list[Descent], iterations: int, known: float = 0.0) -> Iterator[Descent]:
+    """Go on with local searches (``Descent.run``), two at a time, and yield them in order as they end.
 
     Compiled programs leave Python's lock alone, so that two threads keep two cores busy. An interrupt stops all of
     them after the iteration that they are in.
     """
     pool = ThreadPoolExecutor(min(2, os.cpu_count() or 1))
-    futures = [pool.submit(descent.run, iterations) for descent in descents]
+    futures = [pool.submit(descent.run, iterations, known) for descent in descents]
     try:
         for descent, future in zip(descents, futures, strict=True):
             future.result()

@@ -73,8 +73,8 @@ def tune(
         over: an uncertain set: leaves and their values, multiples of nominal; several leaves make a grid.
         objective: ``"nominal"``, ``"worst"``, ``"mean"``, ``"cvar"`` (the mean of the worst tenth), or a function in
             JAX of all plants' energies.
-        starts: number of starting points.
-        seed: of the random starting points.
+        starts: number of starting points; where evaluations cost little, half as many more lie around the best design.
+        seed: of the random ones among them.
         relative: whether ``over`` holds multiples of nominal values, not absolute ones.
         metric: what takes the residual energy's place, a function in JAX (plant, shaper, command) → scalar.
         time_cost: added to the objective for each second of the shaper (of every one, where there are several), J/s.
@@ -113,7 +113,7 @@ def tune(
         _check.positive(sample_time, "sample_time")
         digital.check(sample_time, problem.bounds)
     points = starting_points(problem, starts, seed) if start is None else [_begin(problem, start)]
-    search = Search(problem, progress or (lambda stage, done, total, best: None))
+    search = Search(problem, progress or (lambda stage, done, total, best: None), seed)
     return search.run(points, method, iterations, sample_time)
 
 
