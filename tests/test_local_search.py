@@ -14,7 +14,8 @@ from jshape.design.tuning.design_problem import design_problem
 from jshape.design.tuning.epigraph import Model
 from jshape.design.tuning.evaluate import Linearisation, energies
 from jshape.design.tuning.interval import Maximum
-from jshape.design.tuning.local_search import Descent, LocalSearch
+from jshape.design.tuning.local_search import Descent
+from jshape.design.tuning.scaled_problem import ScaledProblem
 from jshape.design.tuning.scenarios import Limits, Point
 from jshape.design.tuning.search import error_of
 
@@ -31,7 +32,7 @@ def test_hessians_of_a_linear_plant_are_exact():
     """Beside second derivatives of the whole simulation; without damping nothing is left out."""
     plant = js.plants.ModalPlant(omega=[3.0, 7.0], zeta=[0.0, 0.0])
     problem = problem_of(plant, js.Trapezoid(1.0, 0.8, 2.0), 4, (0.5, 3.0), {"omega.0": [0.9, 1.1]})
-    search = LocalSearch(problem)
+    search = ScaledProblem(problem)
     point = Point(np.array([0.3, 0.25, 0.2, 0.25]), np.array([0.4, 0.7, 0.5]), np.zeros(0))
     found = search.linearise(search.vector(point))
     np.testing.assert_allclose(np.sum(found.roots**2, axis=1) / 2, found.energies, rtol=1e-9)
@@ -89,7 +90,7 @@ def test_models_are_squares_of_quadratics():
 @pytest.mark.parametrize(("drawn", "objective"), [(None, "nominal"), ({"m2": [0.9, 1.0]}, "worst")])
 def test_derivatives_are_compiled_ahead(caplog, drawn, objective):
     problem = problem_of(js.plants.TwoMass(spring=js.plants.Duffing(10.0, 100.0)), 1.0, 3, (0.2, 1.0), drawn, objective)
-    search = LocalSearch(problem)
+    search = ScaledProblem(problem)
     point = Point(np.array([0.3, 0.4, 0.3]), np.array([0.4, 0.3]), np.zeros(0))
     with jax.log_compiles():
         search.compile(point)
@@ -156,7 +157,7 @@ def test_a_search_goes_on_where_its_models_bend(crane):
     """At this shaper SLSQP fails on the models of unbounded curvature, and the search ended as if at an optimum."""
     amplitudes = [0.07076, 0.08341, 0.09353, 0.136, 0.2031, 0.1624, 0.09571, 0.0868, 0.06829]
     times = [0.0, 0.2136, 0.5062, 2.724, 3.037, 3.377, 5.574, 5.915, 6.2]
-    search = LocalSearch(crane)
+    search = ScaledProblem(crane)
     start = crane.bounds.nearest(js.Shaper(jnp.array(amplitudes), jnp.array(times)))
     descent = Descent(search, start, 30)
     descent.run(30)

@@ -266,7 +266,7 @@ def test_an_interrupt_before_the_first_candidate_passes(objective, plant, monkey
     def interrupt(*_):
         raise KeyboardInterrupt
 
-    name = "levenberg_marquardt" if objective == "nominal" else "LocalSearch.merit"
+    name = "levenberg_marquardt" if objective == "nominal" else "ScaledProblem.merit"
     monkeypatch.setattr(f"jshape.design.tuning.search.{name}", interrupt)
     with pytest.raises(KeyboardInterrupt):
         robustly(plant, objective=objective, starts=65)
@@ -279,7 +279,7 @@ def test_an_interrupt_does_not_wait_for_derivatives(plant, monkeypatch):
 
     monkeypatch.setattr("jshape.design.tuning.search.beside", lambda *_: Future())
     monkeypatch.setattr("jshape.design.tuning.search.wait", interrupt)
-    monkeypatch.setattr("jshape.design.tuning.local_search.linearise", interrupt)
+    monkeypatch.setattr("jshape.design.tuning.scaled_problem.linearise", interrupt)
     solution = robustly(plant)
     assert solution.status is js.Status.INTERRUPTED
     assert np.isnan(solution.optimality)

@@ -10,7 +10,7 @@ from jshape.design.tuning.bounds import design_bounds
 from jshape.design.tuning.design_problem import design_problem
 from jshape.design.tuning.digital import _roundings
 from jshape.design.tuning.evaluate import energies
-from jshape.design.tuning.local_search import LocalSearch
+from jshape.design.tuning.scaled_problem import ScaledProblem
 from jshape.design.tuning.scenarios import Limits, Point
 
 BOTH = js.Axes(trolley=js.Trapezoid(8.0, 1.0, 0.3), hoist=js.Trapezoid(-2.0, 0.4, 0.2))
@@ -24,7 +24,7 @@ def searched(plant, command, over, point):
         plant, command, 2, (0.5, 6.0), "positive", None, over, "worst",
         relative=True, initial_state=None, limits=Limits(), shapers="per axis",
     )  # fmt: skip
-    search = LocalSearch(problem)
+    search = ScaledProblem(problem)
     found = search.linearise(search.vector(point))
     steps = jnp.asarray(search.values(search.vector(point)).steps)
     left = lambda x: energies(problem.scenarios, Point(x[:4], x[4:], jnp.zeros(0)), steps)

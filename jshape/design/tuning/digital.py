@@ -12,8 +12,9 @@ import numpy as np
 
 from jshape import _check
 from jshape.design.tuning.bounds import Bounds
-from jshape.design.tuning.local_search import LocalSearch
+from jshape.design.tuning.local_search import Descent
 from jshape.design.tuning.objective import value_of
+from jshape.design.tuning.scaled_problem import ScaledProblem
 from jshape.design.tuning.scenarios import Point
 
 REDESIGNED = 6
@@ -31,7 +32,7 @@ def check(sample_time: float, bounds: Bounds) -> None:
 
 
 def on_ticks(
-    search: LocalSearch, point: Point, sample_time: float, iterations: int, report: Callable[[int, float], None]
+    search: ScaledProblem, point: Point, sample_time: float, iterations: int, report: Callable[[int, float], None]
 ) -> tuple[Point, bool]:
     """The best design near a point with all impulses at multiples of the sample time.
 
@@ -64,7 +65,9 @@ def on_ticks(
         if ticks not in designs:
             found = rounded(ticks, near)
             if search.space.free.any() and iterations:
-                found, _ = search(found, iterations)
+                descent = Descent(search, found, iterations)
+                descent.run(iterations)
+                found = descent.point
             designs[ticks] = search.merit(found), found
             report(len(designs), min(merit for merit, _ in designs.values()))
         return designs[ticks][0]

@@ -22,10 +22,11 @@ from jshape._types import Progress
 from jshape.design.closed_forms import closed_forms
 from jshape.design.tuning.design_problem import DesignProblem, design_problem, slowest_period
 from jshape.design.tuning.evaluate import evaluate
-from jshape.design.tuning.local_search import KNOWN, Descent, LocalSearch
+from jshape.design.tuning.local_search import KNOWN, Descent, distinct, side_by_side
 from jshape.design.tuning.objective import Objective, objective_name, value_of
+from jshape.design.tuning.scaled_problem import ScaledProblem
 from jshape.design.tuning.scenarios import Limits, Point
-from jshape.design.tuning.search import Candidate, distinct, on_finer_set, side_by_side, status_of
+from jshape.design.tuning.search import Candidate, on_finer_set, status_of
 from jshape.design.tuning.starts import starts as starting_points
 from jshape.plants import AbstractPlant
 from jshape.simulation.simulate import with_arrays
@@ -157,14 +158,14 @@ def _front(
 ) -> None:
     """Fill the front, up through the durations, each from the one before and from the best of fresh starts; then go
     down again. An interrupt leaves what has been found."""
-    searches = [LocalSearch(_within(problem, float(time))) for time in times]
+    searches = [ScaledProblem(_within(problem, float(time))) for time in times]
 
-    def best_of(judge: LocalSearch, neighbours: list[Point], fresh: list[Point], known: list[Candidate]) -> Candidate:
+    def best_of(judge: ScaledProblem, neighbours: list[Point], fresh: list[Point], known: list[Candidate]) -> Candidate:
         """The best of the known candidates and of what is found from its neighbours and from the best fresh starts."""
         bounds = judge.problem.bounds
         # Here, so that two threads do not compile the same program twice.
         judge.linearise(judge.vector(bounds.clip([*neighbours, *fresh][0])))
-        descend = lambda point: Descent(LocalSearch(judge.problem), bounds.clip(point), iterations)
+        descend = lambda point: Descent(ScaledProblem(judge.problem), bounds.clip(point), iterations)
         descents = [descend(point) for point in sorted(fresh, key=judge.merit)[: ROUNDS[0][0]]]
         for size, most in ROUNDS:
             descents = distinct(descents)[:size] + ([] if most else [descend(point) for point in neighbours])
@@ -207,7 +208,7 @@ def _row(problem: DesignProblem, candidate: Candidate, most: int) -> np.ndarray:
     """A candidate as numbers: both objectives, optimality, status, duration, amplitudes, times."""
     value, point, optimal = candidate
     duration, n, count = _duration(problem, point), problem.bounds.impulses, problem.bounds.shapers
-    judge = LocalSearch(_within(problem, max(duration, 1e-12)))
+    judge = ScaledProblem(_within(problem, max(duration, 1e-12)))
     found = judge.values(judge.vector(point))
     finer = on_finer_set(problem, point, found)
     status = STATUSES.index(status_of(found.energies, found.slacks, optimal))

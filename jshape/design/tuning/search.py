@@ -5,9 +5,7 @@ sample time if asked to, and judges what it found. An interrupt after the first 
 """
 
 import functools
-import os
-from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor, wait
+from concurrent.futures import Future, wait
 from typing import NamedTuple
 
 import jax
@@ -22,8 +20,9 @@ from jshape.design.tuning.adam import descend
 from jshape.design.tuning.design_problem import DesignProblem
 from jshape.design.tuning.evaluate import DIVERGED_ENERGY, LOOSEST, Values, evaluate
 from jshape.design.tuning.levenberg_marquardt import in_use, levenberg_marquardt
-from jshape.design.tuning.local_search import EXCEEDED, KNOWN, OPTIMAL, Descent, LocalSearch, Optimality
+from jshape.design.tuning.local_search import KNOWN, Descent, around, distinct, side_by_side
 from jshape.design.tuning.objective import objective_name, value_of
+from jshape.design.tuning.scaled_problem import EXCEEDED, OPTIMAL, Optimality, ScaledProblem
 from jshape.design.tuning.scenarios import Point
 from jshape.design.tuning.solution import Solution
 from jshape.simulation.schedule import schedule
@@ -40,12 +39,6 @@ STIFF = 4
 
 CHEAP = 20_000
 """Segments, states, plants and variables, multiplied, above which there are no more than those."""
-
-AROUND, AGAIN = 26, 4
-"""Iterations of a search from around the best design, and how often those are repeated while they find better ones."""
-
-CLOSER = 1e-5
-"""The part of the objective by which another design is a better one there."""
 
 EXCHANGES = 20
 """How often the worst plants between those of the set are looked for, at most."""
@@ -64,7 +57,7 @@ ON_TICKS = 60
 
 
 class Candidate(NamedTuple):
-    """A design with its merit (J; see ``LocalSearch.merit``) and whether it is an optimum."""
+    """A design with its merit (J; see ``ScaledProblem.merit``) and whether it is an optimum."""
 
     merit: float
     point: Point
@@ -82,7 +75,7 @@ class Search:
 
     def __init__(self, problem: DesignProblem, progress: Progress, seed: int = 0):
         self.problem, self.progress, self.random = interval.with_places(problem), progress, np.random.default_rng(seed)
-        self.judge = LocalSearch(self.problem)
+        self.judge = ScaledProblem(self.problem)
         self.candidates: list[Candidate] = []
         self.history: list[float] = []
         self.summary = ""
@@ -167,9 +160,8 @@ class Search:
             wait([self.compiling])
             self.judge.linearise(self.judge.vector(ranked[0]))
             # Each in a search of its own: two run side by side.
-            descents = [
-                Descent(LocalSearch(self.problem, report=report), start, iterations) for start in ranked[: rounds[0][0]]
-            ]
+            begin = lambda start: Descent(ScaledProblem(self.problem, report=report), start, iterations)
+            descents = [begin(start) for start in ranked[: rounds[0][0]]]
             exchanged = self.problem.objective == "worst" and bool(self.problem.scenarios.samples)
             # Where plants will be added, the last ones are not refined to the end before.
             for size, most in rounds[:-1] if exchanged else rounds:
@@ -179,7 +171,7 @@ class Search:
                 for _ in side_by_side(descents, most or iterations, KNOWN if most else 0.0):
                     done += 1
                 if (size, most) == rounds[-2]:
-                    descents = self._around(descents, min(count // 2, int(more) - 1), iterations, report)
+                    descents = around(descents, begin, min(count // 2, int(more) - 1), self.random)
                 for descent in distinct(descents)[:1] if most else descents:
                     self._add(descent.point, descent.optimal)
             if exchanged:
@@ -203,23 +195,6 @@ class Search:
         if not self.best.optimal:
             self.summary += f", not optimal after {iterations} iterations"
         self.progress("local search", total, total, self.best.merit)
-
-    def _around(
-        self, descents: list[Descent], count: int, iterations: int, report: Callable[[float], None]
-    ) -> list[Descent]:
-        """So many local searches from around the best design, and again while they find a better one.
-
-        Next to a good basin there is often a better one that few starts meet (iterated local search).
-        """
-        for _ in range(AGAIN if count > 0 else 0):
-            best = distinct(descents)[0]
-            points = [self.problem.bounds.near(best.point, self.random) for _ in range(count)]
-            around = [Descent(LocalSearch(self.problem, report=report), point, iterations) for point in points]
-            list(side_by_side(around, AROUND, KNOWN))
-            descents = [*descents, *around]
-            if distinct(descents)[0].merit > best.merit * (1 - CLOSER):
-                break
-        return descents
 
     def _reached(self) -> bool:
         """Whether the best candidate leaves nothing but rounding, where that is the optimum."""
@@ -285,7 +260,7 @@ class Search:
     def _digital(self, sample_time: float, iterations: int) -> None:
         """The best design near the best candidate whose impulses stand at multiples of the sample time, s."""
         found = self.best
-        search = LocalSearch(self.problem, fixed_gaps=True)
+        search = ScaledProblem(self.problem, fixed_gaps=True)
 
         def report(tried: int, best: float) -> None:
             self.progress("impulses to the samples", tried, 0, best)
@@ -375,35 +350,6 @@ class Search:
     def _zero(self) -> float:
         """Zero, to rounding, beside the energy that the bare command leaves, J."""
         return max(1e-20, (10 * self._eps) ** 2) * self._bare
-
-
-def distinct(descents: list[Descent]) -> list[Descent]:
-    """The local searches from the best to the worst, one of those that have met."""
-    found: list[Descent] = []
-    for descent in sorted(descents, key=lambda one: one.merit):
-        if all(np.abs(descent.x - other.x).max() > 1e-3 for other in found):
-            found.append(descent)
-    return found
-
-
-def side_by_side(descents: list[Descent], iterations: int, known: float = 0.0) -> Iterator[Descent]:
-    """Go on with local searches (``Descent.run``), two at a time, and yield them in order as they end.
-
-    Compiled programs leave Python's lock alone, so that two threads keep two cores busy. An interrupt stops all of
-    them after the iteration that they are in.
-    """
-    pool = ThreadPoolExecutor(min(2, os.cpu_count() or 1))
-    futures = [pool.submit(descent.run, iterations, known) for descent in descents]
-    try:
-        for descent, future in zip(descents, futures, strict=True):
-            future.result()
-            yield descent
-    except BaseException:
-        for descent in descents:
-            descent.stopped = True
-        raise
-    finally:
-        pool.shutdown(wait=False, cancel_futures=True)
 
 
 def on_finer_set(problem: DesignProblem, point: Point, found: Values) -> float:
