@@ -77,7 +77,11 @@ def s_curve_pieces(distance, speed, acceleration, jerk):
 
 S_CURVES = {
     "all seven pieces": (1.0, 0.5, 2.0, 20.0),
-    "no cruise": (0.2, 0.5, 2.0, 20.0),
+    "no cruise": (0.1, 0.5, 2.0, 20.0),
+    "barely a cruise": (0.2, 0.5, 2.0, 20.0),
+    "barely a hold": (0.132, 1.0, 5.0, 50.0),
+    "barely a hold, and a cruise": (1.0, 0.6, 5.0, 50.0),
+    "barely no hold": (0.09, 1.0, 5.0, 50.0),
     "no hold": (1.0, 0.5, 20.0, 20.0),
     "neither": (0.01, 0.5, 20.0, 20.0),
     "just no cruise": (0.175, 0.5, 2.0, 20.0),

@@ -16,7 +16,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import jshape as js
-from jshape.export import compiler
+from jshape.export import compiler, equations
 from jshape.export.equations import written_out
 from jshape.problems import starters
 from jshape.problems.problem import load
@@ -187,8 +187,16 @@ def evaluated(function, *values):
         space |= dict(zip(array.ravel(), np.ravel(value).tolist(), strict=True))
     for line in lines:
         code = re.sub(r"(\S+) \? (\S+) : (\S+)$", r"\2 if \1 else \3", line.removeprefix("const double ").rstrip(";"))
-        exec(code, space)
+        exec(code.replace("&&", "and").replace("||", "or"), space)
     return np.vectorize(lambda each: float(eval(each, space)))(found)
+
+
+@jax.custom_vjp
+def softened(x):
+    return x / (1 + jnp.abs(x))
+
+
+softened.defvjp(lambda x: (softened(x), x), lambda x, slope: (slope / (1 + jnp.abs(x)) ** 2,))
 
 
 @pytest.mark.parametrize(
@@ -199,11 +207,36 @@ def evaluated(function, *values):
         lambda x, u: jnp.concatenate([x[::-1], jnp.reshape(jnp.max(x) - jnp.min(x) + jnp.sum(x), (1,))]) / (1 + u**2),
         lambda x, u: jnp.outer(x, x)[1] + jnp.pad(x[:2], (1, 0)) + jnp.clip(u, -0.1, 0.1),
         lambda x, u: jax.jit(lambda y: jnp.tanh(y) + jnp.sign(u))(x) + jnp.ones(3) * jnp.sqrt(4.0),
+        # Operations that contain others, each in its own way.
+        lambda x, u: jax.nn.relu(x) + jax.jit(jnp.sin)(x * u) + softened(x),
+        # Elements placed anew, by constant indices.
+        lambda x, u: x[jnp.array([2, 0, 2])] * u + jax.lax.dynamic_slice(jnp.append(x, u), (1,), (3,)),
+        lambda x, u: jax.lax.pad(jnp.outer(x, x[:2]), u, [(1, 1, 1), (0, -1, 0)]),
+        # Products and sums over any of the axes, and over none.
+        lambda x, u: jnp.outer(x[:2], jnp.sin(x)) @ (jnp.outer(x, x + u) + jnp.arange(9.0).reshape(3, 3)),
+        lambda x, u: jnp.tensordot(jnp.outer(x, x[:2] + u), jnp.arange(24.0).reshape(4, 3, 2), ((0, 1), (1, 2))),
+        lambda x, u: jnp.tensordot(x * u, x[:2], 0),
+        lambda x, u: jnp.sum(jnp.outer(x, x[:2] + u), axis=0) + jnp.max(jnp.outer(x, x[1:]), axis=0),
+        lambda x, u: jnp.sum(jnp.reshape(x[:0] * u, (2, 0)), axis=1),
+        lambda x, u: x**2 + x**4 + x**5 + x**-2 + (x > -u) * 0.5 + jnp.logical_and(x > 0, u < 1),
+        lambda x, u: jnp.asarray([1.5, -2.0]),
     ],
 )
 def test_equations_as_they_are_written(function):
     x, u = np.array([0.3, 1.7, -0.9]), 0.4
-    np.testing.assert_allclose(evaluated(function, x, u), function(jnp.asarray(x), jnp.asarray(u)), rtol=1e-14)
+    found = evaluated(function, x, u)
+    np.testing.assert_allclose(found, function(jnp.asarray(x), jnp.asarray(u)), rtol=1e-14, atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        *((0.0, "0.0"), (0.25, "0.25"), (2, "2.0"), (-0.5, "(-0.5)"), (1e300, "1e+300"), (True, "1.0")),
+        *((math.nan, "NAN"), (math.inf, "INFINITY"), (-math.inf, "-INFINITY")),
+    ],
+)
+def test_constants_as_c_reads_them(value, text):
+    assert equations.number(value) == text
 
 
 @pytest.mark.parametrize(
@@ -211,7 +244,11 @@ def test_equations_as_they_are_written(function):
     [
         (lambda x: jax.lax.while_loop(lambda y: y[0] < 9, lambda y: 2 * y, x), "while"),
         (lambda x: jnp.linalg.solve(jnp.diag(x), x), "."),
-        (lambda x: jnp.real(jnp.exp(1j * x)), "complex"),
+        (lambda x: jnp.real(jnp.exp(1j * x)), "^complex numbers$"),
+        (lambda x: jnp.abs(jax.lax.complex(x, x)), "^complex of complex numbers$"),
+        (lambda x: jnp.einsum("ij,ij->i", jnp.outer(x, x), jnp.outer(x, x)), "^dot_general with batches$"),
+        (lambda x: jax.lax.select_n(x.astype(int), x, x + 1, 2 * x), "^select_n of more than two cases$"),
+        (lambda x: jax.lax.dynamic_slice(x, (x[0].astype(int),), (1,)), "^dynamic_slice$"),
     ],
 )
 def test_operations_that_are_refused(function, words):

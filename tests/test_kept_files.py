@@ -10,7 +10,7 @@ import pytest
 import jshape as js
 from experiments.reliability.damage import damaged
 from jshape import _files
-from jshape._files import read_arrays, read_text, whole, write_arrays
+from jshape._files import read_arrays, read_npz, read_text, whole, write_arrays
 from jshape.export import read_shaper
 from jshape.sweeps.checkpoint import in_chunks
 
@@ -85,6 +85,29 @@ def test_an_archive_that_unpacks_to_too_much_is_not_unpacked(tmp_path, monkeypat
     assert (tmp_path / "bomb.npz").stat().st_size < 10**4
     with pytest.raises(ValueError, match=r"bomb\.npz: .*it holds 1600264 bytes, more than 1000000"):
         read_shaper(tmp_path / "bomb.npz")
+
+
+def test_an_archive_that_says_that_it_is_too_large_is_not_opened(tmp_path):
+    # The size of the member that the archive's directory gives, 24 bytes after its mark: a byte more than a GiB.
+    path = tmp_path / "x.npz"
+    np.savez(path, amplitudes=np.zeros(1))
+    content = bytearray(path.read_bytes())
+    at = content.index(b"PK\x01\x02") + 24
+    content[at : at + 4] = (2**30 + 1).to_bytes(4, "little")
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match=r"x\.npz: cannot be read: it holds 1073741825 bytes, more than 1073741824"):
+        read_npz(path)
+
+
+def test_objects_are_neither_written_nor_read(tmp_path):
+    """What NumPy pickles runs code when it is read."""
+    path, objects = tmp_path / "x.npz", np.array([{}, []], object)
+    with pytest.raises(ValueError, match="Object arrays cannot be saved"):
+        write_arrays(path, KIND, {}, {"a": objects})
+    assert not any(tmp_path.iterdir())
+    np.savez(path, a=objects)
+    with pytest.raises(ValueError, match=r"x\.npz: cannot be read: Object arrays cannot be loaded"):
+        read_npz(path)
 
 
 @pytest.mark.parametrize(

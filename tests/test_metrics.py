@@ -8,8 +8,8 @@ import pytest
 from scipy.optimize import brentq, minimize_scalar
 
 import jshape as js
-from jshape import plants
-from jshape.metrics import residual_energy_and_error
+from jshape import metrics, plants
+from jshape.metrics import residual_energy_and_error, residual_energy_and_vibration
 
 
 class Displaced(plants.TwoMass):
@@ -89,14 +89,21 @@ def test_rise_time(low, high, place, track):
     expected = reach(high) - reach(low)
     assert float(js.rise_time(PLANT, SHAPER, 1.0, low, high)) == pytest.approx(expected, abs=1e-9)
     assert float(js.rise_time(PLANT, SHAPER, -1.0, low, high)) == pytest.approx(expected, abs=1e-9)
+    if (low, high) == (0.1, 0.9):
+        assert js.rise_time(PLANT, SHAPER, 1.0) == js.rise_time(PLANT, SHAPER, 1.0, low, high)
 
 
-def test_rise_that_does_not_come():
+def test_rise_that_does_not_come(staircase):
     # 1 − x falls as exp(−t/8.9), the slow pole's: 10 % after a second, not 70 % within a period of 6.3 s, nor 90 %.
     pole = (9 - np.sqrt(81 - 4)) / 2
     assert js.rise_time(SLOW, SHAPER, 1.0) == np.inf
     assert js.rise_time(SLOW, SHAPER, 1.0, 0.7, 0.9) == np.inf
     assert js.rise_time(SLOW, SHAPER, 1.0, 0.1, 0.5) == pytest.approx(np.log(0.9 / 0.5) / pole, rel=1e-4)
+    # One period after the move is as far as is looked: what is reached just before counts, just after does not.
+    field = lambda t, y, u: [y[1], u - y[0] - 9 * y[1]]
+    ((last, _),) = staircase(field, [0.0, 0.0], SHAPER.times, [0.5, 1.0], [0.59 + 2 * np.pi])
+    assert js.rise_time(SLOW, SHAPER, 1.0, 0.0, last - 1e-6) == pytest.approx(0.59 + 2 * np.pi, abs=1e-4)
+    assert js.rise_time(SLOW, SHAPER, 1.0, 0.0, last + 1e-6) == np.inf
 
 
 BARE = Displaced(1.0, 1.2, plants.Duffing(10.0, 100.0), plants.LinearDamper(0.0))
@@ -108,6 +115,11 @@ def test_settling_time(band, place, track):
     outside = np.flatnonzero(np.abs(x - 1) > band)
     expected = crossing(place, at, lambda x: abs(x - 1) - band, outside[-1])
     assert float(js.settling_time(PLANT, SHAPER, 1.0, band)) == pytest.approx(expected, abs=1e-8)
+    assert js.settling_time(PLANT, SHAPER, 1.0) == js.settling_time(PLANT, SHAPER, 1.0, 0.02, periods=20)
+    # Outside of a narrower band 20 periods after the move, which is as far as is looked, and inside two periods later.
+    narrow = 0.9 * abs(x[-1] - 1)
+    assert js.settling_time(PLANT, SHAPER, 1.0, narrow) == np.inf
+    assert js.settling_time(PLANT, SHAPER, 1.0, narrow, periods=22) > at[-1]
 
 
 def test_settling_that_does_not_come():
@@ -131,6 +143,24 @@ LOST = Displaced(1.0, 1.0, plants.Duffing(1.0, -0.25), plants.LinearDamper(0.0))
 def test_a_lost_payload_is_infinitely_bad(metric):
     # A softening spring that is bent past 2 m pushes the payload away: never a NaN, never a settled one.
     assert metric(LOST, SHAPER, 6.0) == np.inf
+
+
+def test_a_traced_trajectory_is_right_infinite_or_no_number():
+    """As accurate as its steps, which a traced plant cannot choose: NaN where they are too few, unless it is lost."""
+    along = jax.jit(lambda k1, k3, size: js.overshoot(Displaced(1.0, 1.2, plants.Duffing(k1, k3)), SHAPER, size))
+    plain = js.overshoot(Displaced(1.0, 1.2, plants.Duffing(10.0, 100.0)), SHAPER, 1.0)
+    assert along(10.0, 100.0, 1.0) == pytest.approx(float(plain), rel=1e-6)
+    assert np.isnan(along(1e7, 0.0, 1.0))
+    assert along(1.0, -0.25, 6.0) == np.inf
+
+
+def test_steps_along_a_move_are_refined_until_they_are_enough(monkeypatch):
+    expected = float(js.overshoot(PLANT, SHAPER, 1.0))
+    monkeypatch.setattr(metrics, "fine_steps", lambda *_: 16)
+    assert float(js.overshoot(PLANT, SHAPER, 1.0)) == pytest.approx(expected, abs=1e-3)
+    monkeypatch.setattr(metrics, "MOST_STEPS", 63)
+    with pytest.raises(ValueError, match="payload of Displaced is not accurate to 1e-06 with 16 steps a segment"):
+        js.overshoot(PLANT, SHAPER, 1.0)
 
 
 def test_energy_that_no_deflection_stores():
@@ -160,7 +190,19 @@ def test_residual_energy_of_a_bare_step(plant):
     assert float(js.residual_vibration(plant, None, 1.0, initial_state=begin)) == pytest.approx(0.6, rel=1e-14)
 
 
-@pytest.mark.parametrize(("method", "steps"), [("dopri8", None), ("dopri8", 4), ("tsit5", 4)])
+@pytest.mark.parametrize("distance", [1.0, -0.8])
+def test_residual_vibration_is_the_bend_that_stores_the_energy(distance, staircase):
+    # 5 b² + 25 b⁴ of the energy that SciPy finds at the last impulse, over the distance: not over the payload's places.
+    field = lambda t, y, u: [y[1], -(10 * (y[0] - u) + 100 * (y[0] - u) ** 3 + 0.5 * y[1]) / 1.2]
+    x, v = staircase(field, [0.0, 0.0], [0.0], [distance / 2], [0.59])[0]
+    energy = 1.2 * v**2 / 2 + 5 * (x - distance) ** 2 + 25 * (x - distance) ** 4
+    bend = np.sqrt((np.sqrt(25 + 100 * energy) - 5) / 50)
+    assert float(js.residual_vibration(PLANT, SHAPER, distance)) == pytest.approx(bend / abs(distance), rel=1e-9)
+    both = residual_energy_and_vibration(PLANT, SHAPER, distance)
+    assert list(map(float, both)) == pytest.approx([energy, bend / abs(distance)], rel=1e-9)
+
+
+@pytest.mark.parametrize(("method", "steps"), [("dopri8", None), ("dopri8", 4), ("tsit5", None), ("tsit5", 4)])
 def test_error_estimate(method, steps, place, staircase):
     # Against SciPy's state at the last impulse. The estimate covers the difference to it.
     field = lambda t, y, u: [y[1], -(10 * (y[0] - u) + 100 * (y[0] - u) ** 3 + 0.5 * y[1]) / 1.2]
@@ -276,6 +318,14 @@ def test_overshoot_of_a_crane(staircase):
     assert float(found) == pytest.approx(np.max(run[:, 2] + np.sin(run[:, 0])) - 1, abs=1e-7)
 
 
+def test_vibration_that_the_steps_do_not_resolve_is_no_number():
+    # Two modes after a bare step: (cos t + cos ωt)/2, which begins at 1; so few steps do not see the faster one.
+    vibration = lambda omega: js.residual_vibration(plants.ModalPlant([1.0, omega], 0.0), None, 1.0, steps=2)
+    assert float(vibration(1.3)) == pytest.approx(1.0, abs=1e-5)
+    with pytest.raises(ValueError, match=r"was not met: .* of ModalPlant"):
+        vibration(40.0)
+
+
 def test_peak_deflection_of_modes():
     # They bend most at the end of the period after the move, and would further.
     omega, gains, weights, delays = (1.0, 1.85, 5.0), [1 / 3] * 3, (0.5, 0.5), (0.0, 0.8)
@@ -310,6 +360,8 @@ def test_energy_profile_is_accurate_at_any_number_of_points(points, plant):
 WRONG = {
     "steps": (lambda: js.residual_energy(PLANT, SHAPER, 1.0, steps=0), "steps must be a whole number of at least 1"),
     "method": (lambda: js.residual_energy(PLANT, SHAPER, 1.0, method="rk4"), "method must be one of .*not 'rk4'"),
+    "tolerance": (lambda: js.residual_vibration(PLANT, SHAPER, 1.0, tolerance=0.0), "tolerance must be greater than 0"),
+    "steps, vibration": (lambda: js.residual_vibration(PLANT, SHAPER, 1.0, steps=0), "steps must be .* at least 1"),
     "distance": (lambda: js.residual_vibration(PLANT, SHAPER, 0.0), "distance must not be 0"),
     "initial_state": (lambda: js.overshoot(PLANT, SHAPER, 1.0, initial_state=[0.0]), "initial_state must have shape"),
     "band": (lambda: js.settling_time(PLANT, SHAPER, 1.0, 0.0), "band must be greater than 0, not 0"),

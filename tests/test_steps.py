@@ -12,7 +12,7 @@ import jshape as js
 from experiments.benchmarks import attack
 from jshape.simulation.schedule import schedule
 from jshape.simulation.simulate import initial, with_arrays
-from jshape.simulation.steps import TOLERANCE, checked_state
+from jshape.simulation.steps import TOLERANCE, checked_state, replay
 
 QUICK = ("two mass, hardening", "two mass, far softening", "crane, acceleration")
 TIMES = [0.0, 0.3, 0.6]
@@ -118,6 +118,15 @@ def test_gradients_equal_those_of_fixed_steps_and_differences(mode):
     value = jax.jit(lambda a: energy(pair(), a, 512))
     difference = [(value(AMPLITUDES + s) - value(AMPLITUDES - s)) / 2 / step for s in step * jnp.eye(3)]
     np.testing.assert_allclose(found, difference, atol=1e-5 * float(jnp.max(jnp.abs(found))))
+
+
+def test_steps_that_are_differentiated_make_the_whole_move(staircase):
+    """A few steps and more than a chunk of them, beside SciPy."""
+    plan, plant = schedule(pair(), 1.0, js.Shaper([0.5, 0.2, 0.3], [0.0, 0.3, 2.1])), with_arrays(pair())
+    found = jax.jit(replay)(plant, plan.segments(), initial(plant), jnp.asarray([21, 150]))
+    field = lambda t, y, u: [y[1], -10 * (y[0] - u) - 100 * (y[0] - u) ** 3]
+    (expected,) = staircase(field, [0.0, 0.0], [0.0, 0.3], [0.5, 0.7], [2.1])
+    np.testing.assert_allclose(found, expected, atol=1e-9)
 
 
 @pytest.mark.slow
