@@ -75,7 +75,8 @@ def test_units_by_another_reader(units, fmi):
     assert description.fmiVersion == fmi
     assert description.coSimulation is not None
     assert description.modelExchange is not None
-    assert [v.name for v in description.modelVariables if v.causality == "input"] == ["command", "bypass"]
+    inputs = [v for v in description.modelVariables if v.causality == "input"]
+    assert [(v.name, v.start) for v in inputs] == [("command", "0.0"), ("bypass", "false")]
     # Every function of the standard's own headers is there.
     headers = Path(fmpy.__file__).parent / "c-code"
     text = (headers / f"fmi{fmi[0]}FunctionTypes.h").read_text(encoding="utf-8")
@@ -125,6 +126,10 @@ def test_samples_beside_a_convolution(units, fmi):
     unit.doStep(count * SAMPLE_TIME, 5 * SAMPLE_TIME)
     assert get([shaped]) == later
     unit.freeFMUState(state)
+    # What the unit computes cannot be set, and what it does not have cannot be asked for.
+    for call in (lambda: put([shaped], [1.0]), lambda: unit.getBoolean([bypass + 1])):
+        with pytest.raises(fmpy.fmi1.FMICallException):
+            call()
     unit.terminate()
     unit.freeInstance()
 
