@@ -213,7 +213,7 @@ softened.defvjp(lambda x: (softened(x), x), lambda x, slope: (slope / (1 + jnp.a
         lambda x, u: jnp.outer(x, x)[1] + jnp.pad(x[:2], (1, 0)) + jnp.clip(u, -0.1, 0.1),
         lambda x, u: jax.jit(lambda y: jnp.tanh(y) + jnp.sign(u))(x) + jnp.ones(3) * jnp.sqrt(4.0),
         # Operations that contain others, each in its own way.
-        lambda x, u: jax.nn.relu(x) + jax.jit(jnp.sin)(x * u) + softened(x),
+        lambda x, u: jax.nn.relu(x) + jax.jit(jnp.sin)(x * u) + softened(x) + jax.checkpoint(jnp.cos)(x),
         # Elements placed anew, by constant indices.
         lambda x, u: x[jnp.array([2, 0, 2])] * u + jax.lax.dynamic_slice(jnp.append(x, u), (1,), (3,)),
         lambda x, u: jax.lax.pad(jnp.outer(x, x[:2]), u, [(1, 1, 1), (0, -1, 0)]),

@@ -36,6 +36,9 @@ from jshape.simulation.simulate import all_states
 
 DAMPING = ("exact", "orbit", "harmonic", "ignore")
 
+FARTHEST = 2.0
+"""How many times the way of a swing the base may stand ahead of the payload."""
+
 _STEPS = 64
 """Fixed steps a swing in the exact solution with damping: fewer are enough for rounding."""
 
@@ -189,6 +192,9 @@ def _approximate_swings(plant: AbstractOscillator, ways: Array, damping: str) ->
     if damping != "ignore":
         loss = _loss_harmonic if damping == "harmonic" else _loss_orbit
         bases = _bases(plant, ways, jax.vmap(lambda *swing: loss(plant, *swing))(bases, ways, times))
+    if damping == "exact":
+        # Only the beginning of a search then.
+        bases = jnp.where(jnp.isnan(bases), FARTHEST * ways, bases)
     return bases, times
 
 
@@ -276,7 +282,10 @@ def _negative(plant: AbstractOscillator, size: Scalar, damping: str) -> tuple[Ar
 
 
 def _bases(plant: AbstractOscillator, ways: Array, losses: Array | None = None) -> Array:
-    """How far ahead of the payload the base must stand for each swing of the given way (m): U(−b) − U(w − b) = loss."""
+    """How far ahead of the payload the base must stand for each swing of the given way (m): U(−b) − U(w − b) = loss.
+
+    NaN where that is farther than ``FARTHEST``.
+    """
     if losses is None:
         if plant.spring.odd:
             return ways / 2
@@ -285,7 +294,9 @@ def _bases(plant: AbstractOscillator, ways: Array, losses: Array | None = None) 
 
     def base(way: Scalar, loss: Scalar) -> Scalar:
         # A damper takes energy, so the base may have to stand beyond the destination of the swing.
-        return way * bracketed_root(lambda s: potential(-s * way) - potential((1 - s) * way) - loss, 0.0, 2.0)
+        excess = lambda share: potential(-share * way) - potential((1 - share) * way) - loss
+        share = bracketed_root(excess, 0.0, FARTHEST)
+        return way * jnp.where(excess(jnp.asarray(FARTHEST)) >= 0, share, jnp.nan)
 
     return jax.vmap(base)(ways, losses)
 
