@@ -4,6 +4,7 @@ import itertools
 import json
 from types import SimpleNamespace
 
+import jax
 import matplotlib as mpl
 
 mpl.use("Agg")
@@ -59,6 +60,27 @@ def test_a_crane_hangs_on_its_cables(drive):
     states = [*position, ANGLE, -0.7 * ANGLE, *([zero] if position else []), zero, zero]
     motion = film.motion_of(two, response(states, command, offset), TIMES)
     np.testing.assert_allclose(distances(motion.places), np.broadcast_to([2.0, 0.5], (201, 2)), atol=1e-12)
+
+
+@pytest.mark.parametrize("drive", ["acceleration", "force"])
+def test_a_tank_keeps_its_liquid(drive):
+    tank = js.plants.SloshingTank(0.4, 0.2, 0.3, modes=2, drive=drive)
+    command, zero = 0.5 * TIMES, 0 * TIMES
+    angles = np.stack([ANGLE, -0.3 * ANGLE], axis=1)
+    wave = np.asarray(jax.vmap(tank.offset)(angles))
+    centre = command + np.asarray(jax.vmap(tank.centre)(angles))
+    ahead = [command] if drive == "force" else []
+    run = response([*ahead, *angles.T, *[zero] * len(ahead), zero, zero], command, wave)
+    run.payload = centre
+    places = film.motion_of(tank, run, TIMES).places
+    walls, surface = places[:, :4], places[:, 4:]
+    np.testing.assert_allclose(walls[:, :2, 0], (command - 0.2)[:, None] + np.zeros((1, 2)), atol=1e-12)
+    np.testing.assert_allclose(walls[:, 2:, 0], (command + 0.2)[:, None] + np.zeros((1, 2)), atol=1e-12)
+    np.testing.assert_allclose(surface[:, 0, 1], wave, atol=1e-12)
+    # From wall to wall, and no more or less of it than at rest.
+    np.testing.assert_allclose(surface[:, [-1, 0], 0], walls[:, [0, 3], 0], atol=1e-12)
+    np.testing.assert_allclose(np.trapezoid(surface[..., 1], surface[..., 0], axis=1), 0.0, atol=1e-12)
+    assert np.max(surface[..., 1]) < np.min(walls[:, [0, 3], 1])
 
 
 def test_a_link_bends_from_its_motor_to_its_payload():

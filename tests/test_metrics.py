@@ -10,6 +10,9 @@ from scipy.optimize import brentq, minimize_scalar
 import jshape as js
 from jshape import metrics, plants
 from jshape.metrics import residual_energy_and_error, residual_energy_and_vibration
+from jshape.simulation.schedule import schedule
+from jshape.simulation.simulate import initial
+from jshape.simulation.trajectory import trajectory
 
 
 class Displaced(plants.TwoMass):
@@ -143,6 +146,19 @@ LOST = Displaced(1.0, 1.0, plants.Duffing(1.0, -0.25), plants.LinearDamper(0.0))
 def test_a_lost_payload_is_infinitely_bad(metric):
     # A softening spring that is bent past 2 m pushes the payload away: never a NaN, never a settled one.
     assert metric(LOST, SHAPER, 6.0) == np.inf
+
+
+def test_the_time_after_a_move_may_have_several_parts():
+    plant, move = plants.TwoMass(1.0, 1.0, plants.Duffing(10.0, 100.0)), js.Trapezoid(1.0, 1.0, 2.0)
+    plan = schedule(plant, move)
+    given = plant, plan, initial(plant), 2.0, "payload"
+    one, four = trajectory(*given, 256), trajectory(*given, 64, 4)
+    assert (one.met, four.met) == (True, True)
+    last = len(one.time) - 1
+    joined = lambda values: np.append(values[last:, :-1].ravel(), values[-1, -1])
+    np.testing.assert_allclose(joined(four.time), one.time[-1], rtol=1e-14)
+    np.testing.assert_allclose(joined(four.value), one.value[-1], atol=1e-7)
+    np.testing.assert_allclose(joined(four.slope), one.slope[-1], atol=1e-6)
 
 
 def test_a_traced_trajectory_is_right_infinite_or_no_number():

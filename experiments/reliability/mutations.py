@@ -241,7 +241,7 @@ def try_tests(tree: Path, tests: list[str], limit: int = LIMIT) -> Run:
     begin = time.monotonic()
     run = subprocess.run(
         ["bash", "-c", f'ulimit -t {limit}; exec "$@"', "tests", *command],
-        cwd=tree, env=environment, capture_output=True, text=True,
+        cwd=tree, env=environment, capture_output=True, text=True, errors="replace",
     )  # fmt: skip
     seconds = time.monotonic() - begin
     if run.returncode in (-signal.SIGKILL, -signal.SIGXCPU):

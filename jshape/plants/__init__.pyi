@@ -27,6 +27,7 @@ from .pendulum import Crane as Crane
 from .rigid_flexible import RigidFlexible as RigidFlexible
 from .slewing import BoomCrane as BoomCrane
 from .slewing import TowerCrane as TowerCrane
+from .sloshing import SloshingTank as SloshingTank
 from .springs import AbstractSpring as AbstractSpring
 from .springs import Duffing as Duffing
 from .springs import ForceSpring as ForceSpring

@@ -39,6 +39,7 @@ GROUPS = {
     "cranes": ("AbstractCrane", "AbstractSlewingCrane"),
     "masses on springs": ("AbstractOscillator", "ForcedTwoMass"),
     "robots": ("FlexibleJoint", "FlexibleLink", "TwoLinkArm"),
+    "liquids": ("SloshingTank",),
     "measured modes": ("AbstractModes",),
     "from another plant": ("Linearised",),
     "from a file": tuple(READERS),
@@ -130,7 +131,9 @@ def known(base: str) -> dict[str, Entry]:
 def group(name: str) -> str:
     """The group that a plant belongs to; ``"others"`` where none names it."""
     bases = known("AbstractPlant")[name].bases
-    return next((group for group, roots in GROUPS.items() if set(roots) & set(bases)), "others")
+    # A class that is named itself is where it is named.
+    named = next((group for group, roots in GROUPS.items() if name in roots), "")
+    return named or next((group for group, roots in GROUPS.items() if set(roots) & set(bases)), "others")
 
 
 def suggestion(name: str, names: Iterable[str]) -> str:

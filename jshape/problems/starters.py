@@ -100,6 +100,12 @@ STARTERS = (
         {"bob_position": {"low": "0.3 m", "high": "1 m", "count": 21}}, {"impulses": 3},
     ),
     Starter(
+        "sloshing-tank", "tank of liquid on a carriage", "SloshingTank",
+        {"length": "0.3 m", "depth": "0.15 m", "width": "0.2 m", "zeta": "0.5 %"},
+        _trapezoid("1.5 m", "0.8 m/s", "2 m/s²"),
+        {"depth": {"low": "0.1 m", "high": "0.2 m", "count": 9}}, {"impulses": 3, "sample_time": "1 ms"},
+    ),
+    Starter(
         "two-mass", "payload on a nonlinear spring, base follows the command", "TwoMass",
         {"spring": _DUFFING}, {"distance": "1 m"}, {"m2": {"low": 0.8, "high": 1.2, "count": 41}}, {"impulses": 3},
     ),

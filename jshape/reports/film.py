@@ -11,13 +11,13 @@ import numpy as np
 from matplotlib import animation
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle, Rectangle
+from matplotlib.patches import Circle, Polygon, Rectangle
 
 from jshape._files import whole
 from jshape.reports.style import COLOURS, looks, plain, using
 
 if TYPE_CHECKING:
-    from jshape.plants import AbstractPlant
+    from jshape.plants import AbstractPlant, SloshingTank
     from jshape.simulation.simulate import Response
 
 INTERVALS = (40, 50, 80, 100, 200, 250, 400, 500, 800, 1000)
@@ -37,9 +37,10 @@ class Motion:
     """Where the parts of a machine are in every frame.
 
     Attributes:
-        kind: ``"crane"``, ``"link"`` or ``"masses"``.
-        places: of each part from the driven one to the payload: positions (x, y), m, of a crane or of masses; the
-            angles, rad, of a link's motor and tip; shape (frames, parts, 2) or (frames, 2).
+        kind: ``"crane"``, ``"tank"``, ``"link"`` or ``"masses"``.
+        places: of each part from the driven one to the payload: positions (x, y), m, of a crane or of masses; of a
+            tank's walls, from the top of the one behind to the top of the one in front, then of its liquid's surface
+            and back; the angles, rad, of a link's motor and tip; shape (frames, parts, 2) or (frames, 2).
         deflection: of the flexible part, m or rad; shape (frames,).
     """
 
@@ -59,8 +60,8 @@ def film(
     """The machine in motion, a panel for each response, and below them the deflections as they grow.
 
     Args:
-        plant: of all responses. Cranes are drawn with their cables, links from above, everything else as two masses on
-            a spring.
+        plant: of all responses. Cranes are drawn with their cables, tanks with their liquid, links from above,
+            everything else as two masses on a spring.
         runs: name → response; all to the same horizon.
         speed: at which it is played; 1 is true time, 0.1 ten times slower.
         most_frames: the pictures are as dense as that allows, at most 25 a second.
@@ -178,6 +179,8 @@ def motion_of(plant: "AbstractPlant", run: "Response", times: np.ndarray) -> Mot
     states = sampled(run.states)
     first = 1 if plant.drive == "force" else 0
     angles = states[:, first : first + plant.angles]
+    if isinstance(plant, plants.SloshingTank):
+        return Motion("tank", _tank_places(plant, payload, angles), bent)
     if isinstance(plant, plants.DoublePendulumCrane):
         hook = chain[0] + float(plant.hook_length) * np.stack([np.sin(angles[:, 0]), -np.cos(angles[:, 0])], axis=-1)
         chain.append(hook)
@@ -186,6 +189,20 @@ def motion_of(plant: "AbstractPlant", run: "Response", times: np.ndarray) -> Mot
         rod = plant.bob_position if isinstance(plant, plants.BobRodPendulum) else getattr(plant, "cable_length", 1.0)
         low = -float(rod) * np.prod(np.cos(angles), axis=1)
     return Motion("crane", np.stack([*chain, np.stack([payload, low], axis=-1)], axis=1), bent)
+
+
+def _tank_places(plant: "SloshingTank", centre: np.ndarray, angles: Any) -> np.ndarray:
+    import jax
+
+    half, depth = float(plant.length) / 2, float(plant.depth)
+    along = np.linspace(half, -half, 25)
+    height = np.asarray(jax.vmap(lambda one: plant.surface(one, along))(angles))
+    base = centre - np.asarray(jax.vmap(plant.centre)(angles))
+    top = max(0.4 * depth, 1.1 * float(np.max(np.abs(height))))
+    walls = np.array([[-half, top], [-half, -depth], [half, -depth], [half, top]])
+    surface = np.stack([np.broadcast_to(along, height.shape), height], axis=-1)
+    places = np.concatenate([np.broadcast_to(walls, (len(base), 4, 2)), surface], axis=1)
+    return places + np.stack([base, 0 * base], axis=-1)[:, None]
 
 
 def _composed(unit: str, motions: Mapping[str, Motion], times: np.ndarray) -> tuple[Figure, list[Put]]:
@@ -218,9 +235,12 @@ def _view(motions: Mapping[str, Motion]) -> tuple[Callable[..., Put], tuple[Any,
         return _link, ((-1.2, 1.2), (-1.2, 1.2))
     places = np.concatenate([motion.places.reshape(-1, 2) for motion in motions.values()])
     (left, bottom), (right, top) = places.min(axis=0), places.max(axis=0)
-    if kind == "crane":
+    if kind in ("crane", "tank"):
         edge = 0.06 * max(right - left, top - bottom)
-        return _crane, ((left - 2 * edge, right + 2 * edge), (bottom - 1.5 * edge, top + 1.5 * edge))
+        return _crane if kind == "crane" else _tank, (
+            (left - 2 * edge, right + 2 * edge),
+            (bottom - 1.5 * edge, top + 1.5 * edge),
+        )
     # Apart by more than the spring is ever compressed.
     gap = (right - left) / 4 + max(-np.min(motion.deflection) for motion in motions.values())
     size = right - left + gap
@@ -244,6 +264,22 @@ def _crane(axes: Axes, places: np.ndarray, view: tuple[Any, ...], colour: str) -
         for body, place in zip(bodies, now[1:], strict=True):
             body.set_center((place[0], place[1]))
         path.set_data(places[: frame + 1, -1, 0], places[: frame + 1, -1, 1])
+
+    return put
+
+
+def _tank(axes: Axes, places: np.ndarray, view: tuple[Any, ...], colour: str) -> Put:
+    """A tank, its liquid and the liquid's surface; the level at rest is marked."""
+    axes.axhline(0.0, color="0.6", linewidth=0.8, linestyle=":", zorder=0)
+    liquid: Any = axes.add_patch(Polygon(places[0, 1:3], color=colour, alpha=0.35, linewidth=0))
+    (walls,) = axes.plot([], [], color="0.2", linewidth=1.5)
+    (surface,) = axes.plot([], [], color=colour, linewidth=1.5)
+
+    def put(frame: int) -> None:
+        now = places[frame]
+        walls.set_data(now[:4, 0], now[:4, 1])
+        surface.set_data(now[4:, 0], now[4:, 1])
+        liquid.set_xy(now[[1, 2, *range(4, len(now))]])
 
     return put
 

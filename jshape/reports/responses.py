@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from jshape.command import as_command
-from jshape.plants import AbstractCrane, AbstractPlant
+from jshape.plants import AbstractCrane, AbstractPlant, SloshingTank
 from jshape.problems.problem import Problem
 from jshape.shaper import Shaping
 from jshape.simulation.simulate import natural_frequencies, simulate
@@ -47,19 +47,21 @@ def responses(
     nominal = {name: run(plant, shaper) for name, shaper in zip(shapers, alike, strict=True)}
     extremes = {name: [run(end, shaper) for end in ends] for name, shaper in zip(shapers, alike, strict=True)}
     turning = [plant.axis_unit(i) == "rad" for i in range(max(len(plant.axes), 1))]
+    liquid = isinstance(plant, SloshingTank)
     sways = any(turning) or isinstance(plant, AbstractCrane)
     unshaped = run(plant, unshaped_alike) if sways else None
     axes = moving(plant, move)
     for i, axis in [(plant.axes.index(axis), axis) for axis in axes] or [(0, "")]:
         turns, drive = turning[i], plant.drives(i)[0]
         along = lambda drawn, i=i: _along(drawn, i, bool(axes), turning[i])
-        moved = {"displacement": "motor" if turns else "base", "force": ""}.get(drive, "trolley")
+        moved = {"displacement": "motor" if turns else "base", "force": ""}.get(drive, "tank" if liquid else "trolley")
         label = f"{axis} {'angle (°)' if turns else 'position (m)'}".strip()
-        sway = ("deflection (°)" if turns else "sway (mm)") if sways else None
+        bends = "deflection (°)" if turns else "wave at the wall (mm)" if liquid else "sway (mm)"
+        sway = bends if sways else None
         values = (
             {name: along(drawn) for name, drawn in nominal.items()},
             {name: [along(drawn) for drawn in some] for name, some in extremes.items()},
-            ((axis or moved) if moved else "", "payload"),
+            ((axis or moved) if moved else "", "liquid" if liquid else "payload"),
             label,
             None if unshaped is None else along(unshaped),
             sway,

@@ -51,7 +51,7 @@ const jshapeScene = {
     const x = (v) => wide / 2 + (v - (left + right) / 2) * size, y = (v) => high / 2 - (v - (low + top) / 2) * size;
     pen.strokeStyle = this.colours.line;
     pen.lineWidth = 2;
-    if (kind !== "link" && kind !== "above") this.path(pen, [[0, y(0)], [wide, y(0)]]);
+    if (kind === "crane" || kind === "masses") this.path(pen, [[0, y(0)], [wide, y(0)]]);
     for (const name of ["unshaped", "shaped"]) {
       pen.globalAlpha = name === "shaped" ? 1 : 0.55;
       this[kind](pen, places[name][frame], x, y, this.colours[name], places[name]);
@@ -79,6 +79,19 @@ const jshapeScene = {
     pen.fillStyle = this.colours.dark;
     pen.fillRect(x(now[0][0]) - 14, y(now[0][1]) - 5, 28, 10);
     now.slice(1).forEach(([a, b], i) => this.disc(pen, x(a), y(b), i === now.length - 2 ? 9 : 5, colour));
+  },
+  tank(pen, now, x, y, colour) {
+    const at = now.map(([a, b]) => [x(a), y(b)]), opaque = pen.globalAlpha;
+    pen.strokeStyle = this.colours.dark;
+    pen.lineWidth = 2;
+    this.path(pen, at.slice(0, 4));
+    pen.strokeStyle = pen.fillStyle = colour;
+    this.path(pen, at.slice(4));
+    pen.globalAlpha = 0.3 * opaque;
+    pen.beginPath();
+    [...at.slice(1, 3), ...at.slice(4)].forEach(([a, b], i) => (i ? pen.lineTo(a, b) : pen.moveTo(a, b)));
+    pen.fill();
+    pen.globalAlpha = opaque;
   },
   above(pen, now, x, y, colour) {
     pen.strokeStyle = this.colours.dark;
