@@ -5,6 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.linalg import expm
 from scipy.optimize import brentq, minimize_scalar
 
 import jshape as js
@@ -340,6 +341,30 @@ def test_vibration_that_the_steps_do_not_resolve_is_no_number():
     assert float(vibration(1.3)) == pytest.approx(1.0, abs=1e-5)
     with pytest.raises(ValueError, match=r"was not met: .* of ModalPlant"):
         vibration(40.0)
+
+
+def test_vibration_beside_a_mode_at_rest():
+    # A printer's move through a shaper that is exact for the second mode, whose speed is nothing but rounding. Its
+    # first mode swings on from where SciPy's matrix exponentials leave it.
+    slow, fast, zeta = 2 * np.pi * 41, 2 * np.pi * 62, 0.05
+    shaper = js.design.linear.multi_mode([(2 * np.pi * 45, zeta), (fast, zeta)])
+    move = js.Trapezoid(0.02, 0.2, 5.0)
+    plant = plants.ModalPlant([slow, fast], zeta, [0.8, 0.2])
+    breaks, coefficients = (np.asarray(x) for x in shaper.shape(move).pieces())
+    matrix = np.zeros((5, 5))
+    # Position and velocity behind the command, then its acceleration over half the time squared: piecewise constant.
+    matrix[:2] = [[0, 1, 0, 0, 0], [-(slow**2), -2 * zeta * slow, 0, -2 * zeta * slow, -1]]
+    matrix[3, 4] = 1
+    state = np.zeros(2)
+    for begin, end, row in zip(breaks, breaks[1:], coefficients, strict=False):
+        given = [0.0, row[1], 2 * row[2] if len(row) > 2 else 0.0]
+        state = (expm(matrix * (end - begin)) @ [*state, *given])[:2]
+    wd, t = slow * np.sqrt(1 - zeta**2), np.linspace(0, 4 * np.pi / slow, 100_001)
+    x, v = state
+    swings = np.exp(-zeta * slow * t) * (x * np.cos(wd * t) + (v + zeta * slow * x) / wd * np.sin(wd * t))
+    found = float(js.residual_vibration(plant, shaper, move))
+    assert found == pytest.approx(0.8 * np.max(np.abs(swings)) / 0.02, rel=1e-6)
+    assert float(js.residual_vibration(plants.ModalPlant([fast], zeta), shaper, move)) < 1e-12
 
 
 def test_peak_deflection_of_modes():

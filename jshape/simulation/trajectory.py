@@ -34,7 +34,8 @@ class Trajectory(eqx.Module):
         slope: its rate there.
         step: of each segment, s.
         diverged: whether the plant diverged.
-        met: whether the embedded errors of all steps stay below that part of each state's greatest magnitude.
+        met: whether the embedded errors of all steps stay below that part of each state's greatest magnitude, or are
+            rounding: of a mode that is at rest there is nothing else.
     """
 
     time: Float[Array, "segments points"]
@@ -90,7 +91,11 @@ def trajectory(plant, plan: Schedule, state, periods: float, name: str, steps: i
     diverged = plant.diverged(states[-1, -1], plan.final_inputs(plant)) | ~jnp.all(jnp.isfinite(value))
     rounding = 4 * float(jnp.finfo(states.dtype).eps) * steps * len(segments.begin)
     accuracy = max(ACCURACY, min(rounding, COARSEST))
-    met = jnp.all(error <= accuracy * jnp.max(jnp.abs(states), axis=(0, 1)))
+    greatest, duration = jnp.max(jnp.abs(states), axis=(0, 1)), jnp.sum(segments.duration)
+    matrix = jax.jacfwd(lambda y: plant.vector_field(segments.begin[-1], y, plan.final_inputs(plant)))(states[-1, -1])
+    # What the states' last digits leave in their rates, summed up over the move.
+    floor = 4 * float(jnp.finfo(states.dtype).eps) * duration * (jnp.abs(matrix) @ greatest)
+    met = jnp.all(error <= accuracy * greatest + floor)
     return Trajectory(segments.begin[:, None] + local, value, slope, segments.duration / steps, diverged, met)
 
 
