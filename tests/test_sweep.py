@@ -283,6 +283,10 @@ def test_summary():
     np.testing.assert_array_equal(found["quantile_95"], [96.0, 1.0])
     np.testing.assert_array_equal(found["worst"], [100.0, np.inf])
     assert found["worst"].attrs["units"] == "J"
+    # Of one plant nothing is known: of the set no more.
+    found = summary(data.where(data != 7))
+    for word in ("mean", "quantile_95", "worst"):
+        assert np.isnan(found[word][0]), word
 
 
 def test_a_client_that_is_none():

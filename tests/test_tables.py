@@ -70,3 +70,7 @@ def test_a_table_for_latex():
     body = text[text.index("toprule") : text.index("bottomrule")]
     assert [line.count(" & ") for line in body.splitlines() if line.endswith(r"\\")] == [4, 4]
     assert r"\begin{tabular}{lrrrr}" in text
+
+
+def test_what_is_no_number_is_said():
+    assert [tables.number(value) for value in (np.inf, 1e30, np.nan, 0.1)] == ["diverged", "diverged", "not met", "0.1"]

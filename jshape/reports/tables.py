@@ -154,7 +154,9 @@ def show_front(problem: "Problem", front: "xr.Dataset") -> None:
 
 
 def number(value: float) -> str:
-    """A number in four digits, or that the plant diverged."""
+    """A number in four digits, or that the plant diverged, or that the tolerance was not met (NaN)."""
+    if value != value:
+        return "not met"
     # The optimisers write 1e30 for a plant that diverged.
     if not abs(value) < 1e29:
         return "diverged"

@@ -151,11 +151,12 @@ def sweep(
 def summary(data: xr.DataArray) -> xr.Dataset:
     """A swept metric's ``mean``, ``quantile_95`` (one plant in twenty has more) and ``worst`` for each shaper."""
     over = [name for name in data.dims if name != "shaper"]
-    # A plant that diverged is infinitely bad; between it and another there is nothing to interpolate.
+    # A plant that diverged is infinitely bad; between it and another there is nothing to interpolate. Where the
+    # tolerance was not met for one plant (NaN), nothing is known of them all.
     parts = {
-        "mean": data.mean(over),
+        "mean": data.mean(over, skipna=False),
         "quantile_95": data.quantile(0.95, over, method="higher", skipna=False).drop_vars("quantile"),
-        "worst": data.max(over),
+        "worst": data.max(over, skipna=False),
     }
     return xr.Dataset({word: part.assign_attrs(data.attrs) for word, part in parts.items()})
 
