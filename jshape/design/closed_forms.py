@@ -8,9 +8,9 @@ import numpy as np
 
 from jshape.command import AbstractCommand
 from jshape.design import energy, linear
-from jshape.plants import AbstractOscillator, AbstractPlant, ModalPlant
+from jshape.plants import AbstractOscillator, AbstractPlant
 from jshape.shaper import Shaper
-from jshape.simulation.simulate import natural_frequencies
+from jshape.simulation.simulate import modes
 
 
 def closed_forms(plant: AbstractPlant, distance: Any) -> tuple[dict[str, Shaper], dict[str, str]]:
@@ -25,12 +25,10 @@ def closed_forms(plant: AbstractPlant, distance: Any) -> tuple[dict[str, Shaper]
     """
     found: dict[str, Shaper] = {"unshaped": Shaper([1.0], [0.0])}
     left_out: dict[str, str] = {}
-    frequencies = np.atleast_1d(np.asarray(natural_frequencies(plant)))
-    zeta = np.atleast_1d(np.asarray(plant.zeta)) if isinstance(plant, ModalPlant) else np.zeros_like(frequencies)
-    modes = [(float(w), float(z)) for w, z in zip(frequencies, zeta, strict=True)]
-    if all(np.isfinite(w) and w > 0 for w, _ in modes):
+    at_rest = modes(plant)
+    if all(np.isfinite(omega) and omega > 0 for omega, _ in at_rest):
         for kind in ("zv", "zvd", "zvdd", "ei"):
-            found[f"linear {kind.upper()}"] = linear.multi_mode(modes, kind=kind)
+            found[f"linear {kind.upper()}"] = linear.multi_mode(at_rest, kind=kind)
     else:
         left_out["linear shapers"] = "the plant has no natural frequency at rest"
     designs: dict[str, Callable[[Any, Any], Shaper]] = {

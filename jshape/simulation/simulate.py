@@ -20,6 +20,7 @@ from jshape._types import Inputs, Scalar, State, Times
 from jshape.command import polynomial
 from jshape.compilation_cache import kept
 from jshape.plants import AbstractPlant
+from jshape.plants.modes import AbstractModes
 from jshape.shaper import Shaping
 from jshape.simulation.integrate import integrate
 from jshape.simulation.schedule import Schedule, Segments, inputs_at, schedule
@@ -253,6 +254,16 @@ def _rest(plant: AbstractPlant) -> State:
 def natural_frequencies(plant: AbstractPlant) -> Array:
     """The plant's natural frequencies at rest, rad/s, by one program, not one for each operation."""
     return plant.natural_frequency()
+
+
+def modes(plant: AbstractPlant) -> list[tuple[float, float]]:
+    """Natural frequency, rad/s, and damping ratio of each mode at rest, ascending; 0 where it is no parameter."""
+    if isinstance(plant, AbstractModes):
+        omega, zeta = np.asarray(plant.omega, float), np.asarray(plant.zeta, float)
+    else:
+        omega = np.atleast_1d(np.asarray(natural_frequencies(plant), float))
+        zeta = np.zeros_like(omega)
+    return sorted(zip(omega.tolist(), zeta.tolist(), strict=True))
 
 
 def fastest(plant: AbstractPlant, plan: Schedule) -> float:

@@ -13,9 +13,9 @@ from jshape.design import linear
 from jshape.design.tuning.bounds import Bounds
 from jshape.design.tuning.design_problem import DesignProblem
 from jshape.design.tuning.scenarios import Point
-from jshape.plants import AbstractOscillator, AbstractPlant, ModalPlant
+from jshape.plants import AbstractOscillator, AbstractPlant
 from jshape.shaper import Shaper
-from jshape.simulation.simulate import natural_frequencies
+from jshape.simulation.simulate import modes
 
 
 def starts(problem: DesignProblem, count: int, seed: int) -> list[Point]:
@@ -46,15 +46,11 @@ def _linear(plant: AbstractPlant, impulses: int) -> list[Shaper]:
 
     The slowest mode is always shaped; the shortest shaper comes first.
     """
-    if isinstance(plant, ModalPlant):
-        omega, zeta = np.asarray(plant.omega, float), np.asarray(plant.zeta, float)
-    else:
-        omega = np.atleast_1d(np.asarray(natural_frequencies(plant), float))
-        zeta = np.zeros_like(omega)
-    modes = sorted(pair for pair in zip(omega, zeta, strict=True) if np.isfinite(pair[0]) and pair[0] > 0)
+    vibrate = [mode for mode in modes(plant) if np.isfinite(mode[0]) and mode[0] > 0]
     found = []
-    for counts in _factors(impulses, len(modes)):
-        shaped = [linear.zvd_n(*mode, order=count - 2) for mode, count in zip(modes, counts, strict=True) if count > 1]
+    for counts in _factors(impulses, len(vibrate)):
+        each = zip(vibrate, counts, strict=True)
+        shaped = [linear.zvd_n(*mode, order=count - 2) for mode, count in each if count > 1]
         if counts[0] > 1:
             found.append(functools.reduce(Shaper.convolve, shaped))
     return sorted(found, key=lambda shaper: float(shaper.duration))
