@@ -1,6 +1,7 @@
 """Springs, dampers and plants: against their formulas, SciPy and matrix-free closed forms."""
 
 import dataclasses
+import itertools
 
 import equinox as eqx
 import jax
@@ -10,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from problems import two_mass
-from scipy.integrate import quad
+from scipy.integrate import quad, solve_ivp
 from scipy.optimize import brentq
 
 import jshape as js
@@ -323,6 +324,40 @@ def test_modal_plant_defaults():
     assert plants.ModalPlant(3.0).natural_frequency().shape == ()
     # The payload of equal parts arrives where the command ends.
     assert plant.payload(plant.rest_state(0.7), 0.7) == pytest.approx(0.7)
+
+
+def test_planar_modes_are_a_mass_on_springs_in_the_plane():
+    # x'' + C x' + K (x − r) = 0, whose modes lie askew to the axes, by SciPy's DOP853: state, payload and energy.
+    omega, zeta, angle = np.array([7.0, 11.0]), np.array([0.02, 0.05]), 0.4
+    gains = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+    stiffness, damping = gains.T @ np.diag(omega**2) @ gains, gains.T @ np.diag(2 * zeta * omega) @ gains
+    plant = plants.PlanarModes(omega, zeta, gains)
+    amplitudes, times = np.array([0.5, 0.5]), {"x": np.array([0.0, 0.4]), "y": np.array([0.0, 0.25])}
+    moves = {"x": js.Trapezoid(0.3, 0.5, 2.0), "y": js.Trapezoid(-0.2, 0.4, 3.0)}
+    shaper = {axis: js.Shaper(amplitudes, at) for axis, at in times.items()}
+
+    def command(t):
+        return np.array([amplitudes @ np.asarray(move(t - times[axis])) for axis, move in moves.items()])
+
+    breaks = sorted(
+        {b + at for axis, move in moves.items() for b in np.asarray(move.pieces()[0]) for at in times[axis]}
+    )
+    state = np.zeros(4)
+    for begin, end in itertools.pairwise(breaks):
+        if end - begin > 1e-12:
+            field = lambda t, y: [*y[2:], *(-stiffness @ (y[:2] - command(t)) - damping @ y[2:])]
+            state = solve_ivp(field, (begin, end), state, "DOP853", rtol=1e-11, atol=1e-13).y[:, -1]
+    away = state[:2] - [0.3, -0.2]
+    energy = (state[2:] @ state[2:] + away @ stiffness @ away) / 2
+    assert float(js.residual_energy(plant, shaper, js.Axes(**moves))) == pytest.approx(energy, rel=1e-7)
+    at_end = jnp.concatenate([gains @ state[:2], gains @ state[2:]])
+    np.testing.assert_allclose(plant.payload(at_end, None), state[:2], rtol=1e-12)
+    inputs = (jnp.asarray(0.3), jnp.asarray(-0.2))
+    np.testing.assert_allclose(plant.payload(plant.rest_state(inputs), None), [0.3, -0.2], rtol=1e-12)
+    later = plant.coast()(at_end, inputs, jnp.asarray(0.37))
+    np.testing.assert_allclose(later, plant.propagate(at_end, inputs, jnp.asarray(0.37)), rtol=1e-9, atol=1e-12)
+    with pytest.raises(ValueError, match="gains with x and y of each mode"):
+        plants.PlanarModes([1.0, 2.0], 0.1, [0.5, 0.5])
 
 
 class SinhMass(plants.AbstractPlant):

@@ -19,6 +19,7 @@ from .links import AbstractLink as AbstractLink
 from .links import Beam as Beam
 from .links import TabulatedLink as TabulatedLink
 from .modal import ModalPlant as ModalPlant
+from .modal import PlanarModes as PlanarModes
 from .mujoco import from_mjcf as from_mjcf
 from .mujoco import from_urdf as from_urdf
 from .oscillator import AbstractOscillator as AbstractOscillator

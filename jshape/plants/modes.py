@@ -25,9 +25,12 @@ class AbstractModes(AbstractPlant):
         )
 
     def __check_init__(self):
-        if not self.omega.shape == self.zeta.shape == self.gains.shape or self.omega.ndim != 1 or not self.omega.size:
+        pairs = (len(self.axes),) if self.axes else ()
+        good = self.omega.shape == self.zeta.shape and self.gains.shape == self.omega.shape + pairs
+        if not good or self.omega.ndim != 1 or not self.omega.size:
+            each = f", gains with {' and '.join(self.axes)} of each mode" if pairs else ""
             raise ValueError(
-                "omega, zeta and gains must be lists of the same length, at least 1, not of shapes "
+                f"omega, zeta and gains must be lists of the same length, at least 1{each}, not of shapes "
                 f"{self.omega.shape}, {self.zeta.shape} and {self.gains.shape}"
             )
 

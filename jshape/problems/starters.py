@@ -149,6 +149,12 @@ STARTERS = (
         {"omega.0": {"low": "41 Hz", "high": "49 Hz", "count": 9}}, {"impulses": 3, "sample_time": "0.1 ms"},
     ),
     Starter(
+        "printer-head", "printer head in x and y, coupled modes measured", "PlanarModes",
+        {"omega": ["45 Hz", "62 Hz"], "zeta": ["5 %", "4 %"], "gains": [[0.97, 0.26], [-0.26, 0.97]]},
+        {"x": _trapezoid("20 mm", "200 mm/s", "5000 mm/s²"), "y": _trapezoid("35 mm", "200 mm/s", "5000 mm/s²")},
+        {"omega.0": {"low": "41 Hz", "high": "49 Hz", "count": 5}}, {"impulses": 3, "shapers": "per axis"},
+    ),
+    Starter(
         "stage", "free stage with a flexible mode under a force", "RigidFlexible",
         {"omega": ["12 Hz"], "zeta": ["1 %"]},
         {"type": "Sampled", "times": ["0 s", "0.1 s", "0.2 s", "0.3 s"], "values": [0, 1, -1, 0]},
