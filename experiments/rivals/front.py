@@ -7,7 +7,7 @@ import numpy as np
 
 FAMILIES = (
     *("bare", "closed forms", "matched ramps", "filters", "collocation"),
-    *("specified insensitivity", "tuned", "tuned per axis", "tuned on speed ramps"),
+    *("specified insensitivity", "tuned", "tuned per axis", "tuned on-off", "tuned on speed ramps"),
 )
 """In the order of the tables."""
 

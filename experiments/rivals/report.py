@@ -28,7 +28,7 @@ payloads.
 - *on the way*: greatest deflection of the nominal payload, from the beginning to a period after the move.
 - *later moves*: the worst residual of the same design on moves 0.35, 0.6 and 1.5 times as long, each over its own bare
   trapezoid's. Collocation's motion holds for one move alone and must be computed again. A shaper that is tuned for
-  this move (*tuned*, *tuned per axis*, *tuned on speed ramps*) works on later ones as well as this column says.
+  this move (*tuned*, alone or *per axis*, *on-off*, *on speed ramps*) works on later ones as well as this column says.
 - *computed*: processor time of the design, and the time that passed, on a machine with other work. Of every kind of
   jshape's designs the first in the table includes compiling, which later ones of the same kind share.
 - *time*: of the whole move. A filter's response never ends: its move is done when command and speed are within a
@@ -36,8 +36,8 @@ payloads.
 - Collocation: {intervals} intervals of constant acceleration, Radau's rule with three points, begun at a slower
   trapezoid; *finer* has twice as many, which says what the grid costs. *At rest*: all five payloads are; *3%*: rest is
   relaxed to that residual of each of the five; between them it may be more.
-- SI: `js.design.insensitive`, the least V over the band of the payloads. SI and *tuned* shapers are so many times as
-  long as ZV.
+- SI: `js.design.insensitive`, the least V over the band of the payloads. *On-off*: amplitudes 1, −1, …, 1. SI and
+  *tuned* shapers are so many times as long as ZV.
 """
 
 

@@ -9,8 +9,11 @@ from experiments.rivals.machines import Machine
 from experiments.rivals.motions import as_pieces, each_axis, trapezoid
 from experiments.rivals.rival import Design, Rival, modes
 
-SHARES = (1.0, 1.3, 2.0)
+SHARES = (1.0, 1.3, 1.6, 2.0, 3.0)
 """Durations of the shapers of specified insensitivity, multiples of ZV's."""
+
+ON_OFF_SHARES = (0.8, 1.0, 1.7)
+"""The same of on-off ones (1, −1, …, 1)."""
 
 
 def rivals(machine: Machine) -> list[Rival]:
@@ -18,7 +21,12 @@ def rivals(machine: Machine) -> list[Rival]:
     kinds = {"ZV": "zv", "ZVD": "zvd", "EI": "ei"}
     found = [Rival("bare trapezoid", "bare", lambda _: lambda machine: each_axis(machine, trapezoid))]
     found += [Rival(name, "closed forms", _closed_form(kind)) for name, kind in kinds.items()]
-    return found + [Rival(f"SI, {share:g} × ZV", "specified insensitivity", _insensitive(share)) for share in SHARES]
+    kinds = {"SI": ("positive", SHARES), "SI on-off": ("unity", ON_OFF_SHARES)}
+    return found + [
+        Rival(f"{name}, {share:g} × ZV", "specified insensitivity", _insensitive(share, amplitudes))
+        for name, (amplitudes, shares) in kinds.items()
+        for share in shares
+    ]
 
 
 def shaping(shaper: js.Shaper) -> Design:
@@ -30,11 +38,13 @@ def _closed_form(kind: str) -> Callable[[Machine], Design]:
     return lambda machine: shaping(js.design.linear.multi_mode(modes(machine), kind=kind))
 
 
-def _insensitive(share: float) -> Callable[[Machine], Design]:
+def _insensitive(share: float, amplitudes: str) -> Callable[[Machine], Design]:
     def design(machine: Machine) -> Design:
         # The damping ratio is that of the slowest mode.
         zeta, duration = modes(machine)[0][1], share * zv_duration(machine)
-        return shaping(js.design.insensitive.specified(bands(machine), zeta=zeta, duration=duration))
+        return shaping(
+            js.design.insensitive.specified(bands(machine), zeta=zeta, amplitudes=amplitudes, duration=duration)
+        )
 
     return design
 

@@ -26,6 +26,9 @@ SHARES = (0.82, 1.0, 1.3, 2.0)
 AXIS_SHARES = (1.0, 2.0)
 """The same of those with a shaper for each axis."""
 
+ON_OFF_SHARES = (0.6, 0.65, 0.8, 0.95)
+"""The same of on-off shapers (1, −1, …, 1): a trapezoid whose ramps are longer than they keeps its limits."""
+
 RAMP_SHARES = (0.3, 0.7)
 """The same on ramps that are matched to the period."""
 
@@ -37,7 +40,7 @@ Base = Callable[[Machine], dict[str, AbstractCommand]]
 
 
 def rivals(machine: Machine) -> list[Rival]:
-    """Fronts: one shaper for all axes, one for each where there are several, and on ramps of a period."""
+    """Fronts: one shaper for all axes, one for each where there are several, on-off ones, and on ramps of a period."""
     several = len(machine.axes) > 1
     shapers, slowest = "per axis" if several else "shared", 2 * np.pi / modes(machine)[0][0]
 
@@ -47,6 +50,7 @@ def rivals(machine: Machine) -> list[Rival]:
     found = [_rival("tuned", share, "shared", _trapezoids) for share in SHARES]
     if several:
         found += [_rival("tuned per axis", share, "per axis", _trapezoids) for share in AXIS_SHARES]
+    found += [_rival("tuned on-off", share, shapers, _trapezoids) for share in ON_OFF_SHARES]
     return found + [_rival("tuned on speed ramps", share, shapers, ramps) for share in RAMP_SHARES]
 
 
@@ -55,14 +59,20 @@ def _trapezoids(machine: Machine) -> dict[str, AbstractCommand]:
 
 
 def _rival(family: str, share: float, shapers: str, base: Base) -> Rival:
-    """A shaper that takes so many times ZV's duration; as long as ZVD's it has two impulses more."""
+    """A shaper of so many times ZV's duration: with as many impulses, two more where it is as long as ZVD's.
+
+    On-off ones have the next odd number after that.
+    """
 
     def design(machine: Machine) -> Design:
+        on_off = family == "tuned on-off"
+        impulses = (machine.impulses + 2) // 2 * 2 + 1 if on_off else machine.impulses + 2 * (share >= 2)
         found = js.tune(
             machine.plant,
             as_command(base(machine)),
-            impulses=machine.impulses + 2 * (share >= 2),
+            impulses=impulses,
             duration=share * zv_duration(machine),
+            amplitudes="unity" if on_off else "positive",
             over={machine.leaf: np.linspace(*machine.spread, PAYLOADS)},
             objective="worst",
             starts=STARTS,
