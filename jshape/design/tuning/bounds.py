@@ -105,6 +105,11 @@ class Bounds(eqx.Module):
         change = lambda part: np.asarray(part) * np.exp(SPREAD * random.standard_normal(len(part)))
         return self.clip(Point(change(point.amplitudes), change(point.gaps), point.leaves))
 
+    def reversed(self, point: Point) -> Point:
+        """The design played backwards, within the bounds: undamped linear plants have equally good ones."""
+        flip = lambda part: self.each(lambda row: row[::-1], part)
+        return self.clip(Point(flip(point.amplitudes), flip(point.gaps), point.leaves))
+
     def contains(self, point: Point, tolerance: float = 1e-9) -> Any:
         """Whether a design is within the bounds; of NumPy or JAX."""
         amplitudes = point.amplitudes.reshape(self.shapers, -1)

@@ -226,7 +226,8 @@ def around(
 ) -> list[Descent]:
     """Add so many local searches from around the best design, and again while they find a better one.
 
-    Next to a good basin there is often a better one that few starting points meet (iterated local search).
+    Next to a good basin there is often a better one that few starting points meet (iterated local search); and where
+    there is a good one, there often is another one like it, played backwards.
 
     Args:
         descents: so far.
@@ -237,7 +238,8 @@ def around(
     for _ in range(AGAIN if count > 0 else 0):
         best = distinct(descents)[0]
         bounds = best.search.problem.bounds
-        more = [start(bounds.near(best.point, random)) for _ in range(count)]
+        more = [bounds.reversed(best.point), *(bounds.near(best.point, random) for _ in range(count - 1))]
+        more = [start(point) for point in more]
         list(side_by_side(more, AROUND, KNOWN))
         descents = [*descents, *more]
         if distinct(descents)[0].merit > best.merit * (1 - CLOSER):
