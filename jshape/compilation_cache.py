@@ -56,6 +56,9 @@ _FORMAT = "jshape-program 1"
 _LIBRARIES = ("jax", "jaxlib", "equinox", "diffrax", "optimistix", "lineax", "numpy", "jaxtyping")
 """Whose code is traced besides jshape's own; their versions belong to a program's name, jshape's source does too."""
 
+MAPPED = 0.5
+"""Part of the pieces of memory that a process may map, above which ``make_room`` lets go of programs."""
+
 _KNOWN = {"jshape", "builtins", "collections", *_LIBRARIES}
 """What a program may be made of to be kept."""
 
@@ -217,6 +220,22 @@ def beside(function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> Futur
 
     threading.Thread(target=run, name=COMPILING).start()
     return future
+
+
+def make_room() -> None:
+    """Let go of all compiled programs where Linux soon maps no more memory for further ones.
+
+    A design maps some 1,200 pieces of memory; after 65,530, its default limit, LLVM fails and the process crashes.
+    """
+    try:
+        most = int(Path("/proc/sys/vm/max_map_count").read_text())
+        with open("/proc/self/maps", "rb") as file:
+            used = sum(1 for _ in file)
+    except OSError:
+        # Other systems have no such limit.
+        return
+    if used > MAPPED * most:
+        jax.clear_caches()
 
 
 def _program(function: Callable, leaves: list, tree: Any, settings: Any, folder: Path) -> Callable[[list], Any] | None:

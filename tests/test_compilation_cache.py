@@ -354,3 +354,22 @@ print(float(js.residual_energy(js.plants.Crane(1.0), None, js.Trapezoid(1.0, 1.0
     assert float(left) == pytest.approx(
         float(js.residual_energy(js.plants.Crane(1.0), None, js.Trapezoid(1.0, 1.0, 1.0))), rel=1e-12
     )
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="other systems have no such limit")
+def test_programs_make_room_before_linux_maps_no_more_memory(monkeypatch):
+    traced = []
+
+    @jax.jit
+    def twice(x):
+        traced.append(x)
+        return 2 * x
+
+    twice(1.0)
+    programs.make_room()
+    twice(1.0)
+    assert len(traced) == 1  # far from the limit nothing goes
+    monkeypatch.setattr(programs, "MAPPED", 0.0)
+    programs.make_room()
+    assert float(twice(1.0)) == 2.0
+    assert len(traced) == 2

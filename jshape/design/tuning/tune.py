@@ -12,6 +12,7 @@ from typing import Any
 
 from jshape import _check
 from jshape._types import Progress
+from jshape.compilation_cache import make_room
 from jshape.design.tuning import digital
 from jshape.design.tuning.design_problem import DesignProblem, design_problem
 from jshape.design.tuning.objective import Objective
@@ -113,6 +114,7 @@ def tune(
         _check.positive(sample_time, "sample_time")
         digital.check(sample_time, problem.bounds)
     points = starting_points(problem, starts, seed) if start is None else [_begin(problem, start)]
+    make_room()
     search = Search(problem, progress or (lambda stage, done, total, best: None), seed)
     return search.run(points, method, iterations, sample_time)
 
