@@ -4,6 +4,7 @@ import asyncio
 import base64
 import dataclasses
 import json
+import os
 import sys
 import threading
 import time
@@ -718,6 +719,20 @@ def test_a_front_holds_what_simulation_says():
 def replaced(plant, **values):
     """A plant with other values of its leaves."""
     return dataclasses.replace(plant, **values)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="a script stands in for Python")
+def test_progress_after_the_answer_does_not_replace_it(tmp_path, monkeypatch):
+    late = {"progress": {"stage": "local search", "done": 2, "total": 32, "best": None}}
+    lines = [{"begun": True}, {"answer": {"status": "INTERRUPTED"}}, late]
+    script = tmp_path / "python"
+    script.write_text("#!/bin/sh\n" + "".join(f"echo '{json.dumps(line)}'\n" for line in lines))
+    script.chmod(0o700)
+    monkeypatch.setattr(sys, "executable", str(script))
+    seen = []
+    found = asyncio.run(Work().run("tune", {}, seen.append))
+    assert found == {"status": "INTERRUPTED"}
+    assert seen == [late["progress"]]
 
 
 @pytest.mark.slow

@@ -69,9 +69,12 @@ class Work:
             process.stdin.write(json.dumps(asked).encode() + b"\n")
             process.stdin.flush()
             while line := await asyncio.to_thread(process.stdout.readline):
-                answer, self._begun = json.loads(line), True
-                if "progress" in answer:
-                    progress(answer["progress"])
+                self._begun = True
+                # Threads of a search that was stopped may tell of progress after the answer.
+                if "progress" in (said := json.loads(line)):
+                    progress(said["progress"])
+                else:
+                    answer = said
         except BrokenPipeError:
             pass
         finally:
