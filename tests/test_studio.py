@@ -105,7 +105,7 @@ def test_uploads_are_data_and_bounded(words):
     assert "/tmp" not in str(raised.value)
 
 
-AXES = ["HoistingCrane", "BridgeCrane", "TowerCrane", "BoomCrane", "TwoLinkArm"]
+AXES = ["HoistingCrane", "BridgeCrane", "TowerCrane", "BoomCrane", "TwoLinkArm", "PlanarModes"]
 
 
 @pytest.mark.parametrize("plant", AXES)
