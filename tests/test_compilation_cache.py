@@ -366,9 +366,11 @@ def test_programs_make_room_before_linux_maps_no_more_memory(monkeypatch):
         return 2 * x
 
     twice(1.0)
+    # Other tests of this process may have mapped more than half.
+    monkeypatch.setattr(programs, "MAPPED", 1.0)
     programs.make_room()
     twice(1.0)
-    assert len(traced) == 1  # far from the limit nothing goes
+    assert len(traced) == 1
     monkeypatch.setattr(programs, "MAPPED", 0.0)
     programs.make_room()
     assert float(twice(1.0)) == 2.0
