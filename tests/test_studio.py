@@ -722,7 +722,9 @@ def replaced(plant, **values):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="a script stands in for Python")
-def test_progress_after_the_answer_does_not_replace_it(tmp_path, monkeypatch):
+@pytest.mark.parametrize("asked", [{}, {"long": "x" * 1_000_000}])
+def test_progress_after_the_answer_does_not_replace_it(asked, tmp_path, monkeypatch):
+    """Whether the process had read what was asked before it ended, or not: a pipe holds less than the second."""
     late = {"progress": {"stage": "local search", "done": 2, "total": 32, "best": None}}
     lines = [{"begun": True}, {"answer": {"status": "INTERRUPTED"}}, late]
     script = tmp_path / "python"
@@ -730,7 +732,7 @@ def test_progress_after_the_answer_does_not_replace_it(tmp_path, monkeypatch):
     script.chmod(0o700)
     monkeypatch.setattr(sys, "executable", str(script))
     seen = []
-    found = asyncio.run(Work().run("tune", {}, seen.append))
+    found = asyncio.run(Work().run("tune", asked, seen.append))
     assert found == {"status": "INTERRUPTED"}
     assert seen == [late["progress"]]
 

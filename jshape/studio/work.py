@@ -6,6 +6,7 @@ when its input does, so that none is left behind. The tasks are the functions of
 """
 
 import asyncio
+import contextlib
 import json
 import math
 import os
@@ -66,8 +67,10 @@ class Work:
         assert process.stdout is not None
         answer: dict[str, Any] = {}
         try:
-            process.stdin.write(json.dumps(asked).encode() + b"\n")
-            process.stdin.flush()
+            # A process that has ended reads nothing; what it said before is read all the same.
+            with contextlib.suppress(BrokenPipeError):
+                process.stdin.write(json.dumps(asked).encode() + b"\n")
+                process.stdin.flush()
             while line := await asyncio.to_thread(process.stdout.readline):
                 self._begun = True
                 # Threads of a search that was stopped may tell of progress after the answer.
@@ -75,13 +78,12 @@ class Work:
                     progress(said["progress"])
                 else:
                     answer = said
-        except BrokenPipeError:
-            pass
         finally:
             self.kill()
             code = await asyncio.to_thread(process.wait)
-            process.stdin.close()
             process.stdout.close()
+            with contextlib.suppress(BrokenPipeError):
+                process.stdin.close()
         if "answer" in answer:
             return answer["answer"]
         words = STOPPED if self._stopped else f"the process ended without an answer (code {code})"
