@@ -11,6 +11,7 @@ mpl.use("Agg")
 
 import numpy as np
 import pytest
+from machines import CRANE, SLEWING
 from matplotlib import animation
 from PIL import Image
 from typer.testing import CliRunner
@@ -20,6 +21,8 @@ from jshape._files import digest, write_results
 from jshape.cli import app
 from jshape.problems.problem import load
 from jshape.reports import film, plot, report
+from jshape.reports.places import motion_of
+from jshape.reports.rendered import Scene
 
 run = CliRunner().invoke
 
@@ -51,14 +54,14 @@ def test_a_crane_hangs_on_its_cables(drive):
     position = [] if drive == "acceleration" else [command]
     crane = js.plants.Crane(2.0, drive=drive)
     states = [*position, ANGLE, *([zero] if position else []), zero]
-    motion = film.motion_of(crane, response(states, command, 2 * np.sin(ANGLE)), TIMES)
+    motion = motion_of(crane, response(states, command, 2 * np.sin(ANGLE)), TIMES)
     np.testing.assert_allclose(distances(motion.places), 2.0, atol=1e-12)
     np.testing.assert_allclose(motion.places[:, 1, 0], command + 2 * np.sin(ANGLE), atol=1e-12)
     assert motion.places[:, 1, 1].max() < -1.8
     two = js.plants.DoublePendulumCrane(2.0, 0.5, drive=drive)
     offset = 2 * np.sin(ANGLE) - 0.5 * np.sin(0.7 * ANGLE)
     states = [*position, ANGLE, -0.7 * ANGLE, *([zero] if position else []), zero, zero]
-    motion = film.motion_of(two, response(states, command, offset), TIMES)
+    motion = motion_of(two, response(states, command, offset), TIMES)
     np.testing.assert_allclose(distances(motion.places), np.broadcast_to([2.0, 0.5], (201, 2)), atol=1e-12)
 
 
@@ -72,7 +75,7 @@ def test_a_tank_keeps_its_liquid(drive):
     ahead = [command] if drive == "force" else []
     run = response([*ahead, *angles.T, *[zero] * len(ahead), zero, zero], command, wave)
     run.payload = centre
-    places = film.motion_of(tank, run, TIMES).places
+    places = motion_of(tank, run, TIMES).places
     walls, surface = places[:, :4], places[:, 4:]
     np.testing.assert_allclose(walls[:, :2, 0], (command - 0.2)[:, None] + np.zeros((1, 2)), atol=1e-12)
     np.testing.assert_allclose(walls[:, 2:, 0], (command + 0.2)[:, None] + np.zeros((1, 2)), atol=1e-12)
@@ -86,9 +89,82 @@ def test_a_tank_keeps_its_liquid(drive):
 def test_a_link_bends_from_its_motor_to_its_payload():
     joint = js.plants.FlexibleJoint(0.02, 0.05, js.plants.LinearSpring(20.0), js.plants.PDController(kp=100.0, kd=3.0))
     zero = 0 * TIMES
-    motion = film.motion_of(joint, response([0.9 * TIMES, TIMES, zero, zero], 1.1 * TIMES, -0.1 * TIMES), TIMES)
+    motion = motion_of(joint, response([0.9 * TIMES, TIMES, zero, zero], 1.1 * TIMES, -0.1 * TIMES), TIMES)
     np.testing.assert_allclose(motion.places, np.stack([0.9 * TIMES, TIMES], axis=1), atol=1e-12)
-    np.testing.assert_allclose(motion.deflection, 0.1 * TIMES, atol=1e-12)
+    np.testing.assert_allclose(motion.deflection, 0.1 * TIMES[:, None], atol=1e-12)
+
+
+def test_machines_of_several_axes_from_above_and_from_the_side():
+    ways = np.stack([0.3 * TIMES, 2 + 0.1 * TIMES, 0 * TIMES], axis=1)
+    bent = np.stack([0.01 * np.sin(TIMES), 0.1 * np.cos(TIMES), 0 * TIMES], axis=1)
+    run = SimpleNamespace(times=TIMES, states=np.zeros((201, 4)), payload=ways + bent, deflection=bent)
+    motion = motion_of(js.plants.TowerCrane(2.0, 5.0, 1.0), run, TIMES)
+    radius, angle = (ways + bent)[:, 1], (ways + bent)[:, 0]
+    assert motion.kind == "above"
+    assert np.all(motion.places[:, 0] == 0)
+    np.testing.assert_allclose(np.hypot(*motion.places[:, 1].T), ways[:, 1], atol=1e-12)
+    np.testing.assert_allclose(motion.places[:, 2].T, radius * [np.cos(angle), np.sin(angle)], atol=1e-12)
+    flat = SimpleNamespace(times=TIMES, states=run.states, payload=run.payload[:, :2], deflection=bent[:, :2])
+    side = motion_of(js.plants.HoistingCrane(cable_length=5.0), flat, TIMES)
+    assert side.kind == "crane"
+    np.testing.assert_allclose(side.places[:, 1].T, [angle, -5 - radius], atol=1e-12)
+    arm = js.plants.TwoLinkArm(0.6, 0.5, 3.0, 2.0, 1.5, 600.0, 250.0)
+    np.testing.assert_allclose(distances(motion_of(arm, flat, TIMES).places), 201 * [[0.6, 0.5]], atol=1e-12)
+    bridge = motion_of(js.plants.BridgeCrane(5.0), flat, TIMES)
+    np.testing.assert_allclose(bridge.places, np.stack([ways[:, :2], flat.payload], axis=1), atol=1e-12)
+
+
+DRIVEN = {"turn": "slew", "drive": "trolley", "winch": "hoist"}
+MOVE = js.Axes(
+    slew=js.Trapezoid(0.6, 1.0, 2.0), trolley=js.Trapezoid(0.8, 0.8, 2.0), hoist=js.Trapezoid(-0.4, 1.0, 2.0)
+)
+
+
+@pytest.fixture(scope="module")
+def slewing():
+    """A tower crane of a file, the same one by hand, and the responses of both."""
+    pytest.importorskip("mujoco")
+    machines = js.plants.from_mjcf(SLEWING, DRIVEN), js.plants.TowerCrane(3.0, 2.0, 5.0)
+    runs = [js.simulate(plant, MOVE, horizon=2.0, samples=401, method="fixed") for plant in machines]
+    return [(plant, {"unshaped": run}) for plant, run in zip(machines, runs, strict=True)]
+
+
+def test_mujoco_puts_the_bodies_where_the_responses_are(slewing):
+    (plant, runs), (by_hand, others) = slewing
+    times = np.linspace(0.0, 2.0, 9)
+    scene = Scene(plant, SLEWING, runs, times)
+    seen = motion_of(by_hand, others["unshaped"], times).places[:, -1]
+    model = scene.model
+    import mujoco
+
+    data = mujoco.MjData(model)
+    for row, place in zip(scene.coordinates["unshaped"], seen, strict=True):
+        data.qpos[:] = row
+        mujoco.mj_kinematics(model, data)
+        np.testing.assert_allclose(data.xipos[model.body("load").id][:2], place, atol=1e-6)
+    (left, right), (low, top) = scene.view
+    drawn = np.concatenate([scene.lines("unshaped", frame) for frame in range(9)]).reshape(-1, 2)
+    assert np.all((drawn > [left, low]) & (drawn < [right, top]))
+    with pytest.raises(
+        ValueError, match="model must be the file that the plant was made from, not one of slide, swing"
+    ):
+        Scene(plant, CRANE, runs, times)
+    with pytest.raises(ValueError, match="model must be given for a machine of the axes slew, trolley, hoist"):
+        plot.film(plant, runs)
+
+
+@pytest.mark.parametrize("rendered", [True, False])
+def test_a_film_of_a_machine_of_a_file(slewing, rendered, tmp_path, monkeypatch):
+    (plant, runs), _ = slewing
+    if not rendered:
+        monkeypatch.setenv("MUJOCO_GL", "off")
+    elif Scene(plant, SLEWING, runs, TIMES).renderer((64, 64)) is None:
+        pytest.skip("MuJoCo finds no display here, not even one without a screen")
+    plot.save_film(plot.film(plant, runs, 4.0, 5, model=SLEWING), tmp_path / "a.gif")
+    with Image.open(tmp_path / "a.gif") as image:
+        frames = [(image.seek(i), np.asarray(image.convert("L"), int))[1] for i in range(image.n_frames)]
+    above = [frame[: frame.shape[0] // 3] for frame in frames]
+    assert all(np.abs(a - b).max() > 100 for a, b in itertools.pairwise(above))
 
 
 @pytest.mark.parametrize(("speed", "most"), [(1.0, 6), (4.0, 9)])
@@ -122,8 +198,6 @@ def test_what_no_film_can_be_made_of(tmp_path, monkeypatch):
     ]:
         with pytest.raises(ValueError, match=words):
             plot.film(MASSES, runs, **options)
-    with pytest.raises(ValueError, match="plant must have one axis, not trolley, hoist"):
-        plot.film(js.plants.HoistingCrane(cable_length=2.0), {"a": two_masses(1.0)})
     with pytest.raises(ValueError, match=r"\.gif or \.mp4"):
         film.check_film(tmp_path / "a.avi")
     monkeypatch.setattr(animation.writers, "is_available", lambda name: False)
@@ -186,3 +260,25 @@ def test_without_a_tuned_shaper_of_this_problem_the_best_closed_form_is_shown(pr
     assert json.loads((tmp_path / "mine-results" / "results.json").read_text())["problem_digest"] == digest(
         "another text"
     )
+
+
+def test_each_axis_has_its_tuned_shaper(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    text = (
+        '[command.trolley]\ntype = "Trapezoid"\ndistance = "1 m"\nspeed = "1 m/s"\nacceleration = "1 m/s²"\n'
+        '[plant]\ntype = "HoistingCrane"\ncable_length = "1 m"\n'
+        '[design]\nshapers = "per axis"\n'
+    )
+    (tmp_path / "mine.toml").write_text(text, encoding="utf-8")
+    folder = tmp_path / "mine-results"
+    write_results(folder, {"problem_digest": digest(text)})
+    (folder / "shapers").mkdir()
+    pair = {"trolley": js.Shaper([0.5, 0.5], [0.0, 1.0]), "hoist": js.Shaper([1.0], [0.0])}
+    js.export(pair, "json", folder / "shapers" / "tuned.json")
+    result = run(app, ["animate", "mine.toml", "--speed", "30"])
+    assert result.exit_code == 0, result.output
+    assert f"mine.gif: tuned beside the bare command, {3.0 + 3 * np.pi / np.sqrt(9.81):.4g} s" in result.output
+    (folder / "shapers" / "tuned_hoist.json").unlink()
+    result = run(app, ["animate", "mine.toml", "--shaper", "mine-results", "--force"])
+    assert result.exit_code == 2
+    assert "holds no tuned shaper" in result.output

@@ -12,7 +12,7 @@ from jshape.cli._shared import ProblemFile, explained, made, progress_line
 
 if TYPE_CHECKING:
     from jshape.problems.problem import Problem
-    from jshape.shaper import Shaper
+    from jshape.shaper import Shaping
 
 
 @explained()
@@ -42,32 +42,38 @@ def animate(
         typer.echo(f"{draft.path}: runs code of its own, the plant {draft.foreign}", err=True)
     loaded = made(draft)
     from jshape.command import as_command
-    from jshape.reports.film import check_film, check_machine, film, save_film
+    from jshape.problems.catalogue import READERS
+    from jshape.problems.machine_files import beside
+    from jshape.reports.film import check_film, film, save_film
     from jshape.reports.responses import shown_until
-    from jshape.shaper import Shaper
     from jshape.simulation.simulate import simulate
+    from jshape.sweeps.evaluate import alike_shapers
 
     check_film(path)
-    check_machine(loaded.plant)
     with progress_line() as (step, progress):
         name, chosen = _chosen(loaded, shaper, Path(f"{draft.path.stem}-results"), step)
         step("responses")
         move = as_command(loaded.distance)
-        horizon = shown_until(loaded.plant, float(chosen.duration) + float(move.duration))
-        bare = Shaper([1.0], [0.0]).pad(len(chosen.times))
+        bare, alike = alike_shapers([None, chosen], loaded.plant.axes)
+        longest = max(float(each.duration) for each in (alike.values() if isinstance(alike, dict) else [alike]))
+        horizon = shown_until(loaded.plant, longest + float(move.duration))
         runs = {
             label: simulate(loaded.plant, move, each, horizon=horizon, samples=2001, method="fixed")
-            for label, each in (("unshaped", bare), (name, chosen))
+            for label, each in (("unshaped", bare), (name, alike))
         }
         for label, run in runs.items():
             if not run.converged:
                 raise ValueError(f"{label}: {run.message}")
-        save_film(film(loaded.plant, runs, speed), path, lambda done, total: progress("frames", done, total, math.inf))
+        model = beside(draft.lines, draft.plant.values["file"]) if draft.plant.kind in READERS else None
+        pictures = film(loaded.plant, runs, speed, model=model)
+        save_film(pictures, path, lambda done, total: progress("frames", done, total, math.inf))
     typer.echo(f"{path}: {name} beside the bare command, {horizon:.4g} s")
 
 
-def _chosen(problem: "Problem", given: Path | None, results: Path, step: Callable[[str], None]) -> tuple[str, "Shaper"]:
-    """The shaper to show, and what it is called.
+def _chosen(
+    problem: "Problem", given: Path | None, results: Path, step: Callable[[str], None]
+) -> tuple[str, "Shaping"]:
+    """The shaper to show, or one for each axis, and what it is called.
 
     Args:
         problem: the problem.
@@ -79,14 +85,14 @@ def _chosen(problem: "Problem", given: Path | None, results: Path, step: Callabl
         ValueError: for a folder that is given and holds no tuned shaper of this problem.
     """
     from jshape.export import read_shaper
-    from jshape.shaper import Shaper
 
     if given is not None and not given.is_dir():
         return given.stem, read_shaper(given)
     folder = results if given is None else given
     wrong = _not_of(problem, folder)
     if wrong is None:
-        return "tuned", read_shaper(folder / "shapers" / "tuned.json")
+        each = {axis: read_shaper(path) for axis, path in _tuned(problem, folder).items()}
+        return "tuned", each if problem.design.shapers == "per axis" else each[""]
     if given is not None:
         raise ValueError(f"--shaper {wrong}")
     if folder.exists():
@@ -94,8 +100,13 @@ def _chosen(problem: "Problem", given: Path | None, results: Path, step: Callabl
     from jshape.reports import report
 
     row = report.best(report.build(problem, None, step))
-    assert isinstance(row.shaper, Shaper)
     return row.name, row.shaper
+
+
+def _tuned(problem: "Problem", folder: Path) -> dict[str, Path]:
+    """Axis → the file of the shaper that was tuned for it; without a name, of the shaper that all share."""
+    axes = problem.plant.axes if problem.design.shapers == "per axis" else ("",)
+    return {axis: folder / "shapers" / (f"tuned_{axis}.json" if axis else "tuned.json") for axis in axes}
 
 
 def _not_of(problem: "Problem", folder: Path) -> str | None:
@@ -108,6 +119,6 @@ def _not_of(problem: "Problem", folder: Path) -> str | None:
         same = same and record.get("file_digests", {}) == {name: digest(each) for name, each in problem.files.items()}
     except (ValueError, KeyError, TypeError, RecursionError):
         return f"{folder}: holds no results of jshape tune"
-    if not (folder / "shapers" / "tuned.json").exists():
+    if not all(path.exists() for path in _tuned(problem, folder).values()):
         return f"{folder}: holds no tuned shaper"
     return None if same else f"{folder}: holds the results of another problem file, or of an earlier text of this one"

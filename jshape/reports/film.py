@@ -1,6 +1,5 @@
 """Films of a move: the machine without a shaper beside the same machine with one, in true time."""
 
-import dataclasses
 import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -14,10 +13,12 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon, Rectangle
 
 from jshape._files import whole
+from jshape.reports.places import Motion, motion_of, sampled
+from jshape.reports.rendered import SIZES, Scene
 from jshape.reports.style import COLOURS, looks, plain, using
 
 if TYPE_CHECKING:
-    from jshape.plants import AbstractPlant, SloshingTank
+    from jshape.plants import AbstractPlant
     from jshape.simulation.simulate import Response
 
 INTERVALS = (40, 50, 80, 100, 200, 250, 400, 500, 800, 1000)
@@ -32,46 +33,31 @@ Put = Callable[[int], None]
 """Moves the parts of a drawing to where they are in that frame."""
 
 
-@dataclasses.dataclass(frozen=True)
-class Motion:
-    """Where the parts of a machine are in every frame.
-
-    Attributes:
-        kind: ``"crane"``, ``"tank"``, ``"link"`` or ``"masses"``.
-        places: of each part from the driven one to the payload: positions (x, y), m, of a crane or of masses; of a
-            tank's walls, from the top of the one behind to the top of the one in front, then of its liquid's surface
-            and back; the angles, rad, of a link's motor and tip; shape (frames, parts, 2) or (frames, 2).
-        deflection: of the flexible part, m or rad; shape (frames,).
-    """
-
-    kind: str
-    places: np.ndarray
-    deflection: np.ndarray
-
-
 def film(
     plant: "AbstractPlant",
     runs: "Mapping[str, Response]",
     speed: float = 1.0,
     most_frames: int = MOST_FRAMES,
     *,
+    model: str | Path | None = None,
     style: Any = None,
 ) -> animation.FuncAnimation:
     """The machine in motion, a panel for each response, and below them the deflections as they grow.
 
     Args:
         plant: of all responses. Cranes are drawn with their cables, tanks with their liquid, links from above,
-            everything else as two masses on a spring.
+            machines of several axes from above, too, everything else as two masses on a spring.
         runs: name → response; all to the same horizon.
         speed: at which it is played; 1 is true time, 0.1 ten times slower.
         most_frames: the pictures are as dense as that allows, at most 25 a second.
+        model: the MJCF or URDF file that the plant was made from: MuJoCo's renderer draws it, or, where that finds no
+            display, lines between its bodies.
         style: any that ``matplotlib.style.use`` takes; jshape's, below the user's ``rcParams``, unless given.
 
     Raises:
-        ValueError: for a plant of several axes, no response, responses of different horizons, a speed or number of
-            frames that is not positive, and a speed at which a picture a second is not enough.
+        ValueError: for no response, responses of different horizons, a speed or number of frames that is not positive,
+            a speed at which a picture a second is not enough, and a model that is not the plant's.
     """
-    check_machine(plant)
     ends = {round(float(run.times[-1]), 9) for run in runs.values()}
     if len(ends) != 1:
         raise ValueError(f"runs must be responses to one horizon, not to {sorted(ends)} s")
@@ -85,9 +71,13 @@ def film(
         raise ValueError(f"speed must be at least {end / most_frames:.3g} for a move of {end:.4g} s, not {speed:g}")
     step = speed * interval / 1000
     times = step * np.arange(max(int(np.ceil(end / step - 1e-9)), 1))
-    motions = {name: motion_of(plant, run, times) for name, run in runs.items()}
     with using(style):
-        figure, puts = _composed(plant.unit, motions, times)
+        if model is None:
+            motions = {name: motion_of(plant, run, times) for name, run in runs.items()}
+            figure, puts = _drawn(plant, motions, times)
+        else:
+            bent = {name: sampled(run, run.deflection, times) for name, run in runs.items()}
+            figure, puts = _rendered(plant, Scene(plant, model, runs, times), bent, times)
     if speed != 1:
         figure.text(0.99, 0.99, f"{speed:g} × true time", fontsize=7, ha="right", va="top", color="0.3")
     # Laid out once, not for every frame.
@@ -100,17 +90,6 @@ def film(
         return ()
 
     return animation.FuncAnimation(figure, draw, frames=len(times), interval=interval)
-
-
-def check_machine(plant: "AbstractPlant") -> None:
-    """Check that a machine can be drawn.
-
-    Raises:
-        ValueError: for one of several axes.
-    """
-    if plant.axes:
-        axes = ", ".join(plant.axes)
-        raise ValueError(f"plant must have one axis, not {axes}: no films are made of a {type(plant).__name__}")
 
 
 def save_film(
@@ -149,83 +128,66 @@ def check_film(path: Path) -> str:
     return "pillow" if kind == ".gif" else "ffmpeg"
 
 
-def motion_of(plant: "AbstractPlant", run: "Response", times: np.ndarray) -> Motion:
-    """Where the parts of a machine of one axis are at some instants of a response.
+def _composed(
+    plant: "AbstractPlant",
+    view: tuple[Any, ...],
+    bent: Mapping[str, np.ndarray],
+    times: np.ndarray,
+    shown: Callable[[Axes, str, str], Put],
+) -> tuple[Figure, list[Put]]:
+    """The figure, and what moves its parts: wide machines one above the other, others side by side.
 
     Args:
-        plant: of the response.
-        run: the response.
-        times: s, shape (frames,); between its samples the response is taken as linear.
+        plant: of the motions.
+        view: the limits of both axes of a panel.
+        bent: name → deflections, shape (frames, axes).
+        times: s, of the frames.
+        shown: draws the machine of that name in a panel, in that colour.
     """
-    # Here, since figures of numbers are drawn without JAX.
-    from jshape import plants
-
-    at = np.asarray(run.times, float)
-
-    def sampled(values: Any) -> np.ndarray:
-        """Values (times, …) at the frames."""
-        rows = np.asarray(values, float).reshape(len(at), -1).T
-        return np.stack([np.interp(times, at, row) for row in rows], axis=-1)
-
-    payload, bent = sampled(run.payload)[:, 0], sampled(run.deflection)[:, 0]
-    if plant.unit == "rad":
-        joint = isinstance(plant, plants.FlexibleJoint | plants.FlexibleLink)
-        motor = sampled(run.states)[:, 0] if joint else payload - bent
-        return Motion("link", np.stack([motor, payload], axis=-1), payload - motor)
-    base = payload - bent
-    chain = [np.stack([base, np.zeros_like(base)], axis=-1)]
-    if not isinstance(plant, plants.AbstractCrane):
-        return Motion("masses", np.stack([*chain, np.stack([payload, chain[0][:, 1]], axis=-1)], axis=1), bent)
-    states = sampled(run.states)
-    first = 1 if plant.drive == "force" else 0
-    angles = states[:, first : first + plant.angles]
-    if isinstance(plant, plants.SloshingTank):
-        return Motion("tank", _tank_places(plant, payload, angles), bent)
-    if isinstance(plant, plants.DoublePendulumCrane):
-        hook = chain[0] + float(plant.hook_length) * np.stack([np.sin(angles[:, 0]), -np.cos(angles[:, 0])], axis=-1)
-        chain.append(hook)
-        low = hook[:, 1] - float(plant.payload_length) * np.cos(angles[:, 1])
-    else:
-        rod = plant.bob_position if isinstance(plant, plants.BobRodPendulum) else getattr(plant, "cable_length", 1.0)
-        low = -float(rod) * np.prod(np.cos(angles), axis=1)
-    return Motion("crane", np.stack([*chain, np.stack([payload, low], axis=-1)], axis=1), bent)
-
-
-def _tank_places(plant: "SloshingTank", centre: np.ndarray, angles: Any) -> np.ndarray:
-    import jax
-
-    half, depth = float(plant.length) / 2, float(plant.depth)
-    along = np.linspace(half, -half, 25)
-    height = np.asarray(jax.vmap(lambda one: plant.surface(one, along))(angles))
-    base = centre - np.asarray(jax.vmap(plant.centre)(angles))
-    top = max(0.4 * depth, 1.1 * float(np.max(np.abs(height))))
-    walls = np.array([[-half, top], [-half, -depth], [half, -depth], [half, top]])
-    surface = np.stack([np.broadcast_to(along, height.shape), height], axis=-1)
-    places = np.concatenate([np.broadcast_to(walls, (len(base), 4, 2)), surface], axis=1)
-    return places + np.stack([base, 0 * base], axis=-1)[:, None]
-
-
-def _composed(unit: str, motions: Mapping[str, Motion], times: np.ndarray) -> tuple[Figure, list[Put]]:
-    """The figure, and what moves its parts: wide machines one above the other, others side by side."""
-    draw, view = _view(motions)
+    names, below = list(bent), 0.4 + 1.3 * max(len(plant.axes), 1)
     wide = np.ptp(view[0]) > 1.6 * np.ptp(view[1])
-    count = len(motions)
-    rows, columns = (count, 1) if wide else (1, count)
+    rows, columns = (len(names), 1) if wide else (1, len(names))
     ratio = np.ptp(view[1]) / np.ptp(view[0])
     height = min(max(6.0 / columns * ratio, 0.7), 3.6) + 0.25
-    figure = Figure(figsize=(6.4, round(rows * height + 1.7, 1)), layout="constrained")
-    subfigures: Any = figure.subfigures(2, 1, height_ratios=[rows * height, 1.7])
-    scenes, below = subfigures
-    look = looks(motions)
-    puts: list[Put] = []
-    panels = scenes.subplots(rows, columns, squeeze=False)
-    for panel, (name, motion) in zip(panels.flat, motions.items(), strict=True):
+    figure = Figure(figsize=(6.4, round(rows * height + below, 1)), layout="constrained")
+    subfigures: Any = figure.subfigures(2, 1, height_ratios=[rows * height, below])
+    look, puts = looks(bent), []
+    panels = subfigures[0].subplots(rows, columns, squeeze=False)
+    for panel, name in zip(panels.flat, names, strict=True):
         panel.set_axis_off()
         panel.set(xlim=view[0], ylim=view[1], aspect="equal")
         panel.set_title(plain(name), loc="left")
-        puts.append(draw(panel, motion.places, view, COLOURS[0] if name == "unshaped" else look[name]["color"]))
-    puts.append(_deflections(below.subplots(), unit, motions, times))
+        puts.append(shown(panel, name, COLOURS[0] if name == "unshaped" else look[name]["color"]))
+    under = subfigures[1].subplots(max(len(plant.axes), 1), 1, squeeze=False, sharex=True)[:, 0]
+    for i, axes in enumerate(under):
+        curves = {name: values[:, i] for name, values in bent.items()}
+        puts.append(_deflections(axes, plant.axis_unit(i), plant.axes[i] if plant.axes else "", curves, times))
+    under[0].legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=len(names))
+    under[-1].set_xlabel("time (s)")
     return figure, puts
+
+
+def _drawn(plant: "AbstractPlant", motions: Mapping[str, Motion], times: np.ndarray) -> tuple[Figure, list[Put]]:
+    draw, view = _view(motions)
+    shown = lambda panel, name, colour: draw(panel, motions[name].places, view, colour)
+    return _composed(plant, view, {name: motion.deflection for name, motion in motions.items()}, times, shown)
+
+
+def _rendered(plant: "AbstractPlant", scene: Scene, bent: Any, times: np.ndarray) -> tuple[Figure, list[Put]]:
+    """Pictures by MuJoCo's renderer, or lines between the bodies."""
+    (left, right), (low, top) = view = scene.view
+    # About as many pixels as a panel has.
+    finest = 450 / max(right - left, top - low)
+    width, height = (int(np.clip(finest * size, *SIZES)) for size in (right - left, top - low))
+    render = scene.renderer((width, height))
+
+    def shown(panel: Axes, name: str, colour: str) -> Put:
+        if render is None:
+            return _bodies(panel, scene, name, colour)
+        image = panel.imshow(render(name, 0), extent=(left, right, low, top))
+        return lambda frame: image.set_data(render(name, frame))
+
+    return _composed(plant, view, bent, times, shown)
 
 
 def _view(motions: Mapping[str, Motion]) -> tuple[Callable[..., Put], tuple[Any, ...]]:
@@ -235,9 +197,9 @@ def _view(motions: Mapping[str, Motion]) -> tuple[Callable[..., Put], tuple[Any,
         return _link, ((-1.2, 1.2), (-1.2, 1.2))
     places = np.concatenate([motion.places.reshape(-1, 2) for motion in motions.values()])
     (left, bottom), (right, top) = places.min(axis=0), places.max(axis=0)
-    if kind in ("crane", "tank"):
+    if kind != "masses":
         edge = 0.06 * max(right - left, top - bottom)
-        return _crane if kind == "crane" else _tank, (
+        return {"crane": _crane, "tank": _tank, "above": _above}[kind], (
             (left - 2 * edge, right + 2 * edge),
             (bottom - 1.5 * edge, top + 1.5 * edge),
         )
@@ -323,16 +285,52 @@ def _link(axes: Axes, angles: np.ndarray, view: tuple[Any, ...], colour: str) ->
     return put
 
 
-def _deflections(axes: Axes, unit: str, motions: Mapping[str, Motion], times: np.ndarray) -> Put:
-    """The deflection of every motion until now."""
+def _above(axes: Axes, places: np.ndarray, view: tuple[Any, ...], colour: str) -> Put:
+    """A crane or an arm from above: what carries the payload, the payload and its path."""
+    size = 0.025 * max(np.ptp(view[0]), np.ptp(view[1]))
+    for place in places[0, :-2]:
+        axes.add_patch(Circle((place[0], place[1]), size, color="0.6", fill=False, linewidth=0.8))
+    (held,) = axes.plot([], [], color="0.3", linewidth=3.0, solid_capstyle="round", zorder=2)
+    (cable,) = axes.plot([], [], color="0.2", linewidth=1.0, zorder=3)
+    (path,) = axes.plot([], [], color=colour, linewidth=0.8, alpha=0.6, zorder=1)
+    trolley: Any = axes.add_patch(Rectangle((0, 0), 1.4 * size, 1.4 * size, color="0.3", zorder=3))
+    load: Any = axes.add_patch(Circle((0, 0), 0.9 * size, color=colour, zorder=4))
+
+    def put(frame: int) -> None:
+        now = places[frame]
+        held.set_data(now[:-1, 0], now[:-1, 1])
+        cable.set_data(now[-2:, 0], now[-2:, 1])
+        trolley.set_xy((now[-2, 0] - 0.7 * size, now[-2, 1] - 0.7 * size))
+        load.set_center((now[-1, 0], now[-1, 1]))
+        path.set_data(places[: frame + 1, -1, 0], places[: frame + 1, -1, 1])
+
+    return put
+
+
+def _bodies(axes: Axes, scene: Scene, name: str, colour: str) -> Put:
+    """Lines between the bodies of a machine of a file, and to their centres of mass."""
+    lines = [axes.plot([], [], color="0.2", linewidth=1.5)[0] for _ in scene.lines(name, 0)]
+    (centres,) = axes.plot([], [], linestyle="", marker="o", markersize=5, color=colour)
+
+    def put(frame: int) -> None:
+        now = scene.lines(name, frame)
+        for line, ends in zip(lines, now, strict=True):
+            line.set_data(ends[:, 0], ends[:, 1])
+        centres.set_data(now[:, 1, 0], now[:, 1, 1])
+
+    return put
+
+
+def _deflections(axes: Axes, unit: str, axis: str, deflections: Mapping[str, np.ndarray], times: np.ndarray) -> Put:
+    """The deflection of every motion along one axis until now."""
     factor, words = (180 / np.pi, "deflection (°)") if unit == "rad" else (1e3, "deflection (mm)")
-    curves = {name: factor * motion.deflection for name, motion in motions.items()}
-    look = looks(motions)
+    curves = {name: factor * values for name, values in deflections.items()}
+    look = looks(curves)
     lines = {name: axes.plot([], [], label=plain(name), **look[name])[0] for name in curves}
     low, high = (f([f(values) for values in curves.values()]) for f in (np.nanmin, np.nanmax))
     edge = 0.05 * (high - low) + 1e-9
-    axes.set(xlim=(0.0, times[-1] or 1.0), ylim=(low - edge, high + edge), xlabel="time (s)", ylabel=words)
-    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=len(curves))
+    label = f"{axis}\n{words}" if axis else words
+    axes.set(xlim=(0.0, times[-1] or 1.0), ylim=(low - edge, high + edge), ylabel=label)
     now = axes.axvline(0.0, color="0.7", linewidth=0.8)
 
     def put(frame: int) -> None:

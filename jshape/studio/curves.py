@@ -17,11 +17,11 @@ from jshape.command import as_command
 from jshape.metrics import residual_energy
 from jshape.plants import AbstractOscillator, AbstractPlant, ModalPlant
 from jshape.problems.problem import Problem
+from jshape.reports.places import motion_of
 from jshape.reports.responses import shown_until
 from jshape.shaper import Shaper
 from jshape.simulation.simulate import simulate
 from jshape.simulation.steps import TOLERANCE
-from jshape.studio.scenes import scene
 from jshape.studio.state import Pin, State, problem
 from jshape.sweeps.evaluate import side_by_side, study
 from jshape.sweeps.leaves import leaf
@@ -38,6 +38,9 @@ DRAFT = 1e-5
 
 SAMPLES = 401
 """Of a response."""
+
+FRAMES = 120
+"""Of the drawing that moves."""
 
 ZETAS = (0.0, 0.05, 0.1)
 """Damping ratios for which V is drawn over the frequency."""
@@ -286,13 +289,16 @@ def moves(asked: Problem, shaper: Shapers, frequencies: np.ndarray, axis: str = 
         # From where the payload hangs at first: the trolley of a tower crane begins at its radius.
         command = driven * along(runs["shaped"].command)
         position["command"] = command + (position["shaped"][0] - command[0])
+    frames = np.linspace(0.0, horizon, FRAMES)
+    motions = {name: motion_of(plant, run, frames) for name, run in runs.items()}
+    places = {name: motion.places for name, motion in motions.items()}
     return Moves(
         times=np.asarray(runs["shaped"].times, float),
         position=position,
         deflection={name: fine * along(run.deflection) for name, run in runs.items()},
         unit="°" if turns else "m",
         bent="°" if turns else "mm",
-        scene=scene(plant, runs, horizon),
+        scene={"kind": motions["shaped"].kind, "times": frames, "places": places},
         warning="; ".join(f"{name} {run.message}" for name, run in runs.items() if not run.converged),
     )
 
