@@ -110,12 +110,13 @@ def free_accelerations(mujoco, model, data, driven, push):
 
 
 def pushes(command, step=1e-4):
-    """The acceleration in each step of a command whose pieces are parabolas, shape (steps,) or (steps, axes)."""
+    """The mean acceleration in each step of a command whose pieces are parabolas, shape (steps,) or (steps, axes)."""
     breaks, coefficients = map(np.asarray, command.pieces())
-    assert np.max(np.abs(breaks / step - np.round(breaks / step))) < 1e-6
     assert not np.any(coefficients[..., 3:])
-    counts = np.diff(np.round(breaks / step).astype(int))
-    return np.repeat(2 * coefficients[:-1, ..., 2], counts, axis=0)
+    ends = step * np.arange(int(np.ceil(breaks[-1] / step - 1e-6)) + 1)
+    at = np.clip(np.searchsorted(breaks, ends + 1e-9) - 1, 0, None)
+    since = (ends - breaks[at]).reshape(-1, *[1] * (coefficients.ndim - 2))
+    return np.diff(coefficients[at, ..., 1] + 2 * coefficients[at, ..., 2] * since, axis=0) / step
 
 
 def stepped(mujoco, text, joints, pushes, rest, last):

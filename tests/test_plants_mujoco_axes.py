@@ -1,12 +1,16 @@
 """Machines in MJCF that several axes move, beside cranes that are written by hand and MuJoCo's C engine."""
 
+import json
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from machines import BRIDGE, SLEWING, address, free_accelerations, pushes, stepped
+from typer.testing import CliRunner
 
 import jshape as js
+from jshape.cli import app
 from jshape.problems.problem import load
 from jshape.sweeps.leaves import with_leaves
 
@@ -188,3 +192,29 @@ def test_the_engine_leaves_the_energy_of_a_bridge_crane(bridge):
     for quantity in ("payload", "deflection"):
         one, other = (np.asarray(getattr(run, quantity)) for run in runs)
         np.testing.assert_allclose(one, other, atol=1e-8)
+
+
+@pytest.mark.slow
+def test_the_engine_confirms_the_crane_of_a_newcomer(tmp_path):
+    """The tower crane that ``jshape new`` writes, with a payload of 1 to 8 t, tuned at the prompt, at a corner."""
+    path, folder = tmp_path / "tower.toml", tmp_path / "tuned"
+    run = CliRunner().invoke
+    assert run(app, ["new", "--plant", "TowerCrane", str(path)]).exit_code == 0
+    text = path.read_text(encoding="utf-8")
+    cable = 'cable_length = { low = "19 m", high = "21 m", count = '
+    assert f"{cable}5 }}" in text
+    payload = 'payload_mass = { low = "1 t", high = "8 t", count = 3 }'
+    path.write_text(text.replace(f"{cable}5 }}", f"{cable}3 }}\n{payload}"), encoding="utf-8")
+    result = run(app, ["tune", str(path), "--out", str(folder)])
+    assert result.exit_code == 0, result.output
+    command, tuned = load(path).distance, json.loads((folder / "results.json").read_text())["tuned"]
+    shapers = {axis: js.read_shaper(folder / "shapers" / f"tuned_{axis}.json") for axis in ("slew", "trolley", "hoist")}
+    machine = SLEWING.replace('pos="3 0 0"', 'pos="15 0 0"').replace('pos="0 0 -2"', 'pos="0 0 -21"')
+    machine = machine.replace('mass="5"', 'mass="8000"')
+    left, ways = stepped(mujoco, machine, list(DRIVEN), pushes(js.shaper.shaped(command, shapers)), 0.0, 0.0)
+    np.testing.assert_allclose(ways, command.final, atol=1e-7)
+    for plant in (js.plants.TowerCrane(15.0, 21.0, 8000.0), js.plants.from_mjcf(machine, DRIVEN)):
+        bare = float(js.residual_energy(plant, None, command))
+        assert abs(left - float(js.residual_energy(plant, shapers, command))) < 1e-5 * bare
+    # The worst of all corners is this one or greater.
+    assert left <= tuned["objective"] + 1e-5 * bare

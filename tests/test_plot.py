@@ -97,6 +97,27 @@ def test_a_crane_sways(tmp_path):
     assert np.abs(nominal["linear ZV"].deflection[-100:]).max() < 0.02 * np.abs(bare.deflection[-100:]).max()
 
 
+@pytest.mark.slow
+def test_a_tower_crane_sways_both_ways(tmp_path):
+    """In degrees, sideways and outwards; the trolley is drawn where it is, from the axis of slewing."""
+    path = tmp_path / "tower.toml"
+    moves = "".join(MOVE.replace("[command]", f"[command.{axis}]") + "\n" for axis in ("slew", "trolley"))
+    plant = '[plant]\ntype = "TowerCrane"\ntrolley_radius = "3 m"\ncable_length = "2 m"\npayload_mass = "5 kg"\n'
+    path.write_text(moves.replace("1 m", "1 rad", 1).replace("m/s", "rad/s", 2) + plant, encoding="utf-8")
+    problem = load(path)
+    made = report.build(
+        problem, None, closed=({"unshaped": js.Shaper([1.0], [0.0]), "ZV": js.Shaper([0.5, 0.5], [0.0, 1.4])}, {})
+    )
+    drawn = {name: values for name, _, values in report.figures(made) if name.startswith("response")}
+    assert [values[-1] for values in drawn.values()] == ["sway sideways (°)", "sway outwards (°)"]
+    for (*_, bare, _), state, start in zip(drawn.values(), (1, 0), (0.0, 3.0), strict=True):
+        end = float(bare.times[-1])
+        found = js.simulate(problem.plant, problem.distance, horizon=end, samples=len(bare.times))
+        np.testing.assert_allclose(bare.deflection, np.degrees(found.states[:, state]), atol=1e-4)
+        assert bare.command[0] == pytest.approx(start, abs=1e-9)
+        assert bare.payload[0] == pytest.approx(start, abs=1e-9)
+
+
 MOVE = '[command]\ntype = "Trapezoid"\ndistance = "1 m"\nspeed = "0.5 m/s"\nacceleration = "1 m/s²"'
 
 

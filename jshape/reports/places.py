@@ -70,6 +70,30 @@ def motion_of(plant: "AbstractPlant", run: "Response", times: np.ndarray) -> Mot
     return Motion("crane", _parts((base, 0 * base), (ahead, low)), bent)
 
 
+def bent_along(plant: "AbstractPlant", run: Any, axis: int = 0) -> tuple[np.ndarray, str, str]:
+    """How much the flexible part of a machine is bent along one axis, as it is drawn.
+
+    Args:
+        plant: of the response.
+        run: the response.
+        axis: index of the axis.
+
+    Returns:
+        The values, shape (samples,), their unit, ``"°"`` or ``"mm"``, and the word for them. Of a crane that slews the
+        angles of its cable: sideways along its first axis, outwards along the second.
+    """
+    from jshape import plants
+    from jshape.plants.slewing import AbstractSlewingCrane
+
+    if isinstance(plant, AbstractSlewingCrane) and axis < 2:
+        return np.degrees(np.asarray(run.states)[:, 1 - axis]), "°", ("sway sideways", "sway outwards")[axis]
+    values = np.asarray(run.deflection, float)
+    values = values.reshape(len(values), -1)[:, axis]
+    if plant.axis_unit(axis) == "rad":
+        return np.degrees(values), "°", "deflection"
+    return 1e3 * values, "mm", "wave at the wall" if isinstance(plant, plants.SloshingTank) else "sway"
+
+
 def sampled(run: "Response", values: Any, times: np.ndarray) -> np.ndarray:
     """Values (samples, …) of a response at some instants, shape (frames, values)."""
     at = np.asarray(run.times, float)

@@ -8,7 +8,9 @@ import numpy as np
 
 from jshape.command import as_command
 from jshape.plants import AbstractCrane, AbstractPlant, SloshingTank
+from jshape.plants.slewing import AbstractSlewingCrane
 from jshape.problems.problem import Problem
+from jshape.reports.places import bent_along
 from jshape.shaper import Shaping
 from jshape.simulation.simulate import natural_frequencies, simulate
 from jshape.sweeps.evaluate import alike_shapers
@@ -37,7 +39,7 @@ def responses(
     def run(plant: AbstractPlant, shaper: Shaping) -> SimpleNamespace:
         # The kernel that tuned and judged the shapers; its error is far below a line's width, and it compiles soonest.
         found = simulate(plant, move, shaper, horizon=horizon, samples=600, method="fixed")
-        return numbers_of(found, "times", "command", "payload", "deflection")
+        return numbers_of(found, "times", "command", "payload", "deflection", "states")
 
     ends = [
         with_leaves(plant, {name: values[at] * leaf(plant, name)})
@@ -53,18 +55,17 @@ def responses(
     axes = moving(plant, move)
     for i, axis in [(plant.axes.index(axis), axis) for axis in axes] or [(0, "")]:
         turns, drive = turning[i], plant.drives(i)[0]
-        along = lambda drawn, i=i: _along(drawn, i, bool(axes), turning[i])
+        along = lambda drawn, i=i: _along(plant, drawn, i)
         moved = {"displacement": "motor" if turns else "base", "force": ""}.get(drive, "tank" if liquid else "trolley")
         label = f"{axis} {'angle (°)' if turns else 'position (m)'}".strip()
-        bends = "deflection (°)" if turns else "wave at the wall (mm)" if liquid else "sway (mm)"
-        sway = bends if sways else None
+        _, unit, words = bent_along(plant, next(iter(nominal.values())), i)
         values = (
             {name: along(drawn) for name, drawn in nominal.items()},
             {name: [along(drawn) for drawn in some] for name, some in extremes.items()},
             ((axis or moved) if moved else "", "liquid" if liquid else "payload"),
             label,
             None if unshaped is None else along(unshaped),
-            sway,
+            f"{words} ({unit})" if sways else None,
         )
         yield f"response_{axis}" if axis else "response", values
 
@@ -81,18 +82,16 @@ def shown_until(plant: AbstractPlant, duration: float, frequencies: Any = None) 
     return duration + (3 * np.pi / natural if natural > 0 else duration)
 
 
-def _along(drawn: SimpleNamespace, axis: int, several: bool, turns: bool) -> SimpleNamespace:
+def _along(plant: AbstractPlant, drawn: SimpleNamespace, axis: int) -> SimpleNamespace:
     """What is drawn of one axis: angles in degrees, deflections in degrees or mm."""
-    size = 180 / np.pi if turns else 1.0
-    command, payload, deflection = (
-        values[:, axis] if several else values for values in (drawn.command, drawn.payload, drawn.deflection)
-    )
-    return SimpleNamespace(
-        times=drawn.times,
-        command=size * command,
-        payload=size * payload,
-        deflection=size * deflection if turns else 1e3 * deflection,
-    )
+    size = 180 / np.pi if plant.axis_unit(axis) == "rad" else 1.0
+    command = drawn.command
+    if isinstance(plant, AbstractSlewingCrane):
+        # The payload's place counts from the axis of slewing; so does that of what it hangs from.
+        command = drawn.payload - drawn.deflection
+    command, payload = (values[:, axis] if plant.axes else values for values in (command, drawn.payload))
+    bent = bent_along(plant, drawn, axis)[0]
+    return SimpleNamespace(times=drawn.times, command=size * command, payload=size * payload, deflection=bent)
 
 
 def numbers_of(result: Any, *names: str) -> SimpleNamespace:

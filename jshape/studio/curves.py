@@ -17,7 +17,7 @@ from jshape.command import as_command
 from jshape.metrics import residual_energy
 from jshape.plants import AbstractOscillator, AbstractPlant, ModalPlant
 from jshape.problems.problem import Problem
-from jshape.reports.places import motion_of
+from jshape.reports.places import bent_along, motion_of
 from jshape.reports.responses import shown_until
 from jshape.shaper import Shaper
 from jshape.simulation.simulate import simulate
@@ -281,7 +281,7 @@ def moves(asked: Problem, shaper: Shapers, frequencies: np.ndarray, axis: str = 
     }
     at = plant.axes.index(axis) if axis else 0
     turns = plant.axis_unit(at) == "rad"
-    size, fine = (180 / np.pi, 180 / np.pi) if turns else (1.0, 1e3)
+    size = 180 / np.pi if turns else 1.0
     driven = 180 / np.pi if plant.command_unit(at) == "rad" else 1.0
     along = lambda values: np.asarray(values, float).reshape(len(values), -1)[:, at]
     position = {name: size * along(run.payload) for name, run in runs.items()}
@@ -295,9 +295,9 @@ def moves(asked: Problem, shaper: Shapers, frequencies: np.ndarray, axis: str = 
     return Moves(
         times=np.asarray(runs["shaped"].times, float),
         position=position,
-        deflection={name: fine * along(run.deflection) for name, run in runs.items()},
+        deflection={name: bent_along(plant, run, at)[0] for name, run in runs.items()},
         unit="°" if turns else "m",
-        bent="°" if turns else "mm",
+        bent=bent_along(plant, runs["shaped"], at)[1],
         scene={"kind": motions["shaped"].kind, "times": frames, "places": places},
         warning="; ".join(f"{name} {run.message}" for name, run in runs.items() if not run.converged),
     )
