@@ -22,6 +22,7 @@ from .identification import IdentifiedDuffing as IdentifiedDuffing
 from .identification import identify as identify
 from .identification import identify_csv as identify_csv
 from .identification import identify_duffing as identify_duffing
+from .identification import identify_planar as identify_planar
 from .metrics import energy_profile as energy_profile
 from .metrics import overshoot as overshoot
 from .metrics import peak_deflection as peak_deflection

@@ -30,37 +30,56 @@ def identify(
     sample_rate: Annotated[
         float | None, typer.Option(help="Samples a second, Hz: times are counted, and no column holds them.")
     ] = None,
+    along_y: Annotated[
+        Path | None,
+        typer.Option(
+            help="A second file: DATA is then of a move along x, this one of a move along y, both of a step or with "
+            "--input, with two channels, along x and along y. The machine has both axes."
+        ),
+    ] = None,
+    measured: Annotated[
+        str, typer.Option(help="With --along-y: whether the channels are position or acceleration (m/s²).")
+    ] = "position",
     out: Out = None,
 ) -> None:
     """Find a machine's frequencies and damping ratios, with their uncertainty, and write a problem file for them."""
+    if along_y is None and measured != "position":
+        raise ValueError("measured: is for two records, with --along-y")
     prepare_jax()
     from jshape._files import check_unedited
     from jshape.identification.files import write
     from jshape.identification.from_csv import identify_csv
+    from jshape.identification.planar import identify_planar
     from jshape.reports.tables import new_console, show_table
 
     folder = results_folder(out, f"{data.stem}-results")
     check_unedited(folder)
     with progress_line() as (step, progress):
         step("reading")
-        found = identify_csv(
-            data,
-            columns=None if columns is None else columns.split(","),
-            kind=kind,
-            inputs=input_,
-            modes=modes,
-            sample_rate=sample_rate,
-            progress=progress,
-        )
+        records = [
+            identify_csv(
+                each,
+                columns=None if columns is None else columns.split(","),
+                kind=kind,
+                inputs=input_,
+                modes=modes,
+                sample_rate=sample_rate,
+                progress=progress,
+            )
+            for each in (data, along_y)
+            if each is not None
+        ]
+        found = records[0] if along_y is None else identify_planar(*records, measured=measured)
         step("files")
-        files = write(found, folder, data.name)
+        files = write(found, folder, data.name if along_y is None else f"{data.name} and {along_y.name}")
     for note in found.notes:
         typer.echo(f"note: {note}", err=True)
-    typer.echo(f"{data} ({', '.join(found.names)}): {found.message.split(':')[0]}")
-    lower, upper = found.interval()
+    channels = ", ".join(records[0].names)
+    typer.echo(f"{data if along_y is None else f'{data}, {along_y}'} ({channels}): {found.message.split(':')[0]}")
+    of_omega, of_zeta = found.interval()
     headings = ["frequency\n(Hz)", "\nfrom", "\nto", "damping\nratio", "\nfrom", "\nto"]
     rows = []
-    for mode, values in enumerate(zip(found.omega, found.zeta, lower.T, upper.T, strict=True), 1):
+    for mode, values in enumerate(zip(found.omega, found.zeta, of_omega.T, of_zeta.T, strict=True), 1):
         omega, zeta, ends, bounds = values
         cells = [f"{value / (2 * math.pi):.6g}" for value in (omega, *ends)]
         rows.append((str(mode), [*cells, *(f"{value:.5f}" for value in (zeta, *bounds))]))
