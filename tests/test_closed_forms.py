@@ -6,7 +6,7 @@ import jshape as js
 from jshape.design.closed_forms import closed_forms
 
 
-@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
+@pytest.mark.parametrize("order", [pytest.param((0, 1), marks=pytest.mark.slow), (1, 0)])
 def test_shapers_of_damped_modes_leave_nothing(order):
     omega, zeta, gains = ([values[i] for i in order] for values in ([9.0, 31.0], [0.3, 0.02], [0.7, 0.3]))
     plant = js.plants.ModalPlant(omega, zeta, gains)

@@ -343,6 +343,7 @@ def test_vibration_that_the_steps_do_not_resolve_is_no_number():
         vibration(40.0)
 
 
+@pytest.mark.slow
 def test_vibration_beside_a_mode_at_rest():
     # A printer's move through a shaper that is exact for the second mode, whose speed is nothing but rounding. Its
     # first mode swings on from where SciPy's matrix exponentials leave it.

@@ -326,6 +326,7 @@ def test_modal_plant_defaults():
     assert plant.payload(plant.rest_state(0.7), 0.7) == pytest.approx(0.7)
 
 
+@pytest.mark.slow
 def test_planar_modes_are_a_mass_on_springs_in_the_plane():
     # x'' + C x' + K (x − r) = 0, whose modes lie askew to the axes, by SciPy's DOP853: state, payload and energy.
     omega, zeta, angle = np.array([7.0, 11.0]), np.array([0.02, 0.05]), 0.4

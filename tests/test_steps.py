@@ -14,7 +14,9 @@ from jshape.simulation.schedule import schedule
 from jshape.simulation.simulate import initial, with_arrays
 from jshape.simulation.steps import TOLERANCE, checked_state, replay
 
-QUICK = ("two mass, hardening", "two mass, far softening", "crane, acceleration")
+QUICK = (
+    "two mass, hardening", pytest.param("two mass, far softening", marks=pytest.mark.slow), "crane, acceleration",
+)  # fmt: skip
 TIMES = [0.0, 0.3, 0.6]
 SOFT = js.plants.TwoMass(spring=js.plants.Duffing(10.0, -100.0))
 

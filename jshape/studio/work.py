@@ -113,6 +113,8 @@ class Work:
 
 def main() -> None:
     """Read what is asked, do it, and write the answer."""
+    # A shell that starts the studio in the background has its processes ignore interrupts.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     asked = json.loads(sys.stdin.readline())
     threading.Thread(target=_end_with_input, daemon=True).start()
     try:
