@@ -85,8 +85,12 @@ def test_what_does_not_fit():
         js.identify_planar(free, y)
     with pytest.raises(ValueError, match="measured must be one of"):
         js.identify_planar(x, y, measured="speed")
-    swapped = js.identify(TIMES, after_a_step(0)[:, ::-1], kind="step", modes=2)
-    notes = " ".join(js.identify_planar(swapped, y).notes)
+    with pytest.raises(ValueError, match="along_x: the modes do not add up to a move along x"):
+        js.identify_planar(y, x)
+    with pytest.raises(ValueError, match="along_x: the modes do not add up to a move along x"):
+        js.identify_planar(x, y, measured="acceleration")
+    flipped = js.identify(TIMES, after_a_step(0) * [1.0, -1.0], kind="step", modes=2)
+    notes = " ".join(js.identify_planar(flipped, y).notes)
     assert "disagree" in notes
     assert "the modes carry" in notes
 

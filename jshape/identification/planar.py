@@ -157,7 +157,15 @@ def _gains(record: Identified, name: str, own: int, measured: str) -> np.ndarray
     if measured == "acceleration":
         # The residue at the pole λ is λ² times that of the position, and |λ| is ω.
         gains = -gains / record.omega[:, None] ** 2
-    return gains if known else gains / np.sum(gains[:, own])
+    if known:
+        return gains
+    total = float(np.sum(gains[:, own]))
+    if not total > 0.1 * np.sum(np.abs(gains[:, own])):
+        raise ValueError(
+            f"along_{name}: the modes do not add up to a move along {name}; "
+            "check the signs and the order of the channels, and what was measured"
+        )
+    return gains / total
 
 
 def _paired(along_x: Identified, along_y: Identified) -> list[tuple[int | None, int | None]]:
