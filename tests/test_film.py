@@ -282,3 +282,38 @@ def test_each_axis_has_its_tuned_shaper(tmp_path, monkeypatch):
     result = run(app, ["animate", "mine.toml", "--shaper", "mine-results", "--force"])
     assert result.exit_code == 2
     assert "holds no tuned shaper" in result.output
+
+
+@pytest.mark.slow
+def test_an_episode_beside_the_same_moves_without_a_shaper(tmp_path, monkeypatch):
+    from jshape_envs import film as episodes
+    from jshape_envs.baselines import baseline
+    from jshape_envs.parameters import parameters
+
+    monkeypatch.chdir(tmp_path)
+    params, kept = parameters("CranePayload"), []
+    monkeypatch.setattr(episodes, "film_of_motions", lambda plant, motions, interval: kept.append(motions))
+    episodes.episode_film(params, baseline("zvd", params), "zvd", 3)
+    monkeypatch.undo()
+    bare, shaped = kept[0]["unshaped"], kept[0]["zvd"]
+    assert bare.places.shape == shaped.places.shape
+    # Each move begins where both are: there the payloads meet, and nowhere else for long.
+    apart = np.abs(bare.places[:, -1] - shaped.places[:, -1]).max(axis=1)
+    begins = np.flatnonzero(apart < 1e-9)
+    assert begins[0] == 0
+    assert len(begins) == 3
+    assert np.abs(shaped.deflection[begins[1] - 1]) < 0.5 * np.abs(bare.deflection[: begins[1]]).max()
+    monkeypatch.chdir(tmp_path)
+    for given, words in [
+        (["CranePayload", "--policy", "zvd", "--speed", "2"], "--policy: takes neither"),
+        (["CranePayload", "--policy", "nonsense"], "nonsense"),
+        (["Nothing", "--policy", "zvd"], "environment must be one of"),
+        (["CranePayload", "--policy", "zvd", "--moves", "0"], "moves must be"),
+    ]:
+        result = run(app, ["animate", *given])
+        assert result.exit_code == 2, result.output
+        assert words in " ".join(result.output.split())
+    result = run(app, ["animate", "DuffingPayload", "--policy", "trained", "--moves", "2"])
+    assert result.exit_code == 0, result.output
+    with Image.open(tmp_path / "DuffingPayload.gif") as image:
+        assert image.n_frames > 20

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from jshape.cli._shared import ProblemFile, explained, made, progress_line
+from jshape.cli._shared import ProblemFile, explained, made, need_environments, prepare_jax, progress_line
 
 if TYPE_CHECKING:
     from jshape.problems.problem import Problem
@@ -26,18 +26,27 @@ def animate(
             "if it is of this problem, or else the best closed form."
         ),
     ] = None,
+    policy: Annotated[
+        str | None,
+        typer.Option(
+            help="PROBLEM is then an environment: a baseline's name, 'trained' (the policy that comes with jshape) or "
+            "a policy's file (.npz), which chooses the shapers of an episode's moves."
+        ),
+    ] = None,
+    moves: Annotated[int, typer.Option(help="Of the episode, with --policy.")] = 6,
     speed: Annotated[float, typer.Option(help="At which it is played: 1 is true time, 0.1 ten times slower.")] = 1.0,
     force: Annotated[bool, typer.Option("--force", help="Write over a film that exists.")] = False,
 ) -> None:
     """Write a film (GIF or MP4) of the machine's move, unshaped beside shaped, in true time."""
     from jshape.problems.reading import read
 
+    if policy is not None:
+        if shaper is not None or speed != 1:
+            raise ValueError("--policy: takes neither --shaper nor --speed")
+        _episode(str(problem), _free(out or Path(f"{problem}.gif"), force), policy, moves)
+        return
     draft = read(problem)
-    path = out or Path(f"{draft.path.stem}.gif")
-    if path.exists() and not force:
-        raise ValueError(f"{path}: exists already, and is left as it is; --force writes over it")
-    if not path.parent.is_dir():
-        raise ValueError(f"{path}: there is no folder {path.parent}")
+    path = _free(out or Path(f"{draft.path.stem}.gif"), force)
     if draft.foreign:
         typer.echo(f"{draft.path}: runs code of its own, the plant {draft.foreign}", err=True)
     loaded = made(draft)
@@ -68,6 +77,39 @@ def animate(
         pictures = film(loaded.plant, runs, speed, model=model)
         save_film(pictures, path, lambda done, total: progress("frames", done, total, math.inf))
     typer.echo(f"{path}: {name} beside the bare command, {horizon:.4g} s")
+
+
+def _free(path: Path, force: bool) -> Path:
+    """The film's path, if nothing is lost there."""
+    if path.exists() and not force:
+        raise ValueError(f"{path}: exists already, and is left as it is; --force writes over it")
+    if not path.parent.is_dir():
+        raise ValueError(f"{path}: there is no folder {path.parent}")
+    return path
+
+
+def _episode(environment: str, path: Path, policy: str, moves: int) -> None:
+    """Write the film of an episode."""
+    need_environments()
+    prepare_jax()
+    from jshape_envs.evaluate import named_policy
+    from jshape_envs.film import episode_film
+    from jshape_envs.parameters import parameters
+    from jshape_envs.policy import shipped_policy
+
+    from jshape.reports.film import check_film, save_film
+
+    check_film(path)
+    params = parameters(environment)
+    shipped = shipped_policy(environment)
+    if policy == "trained" and shipped is None:
+        raise ValueError(f"--policy: no trained policy comes with jshape for {environment}")
+    with progress_line() as (step, progress):
+        step("episode")
+        chosen = named_policy(str(shipped) if policy == "trained" else policy, params)
+        made = episode_film(params, chosen, Path(policy).stem, moves)
+        save_film(made, path, lambda done, total: progress("frames", done, total, math.inf))
+    typer.echo(f"{path}: {moves} moves of {environment} by {policy}, beside the same ones without a shaper")
 
 
 def _chosen(

@@ -80,6 +80,27 @@ def film(
             figure, puts = _rendered(plant, Scene(plant, model, runs, times), bent, times)
     if speed != 1:
         figure.text(0.99, 0.99, f"{speed:g} × true time", fontsize=7, ha="right", va="top", color="0.3")
+    return _animated(figure, puts, len(times), interval)
+
+
+def film_of_motions(
+    plant: "AbstractPlant", motions: Mapping[str, Motion], interval: int, *, style: Any = None
+) -> animation.FuncAnimation:
+    """The machine in motion, as ``film``, of motions whose frames are known already.
+
+    Args:
+        plant: of all motions; what differs from one frame to the next (its cable's length) is in them.
+        motions: name → motion, all with as many frames.
+        interval: between two frames, ms.
+        style: as of ``film``.
+    """
+    frames = len(next(iter(motions.values())).places)
+    with using(style):
+        figure, puts = _drawn(plant, motions, interval / 1000 * np.arange(frames))
+    return _animated(figure, puts, frames, interval)
+
+
+def _animated(figure: Figure, puts: list[Put], frames: int, interval: int) -> animation.FuncAnimation:
     # Laid out once, not for every frame.
     figure.draw_without_rendering()
     figure.set_layout_engine("none")
@@ -89,7 +110,7 @@ def film(
             put(frame)
         return ()
 
-    return animation.FuncAnimation(figure, draw, frames=len(times), interval=interval)
+    return animation.FuncAnimation(figure, draw, frames=frames, interval=interval)
 
 
 def save_film(
