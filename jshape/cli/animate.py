@@ -80,7 +80,7 @@ def animate(
 
 
 def _free(path: Path, force: bool) -> Path:
-    """The film's path, if nothing is lost there."""
+    """The film's path, where no other film is written over."""
     if path.exists() and not force:
         raise ValueError(f"{path}: exists already, and is left as it is; --force writes over it")
     if not path.parent.is_dir():
