@@ -227,3 +227,15 @@ def test_octave_shapes_a_command(tmp_path):
     assert done.returncode == 0, done.stderr
     found = np.array(done.stdout.split(), float)
     np.testing.assert_allclose(found, np.convolve(commands, SHAPER.digitise(0.01, "split"))[:200], rtol=0, atol=1e-14)
+
+
+def test_shapers_of_axes_that_are_not_all_shaped(tmp_path):
+    zv = js.Shaper([0.5, 0.5], [0.0, 1.0])
+    made = js.export({"slew": zv, "trolley": None}, "json", tmp_path / "f.json")
+    assert list(made) == ["slew", "trolley"]
+    assert js.read_shaper(tmp_path / "f_trolley.json").amplitudes.tolist() == [1.0]
+    with pytest.raises(ValueError, match="shaper must have an axis at least"):
+        js.export({}, "json")
+    for wrong in (1, {"slew": 1}):
+        with pytest.raises(ValueError, match="shaper must be a Shaper, or map axes to them, not 1"):
+            js.export(wrong, "json")

@@ -214,9 +214,8 @@ def problem(tmp_path, monkeypatch):
 
 
 def tuned(folder, text) -> None:
-    write_results(folder, {"problem_digest": digest(text)})
-    (folder / "shapers").mkdir()
-    js.export(js.Shaper([0.5, 0.5], [0.0, 0.9]), "json", folder / "shapers" / "tuned.json")
+    row = {"name": "tuned", "amplitudes": [0.5, 0.5], "times": [0.0, 0.9]}
+    write_results(folder, {"problem_digest": digest(text), "shapers": [row]})
 
 
 def test_mistakes_are_named_before_anything_is_drawn(problem, tmp_path):
@@ -271,17 +270,52 @@ def test_each_axis_has_its_tuned_shaper(tmp_path, monkeypatch):
     )
     (tmp_path / "mine.toml").write_text(text, encoding="utf-8")
     folder = tmp_path / "mine-results"
-    write_results(folder, {"problem_digest": digest(text)})
-    (folder / "shapers").mkdir()
-    pair = {"trolley": js.Shaper([0.5, 0.5], [0.0, 1.0]), "hoist": js.Shaper([1.0], [0.0])}
-    js.export(pair, "json", folder / "shapers" / "tuned.json")
+    each = {"trolley": {"amplitudes": [0.5, 0.5], "times": [0.0, 1.0]}, "hoist": {"amplitudes": [1.0], "times": [0.0]}}
+    write_results(folder, {"problem_digest": digest(text), "shapers": [{"name": "tuned", "shapers": each}]})
     result = run(app, ["animate", "mine.toml", "--speed", "30"])
     assert result.exit_code == 0, result.output
     assert f"mine.gif: tuned beside the bare command, {3.0 + 3 * np.pi / np.sqrt(9.81):.4g} s" in result.output
-    (folder / "shapers" / "tuned_hoist.json").unlink()
+    # A file an axis for a controller.
+    asked = ["export", "mine-results", "--format", "structured_text", "--sample-time", "10 ms"]
+    result = run(app, asked)
+    assert result.exit_code == 2
+    assert "--out must be given for a shaper for each axis: a file for trolley, hoist" in " ".join(
+        result.output.split()
+    )
+    result = run(app, [*asked, "--out", "mine.st"])
+    assert result.exit_code == 0, result.output
+    assert (tmp_path / "mine_trolley.st").exists()
+    assert (tmp_path / "mine_hoist.st").exists()
+    result = run(app, [*asked, "--out", "mine.st"])
+    assert "mine_trolley.st: exists already" in " ".join(result.output.split())
+    write_results(folder, {"problem_digest": digest(text), "shapers": []})
     result = run(app, ["animate", "mine.toml", "--shaper", "mine-results", "--force"])
     assert result.exit_code == 2
     assert "holds no tuned shaper" in result.output
+    result = run(app, ["export", "mine-results", "--format", "json"])
+    assert "holds no tuned shaper" in result.output
+
+
+@pytest.mark.slow
+def test_a_sweep_takes_the_shapers_of_each_axis(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    text = (
+        '[command.trolley]\ntype = "Trapezoid"\ndistance = "1 m"\nspeed = "1 m/s"\nacceleration = "1 m/s²"\n'
+        '[plant]\ntype = "HoistingCrane"\ncable_length = "1 m"\n'
+        "[uncertainty]\ncable_length = { low = 0.9, high = 1.1, count = 2 }\n"
+        '[design]\nshapers = "per axis"\n'
+    )
+    (tmp_path / "mine.toml").write_text(text, encoding="utf-8")
+    each = {"trolley": {"amplitudes": [0.5, 0.5], "times": [0.0, 1.0]}, "hoist": {"amplitudes": [1.0], "times": [0.0]}}
+    write_results(tmp_path / "tuned", {"shapers": [{"name": "tuned", "shapers": each}]})
+    result = run(app, ["sweep", "mine.toml", "--shaper", "tuned", "--metric", "residual_energy"])
+    assert result.exit_code == 0, result.output
+    shapers = {axis: js.Shaper(one["amplitudes"], one["times"]) for axis, one in each.items()}
+    problem = load(tmp_path / "mine.toml")
+    found = js.sweep(problem.plant, {"tuned": shapers}, problem.distance, problem.over, "residual_energy")
+    row = next(line.split() for line in result.output.splitlines() if line.strip().startswith("tuned"))
+    greatest = float(found.residual_energy.max())
+    assert any(abs(float(cell) / greatest - 1) < 2e-3 for cell in row[1:])
 
 
 @pytest.mark.slow

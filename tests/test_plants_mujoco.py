@@ -242,6 +242,8 @@ def test_a_urdf_with_springs_of_ours():
     ]:
         with pytest.raises(ValueError, match=words):
             js.plants.from_urdf(URDF, {"rail": "x"}, **{name: value})
+    with pytest.raises(ValueError, match="stiffness must map joints to numbers, not 900"):
+        js.plants.from_urdf(URDF, {"rail": "x"}, stiffness=900.0)
     plant = js.plants.from_urdf(URDF, {"rail": "x"}, stiffness={"bend": 900.0}, damping={"bend": 7.0})
     inertia, q, v, push = 0.2 + 4 * 0.64, 0.4, -0.3, 1.7
     expected = (-900 * q - 7 * v + 3.2 * (9.81 * np.sin(q) - push * np.cos(q))) / inertia

@@ -118,6 +118,18 @@ def test_what_does_not_move_the_payload_is_named():
         )
 
 
+@pytest.mark.parametrize("axis", ["../up", "a b", "delay", "type", "9", ""])
+def test_an_axis_has_a_name_that_a_file_and_a_command_can_have(axis):
+    with pytest.raises(ValueError, match=r"driven\['turn'\] must be the name of an axis"):
+        js.plants.from_mjcf(SLEWING, DRIVEN | {"turn": axis})
+
+
+def test_what_is_no_file():
+    for file in ("", "a\0b"):
+        with pytest.raises(ValueError, match="file must be a path"):
+            js.plants.from_mjcf(file, DRIVEN)
+
+
 PROBLEM = """
 [command.slew]
 type = "Trapezoid"

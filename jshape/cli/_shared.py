@@ -216,6 +216,7 @@ def announced(command: Any, plants: int, rows: int, what: str, impulses: int) ->
     typer.echo(f"work: {words}", err=True)
 
 
-def most_impulses(shapers: Iterable["Shaper"]) -> int:
+def most_impulses(shapers: Iterable["Shaper | dict[str, Shaper]"]) -> int:
     """The number of impulses of the shaper that has most."""
-    return max(len(shaper.times) for shaper in shapers)
+    each = [one for shaper in shapers for one in (shaper.values() if isinstance(shaper, dict) else [shaper])]
+    return max(len(shaper.times) for shaper in each)

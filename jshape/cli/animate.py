@@ -126,15 +126,14 @@ def _chosen(
     Raises:
         ValueError: for a folder that is given and holds no tuned shaper of this problem.
     """
-    from jshape.export import read_shaper
+    from jshape.export import read_shaper, read_tuned
 
     if given is not None and not given.is_dir():
         return given.stem, read_shaper(given)
     folder = results if given is None else given
     wrong = _not_of(problem, folder)
     if wrong is None:
-        each = {axis: read_shaper(path) for axis, path in _tuned(problem, folder).items()}
-        return "tuned", each if problem.design.shapers == "per axis" else each[""]
+        return "tuned", read_tuned(folder)
     if given is not None:
         raise ValueError(f"--shaper {wrong}")
     if folder.exists():
@@ -143,12 +142,6 @@ def _chosen(
 
     row = report.best(report.build(problem, None, step))
     return row.name, row.shaper
-
-
-def _tuned(problem: "Problem", folder: Path) -> dict[str, Path]:
-    """Axis → the file of the shaper that was tuned for it; without a name, of the shaper that all share."""
-    axes = problem.plant.axes if problem.design.shapers == "per axis" else ("",)
-    return {axis: folder / "shapers" / (f"tuned_{axis}.json" if axis else "tuned.json") for axis in axes}
 
 
 def _not_of(problem: "Problem", folder: Path) -> str | None:
@@ -161,6 +154,6 @@ def _not_of(problem: "Problem", folder: Path) -> str | None:
         same = same and record.get("file_digests", {}) == {name: digest(each) for name, each in problem.files.items()}
     except (ValueError, KeyError, TypeError, RecursionError):
         return f"{folder}: holds no results of jshape tune"
-    if not all(path.exists() for path in _tuned(problem, folder).values()):
+    if not any(row.get("name") == "tuned" for row in record.get("shapers", [])):
         return f"{folder}: holds no tuned shaper"
     return None if same else f"{folder}: holds the results of another problem file, or of an earlier text of this one"

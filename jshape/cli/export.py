@@ -11,7 +11,9 @@ from jshape.problems.units import quantity
 
 @explained()
 def export(
-    shaper: Annotated[Path | None, typer.Argument(help="A shaper file (JSON, CSV or npz).")] = None,
+    shaper: Annotated[
+        Path | None, typer.Argument(help="A shaper file (JSON, CSV or npz), or a folder of jshape tune: its tuned one.")
+    ] = None,
     format: Annotated[str | None, typer.Option(help="One of those that --list shows.")] = None,
     out: Annotated[Path | None, typer.Option(help="The file to write; the terminal unless given.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Write over a file that exists.")] = False,
@@ -40,7 +42,7 @@ def export(
     """Write a shaper for a machine: C, Structured Text, FMU, printers, ROS, MATLAB, SciPy, NumPy, JSON, CSV."""
     prepare_jax()
     from jshape._files import whole
-    from jshape.export import FORMATS, as_bytes, read_shaper
+    from jshape.export import FORMATS, as_bytes, read_shaper, read_tuned
     from jshape.export import export as export_as
 
     if list_:
@@ -62,7 +64,11 @@ def export(
         "tolerance": tolerance,
     }
     options = {option: value for option, value in given.items() if value is not None}
-    made = export_as(read_shaper(shaper), format, **options)
+    read = read_tuned(shaper) if shaper.is_dir() else read_shaper(shaper)
+    made = export_as(read, format, **options)
+    if isinstance(read, dict):
+        _write_each(made, format, out, force)
+        return
     if out is None:
         if not isinstance(made, str):
             raise ValueError(f"format {format!r} is no text; name a file with --out")
@@ -73,6 +79,23 @@ def export(
     with whole(out) as file:
         file.write(as_bytes(made))
     typer.echo(f"{out}: written ({FORMATS[format].what})")
+
+
+def _write_each(made: dict[str, Any], format: str, out: Path | None, force: bool) -> None:
+    """Write a file for each axis."""
+    from jshape._files import whole
+    from jshape.export import FORMATS, as_bytes
+
+    if out is None:
+        raise ValueError(f"--out must be given for a shaper for each axis: a file for {', '.join(made)}")
+    paths = {axis: out.with_name(f"{out.stem}_{axis}{out.suffix}") for axis in made}
+    for path in paths.values():
+        if path.exists() and not force:
+            raise ValueError(f"{path}: exists already, and is left as it is; --force writes over it")
+    for axis, path in paths.items():
+        with whole(path) as file:
+            file.write(as_bytes(made[axis]))
+    typer.echo(f"{', '.join(map(str, paths.values()))}: written ({FORMATS[format].what})")
 
 
 def seconds(text: str, name: str) -> float:

@@ -27,7 +27,10 @@ def sweep(
         "residual_vibration"
     ],
     shaper: Annotated[
-        list[Path], typer.Option(help="A shaper of yours (JSON or CSV) beside the closed forms; several times.")
+        list[Path],
+        typer.Option(
+            help="A shaper of yours (JSON, CSV), or a folder of jshape tune, beside the closed forms; several times."
+        ),
     ] = [],  # noqa: B006
     samples: Annotated[int | None, typer.Option(help="Draw so many plants; all combinations unless given.")] = None,
     sampling: Annotated[
@@ -45,7 +48,7 @@ def sweep(
     read = made(draft)
     from jshape._files import printable
     from jshape.design.closed_forms import closed_forms
-    from jshape.export import read_shaper
+    from jshape.export import read_shaper, read_tuned
     from jshape.reports.results import write_sweep
     from jshape.reports.tables import show_sweep
     from jshape.sweeps.sweep import sweep as sweep_plants
@@ -57,12 +60,13 @@ def sweep(
             over[name] = ((low + high) / 2, (high - low) / 4) if sampling == "normal" else (low, high)
     with progress_line() as (step, progress):
         step("closed-form shapers")
-        shapers, left_out = closed_forms(read.plant, read.distance)
+        closed, left_out = closed_forms(read.plant, read.distance)
+        shapers: dict[str, Any] = dict(closed)
         for path in shaper:
             name = printable(path.stem)
             if name in shapers:
                 raise ValueError(f"--shaper {path}: there is a shaper of that name already, {name!r}")
-            shapers[name] = read_shaper(path)
+            shapers[name] = read_tuned(path) if path.is_dir() else read_shaper(path)
         plants = samples or math.prod(len(values) for values in over.values())
         announced(read.distance, plants, len(shapers), "shapers", most_impulses(shapers.values()))
         step("sweep")

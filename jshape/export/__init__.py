@@ -13,9 +13,9 @@ import sys
 import types
 
 from jshape.export.formats import FORMATS, Format, as_bytes, export
-from jshape.export.shaper_file import read_shaper
+from jshape.export.shaper_file import read_shaper, read_tuned
 
-__all__ = ["FORMATS", "Format", "as_bytes", "export", "read_shaper"]
+__all__ = ["FORMATS", "Format", "as_bytes", "export", "read_shaper", "read_tuned"]
 
 
 class _Callable(types.ModuleType):

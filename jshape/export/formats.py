@@ -112,6 +112,8 @@ def export(shaper: Shaper | Mapping[str, Shaper], format: str, path: str | Path 
     _check.one_of(format, "format", tuple(FORMATS))
     if isinstance(shaper, Mapping):
         return _each_axis(shaper, format, None if path is None else Path(path), options)
+    if not isinstance(shaper, Shaper):
+        raise ValueError(f"shaper must be a Shaper, or map axes to them, not {_check.show(shaper)}")
     if not _check.is_concrete(shaper):
         raise ValueError("a shaper that is being traced cannot be exported")
     known = FORMATS[format].options
@@ -134,10 +136,13 @@ def export(shaper: Shaper | Mapping[str, Shaper], format: str, path: str | Path 
     return made
 
 
-def _each_axis(shapers: Mapping[str, Shaper], format: str, path: Path | None, options: dict[str, Any]) -> dict:
+def _each_axis(shapers: Mapping[str, Shaper | None], format: str, path: Path | None, options: dict[str, Any]) -> dict:
     """Axis → what ``export`` returns of its shaper."""
+    if not shapers:
+        raise ValueError("shaper must have an axis at least: it maps none")
     made = {}
-    for axis, shaper in shapers.items():
+    for axis, given in shapers.items():
+        shaper = Shaper([1.0], [0.0]) if given is None else given
         named = {"name": f"{options['name']}_{axis}"} if "name" in options else {}
         own = None if path is None else path.with_name(f"{path.stem}_{axis}{path.suffix}")
         made[axis] = export(shaper, format, own, **(options | named))

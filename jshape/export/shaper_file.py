@@ -70,3 +70,25 @@ def read_shaper(path: str | Path) -> Shaper:
     except (ValueError, TypeError, OverflowError, RecursionError, csv.Error) as error:
         message = in_a_line(str(error).removeprefix(f"{path}: "))
         raise ValueError(f"{path}: not a shaper file: {message}") from None
+
+
+def read_tuned(folder: str | Path) -> Shaper | dict[str, Shaper]:
+    """The tuned shaper in a folder of ``jshape tune``; where axes have shapers of their own, axis → shaper.
+
+    Raises:
+        ValueError: that names the folder, if it holds no such results, or none of a tuned shaper.
+    """
+    try:
+        rows = json.loads(read_text(Path(folder) / "results.json"))["shapers"]
+        found = [row for row in rows if row["name"] == "tuned"]
+        if not found:
+            raise ValueError(f"{folder}: holds no tuned shaper")
+        made = lambda row: Shaper(row["amplitudes"], row["times"])
+        return (
+            {axis: made(row) for axis, row in found[0]["shapers"].items()} if "shapers" in found[0] else made(found[0])
+        )
+    except (KeyError, TypeError, AttributeError, OverflowError, RecursionError):
+        raise ValueError(f"{folder}: holds no results of jshape tune") from None
+    except ValueError as error:
+        words = str(error) if "no tuned" in str(error) else f"{folder}: holds no results of jshape tune"
+        raise ValueError(words) from None

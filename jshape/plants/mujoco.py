@@ -79,6 +79,8 @@ def from_urdf(
     axes = mujoco_model.check_driven(model, driven)
     known = mujoco_model.names(model, "joint")
     for name, given in (("stiffness", stiffness), ("damping", damping)):
+        if given is not None and not isinstance(given, Mapping):
+            raise ValueError(f"{name} must map joints to numbers, not {given!r}")
         for joint, value in ({} if given is None else given).items():
             if joint not in known or joint in axes:
                 free = [each for each in known if each not in axes]

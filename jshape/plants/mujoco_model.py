@@ -30,6 +30,9 @@ MOST = 1000
 LARGEST = 4096
 """Rows and columns of a height field, keyframes, numbers of the user's own."""
 
+AXIS, TAKEN = re.compile(r"[^\W\d][\w-]*"), ("delay", "type")
+"""What an axis may be called: a key of a command, and part of a file's name; words that a command has taken."""
+
 HINGE, SLIDE = 3, 2
 """MuJoCo's types of joints that can be simulated."""
 
@@ -60,6 +63,8 @@ def load(file: str | Path) -> Model:
     mujoco = engine()
     if not isinstance(file, str | Path):
         raise ValueError(f"file must be a path, or the text of an MJCF or URDF file, not {file!r}")
+    if not str(file) or "\0" in str(file):
+        raise ValueError(f"file must be a path, or the text of an MJCF or URDF file, not {str(file)!r}")
     text = isinstance(file, str) and "<" in file
     name = "file" if text else printable(str(file))
     if text and len(str(file)) > SIZE:
@@ -173,8 +178,9 @@ def check_driven(model: Model, driven: Any) -> dict[str, str]:
     for joint, axis in driven.items():
         if joint not in known:
             raise ValueError(f"driven names the joint {joint!r}; there are {', '.join(known)}")
-        if not isinstance(axis, str) or not axis:
-            raise ValueError(f"driven[{joint!r}] must be the name of an axis, not {axis!r}")
+        if not isinstance(axis, str) or not AXIS.fullmatch(axis) or axis in TAKEN:
+            words = f"letters, digits, _ and -, and not {' or '.join(TAKEN)}"
+            raise ValueError(f"driven[{joint!r}] must be the name of an axis ({words}), not {axis!r}")
     return dict(driven)
 
 

@@ -4,6 +4,7 @@ The extra ``[mujoco]``; the coordinates are those of jshape's responses, MuJoCo 
 """
 
 import importlib
+import itertools
 import os
 import sys
 from collections.abc import Iterator, Mapping
@@ -118,13 +119,11 @@ class Scene:
             shape: of the picture, width and height in pixels.
 
         Returns:
-            ``None`` where MuJoCo has nothing to draw or finds no display, real or without a screen.
+            ``None`` where MuJoCo finds no display, real or without a screen.
         """
         from jshape.plants.mujoco_model import engine
 
         mujoco, (width, height) = engine(), shape
-        if not self.model.ngeom:
-            return None
         self.model.vis.global_.offwidth, self.model.vis.global_.offheight = width, height
         # As fine as a film shows; MuJoCo's 4096 pixels of shadows take twice as long without a graphics card.
         self.model.vis.quality.shadowsize, self.model.vis.quality.offsamples = 1024, 2
@@ -145,12 +144,29 @@ class Scene:
             mujoco.mj_forward(self.model, self._data)
             every = mujoco.mjtCatBit.mjCAT_ALL.value
             mujoco.mjv_updateScene(self.model, self._data, option, None, camera, every, scene)
+            self._add_bare_bodies(mujoco, scene)
             mujoco.mjr_render(area, scene, context)
             mujoco.mjr_readPixels(picture, depth, area, context)
             # Where nothing is, paper instead of night.
             return picture[::-1] if sky else np.where(depth[::-1, :, None] < 1, picture[::-1], np.uint8(255))
 
         return render
+
+    def _add_bare_bodies(self, mujoco: Any, scene: Any) -> None:
+        """Balls, and rods that carry them, for bodies that have masses alone and nothing to look at."""
+        size, data = 0.008 * float(np.linalg.norm(self._high - self._low)), self._data
+        shapes = mujoco.mjtGeom
+        for i in range(1, self.model.nbody):
+            if self.model.body_geomnum[i] or not self.model.body_mass[i]:
+                continue
+            parent = self.model.body_parentid[i]
+            begins = [data.xpos[parent]] if parent else []
+            for begin, end in itertools.pairwise([*begins, data.xpos[i], data.xipos[i]]):
+                if np.linalg.norm(end - begin) > size:
+                    rod = _added(mujoco, scene, shapes.mjGEOM_CAPSULE, [size / 3, 0, 0], (0.2, 0.2, 0.2, 1))
+                    mujoco.mjv_connector(rod, shapes.mjGEOM_CAPSULE, size / 3, begin, end)
+            ball = _added(mujoco, scene, shapes.mjGEOM_SPHERE, [2 * size, 0, 0], (0.8, 0.35, 0.1, 1))
+            ball.pos[:] = data.xipos[i]
 
     def _camera(self, mujoco: Any, ratio: float) -> Any:
         """One that stands so far away that nothing leaves the picture."""
@@ -165,6 +181,14 @@ class Scene:
         self.model.stat.extent = float(camera.distance)
         self.model.vis.map.znear, self.model.vis.map.zfar = 0.01, 10.0
         return camera
+
+
+def _added(mujoco: Any, scene: Any, kind: Any, size: list[float], colour: tuple[float, ...]) -> Any:
+    """Another shape in the scene."""
+    geom = scene.geoms[scene.ngeom]
+    scene.ngeom += 1
+    mujoco.mjv_initGeom(geom, kind, np.array(size, float), np.zeros(3), np.eye(3).ravel(), np.array(colour, np.float32))
+    return geom
 
 
 def _contexts(width: int, height: int) -> Iterator[Any]:

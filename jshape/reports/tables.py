@@ -44,10 +44,9 @@ def show_report(report: "Report", folder: Path, figures: list[Path]) -> None:
             say(console, line)
     say(console, f"results in {folder}, figures {', '.join(path.name for path in figures)}")
     if report.solution is not None:
-        shapers, time = report.rows[-1].shapers, report.problem.design.sample_time
-        stem = f"tuned_{next(iter(shapers))}" if len(shapers) > 1 else "tuned"
-        shaper = folder / "shapers" / f"{stem}.json"
-        given = f" --sample-time {time:g}" if time is not None else ""
+        each, time = isinstance(report.rows[-1].shaper, dict), report.problem.design.sample_time
+        shaper = folder if each else folder / "shapers" / "tuned.json"
+        given = (f" --sample-time {time:g}" if time is not None else "") + (" --out shaper.st" if each else "")
         say(console, f"Next: jshape export {shaper} --format structured_text{given} (--list shows the other formats)")
 
 
