@@ -31,10 +31,6 @@ if TYPE_CHECKING:
 _WRITTEN_OUT = 400
 """Operations of an equation of motion up to which its stages are written out."""
 
-_DIFFERENTIATED = 300
-"""The same for its derivatives, which take four times as long to compile: of an arm of two links in MJCF (338) a first
-gradient takes 11 s instead of 15; of a thousand arms it then takes 1.2 s instead of 0.3."""
-
 METHODS = ("dopri8", "tsit5")
 """Tableaus by name: order 8 for accuracy, order 5 where a few digits are enough."""
 
@@ -67,12 +63,7 @@ def runge_kutta_step(
     if field.size > _WRITTEN_OUT:
         return _looped(tableau, functools.partial(field, field.captured), state, step)
     rates = {i: j for i, j in field.same.items() if j not in field.same}
-
-    def whole(state, step, values):
-        slope = functools.partial(field, values)
-        if field.size > _DIFFERENTIATED:
-            return _looped(tableau, slope, state, step)
-        return _stages(tableau, {}, slope, state, step, fenced=True)
+    whole = lambda state, step, values: _stages(tableau, {}, functools.partial(field, values), state, step, fenced=True)
 
     @jax.custom_jvp
     def advance(state, step, values):
