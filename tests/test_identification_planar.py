@@ -21,9 +21,10 @@ ZETA = (2e-4 * OMEGA + 4.0 / OMEGA) / 2
 GAINS = DIRECTIONS.T * np.where(np.abs(DIRECTIONS).max(axis=0) == DIRECTIONS.max(axis=0), 1.0, -1.0)[:, None]
 
 
-def after_a_step(axis: int, size: float = 1.0, acceleration: bool = False) -> np.ndarray:
+def after_a_step(axis: int, size: float = 1.0, acceleration: bool = False, stiffness=STIFFNESS) -> np.ndarray:
     """Where the head is after its carriage has stepped along one axis, or its acceleration, shape (times, 2)."""
-    system = np.block([[np.zeros((2, 2)), np.eye(2)], [-STIFFNESS, -DAMPING]])
+    damping = 2e-4 * stiffness + 4.0 * np.eye(2)
+    system = np.block([[np.zeros((2, 2)), np.eye(2)], [-stiffness, -damping]])
     one, goal = expm(system / RATE), size * np.eye(2)[axis]
     state, rows = np.concatenate([-goal, [0.0, 0.0]]), []
     for _ in TIMES:
@@ -75,6 +76,22 @@ def test_a_driven_record_and_what_is_left_of_a_move():
     np.testing.assert_allclose(found.gains, GAINS, atol=1e-4)
 
 
+@pytest.mark.parametrize("other", [90e3, 70e3])
+def test_a_head_on_springs_along_the_axes(other):
+    """As stiff along x as along y, where both modes have one frequency, and less stiff."""
+    stiffness = np.diag([90e3, other])
+    records = [
+        js.identify(TIMES, noisy(after_a_step(i, 1.0, stiffness=stiffness), i), kind="step", modes=1) for i in range(2)
+    ]
+    found = js.identify_planar(*records)
+    np.testing.assert_allclose(found.omega, np.sqrt(sorted([90e3, other])), rtol=1e-4)
+    np.testing.assert_allclose(found.gains.T @ found.gains, np.eye(2), atol=5e-3)
+    assert found.misfit < 0.01
+    assert "disagree" not in " ".join(found.notes)
+    run = js.simulate(found.plant, js.Axes(y=js.Step(1.0)), horizon=0.2, samples=401)
+    np.testing.assert_allclose(run.payload[1:], after_a_step(1, stiffness=stiffness)[1:401], atol=0.01)
+
+
 def test_what_does_not_fit():
     x, y = (js.identify(TIMES, after_a_step(i), kind="step", modes=2) for i in range(2))
     one = js.identify(TIMES, after_a_step(0)[:, 0], kind="step", modes=2)
@@ -90,9 +107,10 @@ def test_what_does_not_fit():
     with pytest.raises(ValueError, match="along_x: the modes do not add up to a move along x"):
         js.identify_planar(x, y, measured="acceleration")
     flipped = js.identify(TIMES, after_a_step(0) * [1.0, -1.0], kind="step", modes=2)
-    notes = " ".join(js.identify_planar(flipped, y).notes)
-    assert "disagree" in notes
-    assert "the modes carry" in notes
+    assert "disagree" in " ".join(js.identify_planar(flipped, y).notes)
+    # A mode that was not found.
+    first = js.identify(TIMES, after_a_step(0), kind="step", modes=1)
+    assert "the modes carry" in " ".join(js.identify_planar(first, y).notes)
 
 
 def test_at_the_prompt(tmp_path):

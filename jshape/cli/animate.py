@@ -147,6 +147,7 @@ def _chosen(
 def _not_of(problem: "Problem", folder: Path) -> str | None:
     """Why a folder's tuned shaper is none of this problem, in words; ``None`` if it is."""
     from jshape._files import digest, read_text
+    from jshape.export import read_tuned
 
     try:
         record = json.loads(read_text(folder / "results.json"))
@@ -154,6 +155,8 @@ def _not_of(problem: "Problem", folder: Path) -> str | None:
         same = same and record.get("file_digests", {}) == {name: digest(each) for name, each in problem.files.items()}
     except (ValueError, KeyError, TypeError, RecursionError):
         return f"{folder}: holds no results of jshape tune"
-    if not any(row.get("name") == "tuned" for row in record.get("shapers", [])):
-        return f"{folder}: holds no tuned shaper"
+    try:
+        read_tuned(folder)
+    except ValueError as error:
+        return str(error)
     return None if same else f"{folder}: holds the results of another problem file, or of an earlier text of this one"

@@ -48,7 +48,7 @@ def write(found: Identified | IdentifiedPlane, folder: Path, name: str) -> list[
     }
     of_omega, of_zeta = found.interval()
     record |= {"omega_95": of_omega.T.tolist(), "zeta_95": of_zeta.T.tolist()}
-    arrays = ("omega", "zeta", "gains", *(("omega_std", "zeta_std") if planar else ("covariance", "noise", "criteria")))
+    arrays = ("omega", "zeta", "gains", *(("deviations",) if planar else ("covariance", "noise", "criteria")))
     if isinstance(found, IdentifiedPlane):
         record |= {"misfit": found.misfit}
         records = dict(zip(("prediction_x", "prediction_y"), found.records, strict=True))

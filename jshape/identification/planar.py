@@ -3,13 +3,12 @@
 import dataclasses
 
 import numpy as np
-from scipy.stats import norm as normal
 
 from jshape import _check
-from jshape.identification.result import Identified
+from jshape.identification.result import AbstractIdentified, Identified
 from jshape.identification.step import step_residue
 from jshape.plants import PlanarModes
-from jshape.status import Result, Status
+from jshape.status import Status
 
 MEASURED = ("position", "acceleration")
 
@@ -17,16 +16,19 @@ NEAR = 0.03
 """Two records' frequencies that differ by less, relative to either, are of one mode, as are those within three standard
 deviations."""
 
+TWO = 0.1
+"""Two modes have one frequency where the matrix of its gains has a second eigenvalue of more than this part of the
+first one."""
+
 
 @dataclasses.dataclass(frozen=True)
-class IdentifiedPlane(Result):
+class IdentifiedPlane(AbstractIdentified):
     """Modes of a machine that moves in a plane, ascending.
 
     Attributes:
         omega: undamped natural frequencies, rad/s, shape (modes,).
         zeta: damping ratios, shape (modes,).
-        omega_std: standard deviation of each frequency, rad/s.
-        zeta_std: standard deviation of each damping ratio.
+        deviations: standard deviations of the frequencies, rad/s, and of the damping ratios, shape (2, modes).
         gains: what ``PlanarModes`` takes: b_ij of each mode along x and y, shape (modes, 2).
         misfit: of the records' gains beside b_i b_iᵀ, relative to the greatest of them.
         status: ``STOPPED`` where the fit of a record did not converge.
@@ -37,8 +39,7 @@ class IdentifiedPlane(Result):
 
     omega: np.ndarray
     zeta: np.ndarray
-    omega_std: np.ndarray
-    zeta_std: np.ndarray
+    deviations: np.ndarray
     gains: np.ndarray
     misfit: float
     status: Status
@@ -46,19 +47,20 @@ class IdentifiedPlane(Result):
     notes: tuple[str, ...]
     records: tuple[Identified, Identified]
 
-    def interval(self, level: float = 0.95) -> tuple[np.ndarray, np.ndarray]:
-        """Confidence intervals: lower and upper ends for ω, rad/s, and for ζ, each of shape (2, modes).
+    @property
+    def omega_std(self) -> np.ndarray:
+        """Standard deviation of each frequency, rad/s."""
+        return self.deviations[0]
 
-        Args:
-            level: the probability with which an interval holds the truth.
+    @property
+    def zeta_std(self) -> np.ndarray:
+        """Standard deviation of each damping ratio."""
+        return self.deviations[1]
 
-        Raises:
-            ValueError: unless 0 < level < 1.
-        """
-        if not 0 < level < 1:
-            raise ValueError(f"level must lie between 0 and 1, not {_check.show(level)}")
-        reach = float(normal.ppf((1 + level) / 2)) * np.array([[-1.0], [1.0]])
-        return self.omega + reach * self.omega_std, np.maximum(self.zeta + reach * self.zeta_std, 0.0)
+    @property
+    def free(self) -> float:
+        """Degrees of freedom of the deviations: those of the record that has fewer."""
+        return min(record.free for record in self.records)
 
     @property
     def plant(self) -> PlanarModes:
@@ -75,7 +77,8 @@ def identify_planar(along_x: Identified, along_y: Identified, *, measured: str =
 
     Args:
         along_x: identified while the machine moved along x, with two channels: along x, then along y; of kind
-            ``"step"``, with or without its input, ``"sweep"`` or a frequency response.
+            ``"step"``, with or without its input, ``"sweep"`` or a frequency response. A step without its input counts
+            as one forwards.
         along_y: likewise while it moved along y.
         measured: ``"acceleration"`` where the channels are those of an accelerometer in m/s², else ``"position"``.
 
@@ -104,9 +107,15 @@ def identify_planar(along_x: Identified, along_y: Identified, *, measured: str =
                 f"along_x and along_y: the mode of {frequency:.4g} Hz moves against its command; "
                 "check the signs and the order of the channels, and what was measured"
             )
-    gains = vectors[:, :, 1] * np.sqrt(sizes[:, 1:])
+    # Modes of one frequency, as of a head that is as stiff along x as along y, are seen as one, of rank two.
+    kept = np.stack([sizes[:, 0] > TWO * sizes[:, 1], sizes[:, 1] > 0], axis=1)
+    mode, which = np.nonzero(kept)
+    gains = vectors[mode, :, which] * np.sqrt(sizes[mode, which])[:, None]
+    omega, omega_std, zeta, zeta_std = (values[mode] for values in (omega, omega_std, zeta, zeta_std))
     gains *= np.where(gains[np.arange(len(gains)), np.argmax(np.abs(gains), axis=1)] < 0, -1.0, 1.0)[:, None]
-    misfit = float(np.max(np.abs(matrices - gains[:, :, None] * gains[:, None, :])) / np.max(np.abs(matrices)))
+    rest = matrices.copy()
+    np.subtract.at(rest, mode, gains[:, :, None] * gains[:, None, :])
+    misfit = float(np.max(np.abs(rest)) / np.max(np.abs(matrices)))
     if misfit > 0.1:
         notes.append(f"the records disagree on the modes' directions by {100 * misfit:.0f} % of the greatest gain")
     reach = gains.T @ gains
@@ -122,7 +131,7 @@ def identify_planar(along_x: Identified, along_y: Identified, *, measured: str =
     converged = all(record.converged for record in records)
     message = f"{len(omega)} mode{'s' if len(omega) > 1 else ''} (95 % intervals): {'; '.join(described)}"
     return IdentifiedPlane(
-        omega[order], zeta[order], omega_std[order], zeta_std[order], gains[order], misfit,
+        omega[order], zeta[order], np.stack([omega_std, zeta_std])[:, order], gains[order], misfit,
         Status.CONVERGED if converged else Status.STOPPED, message if converged else f"did not converge; {message}",
         tuple(dict.fromkeys(notes)), records,
     )  # fmt: skip

@@ -1,5 +1,6 @@
 """The result of an identification: modes and their uncertainty, the plant that they make, what it predicts."""
 
+import abc
 import dataclasses
 
 import numpy as np
@@ -11,8 +12,44 @@ from jshape.plants import ModalPlant
 from jshape.status import Result, Status
 
 
+class AbstractIdentified(Result):
+    """Modes with their uncertainty."""
+
+    omega: np.ndarray
+    zeta: np.ndarray
+
+    @property
+    @abc.abstractmethod
+    def omega_std(self) -> np.ndarray:
+        """Standard deviation of each frequency, rad/s."""
+
+    @property
+    @abc.abstractmethod
+    def zeta_std(self) -> np.ndarray:
+        """Standard deviation of each damping ratio."""
+
+    @property
+    @abc.abstractmethod
+    def free(self) -> float:
+        """Degrees of freedom of the deviations."""
+
+    def interval(self, level: float = 0.95) -> tuple[np.ndarray, np.ndarray]:
+        """Confidence intervals: lower and upper ends for ω, rad/s, and for ζ, each of shape (2, modes).
+
+        Args:
+            level: the probability with which an interval holds the truth.
+
+        Raises:
+            ValueError: unless 0 < level < 1.
+        """
+        if not 0 < level < 1:
+            raise ValueError(f"level must lie between 0 and 1, not {_check.show(level)}")
+        reach = float(students.ppf((1 + level) / 2, self.free)) * np.array([[-1.0], [1.0]])
+        return self.omega + reach * self.omega_std, np.maximum(self.zeta + reach * self.zeta_std, 0.0)
+
+
 @dataclasses.dataclass(frozen=True)
-class Identified(Result):
+class Identified(AbstractIdentified):
     """Modes of a measured machine, ascending.
 
     Attributes:
@@ -65,19 +102,10 @@ class Identified(Result):
         """Standard deviation of each damping ratio."""
         return np.sqrt(np.diag(self.covariance)[len(self.omega) :])
 
-    def interval(self, level: float = 0.95) -> tuple[np.ndarray, np.ndarray]:
-        """Confidence intervals: lower and upper ends for ω, rad/s, and for ζ, each of shape (2, modes).
-
-        Args:
-            level: the probability with which an interval holds the truth.
-
-        Raises:
-            ValueError: unless 0 < level < 1.
-        """
-        if not 0 < level < 1:
-            raise ValueError(f"level must lie between 0 and 1, not {_check.show(level)}")
-        reach = float(students.ppf((1 + level) / 2, self._fit.free)) * np.array([[-1.0], [1.0]])
-        return self.omega + reach * self.omega_std, np.maximum(self.zeta + reach * self.zeta_std, 0.0)
+    @property
+    def free(self) -> float:
+        """Degrees of freedom of the deviations."""
+        return self._fit.free
 
     @property
     def plant(self) -> ModalPlant:
