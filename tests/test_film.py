@@ -189,9 +189,12 @@ def test_a_film_takes_as_long_as_the_move(tmp_path, speed, most):
 def test_what_no_film_can_be_made_of(tmp_path, monkeypatch):
     late = two_masses(1.0)
     late.times = 2 * TIMES
+    diverged = two_masses(1.0)
+    diverged.payload = np.where(TIMES > 1, np.nan, diverged.payload)
     for runs, options, words in [
         ({}, {}, "one horizon"),
         ({"a": two_masses(1.0), "b": late}, {}, "one horizon"),
+        ({"a": diverged}, {}, "'a' has no place for the payload at some instant"),
         ({"a": two_masses(1.0)}, {"speed": 0.0}, "speed must be greater than 0"),
         ({"a": two_masses(1.0)}, {"most_frames": 0}, "most_frames must be at least 1"),
         ({"a": two_masses(1.0)}, {"most_frames": 1}, "speed must be at least 2"),

@@ -81,7 +81,7 @@ def read_tuned(folder: str | Path) -> Shaper | dict[str, Shaper]:
     try:
         rows = json.loads(read_text(Path(folder) / "results.json"))["shapers"]
         found = [row for row in rows if row["name"] == "tuned"]
-        if not found:
+        if not found or not found[0].get("shapers", True):
             raise ValueError(f"{folder}: holds no tuned shaper")
         made = lambda row: Shaper(row["amplitudes"], row["times"])
         return (

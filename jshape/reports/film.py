@@ -55,12 +55,15 @@ def film(
         style: any that ``matplotlib.style.use`` takes; jshape's, below the user's ``rcParams``, unless given.
 
     Raises:
-        ValueError: for no response, responses of different horizons, a speed or number of frames that is not positive,
+        ValueError: for no response, one that diverged, responses of different horizons, a speed or number of frames that is not positive,
             a speed at which a picture a second is not enough, and a model that is not the plant's.
     """
     ends = {round(float(run.times[-1]), 9) for run in runs.values()}
     if len(ends) != 1:
         raise ValueError(f"runs must be responses to one horizon, not to {sorted(ends)} s")
+    for name, run in runs.items():
+        if not np.all(np.isfinite(np.asarray(run.payload, float))):
+            raise ValueError(f"runs: {name!r} has no place for the payload at some instant: the plant diverged")
     if not 0 < speed < np.inf:
         raise ValueError(f"speed must be greater than 0 and finite, not {speed!r}")
     if most_frames < 1:
