@@ -55,8 +55,8 @@ def film(
         style: any that ``matplotlib.style.use`` takes; jshape's, below the user's ``rcParams``, unless given.
 
     Raises:
-        ValueError: for no response, one that diverged, responses of different horizons, a speed or number of frames that is not positive,
-            a speed at which a picture a second is not enough, and a model that is not the plant's.
+        ValueError: for no response, one that diverged, responses of different horizons, a speed or number of frames
+            that is not positive, a speed at which a picture a second is not enough, and a model that is not the plant's.
     """
     ends = {round(float(run.times[-1]), 9) for run in runs.values()}
     if len(ends) != 1:
