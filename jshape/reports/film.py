@@ -56,7 +56,8 @@ def film(
 
     Raises:
         ValueError: for no response, one that diverged, responses of different horizons, a speed or number of frames
-            that is not positive, a speed at which a picture a second is not enough, and a model that is not the plant's.
+            that is not positive, a speed at which a picture a second is not enough, and a model that is not the
+            plant's.
     """
     ends = {round(float(run.times[-1]), 9) for run in runs.values()}
     if len(ends) != 1:
