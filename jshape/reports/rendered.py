@@ -71,9 +71,9 @@ class Scene:
             self.coordinates[name] = found
         azimuth, elevation = np.radians([AZIMUTH, ELEVATION])
         # To the right, upwards and away, as the camera of MuJoCo is turned.
-        self._right = np.array([np.sin(azimuth), -np.cos(azimuth), 0.0])
+        right = np.array([np.sin(azimuth), -np.cos(azimuth), 0.0])
         away = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
-        self._turned = np.stack([self._right, np.cross(self._right, away), away])
+        self._turned = np.stack([right, np.cross(right, away), away])
         seen = np.concatenate([self._extent(rows) for rows in self.coordinates.values()]) @ self._turned.T
         self._low, self._high = seen.min(axis=0), seen.max(axis=0)
 
