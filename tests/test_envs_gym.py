@@ -256,12 +256,12 @@ def test_frames_and_windows_work_without_a_screen():
 def test_videos_are_recorded(tmp_path):
     pytest.importorskip("moviepy")
     env: Any = gym.make(DUFFING, render_mode="rgb_array", horizon=4)
-    env: Any = gym.wrappers.RecordVideo(env, str(tmp_path), disable_logger=True)
+    env: Any = gym.wrappers.RecordVideo(env, str(tmp_path / "videos"), disable_logger=True)
     env.reset(seed=0)
     for _ in range(4):
         env.step(env.action_space.sample())
     env.close()
-    assert [p.stat().st_size > 1000 for p in tmp_path.glob("*.mp4")] == [True]
+    assert [p.stat().st_size > 1000 for p in tmp_path.glob("videos/*.mp4")] == [True]
 
 
 def test_import_registers_and_leaves_jax_as_it_is():

@@ -7,11 +7,12 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import PRNGKeyArray
+from jaxtyping import Array, PRNGKeyArray
 from matplotlib import animation
 
 from jshape import _check
 from jshape.moves import AbstractPolicy, EnvState, Params, move, plan_move, reset, watch_move
+from jshape.plants import AbstractPlant
 from jshape.reports.film import film_of_motions
 from jshape.reports.places import Motion, motion_of
 from jshape.shaper import Shaper
@@ -42,14 +43,9 @@ def episode_film(
     memory, plant = policy.init(params), params.machine.plant(state.payload, state.moves)
     parts: dict[str, list[Motion]] = {"unshaped": [], name: []}
     for key in keys:
-        memory, state, observation, ended, runs = _next(key, policy, memory, state, observation, params)
-        plant, numbers = runs.pop("plant"), jax.tree.map(np.asarray, runs)
-        times = np.arange(0.0, float(numbers["times"][-1]), interval / 1000)
-        for label, (payload, deflection, states) in zip(parts, (numbers["bare"], numbers["shaped"]), strict=True):
-            run: Any = SimpleNamespace(
-                times=numbers["times"], payload=payload, deflection=deflection, states=states, command=payload
-            )
-            parts[label].append(motion_of(plant, run, times))
+        memory, state, observation, ended, plant, runs = _next(key, policy, memory, state, observation, params)
+        for label, run in zip(parts, map(as_response, runs), strict=True):
+            parts[label].append(motion_of(plant, run, np.arange(0.0, run.times[-1], interval / 1000)))
         if ended:
             break
     motions = {
@@ -66,22 +62,32 @@ def episode_film(
 @eqx.filter_jit
 def _next(
     key: PRNGKeyArray, policy: AbstractPolicy, memory: Any, state: EnvState, observation: Any, params: Params
-) -> tuple[Any, EnvState, Any, Any, dict[str, Any]]:
+) -> tuple[Any, EnvState, Any, Any, AbstractPlant, list[dict[str, Array]]]:
     """A move by the policy, and the same one by no shaper; what comes after it."""
     memory, choice = policy.act(memory, observation, params, state)
     shaper = choice if isinstance(choice, Shaper) else params.action.shaper(choice.astype(params.period.dtype))
     action = None if isinstance(choice, Shaper) else choice
     plant = params.machine.plant(state.payload, state.moves)
-    command = params.machine.command(state.distance, state.moves)
     bare = Shaper(jnp.zeros_like(shaper.amplitudes).at[0].set(1.0), shaper.times)
-    plans = {
-        label: plan_move(plant, command, each, state.position) for label, each in (("shaped", shaper), ("bare", bare))
-    }
-    horizon = plans["shaped"].breaks[-1] + params.sensor.window
-    steps = max(2, params.steps.window * params.sensor.samples * 2 // SAMPLES)
-    runs: dict[str, Any] = {"plant": plant}
-    for label, plan in plans.items():
-        times, driven, payload, states = watch_move(plant, plan, state.plant, horizon, SAMPLES, steps)
-        runs |= {"times": times, label: (payload, jax.vmap(plant.deflection)(states, driven), states)}
+    runs = [watched(plant, state, each, params) for each in (bare, shaper)]
     state, observation, _, terminated, truncated, _ = move(key, state, shaper, params, action)
-    return memory, state, observation, terminated | truncated, runs
+    return memory, state, observation, terminated | truncated, plant, runs
+
+
+def watched(plant: AbstractPlant, state: EnvState, shaper: Shaper, params: Params) -> dict[str, Array]:
+    """The trajectory of the next move with that shaper and of the sensor's window after it, as it is drawn.
+
+    Returns:
+        ``times`` (s), the ``command``, the ``payload``, its ``deflection`` and the ``states``, a row an instant.
+    """
+    plan = plan_move(plant, params.machine.command(state.distance, state.moves), shaper, state.position)
+    horizon = plan.breaks[-1] + params.sensor.window
+    steps = max(2, params.steps.window * params.sensor.samples * 2 // SAMPLES)
+    times, command, payload, states = watch_move(plant, plan, state.plant, horizon, SAMPLES, steps)
+    deflection = jax.vmap(plant.deflection)(states, command)
+    return dict(times=times, command=command, payload=payload, deflection=deflection, states=states)
+
+
+def as_response(run: dict[str, Array]) -> Any:
+    """What ``watched`` gives, as plain numbers with the names of a ``Response``."""
+    return SimpleNamespace(**{name: np.asarray(values) for name, values in run.items()})

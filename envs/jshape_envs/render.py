@@ -1,7 +1,6 @@
 """Pictures of a move: the machine and its payload above, what was commanded and what the payload did below.
 
-Artists are made once and given new data for every frame. The figure draws into memory and needs no screen; only
-``play`` opens a window, where there is one.
+The figure draws into memory and needs no screen; only ``play`` opens a window, where there is one.
 """
 
 import time
@@ -12,16 +11,19 @@ import jax.numpy as jnp
 import matplotlib as mpl
 import numpy as np
 from jaxtyping import Array
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from jshape.moves import EnvState, Params, bare_energy_and_oracle_cost, plan_move, run_move, watch_move
+from jshape.moves import EnvState, Params, bare_energy_and_oracle_cost, plan_move, run_move
+from jshape.plants import AbstractPlant
+from jshape.reports.film import Put, view_of
+from jshape.reports.places import motion_of
 from jshape.reports.style import COLOURS, STYLE
-from jshape_envs.scene import Scene, scene_of
+from jshape.shaper import Shaper
+from jshape_envs.film import as_response, watched
 
 FPS = 30
-SAMPLES = 121
-"""Instants of a move that are drawn, from its beginning to the end of the sensor's window."""
 
 
 class Renderer:
@@ -34,63 +36,53 @@ class Renderer:
 
     def __init__(self, params: Params, window: bool = False):
         self.params = params
-        plant = params.machine.plant(jnp.mean(params.payload), jnp.zeros((), jnp.int32))
         with mpl.rc_context(STYLE | {"figure.constrained_layout.use": False}):
             self.figure = _window() if window else Figure()
             self.figure.set_size_inches(6.4, 4.8)
             self.figure.set_dpi(100)
             if not window:
                 FigureCanvasAgg(self.figure)
-            above = self.figure.add_axes((0.09, 0.44, 0.88, 0.5))
-            below = self.figure.add_axes((0.09, 0.1, 0.88, 0.28))
-            self.scene: Scene = scene_of(plant)(above, params)
-            (self.command,) = below.step([], [], where="post", color="0.35", linewidth=1.0, label="command")
-            (self.payload,) = below.plot([], [], color=COLOURS[0], linewidth=1.6, label="payload")
-            self.impulses = below.vlines([], 0, 1, color=COLOURS[1], linewidth=0.8, linestyle=":", label="impulses")
-            self.now = below.axvline(0.0, color="0.7", linewidth=0.8)
-            below.set(xlabel="time (s)", ylabel=self.scene.unit)
-            below.legend(loc="upper left", ncols=3)
-            self.below = below
-            self.title = self.figure.text(0.09, 0.955, "", fontsize=9)
-        self._move: tuple[np.ndarray, ...] = ()
+        self.times = np.zeros(1)
+        self.puts: list[Put] = []
 
     def take(self, state: EnvState, action: Array | None) -> None:
         """The move to draw: from this state, with this action (none: the machine stands before its first move)."""
         given = jnp.zeros(self.params.action.size) if action is None else action
-        found = tuple(np.asarray(x) for x in _watch(state, given.astype(self.params.period.dtype), self.params))
-        if action is None:
-            found = (*(np.repeat(x[:1], 2, axis=0) for x in found[:4]), np.zeros(0), found[5])
-        self._move = found
-        times, command, payload, states, impulses, residual = found
-        self.scene.take(command, payload, states)
-        low, high = (f(np.concatenate([command, payload])) for f in (np.nanmin, np.nanmax))
-        self.below.set_xlim(0.0, max(float(times[-1]), 1e-3))
-        self.below.set_ylim(low - 0.1 * (high - low) - 1e-3, high + 0.35 * (high - low) + 1e-3)
-        ends = self.below.get_ylim()
-        self.impulses.set_segments([np.array([[t, ends[0]], [t, ends[1]]]) for t in impulses])
-        number, distance = int(state.moves), float(state.distance)
+        plant, shaper, watched_move, residual = _watch(state, given.astype(self.params.period.dtype), self.params)
+        run = as_response(watched_move)
+        end = 0.0 if action is None else float(run.times[-1])
+        self.times = np.append(np.arange(0.0, end, 1 / FPS), end)
+        motion = motion_of(plant, run, self.times)
         outcome = "next" if action is None else f"residual energy {100 * float(residual):.2f} %"
-        self.title.set_text(
-            f"move {number + 1}: {distance:+.2f} {self.scene.short}, payload {float(state.payload):.3g}; {outcome}"
-        )
+        unit, distance = plant.axis_unit(), float(state.distance)
+        words = f"move {int(state.moves) + 1}: {distance:+.2f} {unit}, payload {float(state.payload):.3g}; {outcome}"
+        with mpl.rc_context(STYLE | {"figure.constrained_layout.use": False}):
+            self.figure.clear()
+            above = self.figure.add_axes((0.09, 0.44, 0.88, 0.5))
+            draw, view = view_of([motion], way=(-float(self.params.track), float(self.params.track)))
+            above.set_axis_off()
+            above.set(xlim=view[0], ylim=view[1], aspect="equal")
+            self.puts = [draw(above, motion.places, view, COLOURS[0])]
+            below = self.figure.add_axes((0.09, 0.1, 0.88, 0.28))
+            below.set(xlabel="time (s)", ylabel="angle (rad)" if unit == "rad" else f"position ({unit})")
+            self.puts.append(_positions(below, run, [] if action is None else shaper.times, self.times))
+            self.figure.text(0.09, 0.955, words, fontsize=9)
 
     def still(self) -> np.ndarray:
         """The whole move in one picture, height × width × 3, uint8."""
-        return self._draw(len(self._move[0]) - 1)
+        return self._draw(len(self.times) - 1)
 
     def frames(self) -> list[np.ndarray]:
         """The move in frames of 1/30 s."""
-        times = self._move[0]
-        instants = np.arange(0.0, times[-1], 1 / FPS) if times[-1] > 0 else times[:1]
-        return [self._draw(int(np.searchsorted(times, t))) for t in instants]
+        return [self._draw(frame) for frame in range(max(len(self.times) - 1, 1))]
 
     def play(self) -> None:
         """The frames on the screen, at their pace; without a screen one of them is drawn and nothing shown."""
         if not getattr(self.figure.canvas, "required_interactive_framework", None):
             self._draw(0)
             return
-        for index in range(0, len(self._move[0]), 2):
-            self._draw(index)
+        for frame in range(len(self.times)):
+            self._draw(frame)
             self.figure.canvas.flush_events()
             time.sleep(1 / FPS)
 
@@ -102,40 +94,44 @@ class Renderer:
 
             plt.close(self.figure)
 
-    def _draw(self, index: int) -> np.ndarray:
-        times, command, payload, *_ = self._move
-        self.scene.draw(index)
-        until = slice(0, index + 1)
-        self.command.set_data(times[until], command[until])
-        self.payload.set_data(times[until], payload[until])
-        self.now.set_xdata([times[index], times[index]])
+    def _draw(self, frame: int) -> np.ndarray:
+        for put in self.puts:
+            put(frame)
         canvas: Any = self.figure.canvas
         canvas.draw()
         return np.array(canvas.buffer_rgba())[..., :3] if hasattr(canvas, "buffer_rgba") else np.zeros(0)
 
 
-@jax.jit
-def _watch(state: EnvState, action: Array, params: Params) -> tuple[Array, ...]:
-    """Times, command, payload and states along the move, times of the impulses, normalised residual energy.
+def _positions(axes: Axes, run: Any, impulses: Any, times: np.ndarray) -> Put:
+    """Command and payload along the first axis until now, and when the impulses come."""
+    command, payload = (np.reshape(values, (len(run.times), -1))[:, 0] for values in (run.command, run.payload))
+    (commanded,) = axes.step([], [], where="post", color="0.35", linewidth=1.0, label="command")
+    (reached,) = axes.plot([], [], color=COLOURS[0], linewidth=1.6, label="payload")
+    low, high = (of(np.concatenate([command, payload])) for of in (np.nanmin, np.nanmax))
+    ends = low - 0.1 * (high - low) - 1e-3, high + 0.35 * (high - low) + 1e-3
+    axes.vlines(impulses, *ends, color=COLOURS[1], linewidth=0.8, linestyle=":", label="impulses")
+    axes.set(xlim=(0.0, max(times[-1], 1e-3)), ylim=ends)
+    axes.legend(loc="upper left", ncols=3)
+    now = axes.axvline(0.0, color="0.7", linewidth=0.8)
 
-    The last of a crane's states is the length of its cable, m.
-    """
+    def put(frame: int) -> None:
+        until = run.times <= times[frame]
+        commanded.set_data(run.times[until], command[until])
+        reached.set_data(run.times[until], payload[until])
+        now.set_xdata([times[frame], times[frame]])
+
+    return put
+
+
+@jax.jit
+def _watch(state: EnvState, action: Array, params: Params) -> tuple[AbstractPlant, Shaper, dict[str, Array], Array]:
+    """The plant, the shaper, the trajectory along the move, the normalised residual energy."""
     machine = params.machine
     plant, shaper = machine.plant(state.payload, state.moves), params.action.shaper(action)
     plan = plan_move(plant, machine.command(state.distance, state.moves), shaper, state.position)
-    horizon = plan.breaks[-1] + params.sensor.window
-    steps = max(2, params.steps.window * params.sensor.samples * 2 // SAMPLES)
-    times, command, payload, states = watch_move(plant, plan, state.plant, horizon, SAMPLES, steps)
-    cable = getattr(plant, "cable_length", None)
-    if cable is not None:
-        # A crane's cable is as long as its hoist lets it be; of the axes the first is drawn.
-        length = cable + (command[:, 1] if plant.axes else jnp.zeros_like(times))
-        states = jnp.concatenate([states, length[:, None]], axis=1)
-    if plant.axes:
-        command, payload = command[:, 0], payload[:, 0]
     reference, _ = bare_energy_and_oracle_cost(state, params)
     _, energy = run_move(plant, plan, state.plant, params.steps)
-    return times, command, payload, states, shaper.times, energy / reference
+    return plant, shaper, watched(plant, state, shaper, params), energy / reference
 
 
 def _window() -> Any:

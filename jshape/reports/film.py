@@ -1,7 +1,7 @@
 """Films of a move: the machine without a shaper beside the same machine with one, in true time."""
 
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -193,7 +193,7 @@ def _composed(
 
 
 def _drawn(plant: "AbstractPlant", motions: Mapping[str, Motion], times: np.ndarray) -> tuple[Figure, list[Put]]:
-    draw, view = _view(motions)
+    draw, view = view_of(motions.values())
     shown = lambda panel, name, colour: draw(panel, motions[name].places, view, colour)
     return _composed(plant, view, {name: motion.deflection for name, motion in motions.items()}, times, shown)
 
@@ -215,13 +215,26 @@ def _rendered(plant: "AbstractPlant", scene: Scene, bent: Any, times: np.ndarray
     return _composed(plant, view, bent, times, shown)
 
 
-def _view(motions: Mapping[str, Motion]) -> tuple[Callable[..., Put], tuple[Any, ...]]:
-    """How the machine is drawn; the limits of both axes of a panel; of masses, the distance at rest, too."""
-    kind = next(iter(motions.values())).kind
+def view_of(
+    motions: Iterable[Motion], way: tuple[float, float] | None = None
+) -> tuple[Callable[..., Put], tuple[Any, ...]]:
+    """How a machine is drawn, and what of it is seen.
+
+    Args:
+        motions: of one machine.
+        way: positions, m, that are seen in any case; no others than those of the motions unless given.
+
+    Returns:
+        A function of the axes, a motion's places, the view and a colour, which draws and gives what puts the parts
+        where they are in a frame; and the view, the limits of both axes, of masses also their distance at rest.
+    """
+    motions = list(motions)
+    kind = motions[0].kind
     if kind == "link":
         return _link, ((-1.2, 1.2), (-1.2, 1.2))
-    places = np.concatenate([motion.places.reshape(-1, 2) for motion in motions.values()])
-    (left, bottom), (right, top) = places.min(axis=0), places.max(axis=0)
+    places = np.concatenate([motion.places.reshape(-1, 2) for motion in motions])
+    places = np.concatenate([places, [(position, 0.0) for position in way]]) if way else places
+    (left, bottom), (right, top) = np.nanmin(places, axis=0), np.nanmax(places, axis=0)
     if kind != "masses":
         edge = 0.06 * max(right - left, top - bottom)
         return {"crane": _crane, "tank": _tank, "above": _above}[kind], (
@@ -229,7 +242,7 @@ def _view(motions: Mapping[str, Motion]) -> tuple[Callable[..., Put], tuple[Any,
             (bottom - 1.5 * edge, top + 1.5 * edge),
         )
     # Apart by more than the spring is ever compressed.
-    gap = (right - left) / 4 + max(-np.min(motion.deflection) for motion in motions.values())
+    gap = (right - left) / 4 + max(-np.nanmin(motion.deflection) for motion in motions)
     size = right - left + gap
     return _masses, ((left - 0.1 * size, right + gap + 0.1 * size), (-0.02 * size, 0.2 * size), gap)
 
