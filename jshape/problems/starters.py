@@ -2,6 +2,8 @@
 
 import re
 import textwrap
+import tomllib
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from jshape.problems import catalogue, reading
@@ -38,146 +40,8 @@ class Starter(NamedTuple):
     design: dict[str, Any]
 
 
-def _trapezoid(distance: str, speed: str, acceleration: str) -> dict[str, Any]:
-    return {"type": "Trapezoid", "distance": distance, "speed": speed, "acceleration": acceleration}
-
-
-_TROLLEY = _trapezoid("8 m", "1 m/s", "0.3 m/s²")
-_JOINT = {
-    "motor_inertia": "0.02 kg m²",
-    "link_inertia": "0.05 kg m²",
-    "spring": {"type": "LinearSpring", "k": "20 N m/rad"},
-    "controller": {"type": "PDController", "kp": "100 N m/rad", "kd": "3 N m s/rad"},
-}
-_DUFFING = {"type": "Duffing", "k1": "10 N/m", "k3": "100 N/m³"}
-
-STARTERS = (
-    Starter(
-        "overhead-crane", "overhead crane, payload on a cable", "Crane",
-        {"cable_length": "6.5 m", "payload_mass": "4 t"}, _TROLLEY,
-        {"cable_length": {"low": "5 m", "high": "8 m", "count": 9}}, {"impulses": 3, "sample_time": "10 ms"},
-    ),
-    Starter(
-        "double-pendulum-crane", "crane with a hook and slings", "DoublePendulumCrane",
-        {"hook_length": "6.5 m", "payload_length": "1.5 m", "hook_mass": "250 kg", "payload_mass": "4 t"}, _TROLLEY,
-        {"payload_mass": {"low": "1 t", "high": "8 t", "count": 9}},
-        {"impulses": 4, "duration": ["0 s", "3.5 s"], "sample_time": "10 ms"},
-    ),
-    Starter(
-        "hoisting-crane", "crane that hoists while it travels", "HoistingCrane",
-        {"cable_length": "6.5 m", "payload_mass": "4 t"},
-        {"trolley": _TROLLEY, "hoist": _trapezoid("-2 m", "0.4 m/s", "0.2 m/s²")},
-        {"cable_length": {"low": "6 m", "high": "7 m", "count": 9}}, {"impulses": 3, "sample_time": "10 ms"},
-    ),
-    Starter(
-        "bridge-crane", "bridge crane, trolley and bridge", "BridgeCrane",
-        {"cable_length": "6.5 m", "payload_mass": "4 t"},
-        {"trolley": _TROLLEY, "bridge": _trapezoid("3 m", "0.5 m/s", "0.2 m/s²")},
-        {"cable_length": {"low": "5 m", "high": "8 m", "count": 9}}, {"impulses": 3, "sample_time": "10 ms"},
-    ),
-    Starter(
-        "tower-crane", "tower crane, slewing, trolley and hoist", "TowerCrane",
-        {"trolley_radius": "15 m", "cable_length": "20 m", "payload_mass": "4 t"},
-        {
-            "slew": _trapezoid("40 deg", "4 deg/s", "1 deg/s²"), "trolley": _trapezoid("10 m", "1 m/s", "0.3 m/s²"),
-            "hoist": _trapezoid("-3 m", "0.4 m/s", "0.2 m/s²"),
-        },
-        {"cable_length": {"low": "19 m", "high": "21 m", "count": 5}}, {"impulses": 3, "shapers": "per axis"},
-    ),
-    Starter(
-        "boom-crane", "boom crane, slewing, luffing and hoist", "BoomCrane",
-        {"boom_length": "30 m", "luff_angle": "40 deg", "cable_length": "15 m", "payload_mass": "4 t"},
-        {
-            "slew": _trapezoid("30 deg", "4 deg/s", "1 deg/s²"), "luff": _trapezoid("15 deg", "2 deg/s", "1 deg/s²"),
-            "hoist": _trapezoid("3 m", "0.4 m/s", "0.2 m/s²"),
-        },
-        {"cable_length": {"low": "14 m", "high": "16 m", "count": 5}}, {"impulses": 3, "shapers": "per axis"},
-    ),
-    Starter(
-        "bob-rod", "mini crane, a bob on a rod", "BobRodPendulum",
-        {"rod_mass": "205 g", "bob_mass": "115 g", "rod_length": "1 m", "bob_position": "65 cm"},
-        _trapezoid("1.5 m", "0.5 m/s", "1 m/s²"),
-        {"bob_position": {"low": "0.3 m", "high": "1 m", "count": 21}}, {"impulses": 3},
-    ),
-    Starter(
-        "sloshing-tank", "tank of liquid on a carriage", "SloshingTank",
-        {"length": "0.3 m", "depth": "0.15 m", "width": "0.2 m", "zeta": "0.5 %"},
-        _trapezoid("1.5 m", "0.8 m/s", "2 m/s²"),
-        {"depth": {"low": "0.1 m", "high": "0.2 m", "count": 9}}, {"impulses": 3, "sample_time": "1 ms"},
-    ),
-    Starter(
-        "two-mass", "payload on a nonlinear spring, base follows the command", "TwoMass",
-        {"spring": _DUFFING}, {"distance": "1 m"}, {"m2": {"low": 0.8, "high": 1.2, "count": 41}}, {"impulses": 3},
-    ),
-    Starter(
-        "forced-mass", "mass on a spring under a force", "ForcedMass",
-        {"spring": _DUFFING}, {"distance": "2 N"}, {"mass": {"low": 0.8, "high": 1.2, "count": 21}}, {"impulses": 3},
-    ),
-    Starter(
-        "forced-two-mass", "two free masses under a force", "ForcedTwoMass",
-        {"spring": {"type": "LinearSpring", "k": "1 N/m"}},
-        {"type": "Sampled", "times": ["0 s", "1 s", "2 s", "4 s", "5 s", "6 s"], "values": [0, 1, 0, 0, -1, 0]},
-        {"spring.k": {"low": 0.9, "high": 1.1, "count": 11}}, {"impulses": 3},
-    ),
-    Starter(
-        "flexible-joint", "robot joint that bends", "FlexibleJoint",
-        _JOINT, _trapezoid("30 deg", "90 deg/s", "720 deg/s²"),
-        {"link_inertia": {"low": 0.7, "high": 1.3, "count": 9}}, {"impulses": 3, "sample_time": "1 ms"},
-    ),
-    Starter(
-        "flexible-link", "flexible link with a load at its tip", "FlexibleLink",
-        {"load": 10, "link": {"type": "TabulatedLink"}}, {"distance": "30 deg"},
-        {"load": {"low": 0.0, "high": 2.0, "count": 11}}, {"impulses": 5},
-    ),
-    Starter(
-        "two-link-arm", "robot arm of two links, joints that bend", "TwoLinkArm",
-        {
-            "upper_length": "0.5 m", "fore_length": "0.4 m", "upper_mass": "8 kg", "fore_mass": "4 kg",
-            "load_mass": "3 kg", "shoulder_stiffness": "4000 N m/rad", "elbow_stiffness": "1500 N m/rad",
-            "elbow_angle": "30 deg",
-        },
-        {
-            "shoulder": _trapezoid("60 deg", "90 deg/s", "360 deg/s²"),
-            "elbow": _trapezoid("70 deg", "120 deg/s", "480 deg/s²"),
-        },
-        {"load_mass": {"low": "0.5 kg", "high": "5 kg", "count": 5}}, {"impulses": 3, "shapers": "per axis"},
-    ),
-    Starter(
-        "printer-axis", "printer axis, modes measured", "ModalPlant",
-        {"omega": ["45 Hz", "82 Hz"], "zeta": ["5 %", "4 %"], "gains": [0.8, 0.2]},
-        _trapezoid("20 mm", "200 mm/s", "5000 mm/s²"),
-        {"omega.0": {"low": "41 Hz", "high": "49 Hz", "count": 9}}, {"impulses": 3, "sample_time": "0.1 ms"},
-    ),
-    Starter(
-        "printer-head", "printer head in x and y, coupled modes measured", "PlanarModes",
-        {"omega": ["45 Hz", "62 Hz"], "zeta": ["5 %", "4 %"], "gains": [[0.97, 0.26], [-0.26, 0.97]]},
-        {"x": _trapezoid("20 mm", "200 mm/s", "5000 mm/s²"), "y": _trapezoid("35 mm", "200 mm/s", "5000 mm/s²")},
-        {"omega.0": {"low": "41 Hz", "high": "49 Hz", "count": 5}}, {"impulses": 3, "shapers": "per axis"},
-    ),
-    Starter(
-        "stage", "free stage with a flexible mode under a force", "RigidFlexible",
-        {"omega": ["12 Hz"], "zeta": ["1 %"]},
-        {"type": "Sampled", "times": ["0 s", "0.1 s", "0.2 s", "0.3 s"], "values": [0, 1, -1, 0]},
-        {"omega.0": {"low": 0.9, "high": 1.1, "count": 9}}, {"impulses": 3},
-    ),
-    Starter(
-        "linearised", "another plant, linearised about rest", "Linearised",
-        {"plant": {"type": "Crane", "cable_length": "6.5 m"}}, _TROLLEY,
-        {"plant.cable_length": {"low": "5 m", "high": "8 m", "count": 9}}, {"impulses": 3},
-    ),
-    Starter(
-        "mjcf", "machine of rigid bodies described in MJCF: a crane with a hook and slings", "MJCF",
-        {"file": "double_pendulum_crane.xml", "driven": {"slide": "trolley"}}, _TROLLEY,
-        {"body.load.mass": {"low": "1 t", "high": "8 t", "count": 9}},
-        {"impulses": 4, "duration": ["0 s", "3.5 s"], "sample_time": "10 ms"},
-    ),
-    Starter(
-        "urdf", "machine of rigid bodies described in URDF: a gantry whose mast bends", "URDF",
-        {"file": "gantry.urdf", "driven": {"rail": "gantry"}, "stiffness": {"bend": 9000.0}, "damping": {"bend": 8.0}},
-        _trapezoid("0.8 m", "0.5 m/s", "2 m/s²"),
-        {"body.mast.mass": {"low": "8 kg", "high": "20 kg", "count": 9}}, {"impulses": 3, "sample_time": "1 ms"},
-    ),
-)  # fmt: skip
+_TABLES = tomllib.loads((Path(__file__).parent / "tables" / "starters.toml").read_text(encoding="utf-8"))
+STARTERS = tuple(Starter(**table) for table in _TABLES["starter"])
 
 OWN = "own_plant"
 """The shipped problem whose plant is a class of the user's own."""
