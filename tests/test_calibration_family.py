@@ -152,6 +152,34 @@ def test_a_measured_printer(version, reference, name, gain):
     assert tuned.simulated == pytest.approx(tuned.rated.vibration, abs=1e-10)
 
 
+@pytest.mark.slow
+@pytest.mark.skipif(not MEASURED.exists(), reason="the measured spectrum is not beside this repository")
+def test_the_limit_of_klippers_own_shapers():
+    """A scan of all of them by formulas of its own, coarser than that of ``limits.md``, beside the gradients."""
+    from experiments.calibration.limits import least, read
+
+    plain = calibration.fit("mzv", calibration.read(MEASURED))
+    smoothings = plain.smoothing * np.array([0.925, 0.9])
+    (enough, ten_per_cent) = least(read(MEASURED), smoothings, step=0.025, ratio=0.015)
+    assert plain.vibration == pytest.approx(0.01599, abs=1e-5)
+    # 7.5 % less smoothing can be had at no more vibration, 10 % cannot.
+    assert enough.vibration == pytest.approx(0.01597, abs=2e-5)
+    assert enough.vibration <= plain.vibration
+    assert 0.0175 < ten_per_cent.vibration < 0.0177
+    tuned = calibration.tune_firmware(calibration.read(MEASURED), smoothing=float(smoothings[1]))
+    assert plain.vibration < tuned.rated.vibration <= ten_per_cent.vibration + 2e-6
+    assert tuned.rated.smoothing <= smoothings[1]
+
+
+def test_the_measure_is_deceived_by_a_great_damping_ratio():
+    """Which is why ratios above those of the judgement are not searched: a single impulse would leave nothing."""
+    amplitudes, times = impulses("mzv(n=3,t=0.5)", 9.87, 0.92)
+    assert amplitudes[0] > 1 - 1e-3
+    bins = calibration.Bins([printer(60.0)])
+    assert bins.worst(amplitudes, times) < 1e-12
+    assert bins.worst(np.ones(1), np.zeros(1)) == pytest.approx(1.0)
+
+
 @pytest.mark.skipif(not MEASURED.exists(), reason="the measured spectrum is not beside this repository")
 @pytest.mark.parametrize(
     ("kind", "frequency", "zeta", "left", "blur", "fastest"),
