@@ -35,23 +35,20 @@ Context = Annotated[str, typer.Option(help="Is the payload hidden, observed or n
 
 
 def checked(name: str, out: Path | None) -> tuple["Draft", Path]:
-    """The problem file of that name and the folder for its results, checked before JAX is loaded.
-
-    Code of the problem's own is named before it runs.
-    """
+    """The problem file of that name and the folder for its results, checked before JAX is loaded."""
     from jshape._files import check_unedited
     from jshape.problems.reading import read
 
     draft = read(name)
     folder = results_folder(out, f"{draft.path.stem}-results")
     check_unedited(folder, draft.text, draft.files)
-    if draft.foreign:
-        typer.echo(f"{draft.path}: runs code of its own, the plant {draft.foreign}", err=True)
     return draft, folder
 
 
 def made(draft: "Draft") -> "Problem":
-    """The plant and the command of a problem file; what is questioned is said."""
+    """The plant and the command of a problem file; its own code is named before it runs, odd numbers are reported."""
+    if draft.foreign:
+        typer.echo(f"{draft.path}: runs code of its own, the plant {draft.foreign}", err=True)
     prepare_jax()
     from jshape.problems.problem import load
 
@@ -74,6 +71,22 @@ def results_folder(out: Path | None, name: str) -> Path:
     if (folder / "results.json").exists():
         typer.echo(f"{folder}: holds an earlier result, which is overwritten", err=True)
     return folder
+
+
+def plants_of(problem: "Problem") -> int:
+    """How many plants the uncertain set of a problem has; one where there is none."""
+    return math.prod(len(values) for values in problem.over.values())
+
+
+def check_new(force: bool, *paths: Path) -> None:
+    """Check that no file is written over that is not meant to be.
+
+    Raises:
+        ValueError: for one that exists, unless that is forced.
+    """
+    for path in paths:
+        if path.exists() and not force:
+            raise ValueError(f"{path}: exists already, and is left as it is; --force writes over it")
 
 
 def check_store(store: Path | None, folder: Path) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from jshape.cli._shared import ProblemFile, explained, made, need_environments, prepare_jax, progress_line
+from jshape.cli._shared import ProblemFile, check_new, explained, made, need_environments, prepare_jax, progress_line
 
 if TYPE_CHECKING:
     from jshape.problems.problem import Problem
@@ -47,8 +47,6 @@ def animate(
         return
     draft = read(problem)
     path = _free(out or Path(f"{draft.path.stem}.gif"), force)
-    if draft.foreign:
-        typer.echo(f"{draft.path}: runs code of its own, the plant {draft.foreign}", err=True)
     loaded = made(draft)
     from jshape.command import as_command
     from jshape.problems.catalogue import READERS
@@ -81,8 +79,7 @@ def animate(
 
 def _free(path: Path, force: bool) -> Path:
     """The film's path, where no other film is written over."""
-    if path.exists() and not force:
-        raise ValueError(f"{path}: exists already, and is left as it is; --force writes over it")
+    check_new(force, path)
     if not path.parent.is_dir():
         raise ValueError(f"{path}: there is no folder {path.parent}")
     return path

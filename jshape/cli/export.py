@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
-from jshape.cli._shared import explained, prepare_jax
+from jshape.cli._shared import check_new, explained, prepare_jax
 from jshape.problems.units import quantity
 
 
@@ -66,36 +66,20 @@ def export(
     options = {option: value for option, value in given.items() if value is not None}
     read = read_tuned(shaper) if shaper.is_dir() else read_shaper(shaper)
     made = export_as(read, format, **options)
-    if isinstance(read, dict):
-        _write_each(made, format, out, force)
-        return
+    axes = list(read) if isinstance(read, dict) else []
     if out is None:
+        if axes:
+            raise ValueError(f"--out must be given for a shaper for each axis: a file for {', '.join(axes)}")
         if not isinstance(made, str):
             raise ValueError(f"format {format!r} is no text; name a file with --out")
         typer.echo(made, nl=False)
         return
-    if out.exists() and not force:
-        raise ValueError(f"{out}: exists already, and is left as it is; --force writes over it")
-    with whole(out) as file:
-        file.write(as_bytes(made))
-    typer.echo(f"{out}: written ({FORMATS[format].what})")
-
-
-def _write_each(made: dict[str, Any], format: str, out: Path | None, force: bool) -> None:
-    """Write a file for each axis."""
-    from jshape._files import whole
-    from jshape.export import FORMATS, as_bytes
-
-    if out is None:
-        raise ValueError(f"--out must be given for a shaper for each axis: a file for {', '.join(made)}")
-    paths = {axis: out.with_name(f"{out.stem}_{axis}{out.suffix}") for axis in made}
-    for path in paths.values():
-        if path.exists() and not force:
-            raise ValueError(f"{path}: exists already, and is left as it is; --force writes over it")
-    for axis, path in paths.items():
+    files = {out.with_name(f"{out.stem}_{axis}{out.suffix}"): made[axis] for axis in axes} if axes else {out: made}
+    check_new(force, *files)
+    for path, content in files.items():
         with whole(path) as file:
-            file.write(as_bytes(made[axis]))
-    typer.echo(f"{', '.join(map(str, paths.values()))}: written ({FORMATS[format].what})")
+            file.write(as_bytes(content))
+    typer.echo(f"{', '.join(map(str, files))}: written ({FORMATS[format].what})")
 
 
 def seconds(text: str, name: str) -> float:

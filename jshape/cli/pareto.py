@@ -1,12 +1,21 @@
 """``jshape pareto``: what a shaper's duration buys."""
 
-import math
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from jshape.cli._shared import Out, ProblemFile, announced, check_store, checked, explained, made, progress_line
+from jshape.cli._shared import (
+    Out,
+    ProblemFile,
+    announced,
+    check_store,
+    checked,
+    explained,
+    made,
+    plants_of,
+    progress_line,
+)
 
 
 @explained()
@@ -29,8 +38,7 @@ def pareto(
     front = read.front
     durations = front.durations if isinstance(front.durations, int) else len(front.durations)
     tasks = len(front.impulses) * durations * front.starts
-    plants = math.prod(len(values) for values in read.over.values())
-    announced(read.distance, plants, tasks, "starts", max(front.impulses))
+    announced(read.distance, plants_of(read), tasks, "starts", max(front.impulses))
     with progress_line() as (step, progress):
         step("closed-form shapers")
         found = front_of(

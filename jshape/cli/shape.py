@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from jshape.cli._shared import explained, prepare_jax
+from jshape.cli._shared import check_new, explained, prepare_jax
 from jshape.cli.export import seconds
 
 if TYPE_CHECKING:
@@ -43,9 +43,7 @@ def shape(
     drawing = path.with_suffix(".png")
     if path.suffix.lower() in (".png", ".pdf"):
         raise ValueError(f"{path}: is the name of the drawing; give the trajectory another one with --out")
-    for each in (path, drawing, drawing.with_suffix(".pdf")):
-        if each.exists() and not force:
-            raise ValueError(f"{each}: exists already, and is left as it is; --force writes over it")
+    check_new(force, path, drawing, drawing.with_suffix(".pdf"))
     prepare_jax()
     from jshape.reports import plot
     from jshape.trajectories import shaping

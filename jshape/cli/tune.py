@@ -1,6 +1,5 @@
 """``jshape tune`` and ``jshape compare``: a problem's shapers, tuned and in closed form, side by side."""
 
-import math
 from collections.abc import Callable, Iterator
 from concurrent.futures import wait
 from contextlib import contextmanager
@@ -10,10 +9,21 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from jshape.cli._artist import artist
-from jshape.cli._shared import Out, ProblemFile, announced, checked, explained, made, most_impulses, progress_line
+from jshape.cli._shared import (
+    Out,
+    ProblemFile,
+    announced,
+    checked,
+    explained,
+    made,
+    most_impulses,
+    plants_of,
+    progress_line,
+)
 
 if TYPE_CHECKING:
     from jshape.problems.problem import Problem
+    from jshape.reports.report import Report
     from jshape.shaper import Shaping
 
 Latex = Annotated[bool, typer.Option("--latex", help="The table for LaTeX (booktabs), too: table.tex.")]
@@ -27,11 +37,6 @@ def begun(problem: str, out: Path | None) -> "Iterator[tuple[Problem, Path, Call
         yield made(draft), folder, draw
 
 
-def plants_of(problem: "Problem") -> int:
-    """How many plants the uncertain set of a problem has; one where there is none."""
-    return math.prod(len(values) for values in problem.over.values())
-
-
 def tune(
     problem: ProblemFile,
     out: Out = None,
@@ -42,13 +47,11 @@ def tune(
 ) -> None:
     """Tune a shaper for a problem and set it beside every closed form that applies."""
     with explained(), begun(problem, out) as (read, folder, draw):
-        from jshape._files import write_text
         from jshape.compilation_cache import beside
         from jshape.design.closed_forms import closed_forms
         from jshape.design.tuning.tune import tune as tune_shaper
         from jshape.export import read_shaper
         from jshape.reports import report
-        from jshape.reports.tables import latex_table, show_report
         from jshape.status import Status
 
         first = None if start is None else read_shaper(start)
@@ -76,9 +79,17 @@ def tune(
                 report.write_numbers(result, folder)
                 typer.echo(f"{solution.message}\nthe best shaper so far is in {folder}", err=True)
                 raise typer.Exit(130) from None
-        if latex:
-            write_text(folder / "table.tex", latex_table(result))
-        show_report(result, folder, figures)
+        _finish(result, folder, figures, latex)
+
+
+def _finish(result: "Report", folder: Path, figures: list[Path], latex: bool) -> None:
+    """The table for LaTeX, if asked for, and all tables at the prompt."""
+    from jshape._files import write_text
+    from jshape.reports.tables import latex_table, show_report
+
+    if latex:
+        write_text(folder / "table.tex", latex_table(result))
+    show_report(result, folder, figures)
 
 
 def _any_shaper(problem: "Problem") -> "Shaping":
@@ -92,10 +103,8 @@ def _any_shaper(problem: "Problem") -> "Shaping":
 def compare(problem: ProblemFile, out: Out = None, latex: Latex = False) -> None:
     """Set the closed-form shapers that apply to a problem side by side, without tuning."""
     with explained(), begun(problem, out) as (read, folder, draw):
-        from jshape._files import write_text
         from jshape.design.closed_forms import closed_forms
         from jshape.reports import report
-        from jshape.reports.tables import latex_table, show_report
 
         with progress_line() as (step, _):
             step("closed-form shapers")
@@ -104,6 +113,4 @@ def compare(problem: ProblemFile, out: Out = None, latex: Latex = False) -> None
             announced(read.distance, plants_of(read), len(shapers), "shapers", most_impulses(shapers))
             result = report.build(read, None, step, closed)
             figures = report.write(result, folder, step, draw)
-        if latex:
-            write_text(folder / "table.tex", latex_table(result))
-        show_report(result, folder, figures)
+        _finish(result, folder, figures, latex)

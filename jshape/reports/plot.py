@@ -30,6 +30,7 @@ from jshape.reports.style import (
     legend,
     looks,
     panels,
+    place_legend,
     plain,
     plain_decades,
     using,
@@ -115,17 +116,8 @@ def pareto(dataset: "xr.Dataset", *, ax: Axes | None = None, style: Any = None) 
         objective = f"{dataset['objective'].attrs['long_name']} (J)"
         axis.set(xlabel="duration of the shaper (s)", ylabel=objective, xlim=(0, None), yscale="log")
         axis.yaxis.set_minor_formatter(NullFormatter())
-        _legend(axis, ax)
+        place_legend(axis, ax, *axis.get_legend_handles_labels(), ncols=3)
     return axis
-
-
-def _legend(axis: Axes, ax: Any) -> None:
-    """A legend of the labelled lines of a panel: above a new figure, inside the user's axes."""
-    figure = axis.get_figure()
-    if ax is not None or figure is None:
-        axis.legend()
-    else:
-        figure.legend(*axis.get_legend_handles_labels(), loc="outside upper center", ncols=3)
 
 
 def convergence(history: np.ndarray, objective: str, *, ax: Axes | None = None, style: Any = None) -> Axes:
@@ -232,11 +224,7 @@ def prediction(
                     above.axvline(frequency, color="0.5", linewidth=0.5, linestyle=":")
         axes[-1, 0].set_xlabel("time (s)" if modes is None else "frequency (Hz)")
         drawn = [pair for axis in axes[:2, 0] for pair in zip(*axis.get_legend_handles_labels(), strict=True)]
-        handles, labels = zip(*drawn, strict=True)
-        if ax is not None:
-            axes[0, 0].legend(handles, labels)
-        else:
-            axes[0, 0].figure.legend(handles, labels, loc="outside upper center", ncols=3)
+        place_legend(axes[0, 0], ax, *zip(*drawn, strict=True), ncols=3)
     return axes[:, 0]
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_pdf import FigureCanvasPdf
-from matplotlib.figure import Figure, FigureBase
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
@@ -137,17 +137,16 @@ def legend(axis: Axes, ax: Any, lines: Mapping[str, dict[str, Any]], **options: 
     """A legend above the panels of a new figure, in one row where it is not said otherwise; inside the user's axes."""
     handles = [Line2D([], [], **line) for line in lines.values()]
     labels = list(map(plain, lines))
-    if ax is not None:
+    place_legend(axis, ax, handles, labels, **{"ncols": len(lines), **options})
+
+
+def place_legend(axis: Axes, ax: Any, handles: Sequence[Any], labels: Sequence[str], **options: Any) -> None:
+    """A legend of these lines: above the panels of a new figure, inside the user's axes."""
+    figure = axis.get_figure()
+    if ax is not None or figure is None:
         axis.legend(handles, labels)
     else:
-        _of(axis).legend(handles, labels, loc="outside upper center", **{"ncols": len(lines), **options})
-
-
-def _of(axis: Axes) -> FigureBase:
-    """The figure of a panel."""
-    figure = axis.get_figure()
-    assert figure is not None
-    return figure
+        figure.legend(handles, labels, loc="outside upper center", **options)
 
 
 def labelled_lines(axis: Any, ax: Any, lines: Sequence[tuple[str, Any, Any]]) -> None:

@@ -195,42 +195,34 @@ def show_table(
     """
     if title is not None:
         say(console, title, "italic")
+
+    def columns(begin: int, end: int) -> Table:
+        """Some of the table's columns, after that of the names."""
+        table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+        names = [line for text in (first, *(name for name, _ in rows)) for line in text.splitlines()]
+        table.add_column(Text(first), min_width=min(max(map(len, names)), LONGEST_NAME), overflow="fold")
+        for i, heading in enumerate(headings[begin:end], begin):
+            lines = [line for text in (heading, *(cells[i] for _, cells in rows)) for line in text.splitlines()]
+            if heading in left:
+                table.add_column(Text(heading), min_width=24, overflow="fold")
+            else:
+                table.add_column(Text(heading), justify="right", min_width=max(map(len, lines), default=1))
+        for name, cells in rows:
+            table.add_row(Text(name), *map(Text, cells[begin:end]), style="bold" if name in bold else None)
+        return table
+
     begin = 0
     while begin < len(headings):
         end = begin + 1
-        while end < len(headings) and _fits(console, _table(first, headings, rows, begin, end + 1, bold, left)):
+        while end < len(headings) and _fits(console, columns(begin, end + 1)):
             end += 1
-        console.print(_table(first, headings, rows, begin, end, bold, left))
+        console.print(columns(begin, end))
         begin = end
 
 
 def _fits(console: Console, table: Table) -> bool:
     """Whether a table fits; asked of a console of any width, since a measure is never beyond that of its own."""
     return Measurement.get(console, console.options.update(width=10_000), table).minimum <= console.width
-
-
-def _table(
-    first: str,
-    headings: Sequence[str],
-    rows: Sequence[tuple[str, Sequence[str]]],
-    begin: int,
-    end: int,
-    bold: Iterable[str],
-    left: Iterable[str],
-) -> Table:
-    """Some of a table's columns."""
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    names = [line for text in (first, *(name for name, _ in rows)) for line in text.splitlines()]
-    table.add_column(Text(first), min_width=min(max(map(len, names)), LONGEST_NAME), overflow="fold")
-    for i, heading in enumerate(headings[begin:end], begin):
-        lines = [line for text in (heading, *(cells[i] for _, cells in rows)) for line in text.splitlines()]
-        if heading in left:
-            table.add_column(Text(heading), min_width=24, overflow="fold")
-        else:
-            table.add_column(Text(heading), justify="right", min_width=max(map(len, lines), default=1))
-    for name, cells in rows:
-        table.add_row(Text(name), *map(Text, cells[begin:end]), style="bold" if name in bold else None)
-    return table
 
 
 def _show_left_out(console: Console, left_out: dict[str, str]) -> None:
