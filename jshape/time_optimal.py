@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jshape import _check
-from jshape.axes import Axes
+from jshape.axes import Axes, Rest
 from jshape.command import PiecewisePolynomial
 
 MISSED = 1e-11
@@ -46,6 +46,11 @@ class Move(NamedTuple):
     def end(self) -> np.ndarray:
         """The same at the end."""
         return np.array([self.distance, self.final_speed, self.final_acceleration])
+
+    @property
+    def rests(self) -> bool:
+        """Whether it ends as it begins: a move of nothing, that takes no time."""
+        return np.array_equal(self.begin, self.end)
 
     def time(self) -> float:
         """About how long the move takes, s."""
@@ -100,7 +105,10 @@ class TimeOptimal(PiecewisePolynomial):
     ):
         given = (distance, speed, acceleration, jerk)
         ends = (initial_speed, initial_acceleration, final_speed, final_acceleration)
-        (fastest,) = _fastest([_checked(Move(*given, *ends))])
+        move = _checked(Move(*given, *ends))
+        if move.rests:
+            raise ValueError("distance must not be 0 where the motion at the end is that of the beginning")
+        (fastest,) = _fastest([move])
         self.breaks, self.coefficients, self.smoothness = fastest.breaks, fastest.coefficients, fastest.smoothness
 
     @staticmethod
@@ -108,14 +116,14 @@ class TimeOptimal(PiecewisePolynomial):
         """Moves of several axes that all begin at once and end at the same instant, as early as all of them can.
 
         Args:
-            **moves: axis → the arguments of its ``TimeOptimal``.
+            **moves: axis → the arguments of its ``TimeOptimal``; an axis whose distance is 0 may rest meanwhile.
 
         Raises:
-            ValueError: as ``TimeOptimal`` does, with the axis; for arguments that it does not have, and without an
-                axis.
+            ValueError: as ``TimeOptimal`` does, with the axis; for arguments that it does not have, and where no axis
+                moves.
             ImportError: without ruckig.
         """
-        checked = []
+        checked = {}
         for axis, move in moves.items():
             if not isinstance(move, Mapping):
                 raise ValueError(f"{axis} must be a mapping such as dict(distance=4.0, speed=…), not {move!r}")
@@ -125,13 +133,16 @@ class TimeOptimal(PiecewisePolynomial):
                 words = f"{', '.join(map(str, unknown))} is unknown" if unknown else f"{', '.join(missing)} is missing"
                 raise ValueError(f"{axis}: {words}; a move has {', '.join(Move._fields)}")
             try:
-                checked.append(_checked(Move(**move)))
+                checked[axis] = _checked(Move(**move))
             except ValueError as error:
                 raise ValueError(f"{axis}: {error}") from None
         if not checked:
             raise ValueError("moves: there must be one axis at least, such as synchronised(trolley=dict(…))")
-        found: dict[str, Any] = dict(zip(moves, _fastest(checked), strict=True))
-        return Axes(**found)
+        if all(move.rests for move in checked.values()):
+            raise ValueError(f"moves: none of the axes {', '.join(checked)} moves; one distance at least must not be 0")
+        moving = {axis: move for axis, move in checked.items() if np.any([move.begin, move.end])}
+        found: dict[str, Any] = dict(zip(moving, _fastest([*moving.values()]), strict=True))
+        return Axes(**{axis: found.get(axis, Rest()) for axis in checked})
 
 
 def _checked(given: Move) -> Move:
@@ -146,8 +157,6 @@ def _checked(given: Move) -> Move:
         value = _check.scalar(value, name)
         (_check.positive if name in ("speed", "acceleration", "jerk") else _check.finite)(value, name)
     move = Move(*map(float, given))
-    if np.array_equal(move.begin, move.end):
-        raise ValueError("distance must not be 0 where the motion at the end is that of the beginning")
     for name, (_, speed, acceleration), way in (("initial", move.begin, 1), ("final", move.end, -1)):
         for what, value, most in (("speed", speed, move.speed), ("acceleration", acceleration, move.acceleration)):
             if abs(value) > most:

@@ -17,6 +17,7 @@ from jshape.cli import app
 from jshape.cli._artist import artist
 from jshape.cli._shared import explained, results_folder
 from jshape.export import read_shaper
+from jshape.problems.reading import shipped
 
 run = CliRunner().invoke
 
@@ -31,7 +32,10 @@ def test_help_without_jax():
 
 
 def test_mistakes_end_with_a_line_and_status_2(tmp_path):
+    wrong, text = tmp_path / "wrong.toml", shipped()["paper_000"].read_text(encoding="utf-8")
+    wrong.write_text(text.replace("[design]", "[design]\ncommand_overshoot = { hoist = 0.1 }"), encoding="utf-8")
     for arguments, words in [
+        (["tune", str(wrong), "--out", str(tmp_path / "o")], "toml:21: design.command_overshoot: must be numeric"),
         (["tune", str(tmp_path)], "is a directory"),
         (["tune", "no_such_problem"], "no such file"),
         (["compare", str(tmp_path / "x.toml")], "no such file"),

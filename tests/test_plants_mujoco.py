@@ -177,6 +177,28 @@ def test_leaves_have_the_names_of_the_file(made):
         js.sweep(plant, None, js.Trapezoid(0.5, 1.0, 4.0), over={"body.load.mass": [-1.0, 1.0]})
 
 
+ZEROS = {"body.fore.position.y": 0.05, "joint.shoulder.cubic_stiffness": 70.0, "gravity.x": 0.4}
+
+
+@pytest.mark.unchecked
+def test_numbers_that_are_zero_are_leaves_where_they_are_named():
+    """The machine whose leaf is changed accelerates as that of the file in which the number is changed."""
+    model = ARM.replace('mass="1.5"', 'mass="1.5" pos="0 0.01 0"')
+    plant = js.plants.from_mjcf(model, {"motor": "turn"}, leaves=list(ZEROS))
+    assert not any(float(leaf(plant, name)) for name in ZEROS)
+    other = model.replace('pos="0.6 0 0"', 'pos="0.6 0.05 0"').replace('gravity="0 0 0"', 'gravity="0.4 0 0"')
+    other = js.plants.from_mjcf(other.replace('stiffness="600"', 'stiffness="600 0 70"'), {"motor": "turn"})
+    ours, theirs = (jax.tree.map(np.asarray, one) for one in (with_leaves(plant, ZEROS), other))
+    for q, v, moved in zip(*states(plant, 3), strict=True):
+        found, expected = (one.accelerations([*q], [*v], {"turn": moved}) for one in (ours, theirs))
+        np.testing.assert_allclose(found, expected, rtol=1e-12)
+    for name in ("body.base.position.x", "body.nothing.mass", "joint.motor.damping"):
+        with pytest.raises(ValueError, match=f"leaves names '{name}', which has no influence or is none of"):
+            js.plants.from_mjcf(ARM, {"motor": "turn"}, leaves=[name])
+    with pytest.raises(ValueError, match="leaves must be a list of names"):
+        js.plants.from_mjcf(ARM, {"motor": "turn"}, leaves="gravity.x")
+
+
 def test_names_with_dots_and_without():
     text = CRANE.replace('name="load"', 'name="load.1"').replace('name="swing" ', "")
     plant = js.plants.from_mjcf(text, {"slide": "trolley"})

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+import jshape as js
 from jshape import plants
 from jshape.problems import problem, reading
 from jshape.problems.lines import ProblemError
@@ -120,8 +121,54 @@ def test_wrong_is_told_with_line_and_key(load, case):
 
 def test_an_axis_may_be_called_anything(load):
     """Its name is none of a pattern in which an error is looked for."""
-    with pytest.raises(ProblemError, match=r"command\.delay: of \( must not be negative"):
+    with pytest.raises(ProblemError, match=r"toml:5: command\.\(\.delay: must not be negative, not -1"):
         load("distance = 1.0", "[command.'(']\ntype = 'Step'\nsize = 1.0\ndelay = -1.0")
+
+
+SLEWING = """\
+[command.slew]
+type = "Trapezoid"
+distance = "10 deg"
+speed = "5 deg/s"
+acceleration = "5 deg/s²"
+delay = 0.5
+[plant]
+type = "TowerCrane"
+trolley_radius = 15.0
+cable_length = 20.0
+payload_mass = 4000.0
+[design]
+impulses = 3
+speed_limit = { slew = 0.1 }
+shapers = "per axis"
+"""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("0.5", "-0.5", r"toml:6: command\.slew\.delay: must not be negative, not -0.5"),
+        ("0.5", "[0.5]", r"toml:6: command\.slew\.delay: must be a number, not \[0.5\]"),
+        ("0.5", '"1 m"', r"toml:6: command\.slew\.delay: must be in s"),
+        ("{ slew", "{ luff", r"toml:14: design\.speed_limit: the plant has the axes slew, trolley, hoist, and no luff"),
+        ('"per axis"', '["luff"]', r"toml:15: design\.shapers: must be among the axes that move, slew, not 'luff'"),
+    ],
+)
+def test_what_only_the_plant_can_know_is_told_with_its_line(load, old, new, words):
+    def tuned():
+        read = load(old, new, SLEWING)
+        with read.blaming("design"):
+            js.tune(read.plant, read.distance, **read.tuning)
+
+    with pytest.raises(ProblemError, match=words):
+        tuned()
+
+
+def test_what_is_about_no_key_of_the_file_is_as_it_was(load):
+    read = load()
+    for words in ("starts must be a whole number, not 0", "a plant diverged"):
+        with pytest.raises(ValueError, match=f"^{words}"), read.blaming("design"):
+            raise ValueError(words)
 
 
 def test_file_errors(tmp_path, load):

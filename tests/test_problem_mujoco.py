@@ -72,6 +72,8 @@ def test_a_problem_with_a_machine_beside_it(written):
         ),
         ('"turn" }', '"turn" }\npayload = "no"', r":12: plant.payload: must be one of base, upper, fore, load"),
         ('"40 deg"', '"4 m"', r"command.distance: must be in rad or a multiple of it, not '4 m'"),
+        ('"turn" }', '"turn" }\nleaves = "gravity.x"', r":12: plant.leaves: must be a list of words, not 'gravity.x'"),
+        ('"turn" }', '"turn" }\nleaves = ["gravity.w"]', r":12: plant.leaves: names 'gravity.w', which has no"),
         ("body.load.mass", "body.crate.mass", r"uncertainty.body.crate.mass: unknown leaf 'body.crate.mass'"),
         ('"500 g"', '"500 s"', r"uncertainty.body.load.mass: must be in kg"),
     ],

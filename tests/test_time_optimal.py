@@ -8,6 +8,7 @@ from scipy.optimize import linprog
 from scipy.sparse import coo_array
 
 import jshape as js
+from jshape.axes import Rest
 from jshape.command import AbstractCommand, SCurve
 from jshape.problems.problem import load
 from jshape.problems.reading import ProblemError
@@ -153,6 +154,21 @@ def test_axes_arrive_together():
     assert float(rests.duration) == pytest.approx(float(js.TimeOptimal(*slow).duration), rel=1e-12)
 
 
+def test_an_axis_without_a_distance_rests_or_comes_back():
+    still, drifting = (0.0, 1.0, 3.0, 5.0), (0.0, 1.0, 3.0, 5.0, 0.2, 0.0, 0.2, 0.0)
+    given = {"hoist": still, "trolley": (4.0, 1.0, 0.5, 2.0), "slew": drifting}
+    named = {axis: dict(zip(Move._fields, move, strict=False)) for axis, move in given.items()}
+    command = js.TimeOptimal.synchronised(**named)
+    commands = dict(command.items())
+    assert command.names == tuple(given)
+    assert isinstance(commands["hoist"], Rest)
+    assert float(command.duration) == pytest.approx(float(js.TimeOptimal(*given["trolley"]).duration), rel=1e-12)
+    check(commands["slew"], drifting)
+    t = np.linspace(0.0, 9.0, 20)
+    np.testing.assert_array_equal(command(t)[:, 0], 0.0)
+    np.testing.assert_allclose(command(t)[:, 1], commands["trolley"](t), rtol=1e-14)
+
+
 def test_shaped_like_any_command():
     command, shaper = js.TimeOptimal(*MOVES["into another motion"]), js.Shaper([0.4, 0.6], [0.0, 0.31])
     shaped = shaper.shape(command)
@@ -179,6 +195,10 @@ def test_shaped_like_any_command():
         ),
         ("must be plain numbers", lambda: jax.jit(lambda d: js.TimeOptimal(d, *LIMITS).duration)(1.0)),
         ("must be one axis at least", js.TimeOptimal.synchronised),
+        (
+            "none of the axes hoist moves",
+            lambda: js.TimeOptimal.synchronised(hoist=dict(distance=0, speed=1, acceleration=1, jerk=1)),
+        ),
         ("hoist must be a mapping", lambda: js.TimeOptimal.synchronised(hoist=3.0)),
         (
             "hoist: jerk is missing",
@@ -238,6 +258,8 @@ def test_in_a_problem_file(tmp_path):
                for line in problem.understood)  # fmt: skip
     path.write_text(PROBLEM.replace("synchronised = true", ""), encoding="utf-8")
     assert float(dict(load(path).distance.items())["hoist"].duration) < 0.99 * float(hoist.duration)
+    path.write_text(PROBLEM.replace('"-2 m"', "0"), encoding="utf-8")
+    assert isinstance(dict(load(path).distance.items())["hoist"], Rest)
     for old, new, words in (
         ("speed = 0.8", "speed = 0.8\ndelay = 1", r":12: command.hoist: synchronised axes must be .* without delay"),
         ("jerk = 1", "jerk = 0", r"command.hoist: jerk must be greater than 0"),

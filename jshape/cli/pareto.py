@@ -41,15 +41,16 @@ def pareto(
     announced(read.distance, plants_of(read), tasks, "starts", max(front.impulses))
     with progress_line() as (step, progress):
         step("closed-form shapers")
-        found = front_of(
-            read.plant,
-            read.distance,
-            over=read.over or None,
-            objective=read.objective,
-            store=store,
-            progress=progress,
-            **front.model_dump(),
-        )
+        with read.blaming("pareto"):
+            found = front_of(
+                read.plant,
+                read.distance,
+                over=read.over or None,
+                objective=read.objective,
+                store=store,
+                progress=progress,
+                **front.model_dump(),
+            )
         step("files")
         files = write_front(read, found, folder)
     show_front(read, found)

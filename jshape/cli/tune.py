@@ -47,6 +47,7 @@ def tune(
 ) -> None:
     """Tune a shaper for a problem and set it beside every closed form that applies."""
     with explained(), begun(problem, out) as (read, folder, draw):
+        from jshape import _check
         from jshape.compilation_cache import beside
         from jshape.design.closed_forms import closed_forms
         from jshape.design.tuning.tune import tune as tune_shaper
@@ -54,6 +55,8 @@ def tune(
         from jshape.reports import report
         from jshape.status import Status
 
+        if starts is not None:
+            _check.count(starts, "--starts")
         first = None if start is None else read_shaper(start)
         given: dict[str, Any] = read.tuning | {"starts": read.design.starts if starts is None else starts}
         if seed is not None:
@@ -65,7 +68,8 @@ def tune(
         ready = beside(lambda: report.rehearse(read, closed.result()[0], _any_shaper(read)))
         with progress_line() as (step, progress):
             step("tuning")
-            solution = tune_shaper(read.plant, read.distance, start=first, progress=progress, **given)
+            with read.blaming("design"):
+                solution = tune_shaper(read.plant, read.distance, start=first, progress=progress, **given)
             result = report.interrupted(read, solution)
             try:
                 if solution.status is Status.INTERRUPTED:

@@ -10,7 +10,7 @@ from jshape.plants._rigid_body import Inertia
 from jshape.plants._vectors import ZERO, Entry, Vector, minus, plus, times
 
 Entries = dict[str, Scalar]
-"""Those entries of a vector, by ``x``, ``y`` and ``z``, that are not 0."""
+"""Those entries of a vector, by ``x``, ``y`` and ``z``, that are leaves; the others are 0."""
 
 
 def entries(*checks: Any) -> Argument:
@@ -25,7 +25,7 @@ def entries(*checks: Any) -> Argument:
 
 
 class Body(Checked):
-    """A rigid body. What is 0 in a vector is no leaf, nor is what has no influence on the motion.
+    """A rigid body. What is 0 in a vector is no leaf unless asked for, nor is what has no influence on the motion.
 
     Attributes:
         mass: kg; its moments of inertia do not change with it.

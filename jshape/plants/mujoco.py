@@ -13,6 +13,7 @@ from typing import Any
 
 import jax
 import numpy as np
+from jax.tree_util import keystr
 
 from jshape import _check
 from jshape.plants import mujoco_model
@@ -26,7 +27,12 @@ STATES = 64
 
 
 def from_mjcf(
-    file: str | Path, driven: Mapping[str, str], *, payload: str | None = None, keyframe: str | None = None
+    file: str | Path,
+    driven: Mapping[str, str],
+    *,
+    payload: str | None = None,
+    keyframe: str | None = None,
+    leaves: Sequence[str] | None = None,
 ) -> Multibody:
     """A machine of rigid bodies from an MJCF file: driven joints follow the command, every other one moves freely.
 
@@ -42,14 +48,16 @@ def from_mjcf(
             driven and a free joint move unless given.
         keyframe: name of the keyframe where the machine begins, from which rest is sought; the first one unless given,
             or the pose of the file itself where it has none.
+        leaves: names of numbers that are 0 in the file and are to be leaves all the same, such as
+            ``body.load.position.y``; the equation is written out without those that are not named.
 
     Raises:
         ValueError: for a file that cannot be read, describes what is not simulated, or has no rest; for joints,
-            payloads and keyframes that it does not have; and if its accelerations differ from MuJoCo's.
+            payloads, keyframes and leaves that it does not have; and if its accelerations differ from MuJoCo's.
         ImportError: without MuJoCo.
     """
     model = mujoco_model.load(file)
-    return _plant(model, driven, payload, keyframe)
+    return _plant(model, driven, payload, keyframe, leaves)
 
 
 def from_urdf(
@@ -59,6 +67,7 @@ def from_urdf(
     stiffness: Mapping[str, float] | None = None,
     damping: Mapping[str, float] | None = None,
     payload: str | None = None,
+    leaves: Sequence[str] | None = None,
 ) -> Multibody:
     """A machine of rigid bodies from a URDF file, as ``from_mjcf`` makes one; a URDF knows no springs.
 
@@ -69,6 +78,8 @@ def from_urdf(
         damping: for each free joint whose damping is not that of the file, N m s/rad, or N s/m.
         payload: a link (its centre of mass) whose motion is that of the payload; the last one that both a driven and a
             free joint move unless given.
+        leaves: names of numbers that are 0 in the file and are to be leaves all the same, such as
+            ``body.load.position.y``; the equation is written out without those that are not named.
 
     Raises:
         ValueError: as ``from_mjcf`` does, for joints that there are not or that are driven, and for numbers that are
@@ -93,10 +104,12 @@ def from_urdf(
             else:
                 _check.not_negative(value, f"{name}[{joint!r}]")
                 model.dof_damping[model.jnt_dofadr[index]] = value
-    return _plant(model, axes, payload, None)
+    return _plant(model, axes, payload, None, leaves)
 
 
-def _plant(model: Model, driven: Any, payload: str | None, keyframe: str | None) -> Multibody:
+def _plant(
+    model: Model, driven: Any, payload: str | None, keyframe: str | None, leaves: Sequence[str] | None
+) -> Multibody:
     axes = mujoco_model.check_driven(model, driven)
     mujoco_model.refuse(model, axes)
     joints = mujoco_model.names(model, "joint")
@@ -117,10 +130,21 @@ def _plant(model: Model, driven: Any, payload: str | None, keyframe: str | None)
         payload=carried,
         point=point,
     )
-    body = {name: _body(model, i, bool(loose[i])) for i, name in enumerate(bodies) if model.body_weldid[i]}
-    joint = {name: _joint(model, i, name in axes) for i, name in enumerate(joints)}
+    leaves = () if leaves is None else leaves
+    if isinstance(leaves, str) or not all(isinstance(name, str) for name in leaves):
+        raise ValueError(f"leaves must be a list of names, such as body.load.position.y, not {leaves!r}")
+    body = {
+        name: _body(model, i, bool(loose[i]), _below(leaves, f"body.{name}"))
+        for i, name in enumerate(bodies)
+        if model.body_weldid[i]
+    }
+    joint = {name: _joint(model, i, name in axes, _below(leaves, f"joint.{name}")) for i, name in enumerate(joints)}
     still = model.opt.disableflags & mujoco_model.engine().mjtDisableBit.mjDSBL_GRAVITY
-    plant = Multibody(body, joint, {} if still else _entries(plain(model.opt.gravity)), tree)
+    plant = Multibody(body, joint, {} if still else _entries(plain(model.opt.gravity), _below(leaves, "gravity")), tree)
+    known = [keystr(path, simple=True, separator=".") for path, _ in jax.tree_util.tree_leaves_with_path(plant)]
+    for name in leaves:
+        if name not in known:
+            raise ValueError(f"leaves names {name!r}, which has no influence or is none of this machine's numbers")
     _check_payload(plant)
     _compare(plant, model, begin)
     return _settled(plant)
@@ -164,22 +188,30 @@ def _links(model: Model) -> tuple[Link, ...]:
     return tuple(links)
 
 
-def _entries(vector: Vector) -> dict[str, float]:
-    return {axis: value for axis, value in zip("xyz", vector, strict=True) if value != 0.0}
+def _below(names: Sequence[str], part: str) -> list[str]:
+    """What follows the part in those of the dotted names that begin with it."""
+    return [name.removeprefix(f"{part}.") for name in names if name.startswith(f"{part}.")]
 
 
-def _body(model: Model, index: int, loose: bool) -> Body:
+def _entries(vector: Vector, zeros: Sequence[str]) -> dict[str, float]:
+    """The entries that are not 0, and those that are and are named."""
+    return {axis: value for axis, value in zip("xyz", vector, strict=True) if value != 0.0 or axis in zeros}
+
+
+def _body(model: Model, index: int, loose: bool, zeros: Sequence[str]) -> Body:
     """The numbers of a body that have an influence: where it is, and for those that a free joint moves its inertia."""
     rooted = not model.body_weldid[model.body_parentid[index]]
-    position = {} if rooted else _entries(plain(model.body_pos[index]))
-    center = _entries(plain(model.body_ipos[index]))
-    if not loose or not model.body_mass[index]:
+    position = {} if rooted else _entries(plain(model.body_pos[index]), _below(zeros, "position"))
+    center = _entries(plain(model.body_ipos[index]), _below(zeros, "center_of_mass"))
+    if not loose or not (model.body_mass[index] or "mass" in zeros):
         return Body(None, position, center if loose else {}, {})
-    return Body(float(model.body_mass[index]), position, center, _entries(plain(model.body_inertia[index])))
+    inertia = _entries(plain(model.body_inertia[index]), _below(zeros, "inertia"))
+    return Body(float(model.body_mass[index]), position, center, inertia)
 
 
-def _joint(model: Model, index: int, driven: bool) -> Joint:
-    anchor = {} if model.jnt_type[index] == mujoco_model.SLIDE else _entries(plain(model.jnt_pos[index]))
+def _joint(model: Model, index: int, driven: bool, zeros: Sequence[str]) -> Joint:
+    slides = model.jnt_type[index] == mujoco_model.SLIDE
+    anchor = {} if slides else _entries(plain(model.jnt_pos[index]), _below(zeros, "anchor"))
     if driven:
         return Joint(anchor=anchor)
     dof = model.jnt_dofadr[index]
@@ -189,7 +221,7 @@ def _joint(model: Model, index: int, driven: bool) -> Joint:
         springref=float(model.qpos_spring[model.jnt_qposadr[index]]),
         damping=float(model.dof_damping[dof]),
         armature=float(model.dof_armature[dof]),
-        cubic_stiffness=cubic or None,
+        cubic_stiffness=cubic if cubic or "cubic_stiffness" in zeros else None,
         anchor=anchor,
     )
 

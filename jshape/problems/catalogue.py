@@ -27,8 +27,11 @@ PARTS = {
 }
 """The keys that are tables with a ``type`` of their own, and the class that all of those types belong to."""
 
-WORDS = ("drive", "file", "payload", "keyframe")
-"""Keys whose value is a word."""
+LISTS = ("leaves",)
+"""Keys whose value is a list of words."""
+
+WORDS = ("drive", "file", "payload", "keyframe", *LISTS)
+"""Keys whose value is a word, or a list of them."""
 
 READERS = {"MJCF": "from_mjcf", "URDF": "from_urdf"}
 """Plants that are described in a file of their own, and the function of ``jshape.plants`` that reads it."""

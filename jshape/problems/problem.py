@@ -10,6 +10,8 @@ import importlib
 import inspect
 import re
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +27,7 @@ from jshape.problems.echo import label, understood
 from jshape.problems.lines import Lines
 from jshape.problems.lines import ProblemError as ProblemError
 from jshape.problems.machine_files import beside
+from jshape.problems.mistakes import TABLES
 from jshape.problems.reading import Draft, Part, read, with_class
 from jshape.problems.schema import Adapt, Design, Front
 from jshape.problems.units import Units, printed
@@ -57,6 +60,7 @@ class Problem:
         understood: the file's numbers with their units, lines of text.
         questions: what may not be meant as it was written.
         files: those that describe its plant, by their names beside the problem file.
+        lines: where its keys stand.
     """
 
     name: str
@@ -73,6 +77,7 @@ class Problem:
     understood: list[str]
     questions: list[str]
     files: dict[str, bytes]
+    lines: Lines
 
     @property
     def objective(self) -> str:
@@ -84,6 +89,22 @@ class Problem:
         """The arguments by name with which ``js.tune(problem.plant, problem.distance, **problem.tuning)`` designs."""
         design = self.design.model_dump(exclude={"objective"})
         return design | {"over": self.over or None, "objective": self.objective}
+
+    @contextmanager
+    def blaming(self, table: str) -> Iterator[None]:
+        """What is raised within about a key of that table is raised with the file and the key's line.
+
+        Raises:
+            ProblemError: in the place of a ``ValueError`` whose message begins with the name of a key that it has.
+        """
+        try:
+            yield
+        except ValueError as error:
+            name, _, words = str(error).partition(" ")
+            key = name.rstrip(":")
+            if key not in TABLES[table].model_fields or (table, key) not in self.lines.lines:
+                raise
+            raise self.lines.error([table, key], words) from None
 
     def adapting(self, **changes: Any) -> "Problem":
         """The same problem with other numbers in its ``[adapt]`` table, if it has one."""
@@ -123,7 +144,7 @@ def load(name: str | Path | Draft) -> Problem:
     name = printable(draft.path.stem)
     return Problem(
         name, file.title or name, plant, distance, over, file.design, file.pareto, file.adapt, draft.text, foreign,
-        labels, understood(draft, nominal), questions, draft.files,
+        labels, understood(draft, nominal), questions, draft.files, lines,
     )  # fmt: skip
 
 

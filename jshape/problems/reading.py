@@ -13,7 +13,7 @@ from pydantic import ValidationError
 
 from jshape._rules import RULES
 from jshape.problems import catalogue, limits
-from jshape.problems.catalogue import WORDS, Entry, Key, suggestion
+from jshape.problems.catalogue import LISTS, WORDS, Entry, Key, suggestion
 from jshape.problems.lines import Lines, ProblemError
 from jshape.problems.machine_files import machine_files, units_of_file
 from jshape.problems.mistakes import keys_of, message_of
@@ -245,7 +245,7 @@ class _Reader:
                 raise self.lines.error(place, f"must be the table of an axis, not {inner!r}")
             unit = {"m": axes.get(axis, self.units.command)}
             if "delay" in inner:
-                delay[axis] = self.quantity(inner["delay"], "s", [*place, "delay"])
+                delay[axis] = self.delay(inner["delay"], [*place, "delay"])
             given = {key: value for key, value in inner.items() if key != "delay"}
             values[axis] = self.part(given, "AbstractCommand", place, unit)
         if together is not True:
@@ -255,6 +255,12 @@ class _Reader:
                 words = f"synchronised axes must be of type TimeOptimal and without delay; {axis} is not"
                 raise self.lines.error(["command", axis], words)
         return Part("Synchronised", values, None)
+
+    def delay(self, value: Any, place: list[str]) -> float:
+        """After how many s an axis starts."""
+        if isinstance(value, list):
+            raise self.lines.error(place, f"must be a number, not {value!r}")
+        return self.value(Key("delay", "", "s", 0.0, None, ("not_negative",)), value, place, {})
 
     def plant(self, table: dict[str, Any]) -> Part:
         kind, known = table.get("type"), catalogue.plants()
@@ -312,6 +318,10 @@ class _Reader:
                 raise self.lines.error(place, f"must be a table, such as {{ slide = ... }}, not {value!r}")
             inner = dataclasses.replace(key, name="drive" if key.table == "str" else "", table=None)
             return {name: self.value(inner, entry, [*place, name], units) for name, entry in value.items()}
+        if key.name in LISTS:
+            if not isinstance(value, list) or not all(isinstance(word, str) for word in value):
+                raise self.lines.error(place, f"must be a list of words, not {value!r}")
+            return value
         if key.name in WORDS:
             if not isinstance(value, str):
                 raise self.lines.error(place, f"must be a word, not {value!r}")
