@@ -232,3 +232,23 @@ def test_a_loop_over_stages_is_the_same_step(monkeypatch):
     monkeypatch.setattr(integrate_module, "_WRITTEN_OUT", 0)
     np.testing.assert_allclose(step(state), written_out, rtol=1e-13, atol=1e-15)
     np.testing.assert_allclose(jax.jacrev(step)(state), slopes, rtol=1e-11, atol=1e-15)
+
+
+@pytest.mark.slow
+def test_second_derivatives_of_a_batch_whose_values_come_by_a_loop(monkeypatch):
+    """As many plants as states, whose axes JAX would exchange unseen, beside the stages that are written out."""
+
+    def left(p, passes):
+        def one(k):
+            slope = lambda fraction, y: jnp.stack([y[1], -k * jnp.sin(y[0]) * (1 + fraction), y[0] * y[2] - p[1]])
+            advance = lambda y, _: (runge_kutta_step(tableau_of("tsit5"), slope, y, p[2], passes=passes)[0], None)
+            return jnp.sum(jax.lax.scan(jax.checkpoint(advance), jnp.array([0.4, -1.0, 0.7]) * p[0], None, 2)[0] ** 2)
+
+        return jax.vmap(one)(jnp.array([1.0, 3.0, 0.2]))
+
+    monkeypatch.setattr(integrate_module, "_DIFFERENTIATED", 0)
+    written_out, looped = (
+        jax.jit(jax.jacfwd(jax.jacrev(functools.partial(left, passes=passes))))(jnp.array([1.1, 0.3, 0.2]))
+        for passes in (False, True)
+    )
+    np.testing.assert_allclose(looped, written_out, rtol=1e-11, atol=1e-14)

@@ -31,6 +31,11 @@ if TYPE_CHECKING:
 _WRITTEN_OUT = 400
 """Operations of an equation of motion up to which its stages are written out."""
 
+_DIFFERENTIATED = 300
+"""Operations of an equation up to which they are written out, too, where a step is computed only to be differentiated
+later: an arm of two links in MJCF has 338, and its first gradient compiles in four fifths of the time by a loop there.
+"""
+
 METHODS = ("dopri8", "tsit5")
 """Tableaus by name: order 8 for accuracy, order 5 where a few digits are enough."""
 
@@ -48,12 +53,19 @@ def tableau_of(method: str) -> "diffrax.ButcherTableau":
 
 
 def runge_kutta_step(
-    tableau: "diffrax.ButcherTableau", slope: Callable[[Array, Array], Array], state: State, step: Scalar
+    tableau: "diffrax.ButcherTableau",
+    slope: Callable[[Array, Array], Array],
+    state: State,
+    step: Scalar,
+    *,
+    passes: bool = False,
 ) -> tuple[State, State]:
     """One step and its embedded error estimate.
 
     ``slope(c, state)``: the derivative at the fraction c (0 … 1) of the step. Returns the state after the step and
     the difference between the tableau's two solutions.
+
+    ``passes``: in reverse mode the step is computed without derivatives, too, once or more, before they are taken.
 
     A state whose rate is another state (x' = v) needs no stages of its own: they follow from those of v'. To rounding
     that is the same step, with a third less to compute. With derivatives all stages are taken, which are cheaper to
@@ -81,7 +93,14 @@ def runge_kutta_step(
             return whole(*tree.unflatten([next(given) if m else x for m, x in zip(moving, leaves, strict=True)]))
 
         some = lambda values: [x for m, x in zip(moving, values, strict=True) if m]
-        return jax.jvp(of_moving, some(leaves), some(along))
+        result, tangent = jax.jvp(of_moving, some(leaves), some(along))
+        if passes and field.size > _DIFFERENTIATED:
+            state, step, values = primals
+            found = _looped(tableau, functools.partial(field, values), state, step)
+            # Joined from components, as the stages are: under vmap JAX takes the batch's axis in the function's results
+            # for that in its rule's. What nobody asks for, values beside tangents or these, is not compiled.
+            result = jnp.stack(parts_of(found[0])), jnp.stack(parts_of(found[1]))
+        return result, tangent
 
     return advance(state, step, field.captured)
 

@@ -149,7 +149,7 @@ def replay(plant: AbstractPlant, segments: Segments, state: State, steps: Int[Ar
         @jax.checkpoint
         def advance(state, index):
             slope = lambda fraction, y: field((index.astype(step.dtype) + fraction) * step, y, segment)
-            return tuple(runge_kutta_step(tableau, slope, jnp.stack(state), step)[0])
+            return tuple(runge_kutta_step(tableau, slope, jnp.stack(state), step, passes=True)[0])
 
         def advance_step(state, index):
             after = advance(state, index)
