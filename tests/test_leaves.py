@@ -9,7 +9,7 @@ from problems import two_mass
 
 import jshape as js
 from jshape import plants
-from jshape.sweeps.leaves import check_over, grid, leaf, leaf_names, map_plants, with_leaves
+from jshape.sweeps.leaves import check_over, grid, leaf, leaf_names, with_leaves
 
 MODES = plants.ModalPlant([9.0, 70.0], [0.02, 0.03], [0.8, 0.2])
 
@@ -91,8 +91,12 @@ def test_grid():
 def test_plants_side_by_side():
     # A batch is a loop, here with a formula that needs no simulation: energy of a bare step, and frequencies.
     samples = {"m2": jnp.asarray([0.8, 1.0, 1.2]), "spring.k1": jnp.asarray([9.0, 10.0, 11.0])}
-    both = lambda plant: (plant.residual_energy(plant.rest_state(0.0), 1.0), plant.natural_frequency())
-    energies, frequencies = map_plants(both, two_mass(), samples)
+
+    def both(values):
+        plant = with_leaves(two_mass(), values)
+        return plant.residual_energy(plant.rest_state(0.0), 1.0), plant.natural_frequency()
+
+    energies, frequencies = jax.vmap(both)(samples)
     np.testing.assert_allclose(energies, np.array([9.0, 10.0, 11.0]) / 2 + 25, rtol=1e-14)
     np.testing.assert_allclose(frequencies, np.sqrt(np.array([9.0, 10.0, 11.0]) / [0.8, 1.0, 1.2]), rtol=1e-14)
     # Entries of lists, and the derivative with respect to one.
@@ -104,7 +108,7 @@ def test_a_sweep_is_a_loop():
     shaper = js.Shaper([0.5, 0.5], [0.0, 0.59])
     left = jax.jit(lambda plant: js.residual_energy(plant, shaper, 1.0, steps=32))
     masses = check_over(two_mass(), {"m2": np.linspace(0.8, 1.2, 3)})
-    several = jax.jit(lambda samples: map_plants(left, two_mass(), samples))(masses)
+    several = jax.jit(jax.vmap(lambda values: left(with_leaves(two_mass(), values))))(masses)
     np.testing.assert_allclose(several, [left(two_mass(m2)) for m2 in (0.8, 1.0, 1.2)], rtol=1e-12)
 
 

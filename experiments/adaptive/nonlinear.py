@@ -27,10 +27,9 @@ import xarray as xr
 
 import jshape as js
 from experiments.markdown import table
-from jshape.adaptive.moves import move_figures as figures
+from jshape.adaptive.figures import estimates, recovery
 from jshape.adaptive.moves.monte_carlo import residuals, run_many
 from jshape.adaptive.moves.strategies import Adapting, Oracle, Rule
-from jshape.adaptive.recovery_figure import recovery
 from jshape.moves import HoistingMoves, NoisySensor, TwoMassMoves, random_loads, random_payloads
 
 HERE = Path(__file__).parent
@@ -92,7 +91,7 @@ def two_mass() -> list[str]:
     ours = traces["adapting, with cancelling"].memory.posterior
     nominal, scale = np.array([10.0, 100.0, 0.4]), np.exp(np.asarray(ours.parameters[0]))
     std = np.sqrt(np.asarray(jax.vmap(jnp.diag)(ours.covariance[0])))
-    figure = figures.estimates(
+    figure = estimates(
         nominal * scale, nominal * scale * std, nominal * np.exp(np.asarray(drawn.moves.after[0])),
         ("k1/m2 (1/s²)", "k3/m2 (1/m²s²)", "c/m2 (1/s)"),
     )  # fmt: skip

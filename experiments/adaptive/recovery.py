@@ -19,7 +19,7 @@ import jshape as js
 from experiments.markdown import table
 from jshape.adaptive.closed_loop import metrics
 from jshape.adaptive.closed_loop.faults import KINDS
-from jshape.adaptive.recovery_figure import recovery
+from jshape.adaptive.figures import recovery
 
 HERE = Path(__file__).parent
 TIME = 0.005

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
 
 import jshape as js
 from experiments.papers.frame import Surpassed, words
@@ -110,3 +111,20 @@ def worst_case(what: str, paper: js.Shaper, own: js.Shaper, computed: float, lim
         f"{what}: worst residual energy, m2 ± 20 %", worst(paper), computed, "J", "the worst of 41 payloads",
         worst(own), 1e-8, limits, words(own),
     )  # fmt: skip
+
+
+def width(vibration: Callable[[float], float]) -> float:
+    """Width of the interval of payloads around 1 kg for which a vibration (PRV, a fraction) stays below 5 %, kg."""
+    ends = []
+    for way in (-1, 1):
+        near, far = 1.0, 1.0
+        while vibration(far) < 0.05:
+            near, far = far, far + 0.02 * way
+        ends.append(brentq(lambda m2: vibration(m2) - 0.05, near, far, xtol=1e-10))
+    return ends[1] - ends[0]
+
+
+def vibration(shaper: js.Shaper, m2: float) -> float:
+    """The deflection whose energy is the one left, over the distance: PRV as a fraction."""
+    energy = residual(shaper, m2)
+    return float(np.sqrt((np.sqrt(K1**2 + 4 * K3 * energy) - K1) / K3))

@@ -3,8 +3,7 @@
     python -m experiments.papers 001 --out out/papers
 
 The plant of all numbers: m1 = m2 = 1 kg, k1 = 10 N/m, k3 = 100 N/m³, a move of 1 m. PRV is the paper's percentage
-residual vibration, the first overshoot over the distance. ``paper_001_designs`` computes, ``paper_001_judge`` judges,
-``paper_001_figures`` draws.
+residual vibration, the first overshoot over the distance. ``paper_001_designs`` computes, ``paper_001_figures`` draws.
 """
 
 import jax
@@ -14,7 +13,7 @@ from scipy.optimize import brentq
 
 import jshape as js
 from experiments.papers.frame import Paper, Row, Surpassed, compare, words
-from experiments.papers.judge import K1, K3, worst, worst_case
+from experiments.papers.judge import K1, K3, vibration, width, worst, worst_case
 from experiments.papers.paper_001_designs import (
     DAMPINGS,
     LONGEST,
@@ -31,7 +30,6 @@ from experiments.papers.paper_001_designs import (
     shapers,
 )
 from experiments.papers.paper_001_figures import pictures
-from experiments.papers.paper_001_judge import vibration, width
 
 
 def rows_of_designs(found: dict[str, js.Shaper], peaks: np.ndarray) -> list[Row]:

@@ -1,4 +1,4 @@
-"""Adaptive shaping: identify while moving, and adapt to a payload nobody announced.
+"""Adaptive shaping: identification during the motion, and adaptation to unannounced changes of the payload.
 
 - ``identifiers/``: ``SlidingDFT``, ``DampedSinusoids``, ``FrequencyTracker``, ``Decrement``, ``FilteredLeastSquares``;
   ``estimate.py`` is their base, ``reasons.py`` why an estimate is valid or not.

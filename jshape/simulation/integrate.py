@@ -7,7 +7,6 @@ Reverse mode stores one state a step and computes its stages again on the way ba
 
 ``integrate`` runs a chain of segments, each in a time of its own that is divided into the same number of steps, so
 that segment durations enter as smooth factors and every derivative with respect to them is exact.
-``jshape.simulation.solver.WrittenOut`` is the same step as a diffrax solver, for ``diffeqsolve``.
 """
 
 import functools
@@ -114,7 +113,7 @@ def _stages(tableau, rates: dict[int, int], slope, state: State, step: Scalar, f
     begin, slopes = parts_of(state), []
 
     def moved(i: int, weights: np.ndarray) -> Array:
-        """How far a state moves along the stages so far, weighted."""
+        """The weighted increment of a state along the stages so far."""
         if i not in rates:
             return _sum(step, weights, [slope[i] for slope in slopes])
         # A stage of the rate v is v + h Σ a v', with the sum over the stages before it.

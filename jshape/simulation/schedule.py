@@ -70,7 +70,7 @@ class Schedule(eqx.Module):
         return segments, jnp.argsort(order)[len(self.breaks) :]
 
     def final_inputs(self, plant: AbstractPlant) -> Inputs:
-        """What drives the plant right after the last break."""
+        """The plant's inputs right after the last break."""
         return inputs_at(plant, self.coefficients[-1], jnp.zeros_like(self.breaks[-1]))
 
 

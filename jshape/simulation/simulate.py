@@ -183,7 +183,7 @@ def all_states(
 
 
 def steps_for(plant: AbstractPlant, plan: Schedule, method: str = "dopri8", tolerance: float = TOLERANCE) -> int:
-    """How many fixed steps a segment needs, a power of two, from the plant's frequencies at this command.
+    """The number of fixed steps for a segment, a power of two, from the plant's frequencies at this command.
 
     The fastest of: at rest, and with the flexible part bent by the whole command. ``tolerance``: relative error of
     the energy after ten periods. Where values are being traced they are not known, and the answer is 128. *Raises*
@@ -286,7 +286,7 @@ def _simulate_adaptive(plant, plan, state, horizon, samples, rtol, atol, adjoint
         return segment.duration * field(s * segment.duration, y, segment)
 
     def advance(carry, segment):
-        y, lost = carry
+        y, diverged = carry
 
         def solve(y):
             solution = diffrax.diffeqsolve(
@@ -306,7 +306,7 @@ def _simulate_adaptive(plant, plan, state, horizon, samples, rtol, atol, adjoint
             failed = (solution.result != diffrax.RESULTS.successful) | ~jnp.all(jnp.isfinite(after))
             return jnp.where(failed, jnp.nan, after), failed
 
-        after, failed = jax.lax.cond(lost, lambda y: (y, lost), solve, y)
+        after, failed = jax.lax.cond(diverged, lambda y: (y, diverged), solve, y)
         return (after, failed), y
 
     _, states = jax.lax.scan(advance, (state, jnp.asarray(False)), segments)

@@ -1,4 +1,4 @@
-"""How many steps each segment of a move needs, and whether they were enough.
+"""The number of integration steps of each segment of a move, and its verification.
 
 A pilot runs the move without derivatives, with a number of steps for each segment, and estimates its own error: the
 embedded error estimates of all steps, scaled by what two runs with different numbers of steps differ by. The numbers
@@ -277,7 +277,7 @@ def _run(
 def _in_energy(
     plant, after: Float[Array, "segments *axes powers"], states, changes, scale
 ) -> Float[Array, " segments"]:
-    """What a change of the state at each segment's end can change the energy by, relative to ``scale``.
+    """The change of the energy by a change of the state at each segment's end, relative to ``scale``.
 
     At the state's own slope of the energy, or where that is small, at the phase at which it is greatest; with the
     input that follows the segment, to which it may have jumped. ``after``: its coefficients.

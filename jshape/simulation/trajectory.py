@@ -125,7 +125,7 @@ def extremes(value, slope, step) -> Array:
 
 
 def _crossings(value, slope, along: Trajectory) -> Array:
-    """Where in each step ``value`` crosses 0, s, by Newton's method on the cubic of that step."""
+    """The zeros of ``value`` in each step, s, by Newton's method on the cubic of that step."""
     h = along.step[:, None]
     p0, p1, m0, m1 = value[:, :-1], value[:, 1:], h * slope[:, :-1], h * slope[:, 1:]
     a, b = 2 * (p0 - p1) + m0 + m1, 3 * (p1 - p0) - 2 * m0 - m1

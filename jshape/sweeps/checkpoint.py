@@ -71,7 +71,7 @@ def _path(folder: Path, index: int) -> Path:
 
 
 def _about(digest: str, index: int) -> dict[str, str | int]:
-    """What a chunk's file says of it."""
+    """The description of a chunk in its file."""
     return {"computation": digest, "index": index}
 
 

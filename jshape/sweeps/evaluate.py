@@ -50,7 +50,7 @@ CHECKED = ("residual_energy", "residual_vibration")
 
 
 class Evaluation(eqx.Module):
-    """What is computed of every plant: metrics of the shapers, and their derivatives.
+    """The values of every plant: metrics of the shapers, and their derivatives.
 
     Attributes:
         plant: the nominal plant.
@@ -150,7 +150,7 @@ def study(
     combined: bool = True,
     derivatives: bool = False,
 ) -> Study:
-    """What a sweep computes, checked and cut into chunks.
+    """The study of a sweep, checked and cut into chunks.
 
     Args:
         plant: the nominal plant.
@@ -316,7 +316,7 @@ def _many(of: Evaluation, points: Mapping[str, Any], tolerance: Any, lanes: int)
 
 
 def _fingerprint(study: Study) -> bytes:
-    """Everything that the numbers depend on: the program that is run for a plant, as text, and all that it is given."""
+    """The hash of all that the numbers depend on: the program that is run for a plant, as text, and its arguments."""
     arrays, rest = eqx.partition(study.evaluation, lambda leaf: isinstance(leaf, np.ndarray))
     first = jax.tree.map(lambda leaf: leaf[0], arrays.shapers), {n: values[0] for n, values in study.points.items()}
     program = jax.jit(lambda arrays, shaper, values: eqx.combine(arrays, rest)(shaper, values, TOLERANCE))

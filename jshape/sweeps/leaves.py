@@ -118,17 +118,6 @@ def grid(absolute: Mapping[str, Array | np.ndarray]) -> dict[str, Array]:
     return {name: _check.on_device(values.reshape(-1)) for name, values in zip(absolute, mesh, strict=True)}
 
 
-def map_plants(function: Callable[[AbstractPlant], Any], plant: AbstractPlant, samples: Mapping[str, Array]) -> Any:
-    """The values of a function for many plants, by ``vmap``.
-
-    Args:
-        function: of a plant.
-        plant: the nominal plant.
-        samples: leaf → one absolute value a plant.
-    """
-    return jax.vmap(lambda values: function(with_leaves(plant, values)))(dict(samples))
-
-
 def _where(plant: AbstractPlant, name: str) -> tuple[Callable[[Any], Any], int | None]:
     """What takes the leaf (or the array that it is an entry of) out of a plant, and the entry's index."""
     paths = {_dotted(path): path for path, _ in jax.tree_util.tree_leaves_with_path(plant)}

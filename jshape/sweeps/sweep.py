@@ -237,7 +237,7 @@ def _coordinates(plant: AbstractPlant, name: str, given: np.ndarray, along: str,
 
 
 def _errors(found: Study, asked: dict[str, str | Metric], values: np.ndarray) -> dict[str, float]:
-    """What a tighter tolerance, or finer steps, change in each metric by name.
+    """The change of each metric, by name, under a tighter tolerance or finer steps.
 
     Args:
         found: the study.

@@ -1,4 +1,4 @@
-"""Hundreds of machines that change their load at a moment nobody announced: how soon does each strategy recover?"""
+"""Recovery of each strategy from unannounced changes of load, in hundreds of random schedules."""
 
 import math
 from collections.abc import Mapping

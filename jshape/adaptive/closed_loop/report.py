@@ -19,7 +19,7 @@ from jshape.adaptive.closed_loop.metrics import accumulated_vibration, residual,
 from jshape.adaptive.closed_loop.monte_carlo import recovered, study
 from jshape.adaptive.closed_loop.sampled_link import SampledLink
 from jshape.adaptive.closed_loop.schedules import Schedule, square_wave
-from jshape.adaptive.recovery_figure import recovery
+from jshape.adaptive.figures import recovery
 from jshape.adaptive.strategies.paper_cases import case
 from jshape.plants import FlexibleLink
 from jshape.problems.problem import Problem

@@ -107,7 +107,7 @@ class SampledLink(eqx.Module):
         return held[:n, :n], held[:n, n], outputs, through
 
     def truth(self, state: State, command: Scalar, which: Int[Array, ""]) -> Readings:
-        """What faultless sensors would read."""
+        """Readings of sensors without noise and faults."""
         return Readings(*(jnp.sum(self.outputs[which] * state, axis=1) + self.through[which] * command))
 
     def step(self, state: State, command: Scalar, which: Int[Array, ""]) -> State:

@@ -1,4 +1,4 @@
-"""What every identifier of a moving machine gives after every sample, and the base that all of them share.
+"""The estimate that every identifier of a moving machine gives after every sample, and the base of all identifiers.
 
     identifier = js.adaptive.SlidingDFT(sample_time=0.005, points=3000, band=(4.0, 14.0), threshold=7.0)
     state = identifier.start()
@@ -52,7 +52,7 @@ def settle(numbers: Numbers, last: Estimate, found: Estimate, reason: Any) -> Es
 
 
 def uninformed(band: tuple[float, float]) -> Estimate:
-    """What the band (rad/s) alone says: its middle, with the standard deviation of a uniform distribution."""
+    """The prior estimate, from the band (rad/s) alone: its middle, with a uniform distribution's standard deviation."""
     low, high = band
     return Estimate((low + high) / 2, 0.0, (high - low) / math.sqrt(12.0), math.inf, 0.0, False)
 
@@ -129,6 +129,6 @@ class Online:
 
     @property
     def reason(self) -> Any:
-        """Why the estimate is valid or not: a ``Reason``, or a list of one for each mode."""
+        """The reason for which the estimate is valid or not: a ``Reason``, or a list of one for each mode."""
         reasons = [Reason(reason) for reason in np.ravel(self.state.reason)]
         return reasons if np.ndim(self.state.reason) else reasons[0]

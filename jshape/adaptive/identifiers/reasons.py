@@ -1,4 +1,4 @@
-"""Why an estimate is valid or not: the members of ``Reason`` as plain numbers, for formulas."""
+"""Reasons for which an estimate is valid or not: the members of ``Reason`` as plain numbers, for formulas."""
 
 import enum
 from typing import Any
@@ -7,7 +7,7 @@ from jshape.adaptive.formulas import Numbers
 
 
 class Reason(enum.IntEnum):
-    """Why an estimate is valid or not."""
+    """The reason for which an estimate is valid or not."""
 
     FOUND = 0
     """It is valid."""

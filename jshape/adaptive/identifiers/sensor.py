@@ -1,4 +1,4 @@
-"""What stands between a sensor and an identifier: samples are checked, replaced where they are missing, averaged."""
+"""Preprocessing between a sensor and an identifier: samples are checked, replaced where they are missing, averaged."""
 
 from typing import Any, NamedTuple
 
@@ -12,7 +12,7 @@ LIMIT = 1e9
 
 
 class Sensor(NamedTuple):
-    """What is remembered of the sensor, so that its failures are noticed."""
+    """The state of a sensor, from which its failures are detected."""
 
     last: Any = 0.0
     """The last plausible sample."""

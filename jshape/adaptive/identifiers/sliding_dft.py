@@ -264,6 +264,6 @@ def _windowed(own: Any, numbers: Numbers, place: Any, whole: Sums, round: Sums) 
 
 
 def _turn(own: Any, numbers: Numbers, place: Any) -> Any:
-    """What the phase of the window's beginning differs by between two bins of the DFT."""
+    """The difference in phase of the window's beginning between two bins of the DFT."""
     angle = 2 * np.pi / own.points * place
     return numbers.math.cos(angle) + 1j * numbers.math.sin(angle)

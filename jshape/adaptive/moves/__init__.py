@@ -1,7 +1,7 @@
 """Move by move: strategies for plants that are nonlinear or vary in time, on the machines of ``jshape.moves``.
 
 - ``posterior.py``: the parameters after a move; ``strategies.py``: the choice of shapers.
-- ``monte_carlo.py``, ``move_figures.py``: hundreds of machines; estimates beside the truth.
+- ``monte_carlo.py``: hundreds of machines.
 """
 
 from jshape.moves import AbstractPolicy as AbstractMoveStrategy

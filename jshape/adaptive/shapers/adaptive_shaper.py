@@ -8,12 +8,12 @@
     online = shaper.online(reference)
     shaped = online.push(reference, estimate)                 # NumPy, for a control loop
 
-An estimate is only noted when it comes. New taps are taken at the one instant at which they cannot be felt: when the
-reference, having stood still for longer than all taps reach, begins to move (``retune="steady"``); or the output glides
-from the old filters' to the new ones' (``"crossfade"``), for references that never stand still.
+An estimate is only noted when it comes. New taps are taken at the one instant at which the output cannot jump: when
+the reference, having stood still for longer than all taps reach, begins to move (``retune="steady"``); or the output
+goes over from the old filters' to the new ones' (``"crossfade"``), for references that never stand still.
 
-A wild estimate does no more than ``bound`` says: frequencies stay in their bands, move by a limited factor a retune,
-and what is not a number is left out and counted.
+A wrong estimate does no more than ``bound`` says: frequencies stay in their bands and change by a limited factor a
+retune; what is not a number is left out and counted.
 """
 
 import functools

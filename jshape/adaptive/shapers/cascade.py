@@ -1,4 +1,4 @@
-"""The cascade of filters as it runs: one sample in, one out, and new taps only where they are not felt.
+"""The cascade of filters as it runs: one sample in, one out, and new taps only where the output does not jump.
 
 Each filter has a ring of what went into it, so that a sample costs one multiplication a tap. The same lines serve JAX
 arrays and Python numbers (``Numbers``); the latter in nested lists, which for so few are far faster than arrays.
@@ -22,7 +22,7 @@ MOST = np.iinfo(np.int32).max
 
 
 class Shaped(NamedTuple):
-    """What an adaptive shaper gives after every sample."""
+    """The output of an adaptive shaper after a sample."""
 
     command: Any
     """The shaped reference, in its unit."""
@@ -41,7 +41,7 @@ class Shaped(NamedTuple):
 
 
 class Tuning(NamedTuple):
-    """What the filters are tuned to."""
+    """The modes that the filters are tuned to, and their taps."""
 
     omega: Any
     """rad/s, (modes,)."""
@@ -57,7 +57,7 @@ class Tuning(NamedTuple):
 
 
 class Wanted(NamedTuple):
-    """What the estimates so far ask for; each of shape (modes,)."""
+    """The modes that the estimates so far ask for; each of shape (modes,)."""
 
     omega: Any
     """As last estimated, rad/s."""
@@ -86,7 +86,7 @@ class ShaperState(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Cascade:
-    """What does not change while an adaptive shaper runs.
+    """The constants of an adaptive shaper while it runs.
 
     Attributes:
         filters: one kind for all modes.
@@ -95,7 +95,7 @@ class Cascade:
         fade: samples.
         blank: samples.
         change: a frequency is multiplied or divided by at most 1 + ``change`` in a retune.
-        length: samples that are remembered of each filter's input: as many as the slowest frequencies allowed ask for.
+        length: samples that are stored of each filter's input: as many as the slowest frequencies allowed ask for.
     """
 
     filters: Filters
@@ -170,7 +170,7 @@ class Cascade:
         return state, Shaped(command, steady, tuning.omega, tuning.zeta, wanted.rejected, wanted.limited, missing)
 
     def _noted(self, numbers: Numbers, wanted: Wanted, estimate: Estimate) -> Wanted:
-        """What is wanted with this estimate, too; nothing of it is in use yet."""
+        """The wanted modes after this estimate, which are not in use yet."""
         select, modes = numbers.select, len(self.bands)
         names = ("omega", "zeta", "zeta_std", "valid")
         omega, zeta, deviation, valid = (_each(numbers, getattr(estimate, name), modes, name) for name in names)
@@ -189,15 +189,15 @@ class Cascade:
         return Wanted(*(packed(numbers, column) for column in zip(*noted, strict=True)))
 
     def _retuned(self, numbers: Numbers, tuning: Tuning, omega: Any, zeta: Any, still: Any) -> Tuning:
-        """The tuning with new taps, as near to what is wanted as one retune may go, if there is no harm in it."""
+        """The tuning with new taps, as near to what is wanted as one retune may go, if the output does not jump."""
         xp = numbers.xp
-        now, zeta, harmless = xp.asarray(tuning.omega), xp.asarray(zeta), True
+        now, zeta, admissible = xp.asarray(tuning.omega), xp.asarray(zeta), True
         omega = xp.clip(xp.asarray(omega), now / (1 + self.change), now * (1 + self.change))
         gains, delays = self.filters.taps(xp, omega, zeta)
         reach = xp.max(delays, axis=1)
         if self.retune == "steady":
             # Longer taps may reach to before the stillness: they wait for the next edge.
-            harmless = xp.all(reach <= xp.asarray(still))
+            admissible = xp.all(reach <= xp.asarray(still))
             gains, delays = gains[None], delays[None]
         else:
             old = xp.asarray(tuning.gains)[1], xp.asarray(tuning.delays)[1]
@@ -205,8 +205,8 @@ class Cascade:
             reach = xp.maximum(reach, xp.max(old[1], axis=1))
         new = Tuning(omega, zeta, gains, delays, reach, 0 * tuning.faded)
         if numbers is JAX:
-            return jax.tree.map(lambda now, was: jnp.where(harmless, now, was), new, tuning)
-        return as_lists(new) if harmless else tuning
+            return jax.tree.map(lambda now, was: jnp.where(admissible, now, was), new, tuning)
+        return as_lists(new) if admissible else tuning
 
 
 def _count(select: Any, count: Any, happened: Any) -> Any:

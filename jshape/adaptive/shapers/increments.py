@@ -49,7 +49,7 @@ class IncrementShaper:
 
     @property
     def size(self) -> int:
-        """How many samples the queue holds."""
+        """The number of samples in the queue."""
         return int(self.longest / self.sample_time) + 3
 
     def initial(self, reference: Any) -> Queue:

@@ -37,7 +37,7 @@ vibration is to count as a cost: a ZVD shaper leaves 0.6 % then, and more than t
 
 
 class DirectState(NamedTuple):
-    """All that a ``DirectAdaptive`` strategy remembers."""
+    """The state of a ``DirectAdaptive`` strategy."""
 
     shaper: Any
     dfts: tuple[Any, ...]

@@ -256,7 +256,7 @@ class OnlineSeeking:
 
     @property
     def missing(self) -> np.ndarray:
-        """How many costs were not numbers, (parameters,)."""
+        """The number of costs that were not numbers, shape (parameters,)."""
         return np.array([one.missing for one in self.state])
 
     @property

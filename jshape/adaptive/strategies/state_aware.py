@@ -35,7 +35,7 @@ class Mode(NamedTuple):
 
 
 class AwareState(NamedTuple):
-    """All that a ``StateAware`` strategy remembers."""
+    """The state of a ``StateAware`` strategy."""
 
     strain: Sensor
     normal: Normal

@@ -15,7 +15,7 @@ from jshape.adaptive.formulas import JAX, NUMPY, Numbers, as_jax, as_numpy, like
 
 
 class Readings(NamedTuple):
-    """What the sensors measure."""
+    """Measurements of the sensors."""
 
     motor: Scalar
     """The motor's angle, rad."""
@@ -41,7 +41,7 @@ class Decision(NamedTuple):
 
 
 class AbstractStrategy(eqx.Module):
-    """How a reference becomes a command, with or without learning from the sensors.
+    """A strategy that makes a command of a reference, with or without learning from the sensors.
 
     A strategy writes its formulas once, over the ``Numbers`` it is given: ``initial`` and ``advance``.
     """
