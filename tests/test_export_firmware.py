@@ -128,7 +128,7 @@ def test_klipper_takes_what_is_near_and_says_how_near():
 def test_klipper_and_marlin_refuse_what_they_have_no_name_for(shaper):
     with pytest.raises(ValueError, match="none of them"):
         export(shaper, "klipper")
-    with pytest.raises(ValueError, match="knows the ZV alone"):
+    with pytest.raises(ValueError, match="takes the ZV alone"):
         export(shaper, "marlin")
 
 

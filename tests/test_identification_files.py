@@ -199,7 +199,7 @@ def test_a_column_that_is_not_there_lists_those_that_are(path):
         (edited(_50="0.96,,1.0", _60="1.16,NaN,1.0"), ":50: no number here (and in 1 other rows); left out"),
         (text()[:-14], ":201: the last line is cut off; left out"),
         (jittering(), "the clock jitters by 1.9 % of a sample"),
-        (edited(_50="0.96,50.0,0.5"), ":50: lies far off what the modes do"),
+        (edited(_50="0.96,50.0,0.5"), ":50: is an outlier of the fit"),
     ],
 )
 def test_what_is_mended_is_told(path, content, words):

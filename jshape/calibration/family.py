@@ -6,7 +6,9 @@ firmware reads.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -44,41 +46,55 @@ class Family(NamedTuple):
     """Klipper's shapers of one name that differ in a number and in the damping ratio alone.
 
     Attributes:
-        name: what Klipper calls them for that number.
-        shape: amplitudes, not normalised, and times in undamped periods for number and damping ratio, also complex.
+        kind: the name without parameters.
+        formula: amplitudes, not normalised, and times in undamped periods for a damping ratio and the parameters.
         low: the least number.
         high: the greatest; as the least where the shaper has none.
         highest_zeta: the greatest damping ratio.
+        parameter: the number's name; empty where the shaper has none.
+        fixed: the other parameters.
     """
 
-    name: Callable[[float], str]
-    shape: Callable[[Any, Any], tuple[Any, Any]]
+    kind: str
+    formula: Callable[..., tuple[Any, Any]]
     low: float
     high: float
     highest_zeta: float
+    parameter: str = ""
+    fixed: Mapping[str, int] = MappingProxyType({})
+
+    def parameters(self, number: Any) -> dict[str, Any]:
+        """All parameters by their names."""
+        return {**self.fixed, self.parameter: number} if self.parameter else {}
+
+    def name(self, number: float) -> str:
+        """The shaper's name in Klipper, with its parameters."""
+        return named(self.kind, **self.parameters(number))
+
+    def shape(self, number: Any, zeta: Any) -> tuple[Any, Any]:
+        """Amplitudes, not normalised, and times in undamped periods for number and damping ratio, also complex."""
+        return self.formula(zeta, **self.parameters(number))
 
 
 def families(version: str) -> list[Family]:
-    """What a firmware can compute.
+    """The families of shapers that a firmware can compute.
 
     Args:
         version: Klipper's, that of 2024 has no parameters; or Kalico's smooth shapers.
     """
     if version == "kalico":
         shapes = {kind: smooth(kind, 1.0) for kind in SMOOTH}
-        name, shape = (lambda kind: lambda _: kind), (lambda kind: lambda number, zeta: shapes[kind])
-        return [Family(name(kind), shape(kind), 0.0, 0.0, 0.99) for kind in SMOOTH]
+        return [Family(kind, lambda zeta, kind=kind: shapes[kind], 0.0, 0.0, 0.99) for kind in SMOOTH]
     found, plain = [], KINDS
     if version == "current":
         plain = [kind for kind in KINDS if kind not in ("mzv", "ei")]
         for n in (5, 4, 3, *range(6, ROOM + 1)):
-            name, shape = (lambda t, n=n: named("mzv", n=n, t=t)), (lambda t, zeta, n=n: mzv(zeta, n, t))
-            found.append(Family(name, shape, 0.5, min((n - 1) / 2 - _STEP, LONGEST), highest_zeta("mzv")))
-        name, shape = (lambda v: named("ei", v_tol=v)), (lambda v, zeta: ei(zeta, v))
-        found.append(Family(name, shape, 0.005, 0.3, highest_zeta("ei")))
+            longest = min((n - 1) / 2 - _STEP, LONGEST)
+            found.append(Family("mzv", mzv, 0.5, longest, highest_zeta("mzv"), "t", {"n": n}))
+        found.append(Family("ei", ei, 0.005, 0.3, highest_zeta("ei"), "v_tol"))
     for kind in plain:
-        name, shape = (lambda _, kind=kind: kind), (lambda _, zeta, kind=kind: plain_shape(kind, zeta, version))
-        found.append(Family(name, shape, 0.0, 0.0, highest_zeta(kind, version)))
+        formula = partial(plain_shape, kind, version=version)
+        found.append(Family(kind, formula, 0.0, 0.0, highest_zeta(kind, version)))
     return found
 
 
@@ -240,9 +256,11 @@ class _Search:
 
     def digits(self, family: Family, number: float, zeta: float, frequency: float) -> list[_Found]:
         """The best frequency for numbers and damping ratios around these, all as they are written."""
-        around = lambda value, low, high: {
-            min(max(round(round(value / _STEP + i) * _STEP, 3), low), high) for i in (-2, -1, 0, 1, 2)
-        }
+
+        def around(value: float, low: float, high: float) -> set[float]:
+            steps = (round(value / _STEP + i) for i in (-2, -1, 0, 1, 2))
+            return {min(max(round(step * _STEP, 3), low), high) for step in steps}
+
         hertz = np.round(np.rint(frequency / _HERTZ + np.arange(-15, 16)) * _HERTZ, 2)
         hertz = hertz[(hertz >= LOWEST) & (hertz <= self.frequencies[-1])]
         return [

@@ -57,7 +57,7 @@ def recommend(fits: Sequence[Rated], version: str = "current") -> Choice:
 
 
 def better(other: Rated, best: Rated, version: str) -> str | None:
-    """Why a shaper replaces the best so far in Klipper's choice, in words; ``None`` where it does not.
+    """The reason for which a shaper replaces the best so far in Klipper's choice; ``None`` where it does not.
 
     Args:
         other: the next shaper.
@@ -75,7 +75,7 @@ def better(other: Rated, best: Rated, version: str) -> str | None:
 
 
 def cost(other: Rated, best: Rated) -> str:
-    """What taking ``other`` instead of ``best`` would bring and cost, in words."""
+    """Benefits and costs of ``other`` compared with ``best``, in words."""
     klipper = other.frequency is not None
     change = other.smoothing / best.smoothing - 1
     blur = f"{abs(100 * change):.1f} % {'more' if change > 0 else 'less'} smoothing"

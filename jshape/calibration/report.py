@@ -74,7 +74,7 @@ class Calibration(Result):
 
     @property
     def message(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """What the tuned shaper brings beside the recommended one."""
+        """The tuned shaper compared with the recommended one."""
         if not self.converged:
             return self.offer.message
         best, mine = self.choice.best, self.offer.rated
@@ -84,7 +84,7 @@ class Calibration(Result):
 
     @property
     def why(self) -> list[str]:
-        """Why the lines to paste name the shaper that they do, in two lines."""
+        """The reason for the choice of the shaper in the lines to paste, in two lines."""
         best, mine = self.choice.best, self.stock.rated
         if not self.stock.converged or (mine.name == best.name and mine.frequency == best.frequency):
             return [f"Why this one: it is Klipper's own choice; {self.choice.reason}.", "Tuned, no other is better."]
@@ -259,7 +259,7 @@ def _shown(found: Calibration) -> list[Rated]:
 
 
 def lines(found: Calibration, axis: str, reprap: bool = False, kalico: bool = False) -> str:
-    """What to paste into the configuration of a firmware, for one axis.
+    """Lines to paste into the configuration of a firmware, for one axis.
 
     Args:
         found: what is written.
@@ -316,7 +316,7 @@ def axes_together(found: dict[str, Calibration]) -> str:
 
 
 def numbers(found: Calibration) -> dict[str, Any]:
-    """Everything that is a number, as plain data."""
+    """All numbers of a calibration, as plain data."""
     return {
         "klipper": found.version,
         "zeta": found.zeta,

@@ -1,4 +1,4 @@
-"""How good a shaper is for measured spectra: what it leaves of their vibration, what it blurs, and both in a score."""
+"""Ratings of shapers for measured spectra: residual vibration, smoothing, and both in a score."""
 
 import dataclasses
 from collections.abc import Sequence

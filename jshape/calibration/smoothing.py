@@ -1,4 +1,4 @@
-"""What a shaper blurs: by how much (mm) it rounds a printed corner, and the acceleration that keeps it small."""
+"""Smoothing of a shaper: by how much (mm) it rounds a printed corner, and the acceleration that keeps it small."""
 
 from typing import Any
 

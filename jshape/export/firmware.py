@@ -25,7 +25,7 @@ REPRAP_IMPULSES = 5
 KALICO_IMPULSES = 5
 """What Kalico has room for."""
 
-SINCE = "Needs Klipper of 22 March 2026 or later (v0.13.0-633): older ones know no parameters."
+SINCE = "Needs Klipper of 22 March 2026 or later (v0.13.0-633): older ones take no parameters."
 
 
 def klipper(shaper: Shaper, *, axis: str = "x", firmware: str = "current", tolerance: float = 1e-3) -> str:
@@ -175,7 +175,7 @@ def marlin(shaper: Shaper, *, axis: str = "x") -> str:
     amplitudes, times = numbers(shaper)
     if len(times) != 2 or times[1] <= 0 or not 0 < amplitudes[1] <= amplitudes[0] * (1 + 1e-9):
         raise ValueError(
-            "Marlin's M593 knows the ZV alone, two impulses of which the second is positive and not above the first, "
+            "Marlin's M593 takes the ZV alone, two impulses of which the second is positive and not above the first, "
             f"not amplitudes {_check.show(amplitudes)} at {_check.show(times)} s"
         )
     decay = -math.log(min(amplitudes[1] / amplitudes[0], 1.0))

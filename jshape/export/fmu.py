@@ -236,13 +236,13 @@ def _described3(
             attributes["derivative"] = reference[variables[variable.derivative_of].name]
         add(listed, "Boolean" if variable.boolean else "Float64", attributes)
     structure = add(root, "ModelStructure")
-    unknown = lambda kind, wanted: [
-        add(structure, kind, valueReference=reference[variable.name]) for variable in variables if wanted(variable)
-    ]
-    unknown("Output", lambda variable: variable.causality == "output")
-    unknown("ContinuousStateDerivative", lambda variable: variable.derivative_of is not None)
-    unknown("InitialUnknown", lambda variable: variable.causality == "output" and variable.start is None)
-    unknown("InitialUnknown", lambda variable: variable.derivative_of is not None)
+    outputs = [variable for variable in variables if variable.causality == "output"]
+    derivatives = [variable for variable in variables if variable.derivative_of is not None]
+    computed = [*(variable for variable in outputs if variable.start is None), *derivatives]
+    unknowns = {"Output": outputs, "ContinuousStateDerivative": derivatives, "InitialUnknown": computed}
+    for kind, some in unknowns.items():
+        for variable in some:
+            add(structure, kind, valueReference=reference[variable.name])
     return root
 
 

@@ -150,7 +150,7 @@ def _each_axis(shapers: Mapping[str, Shaper | None], format: str, path: Path | N
 
 
 def as_bytes(made: Any) -> bytes:
-    """What ``export`` returns, as the bytes of a file: text in UTF-8, arrays as npz."""
+    """The result of ``export`` as the bytes of a file: text in UTF-8, arrays as npz."""
     if isinstance(made, str | bytes):
         return made.encode() if isinstance(made, str) else made
     buffer = io.BytesIO()

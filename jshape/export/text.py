@@ -1,4 +1,4 @@
-"""What generated texts share: templates, checked names, and the shaper's own numbers for the comments."""
+"""Parts of all generated texts: templates, checked names, and the shaper's own numbers for the comments."""
 
 import re
 from importlib.resources import files

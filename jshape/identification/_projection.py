@@ -22,7 +22,7 @@ STEEPEST = 0.95
 
 
 class AbstractFamily(abc.ABC):
-    """What a record can be made of: the shapes that any mode adds, and those that are there without one.
+    """The model of a record: the shapes that any mode adds, and the background.
 
     Attributes:
         data: real, shape (rows, channels).

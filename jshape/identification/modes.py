@@ -82,9 +82,7 @@ def identify(
         at, size = after_the_step(record.inputs)
         if len(record.axis) - at < FEWEST:
             raise RecordError(f"inputs: too short a record, {len(record.axis) - at} samples from the step on")
-        record = dataclasses.replace(
-            record, axis=record.axis[at:], values=record.values[at:], inputs=record.inputs[at:], rows=record.rows[at:]
-        )
+        record = record.part(slice(at, None))
     family, centre, scale = _family(record, kind)
     found, criteria = search(family, modes, progress)
     if isinstance(family, PowerSpectrum):
@@ -204,7 +202,7 @@ def _warnings(
         if far.any():
             at = record.where(int(record.rows[np.argmax(far)]))
             more = f", and {far.sum() - 1} others" if far.sum() > 1 else ""
-            notes.append(f"{at}lies far off what the modes do{more}")
+            notes.append(f"{at}is an outlier of the fit{more}")
     elif isinstance(family, PowerSpectrum):
         gap = float(np.median(np.diff(record.axis)))
         if np.any(2 * zeta * omega < 4 * gap):

@@ -57,9 +57,16 @@ class Record:
     notes: tuple[str, ...]
     where: Where
 
+    def part(self, rows: slice) -> "Record":
+        """The record of some of its rows."""
+        inputs = None if self.inputs is None else self.inputs[rows]
+        return dataclasses.replace(
+            self, axis=self.axis[rows], values=self.values[rows], inputs=inputs, rows=self.rows[rows]
+        )
+
 
 def row(number: int) -> str:
-    """Where a row of an array stands."""
+    """The place of a row of an array, in words."""
     return f"row {number}: "
 
 
@@ -132,18 +139,11 @@ def longest_stretch(record: Record) -> Record:
         return record
     begins, ends = np.concatenate([[0], edges]), np.concatenate([edges, [len(record.axis)]])
     i = int(np.argmax(ends - begins))
-    part = slice(begins[i], ends[i])
     if ends[i] - begins[i] < FEWEST:
         raise RecordError("values: too short a record: no stretch without a gap is long enough")
     note = f"{record.where(int(record.rows[begins[i]]))}from here on {ends[i] - begins[i]} samples are used, "
-    return dataclasses.replace(
-        record,
-        axis=record.axis[part],
-        values=record.values[part],
-        inputs=None if record.inputs is None else record.inputs[part],
-        rows=record.rows[part],
-        notes=(*record.notes, note + "the longest stretch without a gap"),
-    )
+    notes = (*record.notes, note + "the longest stretch without a gap")
+    return dataclasses.replace(record.part(slice(begins[i], ends[i])), notes=notes)
 
 
 def _clock(times: np.ndarray, rows: np.ndarray, where: Where) -> tuple[np.ndarray, list[str]]:

@@ -78,18 +78,18 @@ EXPORT fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean given, fmi2Re
     return fmi2OK;
 }
 
-EXPORT fmi2Status fmi2EnterInitializationMode(fmi2Component c) {
-    (void)c;
-    return fmi2OK;
-}
+#define NOTHING(name)                           \
+    EXPORT fmi2Status name(fmi2Component c) {   \
+        (void)c;                                \
+        return fmi2OK;                          \
+    }
+NOTHING(fmi2EnterInitializationMode)
+NOTHING(fmi2Terminate)
+NOTHING(fmi2EnterEventMode)
+NOTHING(fmi2EnterContinuousTimeMode)
 
 EXPORT fmi2Status fmi2ExitInitializationMode(fmi2Component c) {
     own_begin(c);
-    return fmi2OK;
-}
-
-EXPORT fmi2Status fmi2Terminate(fmi2Component c) {
-    (void)c;
     return fmi2OK;
 }
 
@@ -172,34 +172,16 @@ EXPORT fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *state) {
     return fmi2OK;
 }
 
-EXPORT fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate state, size_t *size) {
-    (void)c, (void)state, (void)size;
-    return fmi2Error;
-}
-
-EXPORT fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate state, fmi2Byte bytes[], size_t size) {
-    (void)c, (void)state, (void)bytes, (void)size;
-    return fmi2Error;
-}
-
-EXPORT fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size_t size, fmi2FMUstate *state) {
-    (void)c, (void)bytes, (void)size, (void)state;
-    return fmi2Error;
-}
-
-EXPORT fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReference unknown[], size_t unknowns,
-                                               const fmi2ValueReference known[], size_t knowns,
-                                               const fmi2Real seed[], fmi2Real values[]) {
-    (void)c, (void)unknown, (void)unknowns, (void)known, (void)knowns, (void)seed, (void)values;
-    return fmi2Error;
-}
+/* A function that this unit does not serve. */
+#define ABSENT(name, ...) \
+    EXPORT fmi2Status name(fmi2Component c, __VA_ARGS__) { return fmi2Error; }
+ABSENT(fmi2SerializedFMUstateSize, fmi2FMUstate state, size_t *size)
+ABSENT(fmi2SerializeFMUstate, fmi2FMUstate state, fmi2Byte bytes[], size_t size)
+ABSENT(fmi2DeSerializeFMUstate, const fmi2Byte bytes[], size_t size, fmi2FMUstate *state)
+ABSENT(fmi2GetDirectionalDerivative, const fmi2ValueReference unknown[], size_t unknowns,
+       const fmi2ValueReference known[], size_t knowns, const fmi2Real seed[], fmi2Real values[])
 
 /* Model exchange. */
-
-EXPORT fmi2Status fmi2EnterEventMode(fmi2Component c) {
-    (void)c;
-    return fmi2OK;
-}
 
 EXPORT fmi2Status fmi2NewDiscreteStates(fmi2Component c, fmi2EventInfo *info) {
     Model *m = c;
@@ -209,11 +191,6 @@ EXPORT fmi2Status fmi2NewDiscreteStates(fmi2Component c, fmi2EventInfo *info) {
     memset(info, 0, sizeof *info);
     info->nextEventTimeDefined = own_next(m) < HUGE_VAL;
     info->nextEventTime = info->nextEventTimeDefined ? own_next(m) : 0;
-    return fmi2OK;
-}
-
-EXPORT fmi2Status fmi2EnterContinuousTimeMode(fmi2Component c) {
-    (void)c;
     return fmi2OK;
 }
 
@@ -289,10 +266,7 @@ EXPORT fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real step, fmi2
     return step >= 0 && model_step(c, time, step) ? fmi2OK : fmi2Error;
 }
 
-EXPORT fmi2Status fmi2CancelStep(fmi2Component c) {
-    (void)c;
-    return fmi2Error;
-}
+EXPORT fmi2Status fmi2CancelStep(fmi2Component c) { return fmi2Error; }
 
 #define STATUS(name, type)                                               \
     EXPORT fmi2Status name(fmi2Component c, int kind, type *value) {     \
