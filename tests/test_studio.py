@@ -384,7 +384,7 @@ def test_what_diverged_is_said():
 SHAPER = ([0.25, 0.5, 0.25], [0.0, 0.05, 0.1])
 
 
-CANNOT = {"on_off": "needs modes", "marlin": "knows the ZV alone"}
+CANNOT = {"on_off": "needs modes", "marlin": "takes the ZV alone"}
 
 
 @pytest.mark.parametrize("format", FORMATS)

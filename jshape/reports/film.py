@@ -218,7 +218,7 @@ def _rendered(plant: "AbstractPlant", scene: Scene, bent: Any, times: np.ndarray
 def view_of(
     motions: Iterable[Motion], way: tuple[float, float] | None = None
 ) -> tuple[Callable[..., Put], tuple[Any, ...]]:
-    """How a machine is drawn, and what of it is seen.
+    """The drawing of a machine, and its view.
 
     Args:
         motions: of one machine.

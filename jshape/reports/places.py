@@ -1,4 +1,4 @@
-"""Where the parts of a machine are while it moves, for films and for the studio's drawing."""
+"""Positions of a machine's parts while it moves, for films and for the studio's drawing."""
 
 import dataclasses
 from typing import TYPE_CHECKING, Any
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 @dataclasses.dataclass(frozen=True)
 class Motion:
-    """Where the parts of a machine are in every frame.
+    """Positions of a machine's parts in every frame.
 
     Attributes:
         kind: ``"crane"``, ``"tank"``, ``"link"`` or ``"masses"``, and ``"above"`` for a view from above.
@@ -28,7 +28,7 @@ class Motion:
 
 
 def motion_of(plant: "AbstractPlant", run: "Response", times: np.ndarray) -> Motion:
-    """Where the parts of a machine are at some instants of a response.
+    """Positions of a machine's parts at some instants of a response.
 
     Args:
         plant: of the response.
@@ -71,7 +71,7 @@ def motion_of(plant: "AbstractPlant", run: "Response", times: np.ndarray) -> Mot
 
 
 def bent_along(plant: "AbstractPlant", run: Any, axis: int = 0) -> tuple[np.ndarray, str, str]:
-    """How much the flexible part of a machine is bent along one axis, as it is drawn.
+    """Deflection of a machine's flexible part along one axis, as it is drawn.
 
     Args:
         plant: of the response.

@@ -324,7 +324,7 @@ def sweep(dataset: "xr.Dataset", metric: str | None = None, *, ax: Any = None, s
 
 
 def _label(data: "xr.DataArray") -> str:
-    """What an axis bears: the long name, and the unit where there is one."""
+    """The label of an axis: the long name, and the unit where there is one."""
     words, unit = str(data.attrs.get("long_name", data.name)), data.attrs.get("units", "1")
     return words if unit == "1" else f"{words} ({unit})"
 

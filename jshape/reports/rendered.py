@@ -97,7 +97,7 @@ class Scene:
 
     @property
     def view(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """What the camera sees to the right and upwards, m."""
+        """The camera's view to the right and upwards, m."""
         edge = 0.05 * float(np.max(self._high - self._low)) + 1e-9
         (left, low, _), (right, top, _) = (self._low - edge).tolist(), (self._high + edge).tolist()
         return (left, right), (low, top)

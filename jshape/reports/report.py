@@ -68,7 +68,7 @@ class Row:
 
 @dataclasses.dataclass(frozen=True)
 class Curves:
-    """How each shaper's residual vibration depends on a leaf.
+    """Sensitivity of each shaper's residual vibration to a leaf.
 
     Attributes:
         ratios: the leaf's values over nominal.
@@ -107,7 +107,7 @@ class Report:
         return float(shaped(move, row.shaper).duration)
 
     def gains(self) -> list[str]:
-        """What tuning gains over the best closed form that takes no longer, in words: one line, or none."""
+        """The gain of tuning over the best closed form that takes no longer, in words: one line, or none."""
         tuned = next((row for row in self.rows if row.name == "tuned"), None)
         if tuned is None or tuned.worst_energy is None or self.problem.objective != "worst":
             return []
@@ -132,7 +132,7 @@ Draw = Callable[..., None]
 
 
 def interrupted(problem: Problem, solution: Solution) -> Report:
-    """What is known of an interrupted search without computing anything: its best shaper so far."""
+    """The report of an interrupted search, without any computation: its best shaper so far."""
     worst = solution.objective if problem.objective == "worst" else None
     return Report(problem, [Row("tuned", solution.shaping, np.nan, worst, None)], {}, {}, solution)
 
@@ -289,7 +289,7 @@ def write_numbers(report: Report, folder: Path) -> None:
 
 
 def numbers(report: Report) -> dict[str, Any]:
-    """Everything in the report that is a number, as plain data."""
+    """All numbers of a report, as plain data."""
     rows = [
         {
             "name": row.name,

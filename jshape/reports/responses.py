@@ -83,7 +83,7 @@ def shown_until(plant: AbstractPlant, duration: float, frequencies: Any = None) 
 
 
 def _along(plant: AbstractPlant, drawn: SimpleNamespace, axis: int) -> SimpleNamespace:
-    """What is drawn of one axis: angles in degrees, deflections in degrees or mm."""
+    """The curves of one axis: angles in degrees, deflections in degrees or mm."""
     size = 180 / np.pi if plant.axis_unit(axis) == "rad" else 1.0
     command = drawn.command
     if isinstance(plant, AbstractSlewingCrane):
@@ -95,5 +95,5 @@ def _along(plant: AbstractPlant, drawn: SimpleNamespace, axis: int) -> SimpleNam
 
 
 def numbers_of(result: Any, *names: str) -> SimpleNamespace:
-    """What is drawn of a result, as plain arrays."""
+    """The named parts of a result as plain arrays."""
     return SimpleNamespace(**{name: np.asarray(getattr(result, name)) for name in names})

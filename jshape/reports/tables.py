@@ -1,4 +1,4 @@
-"""What the command line prints: tables of reports, sweeps and fronts, at any width; names and titles as they are."""
+"""Tables of reports, sweeps and fronts at the prompt, at any width; names and titles as they are."""
 
 import os
 import re

@@ -1,40 +1,14 @@
 """The layout of a tab: the panels on the left, the drawing and the charts beside them."""
 
+from pathlib import Path
+
 from nicegui import ui
 
 from jshape.studio import changes, charts, panels, state
 from jshape.studio.panels import printer
 from jshape.studio.tab import Tab
 
-STYLE = """
-:root { --studio-edge: #ddd; --studio-head: #eef3f7; --studio-warn: #fdecea; --studio-warn-text: #7a1b12; }
-.body--dark { --studio-edge: #3c3c3c; --studio-head: #1f2830; --studio-warn: #4a1a15; --studio-warn-text: #ffd9d3; }
-.body--dark { --q-primary: #4ea3dc !important; color: #e8e8e8; }
-.body--dark .bg-primary { color: #10202c !important; }
-.studio-head { height: 44px; background: var(--studio-head); }
-.studio-summary { flex: 0 1 auto; min-width: 180px; }
-.studio-warning { background: var(--studio-warn); color: var(--studio-warn-text); }
-.nicegui-content { padding: 0 !important; gap: 0 !important; }
-.studio-left { width: 368px; height: calc(100vh - 44px); overflow-y: auto; border-right: 1px solid var(--studio-edge); }
-.studio-main { flex: 1; height: calc(100vh - 44px); overflow-y: auto; min-width: 320px; }
-.studio-grid { display: grid; grid-template-columns: 1fr 1fr; gap: 6px; padding: 6px; width: 100%; }
-.studio-grid .cell { height: calc((100vh - 44px - 26px) / 3); min-height: 200px; min-width: 0; position: relative;
-  border: 1px solid var(--studio-edge); border-radius: 4px; padding: 4px; }
-.studio-printer { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 430px), 1fr)); gap: 6px;
-  padding: 6px; width: 100%; }
-.studio-axis .q-table th, .studio-axis .q-table td { padding: 2px 6px !important; height: 28px; }
-.studio-axis { min-width: 0; border: 1px solid var(--studio-edge); border-radius: 4px; padding: 4px; }
-.q-tab-panel, .q-tab-panel .nicegui-column { gap: 4px !important; }
-.q-uploader { max-height: 44px; } .q-uploader__list, .q-uploader__subtitle { display: none; }
-.studio-number .q-field__control, .studio-number .q-field__marginal { height: 30px !important; min-height: 30px; }
-.studio-number .q-field__suffix, .studio-number .q-field__prefix { padding: 0 !important; line-height: 28px; }
-.q-tab { min-height: 36px !important; } .q-tab-panel { padding: 10px !important; }
-@media (max-width: 820px) { .studio-head { height: auto; min-height: 44px;
-    flex-wrap: wrap !important; gap: 4px 12px !important; }
-  .studio-body { flex-direction: column !important; flex-wrap: nowrap; }
-  .studio-left { width: 100%; height: auto; order: 2; } .studio-main { height: auto; order: 1; width: 100%; }
-  .studio-grid { grid-template-columns: 1fr; } }
-"""
+STYLE = (Path(__file__).parent / "page.css").read_text(encoding="utf-8")
 
 SCENE = """
 <canvas id="scene" style="width:100%;height:100%" role="img"

@@ -224,7 +224,7 @@ class Tab:
             self.warn(str(error))
             return
         LOG.error("a page's curves", exc_info=error)
-        self.warn(f"this could not be computed: {type(error).__name__}; the terminal says more")
+        self.warn(f"this could not be computed: {type(error).__name__}; details are in the terminal")
 
     def _closed(self) -> None:
         self.live.stop()
