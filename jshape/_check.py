@@ -141,7 +141,7 @@ def memory(numbers: int, name: str) -> None:
 
 
 def samples(duration: float, sample_time: float) -> None:
-    """Raises ``ValueError`` where a duration (s) has more than ten million samples, a filter of which nobody wants."""
+    """Raises ``ValueError`` where a duration (s) has more than ten million samples."""
     if duration / sample_time > MOST_SAMPLES:
         least = duration / MOST_SAMPLES
         raise ValueError(f"sample_time must be at least {least:.3g} s for {duration:.6g} s, not {sample_time:.6g}")

@@ -80,7 +80,7 @@ def check_unedited(folder: Path, text: str | None = None, files: Mapping[str, by
 
 
 def _results(folder: Path) -> dict[str, Any]:
-    """What a folder's ``results.json`` says; nothing where it is not jshape's."""
+    """The content of a folder's ``results.json``; nothing where it is not jshape's."""
     try:
         found = json.loads(read_text(folder / "results.json"))
         return found if found["format"] == MARKER else {}
@@ -208,7 +208,7 @@ def write_arrays(path: Path, kind: str, about: Mapping[str, Any], arrays: Mappin
 
 
 def read_arrays(path: Path, kind: str) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """What ``write_arrays`` wrote: what the header says, and the arrays.
+    """The header and the arrays of a file of ``write_arrays``.
 
     Raises:
         ValueError: that names the file, if any of it is missing or changed, or it is of another format or version.
@@ -260,7 +260,7 @@ def _digest(header: str, arrays: Mapping[str, np.ndarray]) -> str:
 
 
 def _reason(error: BaseException) -> str:
-    """What an error says, in one line."""
+    """The message of an error, in one line."""
     if isinstance(error, KeyError):
         return f"it has no {error}"
     words = error.strerror if isinstance(error, OSError) and error.strerror else str(error)

@@ -1,4 +1,4 @@
-"""Functions that remember their last result, for optimisers that ask for values and derivatives in two calls."""
+"""Functions that cache their last result, for optimisers that ask for values and derivatives in two calls."""
 
 from collections.abc import Callable
 from functools import lru_cache
@@ -11,5 +11,5 @@ R = TypeVar("R")
 
 def last_result(function: Callable[[np.ndarray], R]) -> Callable[[np.ndarray], R]:
     """The same function of a list of floats, which is not computed again where it was computed last."""
-    remembered = lru_cache(1)(lambda numbers: function(np.frombuffer(numbers)))
-    return lambda x: remembered(x.tobytes())
+    cached = lru_cache(1)(lambda numbers: function(np.frombuffer(numbers)))
+    return lambda x: cached(x.tobytes())

@@ -1,4 +1,4 @@
-"""What a number must be, by the names of the functions in ``_check``; no JAX, so that files are checked at once."""
+"""Conditions on numbers, by the names of the functions in ``_check``; without JAX, for files to be checked at once."""
 
 from collections.abc import Callable
 from typing import Any

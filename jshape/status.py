@@ -1,10 +1,10 @@
-"""How a computation ended: a status that a program can compare, and a sentence that a person can read."""
+"""Outcomes of computations: a status that a program can compare, and a sentence that a person can read."""
 
 import enum
 
 
 class Status(enum.Enum):
-    """How a computation ended."""
+    """The outcome of a computation."""
 
     CONVERGED = "converged"
     """The conditions of a solution hold to the tolerance asked for."""
@@ -19,7 +19,7 @@ class Status(enum.Enum):
 
 
 class Result:
-    """What every result offers beside its numbers: ``status``, ``converged``, ``message``.
+    """The base of all results: ``status``, ``converged``, ``message``.
 
     A subclass has ``status`` and ``message`` as fields or properties.
     """

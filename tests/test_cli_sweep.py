@@ -46,7 +46,7 @@ def test_interrupted_it_says_how_to_go_on(tmp_path, monkeypatch):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(robustness, "sweep", interrupted)
-    for given, words in (([], "with --store DIR"), (["--store", str(tmp_path / "s")], "same command goes on from")):
+    for given, words in (([], "with --store DIR"), (["--store", str(tmp_path / "s")], "same command resumes")):
         result = run(app, ["sweep", "paper_001", "--out", str(tmp_path / "out"), *given])
         assert result.exit_code == 130
         assert words in result.output

@@ -37,7 +37,7 @@ def test_train_writes_a_policy_its_curve_and_goes_on_from_its_checkpoint(tmp_pat
     monkeypatch.setattr(apg, "_update", interrupted)
     stopped = run(*small)
     assert stopped.exit_code == 130
-    assert "goes on from there" in stopped.stderr
+    assert "the same command resumes it" in stopped.stderr
     assert not json.loads((out / "results.json").read_text(encoding="utf-8"))["ended"]
     ended = run(*small)
     assert ended.exit_code == 0, ended.output

@@ -47,7 +47,7 @@ FORMAT = "jshape-training 1"
 
 @dataclasses.dataclass(frozen=True)
 class Recipe:
-    """How to train.
+    """Settings of a training.
 
     Attributes:
         moves: in all environments together, rounded up to whole updates.

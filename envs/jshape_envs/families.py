@@ -10,6 +10,7 @@ A family takes an environment's declared params and returns the true ones. A fur
 
 import dataclasses
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -212,10 +213,10 @@ DECLARED: dict[str, Family] = {
     "none": lambda params: params,
     "heavier": heavier,
     "farther": farther,
-    "stiffer": lambda params: stiffness(params, 1.5, 1.1),
-    "damped": lambda params: damping(params, 3.0),
+    "stiffer": partial(stiffness, spring=1.5, others=1.1),
+    "damped": partial(damping, factor=3.0),
     "noisy": lambda params: with_sensor(params, noise=4 * params.sensor.noise),
-    "missing": lambda params: missing(params, 0.1),
+    "missing": partial(missing, share=0.1),
     "swaying": swaying,
     "lagging": lagging,
 }
@@ -225,11 +226,11 @@ other damping, noise, missing samples, a payload that changes in every move, a s
 HELD_OUT: dict[str, Family] = {
     "lighter": lighter,
     "nearer": nearer,
-    "softer": lambda params: stiffness(params, 0.6, 0.88),
-    "undamped": lambda params: damping(params, 0.2),
+    "softer": partial(stiffness, spring=0.6, others=0.88),
+    "undamped": partial(damping, factor=0.2),
     "miscalibrated": lambda params: with_sensor(params, reach=params.sensor.reach / 1.2),
     "restless": lambda params: dataclasses.replace(params, change_rate=jnp.minimum(3 * params.change_rate, 1.0)),
-    "patchy": lambda params: missing(params, 0.4),
+    "patchy": partial(missing, share=0.4),
     "worn": worn,
 }
 """The families that neither training nor calibration has used; for judging alone."""

@@ -89,5 +89,5 @@ def watched(plant: AbstractPlant, state: EnvState, shaper: Shaper, params: Param
 
 
 def as_response(run: dict[str, Array]) -> Any:
-    """What ``watched`` gives, as plain numbers with the names of a ``Response``."""
+    """The trajectory of ``watched`` as plain numbers with the names of a ``Response``."""
     return SimpleNamespace(**{name: np.asarray(values) for name, values in run.items()})

@@ -276,7 +276,7 @@ def calibrated(
 def log_likelihood(
     params: Params, deflections: Float[Array, "plants samples"], samples: Float[Array, " samples"]
 ) -> Float[Array, " plants"]:
-    """How well each plant explains the samples; where none does, the errors count as noise of that size."""
+    """The log-likelihood of each plant given the samples; where none explains them, the errors count as noise."""
     error, variance = misfit(params, deflections, samples)
     return -error / (2 * jnp.maximum(variance, jnp.min(error) / len(samples)))
 
@@ -308,7 +308,7 @@ def measured_residual(
 def _residuals(
     params: Params, bank: BankState, payload: Scalar, shapers: Shaper
 ) -> tuple[Float[Array, " shapers"], Scalar]:
-    """What each shaper would leave in the next move with that payload, normalised, and the energy of 1, J."""
+    """The normalised residual energy of each shaper in the next move with that payload, and the energy of 1, J."""
     machine = params.machine
     plant, command = machine.plant(payload, bank.made), machine.command(bank.distance, bank.made)
     before = EnvState(bank.plant, bank.position, bank.distance, payload, bank.made, bank.made)

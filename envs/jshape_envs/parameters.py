@@ -64,7 +64,7 @@ def parameters(
     context_noise: float = 0.2,
     dtype: Any = jnp.float32,
 ) -> Params:
-    """Everything about an environment, ready for ``reset`` and ``step``.
+    """The parameters of an environment, ready for ``reset`` and ``step``.
 
     Oracles of the presets come with the package; other payloads, moves or weights have one designed, which takes some
     ten seconds.
@@ -186,7 +186,7 @@ def _steps(
 
 
 def table_file(environment: str, preset: str) -> Path:
-    """Where the oracle's table of a preset stands."""
+    """The file of the oracle's table of a preset."""
     return TABLES / f"{environment}_{preset}.npz"
 
 

@@ -157,7 +157,7 @@ def read_policy(path: Path) -> tuple[GRUPolicy, dict[str, Any]]:
 
 
 def policy_file(environment: str, preset: str = "paper", context: str = "hidden") -> Path:
-    """Where a policy that comes with the package stands."""
+    """The file of a policy that comes with the package."""
     return POLICIES / f"{environment}_{preset}_{context}.npz"
 
 

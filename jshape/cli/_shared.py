@@ -1,4 +1,4 @@
-"""What every command shares: the problem and its folder, JAX's settings, errors in a line, progress.
+"""Functions that all commands share: the problem and its folder, JAX's settings, errors in a line, progress.
 
 Nothing here imports JAX before a command runs, so that help comes at once.
 """
@@ -74,7 +74,7 @@ def results_folder(out: Path | None, name: str) -> Path:
 
 
 def plants_of(problem: "Problem") -> int:
-    """How many plants the uncertain set of a problem has; one where there is none."""
+    """The number of plants in the uncertain set of a problem; one where there is none."""
     return math.prod(len(values) for values in problem.over.values())
 
 

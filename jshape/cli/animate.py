@@ -142,7 +142,7 @@ def _chosen(
 
 
 def _not_of(problem: "Problem", folder: Path) -> str | None:
-    """Why a folder's tuned shaper is none of this problem, in words; ``None`` if it is."""
+    """The reason for which a folder's tuned shaper is not of this problem; ``None`` if it is."""
     from jshape._files import digest, read_text
     from jshape.export import read_tuned
 

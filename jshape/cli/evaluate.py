@@ -36,7 +36,7 @@ def evaluate(
         ),
     ] = [],  # noqa: B006
     family: Annotated[
-        str, typer.Option(help="Of shift: the truth differs from what policies know, 'heavier' for one.")
+        str, typer.Option(help="Of shift: the true environment differs from the declared one, 'heavier' for one.")
     ] = "none",
     episodes: Annotated[int, typer.Option(help="Of 64 moves, for each seed.")] = 64,
     seeds: Annotated[int, typer.Option(help="Sets of episodes, which the intervals are over.")] = 5,

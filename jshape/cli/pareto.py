@@ -56,5 +56,5 @@ def pareto(
     show_front(read, found)
     typer.echo(f"results in {folder}: {', '.join(files)}")
     if Status.INTERRUPTED.value in found["status"].values:
-        typer.echo("interrupted: what was not computed is empty; with --store DIR the same command goes on", err=True)
+        typer.echo("interrupted: what was not computed is empty; with --store DIR the same command resumes", err=True)
         raise typer.Exit(130)

@@ -88,7 +88,7 @@ def _chosen(
 
 
 def _show(before: "Trajectory", effect: "Effect", files: dict[str, str], step: float) -> None:
-    """What shaping does, by joint, to the duration and to the path."""
+    """The effect of shaping on the duration and on the path, by joint."""
     import numpy as np
 
     from jshape.reports.tables import new_console, number, say, show_table

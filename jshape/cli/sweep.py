@@ -84,8 +84,9 @@ def sweep(
                 progress=progress,
             )
         except KeyboardInterrupt:
-            again = f"what is done lies in {store}; the same command goes on from there"
-            typer.echo(again if store else "nothing is kept; with --store DIR it goes on after Ctrl-C", err=True)
+            again = f"finished chunks are in {store}; the same command resumes the sweep"
+            alone = "nothing is kept; with --store DIR the sweep can be resumed after Ctrl-C"
+            typer.echo(again if store else alone, err=True)
             raise
         step("files")
         files = write_sweep(read, found, folder)

@@ -24,7 +24,7 @@ def train(
     hidden: Annotated[int, typer.Option(help="Size of the policy's memory.")] = 48,
     seed: Annotated[int, typer.Option(help="Of weights, payloads and noise.")] = 0,
 ) -> None:
-    """Train a policy by analytic gradients. After Ctrl-C the same command goes on from the checkpoint in its folder."""
+    """Train a policy by analytic gradients. After Ctrl-C the same command resumes from the checkpoint in its folder."""
     _shared.need_environments()
     _shared.prepare_jax()
     import numpy as np
@@ -56,7 +56,7 @@ def train(
                 progress=lambda stage, done, total, best: progress(stage, done, total, math.inf),
             )
         except KeyboardInterrupt:
-            typer.echo(f"what is learned lies in {checkpoint}; the same command goes on from there", err=True)
+            typer.echo(f"the training so far is in {checkpoint}; the same command resumes it", err=True)
             raise
         if found.status is Status.DIVERGED:
             raise ValueError(f"training diverged: {found.message}")

@@ -1,7 +1,7 @@
 """The environment as pure functions: ``reset`` and ``step``, for ``jit``, ``vmap``, ``scan`` and ``grad``.
 
 One step is one point-to-point move; an episode is a sequence of moves of random size and direction, while the payload
-changes at moments that nobody announces::
+changes unannounced::
 
     params = jshape_envs.parameters("DuffingPayload", preset="paper")
     state, observation = reset(key, params)
@@ -31,7 +31,7 @@ CONTEXTS = ("hidden", "observed", "noisy")
 
 
 class Params(eqx.Module):
-    """Everything about an environment. All arrays are leaves: stack them, and ``vmap`` over different environments.
+    """The parameters of an environment. All arrays are leaves: stack them, and ``vmap`` over different environments.
 
     Attributes:
         machine: what moves.
@@ -93,7 +93,7 @@ class EnvState(eqx.Module):
 
 
 class Evaluation(NamedTuple):
-    """What a policy must not observe; for evaluation only.
+    """Hidden quantities of a move, for evaluation only: a policy must not observe them.
 
     Attributes:
         payload: with which the move was made.

@@ -1,4 +1,4 @@
-"""Moves of a crane that hoists on the way: the frequency sweeps during the move, and nobody knows where it begins.
+"""Moves of a crane that hoists on the way: the frequency sweeps during the move, from an unknown initial value.
 
 The hoist's encoder measures how much cable is out, but not how far below the hook the load's middle hangs: the pendulum
 is longer than the cable by an unknown rest, which is another one with every load. It is learned from the swing angle

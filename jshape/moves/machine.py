@@ -91,7 +91,7 @@ class AbstractMachine(Checked):
         """A sign of the distance and a number of moves for which the next one is of that kind."""
 
     def known(self, moves: Int[Array, ""]) -> Float[Array, " known"]:
-        """What the machine's own encoders measure of the next move besides its distance, within [−1, 1]: nothing."""
+        """Measurements of the machine's own encoders of the next move besides its distance, within [−1, 1]: none."""
         return jnp.zeros(0)
 
 

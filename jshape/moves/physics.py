@@ -21,7 +21,7 @@ from jshape.simulation.steps import field_of
 
 
 class Steps(eqx.Module):
-    """How finely moves are integrated.
+    """The numbers of integration steps of a move and of the sensor's window.
 
     Attributes:
         move: steps from one break of the shaped command to the next.

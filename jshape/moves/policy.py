@@ -1,4 +1,4 @@
-"""Who chooses shapers, and how an episode runs: the one protocol of fixed, adaptive and trained policies and oracles.
+"""Policies and episodes: the one protocol of fixed, adaptive and trained policies and oracles.
 
 A policy has a memory, a pytree of arrays that begins anew with every episode::
 

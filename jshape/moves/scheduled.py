@@ -86,7 +86,7 @@ class AbstractMoves(eqx.Module):
         """The command of the move."""
 
     def signal(self, plant: AbstractPlant, state: State, position: Position) -> Scalar:
-        """What the sensor measures, with the command at ``position``: the deflection, unless a machine defines it
+        """The measured signal, with the command at ``position``: the deflection, unless a machine defines it
         otherwise."""
         return plant.deflection(state, position)
 
@@ -109,7 +109,7 @@ def begun(plant: AbstractPlant, swing: Swing) -> State:
 
 
 def swing_of(plant: AbstractPlant, state: State, inputs: Inputs) -> Swing:
-    """How far from rest a plant is, at these inputs."""
+    """The departure of a plant's state from rest at these inputs."""
     return (state - plant.rest_state(inputs))[:2]
 
 
@@ -180,7 +180,7 @@ class MoveTrace(NamedTuple):
 
 
 class ScheduledObservation(NamedTuple):
-    """What a policy observes before a move."""
+    """The observation of a policy before a move."""
 
     known: Any
     """What the controller knows of the move."""

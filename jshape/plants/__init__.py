@@ -1,4 +1,4 @@
-"""What vibrates: plants and their parts. Start with ``TwoMass`` or ``Crane``; write your own from ``AbstractPlant``."""
+"""Plants and their parts. Start with ``TwoMass`` or ``Crane``; write your own from ``AbstractPlant``."""
 
 import lazy_loader
 

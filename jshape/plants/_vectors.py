@@ -104,7 +104,7 @@ def rotated(axis: Vector, angle: Angle, a: Vector) -> Vector:
 
 
 def change(axis: Vector, angle: Angle, a: Vector) -> Vector:
-    """What a rotation makes of the part of a vector across the axis; linear in cosine and sine."""
+    """The rotated part of a vector across the axis; linear in cosine and sine."""
     across = subtracted(a, scaled(dot(axis, a), axis))
     return added(scaled(angle.cosine, across), scaled(angle.sine, cross(axis, a)))
 

@@ -110,7 +110,7 @@ class AbstractPlant(Checked):
         return None
 
     def payload(self, state: State, position: Position) -> Position:
-        """What is to arrive without vibration, m: the first state unless a plant defines it otherwise.
+        """Position of the payload, m: the first state unless a plant defines it otherwise.
 
         Args:
             state: the plant's state.
@@ -119,7 +119,7 @@ class AbstractPlant(Checked):
         return state[0]
 
     def deflection(self, state: State, position: Position) -> Position:
-        """How far the flexible part is bent, m: payload less command unless a plant defines it otherwise."""
+        """Deflection of the flexible part, m: payload less command unless a plant defines it otherwise."""
         return self.payload(state, position) - position
 
     def diverged(self, state: State, inputs: Inputs) -> Bool[Array, ""]:
@@ -140,12 +140,12 @@ class AbstractPlant(Checked):
         return frequencies[0] if len(frequencies) == 1 else frequencies
 
     def axis_drives(self) -> tuple[str | tuple[str, ...], ...]:
-        """What each axis drives, in their order; of a plant of one axis its ``drive`` alone."""
+        """The drives of the axes, in their order; of a plant of one axis its ``drive`` alone."""
         drive = self.drive
         return tuple(drive[axis] for axis in self.axes) if isinstance(drive, Mapping) else (drive,)
 
     def drives(self, axis: int = 0) -> tuple[str, ...]:
-        """What one of the axes drives, as a tuple.
+        """The drives of one of the axes, as a tuple.
 
         Raises:
             ValueError: for a word that is not among ``DRIVES``.

@@ -74,7 +74,7 @@ class Joint(Checked):
     anchor: Entries = eqx.field(default_factory=dict, converter=entries(finite))
 
     def pull(self, coordinate: Entry) -> Entry:
-        """What the spring resists with, N m or N."""
+        """The resisting force of the spring, N m or N."""
         stretch = minus(coordinate, given(self.springref))
         cubic = times(given(self.cubic_stiffness), times(stretch, times(stretch, stretch)))
         return plus(times(given(self.stiffness), stretch), cubic)

@@ -76,15 +76,15 @@ class BridgeCrane(AbstractCrane):
         return self.offsets(place)[0]
 
     def offsets(self, place: Array) -> Array:
-        """How far the payload is ahead of the trolley along x and y, m; ``place``: the two angles."""
+        """Displacement of the payload from the trolley along x and y, m; ``place``: the two angles."""
         return self.cable_length * jnp.stack([jnp.sin(place[0]) * jnp.cos(place[1]), jnp.sin(place[1])])
 
     def deflection(self, state: State, position: Position) -> Position:
-        """How far the payload is ahead of the trolley along x and y, m."""
+        """Displacement of the payload from the trolley along x and y, m."""
         return self.offsets(state[:2])
 
     def _pull(self, acceleration: Array) -> Array:
-        """Gravity as felt behind the trolley, m/s², along x, y and upwards."""
+        """Apparent gravity behind the trolley, m/s², along x, y and upwards."""
         return jnp.append(-acceleration, -self.gravity)
 
     def rest_angles(self, acceleration: Array) -> Array:

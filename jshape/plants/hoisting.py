@@ -93,12 +93,12 @@ class HoistingCrane(AbstractCrane):
         return super().beyond(place, rates, acceleration) | (place[1] <= 0)
 
     def payload(self, state: State, position: Position) -> Position:
-        """Where the payload is along the track, and how far below its place at the beginning, m."""
+        """Position of the payload along the track, and its depth below the initial one, m."""
         start = state[0] if self.drive == "force" else position[0]
         return jnp.stack([start, position[1]]) + self.deflection(state, position)
 
     def deflection(self, state: State, position: Position) -> Position:
-        """How far the payload is ahead of the trolley, and below the cable's length (not positive), m."""
+        """Displacement of the payload from the trolley, and below the cable's length (not positive), m."""
         length = self.cable_length + position[1]
         angle = state[1] if self.drive == "force" else state[0]
         return length * jnp.stack([jnp.sin(angle), -2 * jnp.sin(angle / 2) ** 2])

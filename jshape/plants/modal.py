@@ -56,7 +56,7 @@ class ModalPlant(AbstractModes):
         return state[:n], state[n:]
 
     def driven(self, inputs: Inputs) -> Array | Number:
-        """What every mode follows, m: the command itself unless a plant defines it otherwise."""
+        """The reference that every mode follows, m: the command itself unless a plant defines it otherwise."""
         return inputs
 
     def weights(self) -> Array:
@@ -120,5 +120,5 @@ class PlanarModes(ModalPlant):
         return jnp.sum(self.gains**2, axis=1)
 
     def payload(self, state: State, position: Position) -> Position:
-        """Where the payload is along x and y, m."""
+        """Position of the payload along x and y, m."""
         return jnp.sum(self.gains * self.split(state)[0][:, None], axis=0)

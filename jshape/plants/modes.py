@@ -1,4 +1,4 @@
-"""What plants made of independent linear modes share: their lists with one entry a mode."""
+"""The base of plants made of independent linear modes: their lists with one entry a mode."""
 
 from typing import Any
 

@@ -54,7 +54,7 @@ class RigidFlexible(AbstractModes):
         return state[0] - jnp.sum(self.gains * self._modes(state)[0])
 
     def deflection(self, state: State, position: Number) -> Scalar:
-        """How far the payload is from the rigid body, m: −Σ gain_i q_i."""
+        """Displacement of the payload from the rigid body, m: −Σ gain_i q_i."""
         return self.payload(state, position) - state[0]
 
     def acceleration(self, state: State, inputs: Inputs) -> Scalar:

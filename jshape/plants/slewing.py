@@ -20,7 +20,7 @@ if not TYPE_CHECKING:
 
 
 class Suspension(NamedTuple):
-    """How the point moves from which the cable hangs, in the frame that slews: x outwards, y sideways, z upwards.
+    """Motion of the point from which the cable hangs, in the frame that slews: x outwards, y sideways, z upwards.
 
     Attributes:
         slewing: angular velocity of that frame, rad/s.
@@ -60,7 +60,7 @@ class AbstractSlewingCrane(AbstractPlant):
 
     @abc.abstractmethod
     def suspension(self, inputs: Inputs) -> Suspension:
-        """How the cable's upper end moves, and the cable's length."""
+        """Motion of the cable's upper end, and the cable's length."""
 
     @abc.abstractmethod
     def radius(self, position: Position) -> Scalar:
@@ -98,12 +98,12 @@ class AbstractSlewingCrane(AbstractPlant):
         return jnp.zeros(4, self.gravity.dtype)
 
     def payload(self, state: State, position: Position) -> Position:
-        """Where the payload is: around the axis of slewing (rad), from it, and below its place at the beginning (m)."""
+        """Position of the payload: around the axis of slewing (rad), from it, and below its initial place (m)."""
         turned, outwards, down = self.deflection(state, position)
         return jnp.stack([position[0] + turned, self.radius(position) + outwards, position[2] + down])
 
     def deflection(self, state: State, position: Position) -> Position:
-        """How far the payload is ahead around the axis (rad), outwards, and below the cable's length (m)."""
+        """Displacement of the payload around the axis (rad), outwards, and below the cable's length (m)."""
         length, radius = self.cable_length + position[2], self.radius(position)
         x, y = radius + length * jnp.sin(state[0]) * jnp.cos(state[1]), length * jnp.sin(state[1])
         # √(x² + y²) − r without cancellation.

@@ -113,14 +113,14 @@ class SloshingTank(AbstractCrane):
         return jnp.sum(heights * jnp.sin(jnp.asarray(along)[..., None] * k), axis=-1)
 
     def centre(self, place: Array) -> Scalar:
-        """How far the liquid's centre of mass is ahead of the tank's middle, m."""
+        """Displacement of the liquid's centre of mass from the tank's middle, m."""
         return self.moment(place) / self.carried()
 
     def payload(self, state: State, position: Position) -> Position:
-        """Where the liquid's centre of mass is along the track, m."""
+        """Position of the liquid's centre of mass along the track, m."""
         tank = state[0] if self.drive == "force" else position
         return tank + self.centre(self.relative(state, self.zero_inputs())[0])
 
     def offset(self, place: Array) -> Scalar:
-        """How high the wave stands at the wall in front, m."""
+        """Height of the wave at the wall in front, m."""
         return self.surface(place, self.length / 2)

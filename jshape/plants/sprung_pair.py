@@ -20,7 +20,7 @@ class AbstractSprungPair(AbstractPlant):
     spring: AbstractVar[AbstractSpring]
 
     def payload(self, state: State, position: Number) -> Scalar:
-        """Where the second body is, m or rad."""
+        """Position of the second body, m or rad."""
         return state[1]
 
     def deflection(self, state: State, position: Number) -> Scalar:

@@ -1,4 +1,4 @@
-"""What hangs from a trolley: cranes driven by the trolley's acceleration, its velocity, or a force on it.
+"""Cranes: payloads that hang from a trolley, driven by its acceleration, its velocity, or a force on it.
 
 Each crane (``pendulum.py``, ``hoisting.py``, ``double_pendulum.py``, ``bridge.py``) gives the angles' accelerations
 while the trolley stands still, and their coupling to the trolley's acceleration; the rest is here.
@@ -124,7 +124,7 @@ def _peak(curve: np.polynomial.Polynomial, duration: float) -> float:
 
 
 class Driven(NamedTuple):
-    """What drives a crane at one instant.
+    """The inputs of a crane at one instant.
 
     Attributes:
         trolley: what its ``drive`` names, of its one axis or of each.
@@ -179,7 +179,7 @@ class AbstractCrane(AbstractPlant):
 
     @abc.abstractmethod
     def carried(self) -> Scalar:
-        """Everything that hangs from the trolley, kg."""
+        """The mass that hangs from the trolley, kg."""
 
     @abc.abstractmethod
     def swing_energy(self, place: Array, rates: Array, acceleration: Array) -> Scalar:
@@ -191,19 +191,19 @@ class AbstractCrane(AbstractPlant):
 
     @abc.abstractmethod
     def offset(self, place: Array) -> Scalar:
-        """How far the payload is ahead of the trolley, m."""
+        """Displacement of the payload from the trolley, m."""
 
     def beyond(self, place: Array, rates: Array, acceleration: Array) -> Bool[Array, ""]:
         """Whether the load cannot return to rest: past the horizontal, unless a crane defines it otherwise."""
         return jnp.any(jnp.abs(place[: self.angles]) >= jnp.pi / 2)
 
     def driven(self, inputs: Inputs) -> Driven:
-        """What drives the trolley, and the lengths that an axis of their own changes: none unless a crane has one."""
+        """The trolley's inputs, and the lengths that an axis of their own changes: none unless a crane has one."""
         none = jnp.zeros(0, self.gravity.dtype)
         return Driven(jnp.asarray(inputs), none, none, none)
 
     def swept(self, place: Array, motion: Array) -> Array:
-        """What a motion of the trolley along all its axes gives the angles, turned back: ``coupling`` times it."""
+        """The effect of the trolley's motion along all its axes on the angles, turned back: ``coupling`` times it."""
         return motion * self.coupling(place)
 
     def vector_field(self, t: Number, state: State, inputs: Inputs) -> State:
@@ -276,11 +276,11 @@ class AbstractCrane(AbstractPlant):
         return jnp.concatenate([self.rest_angles(driven.trolley), zero])
 
     def payload(self, state: State, position: Position) -> Position:
-        """Where the payload is along the track, m."""
+        """Position of the payload along the track, m."""
         return (state[0] if self.drive == "force" else position) + self.deflection(state, position)
 
     def deflection(self, state: State, position: Position) -> Position:
-        """How far the payload is ahead of the trolley, m."""
+        """Displacement of the payload from the trolley, m."""
         return self.offset(self.relative(state, self.zero_inputs())[0])
 
     def diverged(self, state: State, inputs: Inputs) -> Bool[Array, ""]:

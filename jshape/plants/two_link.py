@@ -74,7 +74,7 @@ class TwoLinkArm(AbstractPlant):
         return Masses(self.upper_length**2 * carried + fore + 2 * coupling, fore + coupling, fore, lever)
 
     def _bent(self, state: State, inputs: Inputs) -> tuple[Array, Array]:
-        """How much the joints are bent, and how fast they bend."""
+        """Deflections of the joints, and their rates."""
         (first, first_rate), (second, second_rate) = inputs
         return state[:2] - jnp.stack([first, second]), state[2:] - jnp.stack([first_rate, second_rate])
 
@@ -101,7 +101,7 @@ class TwoLinkArm(AbstractPlant):
         return jnp.concatenate([angles, jnp.zeros_like(angles)])
 
     def payload(self, state: State, position: Position) -> Position:
-        """How far both joints have turned behind their springs, rad."""
+        """Angles of both joints behind their springs, rad."""
         return state[:2]
 
     def frequencies(self, elbow: Scalar) -> Float[Array, "2"]:

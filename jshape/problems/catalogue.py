@@ -1,4 +1,4 @@
-"""What a problem file may name: plants, their parts and commands, with the keys of each.
+"""The classes that a problem file may name: plants, their parts and commands, with the keys of each.
 
 Read from the sources of the classes themselves, their fields and the ``Attributes:`` of their docstrings, without
 importing them: the command line lists plants and checks problem files before JAX is loaded.
@@ -190,11 +190,14 @@ def _reader(name: str) -> Entry:
     ]
     for argument, default in given:
         kind = re.search(r"Mapping\[str, (\w+)\]", ast.unparse(argument.annotation or node))
-        key = Key(argument.arg, "", None, default, None, (), kind[1] if kind else None)
         meaning = words[argument.arg].partition(", or the file's text")[0]
-        keys[key.name] = dataclasses.replace(key, meaning=meaning)
-    summary = " ".join(doc.split("\n\n")[0].replace("``", "").split())
-    return Entry(name, summary, keys, (name,), {"unit": "m", "force_unit": "N"})
+        keys[argument.arg] = Key(argument.arg, meaning, None, default, None, (), kind[1] if kind else None)
+    return Entry(name, _summary(doc), keys, (name,), {"unit": "m", "force_unit": "N"})
+
+
+def _summary(doc: str | None) -> str:
+    """The first paragraph of a docstring, in a line."""
+    return " ".join((doc or "").split("\n\n")[0].replace("``", "").split())
 
 
 def _exported() -> list[str]:
@@ -242,13 +245,13 @@ def _entry(name: str) -> Entry:
     if own is not None:
         checks = {key: field.checks for key, field in keys.items()}
         keys = {key.name: dataclasses.replace(key, checks=checks.get(key.name, ())) for key in own}
-    summary = (ast.get_docstring(_classes()[name][0]) or "").split("\n\n")[0].replace("``", "")
+    summary = _summary(ast.get_docstring(_classes()[name][0]))
     keys = {key: _documented(field, words.get(key, "")) for key, field in keys.items()}
     units = constants.get("units", {})
     axes = {axis: units.get(axis, constants["unit"]) for axis in constants.get("axes", ())}
     others = constants.get("command_units", {})
     constants = {key: value for key, value in constants.items() if isinstance(value, str)}
-    return Entry(name, " ".join(summary.split()), keys, bases, constants, axes, others)
+    return Entry(name, summary, keys, bases, constants, axes, others)
 
 
 def _documented(key: Key, words: str) -> Key:

@@ -69,7 +69,7 @@ def label(plant: Part, leaf: str, unit: str | None) -> str:
 
 
 def _design(draft: Draft) -> list[str]:
-    """What the file asks of the design."""
+    """The design that the file asks for."""
     design, words = draft.file.design, []
     for name in sorted(design.model_fields_set, key=list(type(design).model_fields).index):
         unit = QUANTITIES["design"].get(name)

@@ -1,4 +1,4 @@
-"""What a problem file may hold at most: one that is damaged or hostile is refused at once, in a line.
+"""Limits of a problem file's content: one that is damaged or hostile is refused at once, in a line.
 
 ``parse`` gives the text and the tables; ``exceeded`` finds the keys whose values are beyond a limit.
 """

@@ -1,4 +1,4 @@
-"""Where each key of a problem file stands, and what is said of a wrong one."""
+"""Lines of a problem file's keys, and the error for a wrong one."""
 
 import re
 from pathlib import Path
@@ -11,7 +11,7 @@ class ProblemError(ValueError):
 
 
 class Lines:
-    """Where each key of a TOML file stands, so that errors can say."""
+    """The line of each key of a TOML file, for error messages."""
 
     def __init__(self, path: Path, text: str):
         self.path = path

@@ -58,7 +58,7 @@ class Range(Strict):
 
 
 class Design(Strict):
-    """What to tune; the fields are ``js.tune``'s arguments."""
+    """Options of a design; the fields are ``js.tune``'s arguments."""
 
     impulses: int = Field(default=3, ge=2, le=64)
     duration: Positive | list[float] | None = None
@@ -77,7 +77,7 @@ class Design(Strict):
 
 
 class Front(Strict):
-    """What ``jshape pareto`` tries; the fields are ``js.pareto``'s arguments."""
+    """Options of a Pareto front; the fields are ``js.pareto``'s arguments."""
 
     impulses: list[int] = [2, 3, 4]
     amplitudes: list[Literal["positive", "bounded", "unity", "free"]] = ["positive"]
@@ -87,7 +87,7 @@ class Front(Strict):
 
 
 class Adapt(Strict):
-    """How ``jshape adapt`` tries strategies on a ``FlexibleLink`` whose load changes.
+    """Options of ``jshape adapt``, which tries strategies on a ``FlexibleLink`` whose load changes.
 
     Attributes:
         cases: the strategies.

@@ -164,7 +164,7 @@ def _about(key: Key, unit: str | None) -> str:
 
 
 def _others(name: str, base: str) -> str:
-    """What may stand in the place of a part; a jump is no motion that a machine makes."""
+    """The alternatives to a part; a jump is no motion that a machine makes."""
     others = [other for other in known(base) if other not in (name, "Step")]
     return f" Or one of {', '.join(others)}." if others else ""
 

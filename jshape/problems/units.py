@@ -141,7 +141,7 @@ USUAL = {
 
 
 def question(value: float, unit: str | None) -> str | None:
-    """What is odd about a number given without a unit: that it is far beyond what machines have."""
+    """A warning for a number given without a unit that is far beyond what machines have."""
     least, greatest = USUAL.get(unit or "", (0.0, math.inf))
     if value == 0 or least <= abs(value) <= greatest:
         return None
@@ -165,7 +165,7 @@ class Units(NamedTuple):
 
 
 def lengths(units: Units, key: str) -> tuple[str, dict[str, str]]:
-    """What stands for m in the unit of a design's key, and what for each axis."""
+    """The unit that stands for m in a design's key, and that of each axis."""
     if key == "peak_deflection":
         return units.payload, units.payloads
     return units.command, units.commands

@@ -29,7 +29,7 @@ NUMBER = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)(e[-+]?\d+)?", re.IGNORECASE | re.
 
 @dataclasses.dataclass(frozen=True)
 class Form:
-    """How a file was written.
+    """The form of a file.
 
     Attributes:
         separator: of a CSV file; empty for JSON.

@@ -35,7 +35,7 @@ States = Float[np.ndarray, "times joints orders"]
 
 
 class Effect(NamedTuple):
-    """What shaping does to a trajectory.
+    """The effect of shaping on a trajectory.
 
     Attributes:
         trajectory: the shaped one.

@@ -8,6 +8,7 @@ moves is made, on episodes of its own.
 """
 
 from collections.abc import Callable
+from functools import partial
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -75,14 +76,14 @@ def _hedged(policy: AmplitudeAware | ModelBased, params: Params) -> AbstractPoli
 
 
 BASELINES: dict[str, Callable[[Params], AbstractPolicy]] = {
-    "zv": lambda params: fixed_linear(params, "zv"),
-    "zvd": lambda params: fixed_linear(params, "zvd"),
-    "ei": lambda params: fixed_linear(params, "ei"),
+    "zv": partial(fixed_linear, kind="zv"),
+    "zvd": partial(fixed_linear, kind="zvd"),
+    "ei": partial(fixed_linear, kind="ei"),
     "best-fixed": _best_fixed,
     "energy": fixed_energy,
     "best-energy": _best_energy,
     "i-d": direct_adaptive,
-    "i-d-e": lambda params: direct_adaptive(params, seeks=True),
+    "i-d-e": partial(direct_adaptive, seeks=True),
     "i-d-e-scaled": _best_seeking,
     "tracker": _best_tracker,
     "amplitude-aware": lambda params: _hedged(amplitude_aware(params), params),

@@ -50,7 +50,7 @@ def sensor_deviation(params: Params) -> Scalar:
 
 
 def evenly(ends: Float[Array, "2"], count: int) -> Float[Array, " values"]:
-    """So many values from the one end to the other."""
+    """Evenly spaced values, both ends included."""
     return jnp.linspace(ends[0], ends[1], count)
 
 

@@ -16,7 +16,7 @@ from jshape_envs.baselines.observed import observed
 
 
 class Hedge(NamedTuple):
-    """How a shaper is made more robust.
+    """A hedge: changes of a shaper that make it more robust.
 
     Attributes:
         scale: factor of its times.

@@ -193,7 +193,7 @@ def _kind(amplitudes: str, impulses: int | None, limit: float | None) -> Kind:
 
 
 def _message(optimal: bool, impulses: int, limited: str, kind: Kind) -> str:
-    """What is proven about a feasible design."""
+    """The message of a feasible design: the proven optimality."""
     rivals = "any number of impulses"
     if kind.name == "bounded":
         rivals = f"negative amplitudes up to {kind.negative:.6g} in all"

@@ -1,4 +1,4 @@
-"""The way to a global optimum: from the linear program where that gives the impulses, from random starts otherwise."""
+"""Global search: from the linear program where that gives the impulses, from random starts otherwise."""
 
 import dataclasses
 from collections.abc import Iterator

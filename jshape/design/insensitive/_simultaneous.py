@@ -37,7 +37,7 @@ def cancel(poles: Poles, order: int, longest: float) -> tuple[Vector, Vector] | 
 
 
 def _terms(poles: Poles, order: int, reach: Vector) -> Matrix:
-    """What a unit impulse adds to each condition, by the time from it to the last: real rows, then imaginary ones."""
+    """A unit impulse's contribution to each condition, by the time from it to the last: real rows, then imaginary."""
     terms = np.concatenate([reach**k * np.exp(np.multiply.outer(poles, reach)) for k in range(order + 1)])
     return np.concatenate([np.real(terms), np.imag(terms)])
 

@@ -34,7 +34,7 @@ def _solved(specification: Specification, start: Design, poles: Poles) -> tuple[
         return x[-1] if specification.vibration is None else specification.vibration
 
     def slack(x: Vector) -> Vector:
-        """How far V is below its limit at each pole, as limit − V²/limit."""
+        """The slack of V at each pole, as limit − V²/limit."""
         return limit(x) - np.abs(transform(*impulses(x), poles)) ** 2 / limit(x)
 
     def slack_jacobian(x: Vector) -> Matrix:

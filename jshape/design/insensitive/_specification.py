@@ -1,4 +1,4 @@
-"""What is asked for, and a candidate: the two records that every solver here takes and returns."""
+"""The specification and a candidate design: the two records that every solver here takes and returns."""
 
 import dataclasses
 

@@ -90,7 +90,7 @@ def _band(entry: Any, name: str, zeta: float, state: Real) -> Band:
     low, high, vibration = (float(x) for x in entry)
     _check.positive(np.array([low, high]), name)
     if low > high:
-        raise ValueError(f"{name} must not have its band the wrong way round, from {low} to {high} rad/s")
+        raise ValueError(f"{name} must have its band in ascending order, not from {low} to {high} rad/s")
     if not 0 < vibration < 1:
         raise ValueError(f"{name} must have a vibration between 0 and 1 (5 % is 0.05), not {vibration}")
     return Band(low, high, vibration, zeta, state)

@@ -215,7 +215,7 @@ def shortest(problem: BangBangProblem, longest: float) -> tuple[Real, Real] | No
 
 
 def _crossing(margin: Callable[[float], float], near: float, accuracy: float) -> float:
-    """Where the margin passes 0, close to ``near``, to that relative accuracy."""
+    """The zero of the margin close to ``near``, to that relative accuracy."""
     low = high = near
     width = 10 * accuracy
     while margin(low) >= 0:

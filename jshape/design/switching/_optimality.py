@@ -65,7 +65,7 @@ def arcs_of(problem: BangBangProblem, grid: Real, v: Real) -> Arcs:
     """Arcs from a solution of the linear program, with the areas of intervals that are not saturated."""
     levels, times = _switches(problem, grid, v)
     end = float(grid[-1])
-    # At rest before the end, as from a state that one arc less brings home, it only waits.
+    # At rest before the end, as from a state that one arc less brings to rest, it only waits.
     while len(levels) > 1 and levels[-1] == problem.final and not problem.bands:
         levels, times, end = levels[:-1], times[:-1], times[-1]
     arcs = Arcs(np.array(levels), np.array(times), end)

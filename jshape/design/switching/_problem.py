@@ -107,7 +107,7 @@ class BangBangProblem:
 
     @property
     def equations(self) -> int:
-        """How many real equations there are."""
+        """The number of real equations."""
         return sum(2 * (order + 1) for order in self.orders) + (2 if self.rigid else 0)
 
     def basis(self, t: Real, end: float, derivative: bool = False) -> Real:
@@ -130,7 +130,7 @@ class BangBangProblem:
         return np.array(rows).reshape(len(rows), len(t))
 
     def prescribed(self, end: float) -> Real:
-        """What the sums Σ I_k g(t_k) have to be."""
+        """The prescribed values of the sums Σ I_k g(t_k)."""
         values = []
         for omega, zeta, order, (x, v) in zip(self.omega, self.zeta, self.orders, self.state, strict=True):
             s = pole(omega, zeta)

@@ -29,7 +29,7 @@ FINEST = 20_000
 
 @dataclasses.dataclass(frozen=True)
 class DesignProblem:
-    """What is minimised, over which designs, for which moves.
+    """The optimisation problem of a design: objective, variables and moves.
 
     Attributes:
         scenarios: the moves that a design is judged by.
@@ -49,7 +49,7 @@ class DesignProblem:
 
     @property
     def given(self) -> int:
-        """How many plants the set has as it was given; 1 without one."""
+        """The number of plants in the set as it was given; 1 without one."""
         return int(np.prod([len(values) for values in self.uncertain.values()])) if self.scenarios.samples else 1
 
     @property

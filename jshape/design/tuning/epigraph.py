@@ -39,7 +39,7 @@ class Space(NamedTuple):
 
 
 class Merit(NamedTuple):
-    """What is minimised: the objective with the cost of time, over a scale, and a penalty for exceeded limits.
+    """The merit function: the objective with the cost of time, over a scale, and a penalty for exceeded limits.
 
     Attributes:
         objective: of the energies.
@@ -151,7 +151,7 @@ class _Program:
         return x
 
     def evaluate(self, x: Vector) -> Linearisation:
-        """The model; that of the last design is remembered."""
+        """The model; that of the last design is cached."""
         if (key := x.tobytes()) != self._at:
             self._at, self.found = key, self.model(x)
         return self.found
@@ -167,7 +167,7 @@ class _Program:
         return float(value), np.append(gradient[self.space.free], self.cost)
 
     def inequalities(self, z: Vector) -> Vector:
-        """What must not be negative: linear constraints, slacks of the limits, those of the epigraph."""
+        """The inequality constraints, ≥ 0: linear ones, slacks of the limits, those of the epigraph."""
         x = self.design(z)
         found, (normals, levels) = self.evaluate(x), self.space.inequalities
         energies = found.energies / self.merit.scale if len(self.auxiliary) else np.zeros(0)

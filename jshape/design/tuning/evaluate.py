@@ -34,7 +34,7 @@ FORWARD = 32
 
 
 class Values(NamedTuple):
-    """What a design leaves in every plant.
+    """The values of a design in every plant.
 
     Attributes:
         energies: residual energies (or the metric), J, shape (plants,); ``DIVERGED_ENERGY`` where a plant diverged.

@@ -1,6 +1,6 @@
 """A design problem in units in which every variable is of the order of 1.
 
-Values come before derivatives and to any tolerance; those of the last designs are remembered.
+Values come before derivatives and to any tolerance; those of the last designs are cached.
 ``ScaledProblem.optimality`` judges a design by the Karush–Kuhn–Tucker conditions.
 """
 
@@ -34,7 +34,7 @@ REMEMBERED = 64
 
 
 class Optimality(NamedTuple):
-    """How far a design is from the first-order conditions of an optimum (Karush, Kuhn and Tucker).
+    """The violation of the first-order conditions of an optimum (Karush, Kuhn and Tucker).
 
     Attributes:
         multipliers: of each plant's energy; they sum to 1.
@@ -102,7 +102,7 @@ class ScaledProblem:
         return Point(*np.split(x * self.units, [count * n, count * (2 * n - 1)]))
 
     def values(self, x: Vector, tolerance: float | None = None) -> Values:
-        """Energies, slacks and steps, to a tolerance; those of the last vectors are remembered."""
+        """Energies, slacks and steps, to a tolerance; those of the last vectors are cached."""
         tolerance = self.tightest if tolerance is None else max(tolerance, self.tightest)
         key = x.tobytes()
         if key not in self._values or self._values[key][0] > tolerance:
@@ -114,7 +114,7 @@ class ScaledProblem:
         return self._values[key][1]
 
     def linearise(self, x: Vector, tolerance: float | None = None) -> Linearisation:
-        """Energies, slacks and their derivatives in the search's units; those of the last vectors are remembered.
+        """Energies, slacks and their derivatives in the search's units; those of the last vectors are cached.
 
         Without a tolerance, derivatives are accurate enough for the conditions of an optimum.
         """
@@ -136,7 +136,7 @@ class ScaledProblem:
         return self._linearised[key]
 
     def compile(self, point: Point) -> None:
-        """Compile the program of the derivatives, in whose numbers nobody is interested yet."""
+        """Compile the program of the derivatives before its values are needed."""
         scenarios, point = self.problem.scenarios, self.point(self.vector(point))
         if scenarios.metric is not None:
             return
@@ -153,7 +153,7 @@ class ScaledProblem:
         return np.inf if np.isnan(merit) else merit
 
     def optimality(self, point: Point, near: float = 1e-4) -> Optimality:
-        """How far a design is from the Karush–Kuhn–Tucker conditions: ∇f + Σ λ_j ∇h_j − Σ μ_k ∇g_k = 0 with μ_k ≥ 0.
+        """The violation of the Karush–Kuhn–Tucker conditions: ∇f + Σ λ_j ∇h_j − Σ μ_k ∇g_k = 0 with μ_k ≥ 0.
 
         The h_j are the equalities, the g_k ≥ 0 those inequalities whose value is within ``near`` of zero. The epigraph
         of an objective that is not smooth adds the energies of its active plants, whose multipliers are between 0 and

@@ -130,7 +130,7 @@ class Scenarios(eqx.Module):
     groups: tuple[tuple[str, ...], ...] = eqx.field(static=True, default=())
 
     def shaping(self, point: Point) -> Shaper | dict[str, Shaper]:
-        """What shapes the command in a design: the shaper, or axis → its own."""
+        """The shapers of a design: one for all axes, or axis → its own."""
         if not self.groups:
             return point.shapers[0]
         return {axis: shaper for axes, shaper in zip(self.groups, point.shapers, strict=True) for axis in axes}

@@ -365,7 +365,7 @@ def on_finer_set(problem: DesignProblem, point: Point, found: Values) -> float:
 
 
 def error_of(problem: DesignProblem, point: Point, found: Values) -> float:
-    """How much a tolerance ten times tighter changes the objective, J.
+    """The change of the objective under a tolerance ten times tighter, J.
 
     Where rounding keeps that from being met, the greatest of the energies' own estimates.
     """
@@ -376,7 +376,7 @@ def error_of(problem: DesignProblem, point: Point, found: Values) -> float:
 
 
 def status_of(values: np.ndarray, slacks: np.ndarray, optimal: bool) -> Status:
-    """How a search ended, from the energies and the slacks at its end."""
+    """The status of a search, from the energies and the slacks at its end."""
     if np.any(values >= DIVERGED_ENERGY):
         return Status.DIVERGED
     if slacks.min(initial=0.0) < -EXCEEDED:
