@@ -52,7 +52,8 @@ def pytest_configure(config):
     """All programs are compiled as jshape's own are; the quick set's, whose time is compiling, optimised less."""
     if "XLA_FLAGS" not in os.environ:
         less = "--xla_backend_optimization_level=0" if config.option.markexpr == "not slow" else ""
-        os.environ["XLA_FLAGS"] = f"--xla_disable_hlo_passes={programs.WITHOUT['xla_disable_hlo_passes']} {less}"
+        flags = [f"--{name}={str(value).lower()}" for name, value in programs.LEAN.items()]
+        os.environ["XLA_FLAGS"] = " ".join([*flags, less])
 
 
 def pytest_collection_modifyitems(config, items):

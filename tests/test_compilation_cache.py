@@ -275,6 +275,49 @@ def test_other_code_or_settings_have_a_folder_of_their_own(tmp_path, monkeypatch
     assert len(list(tmp_path.iterdir())) == 3
 
 
+def test_a_process_compiles_lean_unless_its_user_says_otherwise(monkeypatch):
+    monkeypatch.delenv("XLA_FLAGS")
+    programs._compile_lean()
+    assert os.environ["XLA_FLAGS"] == "--xla_cpu_use_fusion_emitters=false"
+    for given in ("--xla_cpu_use_fusion_emitters=true", "--xla_cpu_enable_fast_math=false"):
+        monkeypatch.setenv("XLA_FLAGS", given)
+        programs._compile_lean()
+        assert os.environ["XLA_FLAGS"].startswith(given)
+        assert os.environ["XLA_FLAGS"].count("emitters") == 1
+    # An XLA that may not know the option is not given it.
+    monkeypatch.delitem(programs.LEAN, "xla_cpu_use_fusion_emitters")
+    monkeypatch.setenv("XLA_FLAGS", "")
+    programs._compile_lean()
+    assert os.environ["XLA_FLAGS"] == ""
+
+
+MOVES = """
+import jax
+jax.config.update("jax_enable_x64", True)
+import jax.numpy as jnp
+import jshape as js
+shaper = js.Shaper([0.3, 0.4, 0.3], [0.0, 0.35, 0.7])
+for plant, command in (
+    (js.plants.TwoMass(spring=js.plants.Duffing(10.0, 100.0)), 1.0),
+    (js.plants.DoublePendulumCrane(5.0, 1.5, 0.4, 2.0), js.Trapezoid(4.0, 1.0, 0.5)),
+):
+    left = lambda t: js.residual_energy(plant, js.Shaper(shaper.amplitudes, t), command)
+    energy, slopes = jax.jit(jax.value_and_grad(left))(shaper.times)
+    print(*(float(x).hex() for x in [energy, *slopes]))
+"""
+
+
+@pytest.mark.slow
+def test_a_users_own_programs_give_the_same_numbers_as_lean_ones():
+    own, lean = (
+        subprocess.run([sys.executable, "-c", MOVES], env=environment, capture_output=True, text=True, check=True)
+        for environment in ({**os.environ, "XLA_FLAGS": ""}, os.environ)
+    )
+    numbers = [[float.fromhex(x) for x in run.stdout.split()] for run in (own, lean)]
+    assert len(numbers[0]) == 8
+    np.testing.assert_allclose(*numbers, rtol=1e-11, atol=1e-11)
+
+
 def test_what_nobody_uses_any_more_is_deleted(tmp_path, monkeypatch):
     monkeypatch.setattr(programs, "_folder", None)
     for name, days in (("old", 31), ("recent", 29)):
