@@ -73,7 +73,7 @@ _DAYS = 30
 
 _EMITTERS = "xla_cpu_use_fusion_emitters"
 
-LEAN = {
+LEAN: dict[str, str | bool] = {
     "xla_disable_hlo_passes": "while-loop-invariant-code-motion,simplify-while-loops,while-loop-trip-count-annotator"
 }
 """How XLA compiles on a processor. For every loop within a loop these passes copy all that is around it; of a first
