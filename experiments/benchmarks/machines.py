@@ -1,202 +1,242 @@
-"""Design for machines, beside what an engineer would write: ``python -m experiments.benchmarks.machines``.
+"""Design for twelve machines, beside what an engineer would write: ``python -m experiments.benchmarks.machines``.
 
-The engineer's way is RK4 compiled by numba, finite differences and SciPy's SLSQP on the epigraph of the worst case,
-from the same starting points, of which the best six are refined. Each design runs in a process of its own, the second
-of two: programs are compiled and kept. Both shapers are judged by ``js.residual_energy`` on a set ten times as dense.
+The engineer's way (``engineer.py``) is RK4 compiled by numba, finite differences and SciPy's SLSQP on the epigraph of
+the worst case, from the same starting points. Each design runs in a process of its own; of jshape's two the second
+finds its programs kept. Both shapers are judged by ``js.residual_energy`` on a set ten times as dense, and the
+engineer's energies of his own design are compared with it. Named machines alone: ``… machines "crane, 5 m"``; those
+that are not measured anew keep their rows.
 """
 
+import argparse
+import functools
 import json
 import subprocess
 import sys
+import tempfile
 import time
-from typing import Any
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
-PLANTS = np.linspace(0.5, 2.0, 9)
+from experiments.benchmarks import engineer
+
+SPREAD = np.linspace(0.5, 2.0, 9)
 """Payloads, multiples of nominal."""
 
-REFINED = 6
-STEP = 0.01
-"""The engineer's step, s."""
-
-CRANES = {
-    "crane, 5 m": dict(plant=(5.0, 1.5, 0.4, 2.0), move=(4.0, 1.0, 0.5), impulses=4, duration=(1.0, 6.0)),
-    "crane, 5 m, three impulses": dict(plant=(5.0, 1.5, 0.4, 2.0), move=(4.0, 1.0, 0.5), impulses=3, duration=(1, 6)),
-    "crane, 20 m": dict(plant=(20.0, 3.0, 500.0, 4000.0), move=(15.0, 1.5, 0.3), impulses=4, duration=(2.0, 11.0)),
-    "crane, 50 m": dict(plant=(50.0, 5.0, 1000.0, 10000.0), move=(30.0, 2.0, 0.3), impulses=4, duration=(3.0, 16.0)),
-}
-"""Hook cable and slings (m), hook and payload (kg); distance (m), speed (m/s), acceleration (m/s²)."""
+NEAR = np.linspace(0.8, 1.2, 9)
+"""Of what is known better: lengths and frequencies."""
 
 
-def main() -> None:
+class Machine(NamedTuple):
+    """A design problem, for jshape and for the engineer.
+
+    Attributes:
+        plant: makes it, from ``js.plants``.
+        moves: distance, speed and acceleration of each axis, SI.
+        impulses: of the shaper.
+        duration: from and to, s.
+        leaf: what is uncertain.
+        factors: multiples of nominal.
+        equation: the engineer's.
+        parameters: his equation's, nominal.
+        place: which of these is uncertain.
+        step: his, s.
+    """
+
+    plant: Callable[[Any], Any]
+    moves: tuple[tuple[float, float, float], ...]
+    impulses: int
+    duration: tuple[float, float]
+    leaf: str
+    factors: np.ndarray
+    equation: str
+    parameters: tuple[float, ...]
+    place: int
+    step: float
+
+
+def _crane(lengths: tuple[float, float], masses: tuple[float, float], move: Any, impulses: int, duration: Any) -> Any:
+    """A double pendulum: hook cable and slings (m), hook and payload (kg)."""
+    parameters = (*lengths, *masses)
+    plant = lambda plants: plants.DoublePendulumCrane(*parameters)
+    return Machine(
+        plant, (move,), impulses, duration, "payload_mass", SPREAD, "double pendulum", parameters, 3, 0.01
+    )  # fmt: skip
+
+
+def _link(omega: list[float], zeta: float, duration: Any) -> Any:
+    """Modes of equal parts at the payload, the first one's frequency uncertain; times short beside a crane's."""
+    plant = lambda plants: plants.ModalPlant(omega, zeta)
+    n, names = len(omega), {2: "two modes", 4: "four modes"}
+    parameters = (*omega, *[zeta] * n, *[1 / n] * n)
+    return Machine(plant, ((1.0, 2.0, 10.0),), 4, duration, "omega.0", NEAR, names[n], parameters, 0, 0.002)
+
+
+def _joint(k3: float, controller: str, gains: tuple[float, float], duration: Any) -> Any:
+    """A flexible joint: motor 0.1, link 0.5 kg m², spring 50 N m/rad and ``k3``, friction of the motor 2 N m s/rad."""
+    kp, other = gains
+
+    def plant(plants: Any) -> Any:
+        return plants.FlexibleJoint(
+            0.1, 0.5, plants.Duffing(50.0, k3), getattr(plants, controller)(kp, other), motor_damping=2.0
+        )
+
+    ki, kd = (other, 0.0) if controller == "PIController" else (0.0, other)
+    parameters = (0.1, 0.5, 50.0, k3, kp, ki, kd, 2.0)
+    return Machine(plant, ((1.0, 2.0, 10.0),), 4, duration, "link_inertia", SPREAD, "joint", parameters, 1, 0.002)
+
+
+MACHINES = {
+    "crane, 5 m": _crane((5.0, 1.5), (0.4, 2.0), (4.0, 1.0, 0.5), 4, (1.0, 6.0)),
+    "crane, 5 m, three impulses": _crane((5.0, 1.5), (0.4, 2.0), (4.0, 1.0, 0.5), 3, (1.0, 6.0)),
+    "crane, 10 m": _crane((10.0, 2.0), (250.0, 2000.0), (8.0, 1.0, 0.3), 4, (1.5, 8.0)),
+    "crane, 20 m": _crane((20.0, 3.0), (500.0, 4000.0), (15.0, 1.5, 0.3), 4, (2.0, 11.0)),
+    "crane, 50 m": _crane((50.0, 5.0), (1000.0, 10000.0), (30.0, 2.0, 0.3), 4, (3.0, 16.0)),
+    "hoisting, 10 m to 6 m": Machine(
+        lambda plants: plants.HoistingCrane(10.0, 1000.0), ((8.0, 1.0, 0.3), (-4.0, 0.5, 0.25)), 4, (1.0, 7.0),
+        "cable_length", NEAR, "hoisting", (10.0, 1000.0), 0, 0.01,
+    ),
+    "bridge crane, both axes": Machine(
+        lambda plants: plants.BridgeCrane(8.0, 1000.0), ((6.0, 1.0, 0.4), (4.0, 0.8, 0.3)), 4, (1.0, 7.0),
+        "cable_length", NEAR, "bridge", (8.0, 1000.0), 0, 0.01,
+    ),
+    "link, two modes": _link([6.0, 25.0], 0.01, (0.3, 1.5)),
+    "link, four modes, 8 states": _link([6.0, 20.0, 42.0, 70.0], 0.01, (0.3, 1.5)),
+    "joint under PI control": _joint(0.0, "PIController", (40.0, 10.0), (0.2, 1.5)),
+    "hardening joint under PD control": _joint(200.0, "PDController", (60.0, 3.0), (0.2, 1.5)),
+    "hardening pair": Machine(
+        lambda plants: plants.TwoMass(1.0, 1.0, plants.Duffing(10.0, 100.0)), ((1.0, 1.0, 4.0),), 4, (0.5, 2.5),
+        "m2", NEAR, "pair", (1.0, 10.0, 100.0), 0, 0.005,
+    ),
+}  # fmt: skip
+
+
+def command(machine: Machine, plant: Any) -> Any:
+    """The move, of one axis or several."""
+    import jshape as js
+
+    moves = [js.Trapezoid(*move) for move in machine.moves]
+    return js.Axes(**dict(zip(plant.axes, moves, strict=True))) if len(moves) > 1 else moves[0]
+
+
+def main(names: list[str]) -> None:
     from experiments.benchmarks.record import about, keep, processor
     from experiments.papers.frame import table
 
-    rows = []
-    for name in CRANES:
-        row = dict(case=name)
-        for method in ("jshape", "engineer"):
-            for run in ("first", "second"):
-                command = [sys.executable, "-m", "experiments.benchmarks.machines", method, name]
-                found = json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout)
-                row |= {f"{method}_{run}_{key}": value for key, value in found.items()}
-        rows.append(row)
+    kept = Path(__file__).with_suffix(".json")
+    rows = {row["case"]: row for row in json.loads(kept.read_text())["rows"]} if kept.exists() else {}
+    for name in names:
+        row: dict[str, Any] = dict(case=name)
+        # A cache of its own, so that the first process finds nothing of another machine's.
+        with tempfile.TemporaryDirectory() as cache:
+            for method, runs in (("jshape", ("first", "second")), ("engineer", ("second",))):
+                for run in runs:
+                    ask = [sys.executable, "-m", "experiments.benchmarks.machines", "--measure", method, name, cache]
+                    found = json.loads(subprocess.run(ask, check=True, stdout=subprocess.PIPE, text=True).stdout)
+                    row |= {f"{method}_{run}_{key}": value for key, value in found.items()}
+        rows[name] = row
         print(json.dumps(row), flush=True)
-    head = (
-        "machine",
-        "jshape, first (s)",
-        "second (s)",
-        "engineer (s)",
-        "ratio",
-        "passed: jshape, second (s)",
-        "engineer (s)",
-        "ratio",
-        "jshape's worst (J)",
-        "engineer's (J)",
-    )
     cells = []
-    for r in rows:
-        cells.append([r["case"], f"{r['jshape_first_seconds']:.1f}"])
-        for key in ("seconds", "wall"):
+    for name in MACHINES:
+        if name not in rows:
+            continue
+        r = rows[name]
+        cells.append([name, f"{r['jshape_first_wall']:.1f}"])
+        for key in ("wall", "seconds"):
             ours, theirs = r[f"jshape_second_{key}"], r[f"engineer_second_{key}"]
             cells[-1] += [f"{ours:.1f}", f"{theirs:.1f}", f"{theirs / ours:.2g}"]
         cells[-1] += [f"{r[f'{method}_second_worst']:.4g}" for method in ("jshape", "engineer")]
+    head = (
+        *("machine", "jshape, first (s)", "second (s)", "engineer (s)", "ratio"),
+        *("processor: second (s)", "engineer (s)", "ratio", "jshape's worst (J)", "engineer's (J)"),
+    )
+    apart = max((r.get("engineer_second_apart", 0.0) for r in rows.values()), default=0.0)
     lines = [
-        "Seconds of processor time of a design, libraries loaded, then the time that passed: jshape searches on two",
-        "cores, the engineer's program on one. Worst cases on 81 payloads.",
+        "Seconds that a design takes, libraries loaded, the engineer's program compiled; then its processor time:",
+        "jshape searches on two cores, the engineer's program on one. Worst cases on a set ten times as dense, by",
+        f"`js.residual_energy`, from which the engineer's energies of his own design differ by at most {apart:.1g} of",
+        "the greatest that the bare move leaves.",
         "",
         *table(head, cells),
     ]
-    keep(__file__, dict(about=about(processor(), "jshape", "jax", "scipy", "numba"), rows=rows), lines)
+    keep(__file__, dict(about=about(processor(), "jshape", "jax", "scipy", "numba"), rows=list(rows.values())), lines)
 
 
-def measure(method: str, name: str) -> dict[str, Any]:
-    """One design in this process: its processor time and its worst case on a dense set."""
+def measure(method: str, name: str, cache: str) -> dict[str, Any]:
+    """One design in this process: its time, and its worst case on a dense set."""
     import jax
 
     jax.config.update("jax_enable_x64", True)
     import jax.numpy as jnp
 
     import jshape as js
-    from jshape.sweeps.leaves import with_leaves
+    from jshape.sweeps.leaves import leaf, with_leaves
 
-    js.keep_programs()
-    case = CRANES[name]
-    plant, move = js.plants.DoublePendulumCrane(*case["plant"]), js.Trapezoid(*case["move"])
+    js.keep_programs(cache)
+    machine = MACHINES[name]
+    plant = machine.plant(js.plants)
+    move = command(machine, plant)
+    nominal = float(leaf(plant, machine.leaf))
+    run = by_jshape if method == "jshape" else by_engineer
+    design = run(machine, plant, move)
     begin = time.process_time(), time.perf_counter()
-    if method == "jshape":
-        given: Any = dict(impulses=case["impulses"], duration=case["duration"], over={"payload_mass": PLANTS})
-        shaper = js.tune(plant, move, objective="worst", **given).shaper
-        evaluations = 0
-    else:
-        shaper, evaluations = engineer(case, plant, move)
+    shaper, energies = design()
     seconds, wall = time.process_time() - begin[0], time.perf_counter() - begin[1]
-    energy = lambda mass: js.residual_energy(with_leaves(plant, {"payload_mass": mass}), shaper, move)
-    dense = jnp.asarray(float(plant.payload_mass) * np.linspace(PLANTS[0], PLANTS[-1], 81))
-    worst = float(jnp.max(jax.jit(jax.vmap(energy))(dense)))
-    return dict(seconds=seconds, wall=wall, worst=worst, evaluations=evaluations)
+
+    @functools.partial(jax.vmap, in_axes=(0, None))
+    def left(value: Any, shaper: Any) -> Any:
+        return js.residual_energy(with_leaves(plant, {machine.leaf: value}), shaper, move)
+
+    dense = jnp.asarray(nominal * np.linspace(machine.factors[0], machine.factors[-1], 81))
+    found = dict(seconds=seconds, wall=wall, worst=float(jnp.max(left(dense, shaper))))
+    if energies is not None:
+        values, bare = jnp.asarray(nominal * machine.factors), js.Shaper([1.0], [0.0])
+        found["apart"] = float(jnp.max(jnp.abs(left(values, shaper) - energies)) / jnp.max(left(values, bare)))
+    return found
 
 
-def engineer(case: dict[str, Any], plant: Any, move: Any) -> tuple[Any, int]:
-    """SLSQP on the epigraph, with finite differences through RK4."""
-    from scipy.optimize import minimize
+def by_jshape(machine: Machine, plant: Any, move: Any) -> Callable[[], tuple[Any, Any]]:
+    """The design by ``js.tune``."""
+    import jshape as js
 
+    given: Any = dict(impulses=machine.impulses, duration=machine.duration, over={machine.leaf: machine.factors})
+    return lambda: (js.tune(plant, move, objective="worst", **given).shaper, None)
+
+
+def by_engineer(machine: Machine, plant: Any, move: Any) -> Callable[[], tuple[Any, Any]]:
+    """The design by the engineer's program, which is compiled here, and its own energies."""
     import jshape as js
     from jshape.design.tuning.design_problem import design_problem
     from jshape.design.tuning.scenarios import Limits
     from jshape.design.tuning.starts import starts
 
-    worst_energies = compiled()
-    n, (shortest, longest) = case["impulses"], case["duration"]
-    masses, calls = case["plant"][3] * PLANTS, 0
-
-    def energies(x: np.ndarray) -> np.ndarray:
-        nonlocal calls
-        calls += 1
-        return worst_energies(x[:n], np.append(0.0, np.cumsum(x[n:])), masses, *case["plant"][:3], *case["move"], STEP)
-
+    n = machine.impulses
     problem = design_problem(
-        plant, move, n, (shortest, longest), "positive", None, {"payload_mass": PLANTS}, "worst",
+        plant, move, n, machine.duration, "positive", None, {machine.leaf: machine.factors}, "worst",
         relative=True, initial_state=None, limits=Limits(),
     )  # fmt: skip
     points = [np.concatenate(start[:2]) for start in starts(problem, 32, 0)]
-    points.sort(key=lambda x: energies(x).max())
-    best = points[0]
-    for start in points[:REFINED]:
-        scale = energies(start).max()
-        end = minimize(
-            lambda z: z[-1],
-            np.append(start, 1.0),
-            jac=lambda z: np.eye(len(z))[-1],
-            bounds=[(0, 1)] * n + [(0, longest)] * (n - 1) + [(None, None)],
-            constraints=[
-                dict(type="eq", fun=lambda z: z[:n].sum() - 1),
-                dict(type="ineq", fun=lambda z: np.array([z[n:-1].sum() - shortest, longest - z[n:-1].sum()])),
-                dict(type="ineq", fun=lambda z, scale=scale: z[-1] - energies(z[:-1]) / scale),
-            ],
-            method="SLSQP",
-            options=dict(maxiter=100, ftol=1e-10),
-        )
-        if energies(end.x[:-1]).max() < energies(best).max():
-            best = end.x[:-1]
-    return js.Shaper(best[:n] / best[:n].sum(), np.append(0.0, np.cumsum(best[n:]))), calls
+    rows = np.tile(machine.parameters, (len(machine.factors), 1))
+    rows[:, machine.place] *= machine.factors
+    equation = engineer.equation(machine.equation)
+    energies = engineer.simulated(equation, engineer.trapezoids(*machine.moves), rows, machine.step)
+    energies(np.full(n, 1 / n), np.arange(n) * 0.1)
 
+    def run() -> tuple[Any, Any]:
+        amplitudes, times, _ = engineer.design(energies, points, n, machine.duration)
+        return js.Shaper(amplitudes, times), energies(amplitudes, times)
 
-def compiled() -> Any:
-    """Residual energies of a double-pendulum crane after a shaped trapezoid, as a loop over payloads."""
-    import numba
-
-    @numba.njit(fastmath=True, cache=True)
-    def slope(y, u, m1, m2, l1, l2, out):
-        a, d, g = (m1 + m2) * l1 * l1, m2 * l2 * l2, 9.81
-        b = m2 * l1 * l2 * np.cos(y[0] - y[1])
-        s = m2 * l1 * l2 * np.sin(y[0] - y[1])
-        p1, p2 = (m1 + m2) * l1, m2 * l2
-        q1 = -p1 * (g * np.sin(y[0]) + u * np.cos(y[0])) - s * y[3] * y[3]
-        q2 = -p2 * (g * np.sin(y[1]) + u * np.cos(y[1])) + s * y[2] * y[2]
-        out[0], out[1] = y[2], y[3]
-        out[2] = (d * q1 - b * q2) / (a * d - b * b)
-        out[3] = (a * q2 - b * q1) / (a * d - b * b)
-
-    @numba.njit(fastmath=True, cache=True)
-    def energies(amplitudes, times, masses, l1, l2, m1, distance, speed, acceleration, step):
-        ramp, cruise = speed / acceleration, distance / speed
-        events = np.array([0.0, ramp, cruise, cruise + ramp])
-        jumps = np.array([1.0, -1.0, -1.0, 1.0]) * acceleration
-        n = len(amplitudes)
-        at, by = np.empty(4 * n), np.empty(4 * n)
-        for i in range(n):
-            for j in range(4):
-                at[4 * i + j], by[4 * i + j] = times[i] + events[j], amplitudes[i] * jumps[j]
-        order = np.argsort(at)
-        found = np.empty(len(masses))
-        k1, k2, k3, k4 = np.empty(4), np.empty(4), np.empty(4), np.empty(4)
-        for k in range(len(masses)):
-            y, u = np.zeros(4), 0.0
-            for e in range(4 * n - 1):
-                u += by[order[e]]
-                gap = at[order[e + 1]] - at[order[e]]
-                count = int(np.ceil(gap / step))
-                for _ in range(count):
-                    h = gap / count
-                    slope(y, u, m1, masses[k], l1, l2, k1)
-                    slope(y + h / 2 * k1, u, m1, masses[k], l1, l2, k2)
-                    slope(y + h / 2 * k2, u, m1, masses[k], l1, l2, k3)
-                    slope(y + h * k3, u, m1, masses[k], l1, l2, k4)
-                    y = y + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-            m2 = masses[k]
-            a, d, b = (m1 + m2) * l1 * l1, m2 * l2 * l2, m2 * l1 * l2 * np.cos(y[0] - y[1])
-            kinetic = a * y[2] ** 2 / 2 + b * y[2] * y[3] + d * y[3] ** 2 / 2
-            heights = (m1 + m2) * l1 * np.sin(y[0] / 2) ** 2 + m2 * l2 * np.sin(y[1] / 2) ** 2
-            found[k] = kinetic + 2 * 9.81 * heights
-        return found
-
-    return energies
+    return run
 
 
 if __name__ == "__main__":
-    if len(sys.argv) > 1:
-        print(json.dumps(measure(*sys.argv[1:])))
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("names", nargs="*", choices=[*MACHINES, []], help="which; all unless given")
+    parser.add_argument("--measure", nargs=3, metavar=("METHOD", "MACHINE", "CACHE"), help=argparse.SUPPRESS)
+    given = parser.parse_args()
+    if given.measure:
+        print(json.dumps(measure(*given.measure)))
     else:
-        main()
+        main(given.names or [*MACHINES])
