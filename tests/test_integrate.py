@@ -10,6 +10,7 @@ import pytest
 
 from jshape.simulation import integrate as integrate_module
 from jshape.simulation.integrate import METHODS, integrate, runge_kutta_step, tableau_of
+from jshape.simulation.solver import WrittenOut
 
 ORDERS = {"dopri8": 8, "tsit5": 5}
 
@@ -59,7 +60,7 @@ def duffing(t, y, push):
     return jnp.stack([y[1], push * jnp.cos(t) - y[0] - y[0] ** 3 - 0.1 * y[1]])
 
 
-def by_diffrax(solver, controller):
+def by_diffrax(solver, controller, **saved):
     return diffrax.diffeqsolve(
         diffrax.ODETerm(duffing),
         solver,
@@ -69,7 +70,7 @@ def by_diffrax(solver, controller):
         jnp.asarray([1.0, 0.0]),
         jnp.asarray(0.7),
         stepsize_controller=controller,
-        saveat=diffrax.SaveAt(steps=True),
+        saveat=diffrax.SaveAt(steps=True, **saved),
         max_steps=256,
         throw=False,
     )
@@ -85,6 +86,27 @@ def test_a_step_and_its_error_estimate_are_those_of_diffrax(method, solver):
     assert np.max(np.abs(error)) > 1e-7
     np.testing.assert_allclose(ours[0], end, rtol=0, atol=1e-14)
     np.testing.assert_allclose(np.abs(ours[1]), np.abs(error), rtol=0, atol=1e-14)
+
+
+@pytest.mark.slow
+def test_adaptive_steps_and_dense_output_in_diffrax():
+    # The same tableau in diffrax's own loop takes the same steps (to the rounding of the error estimate, from which the
+    # controller takes them) to the same state. The first step is so long that the estimate is more than rounding.
+    controller = diffrax.PIDController(rtol=1e-9, atol=1e-11)
+    ours, theirs = by_diffrax(WrittenOut(), controller, dense=True), by_diffrax(diffrax.Dopri8(), controller)
+    assert ours.result == diffrax.RESULTS.successful
+    count = int(theirs.stats["num_accepted_steps"])
+    assert int(ours.stats["num_accepted_steps"]) == count > 10
+    np.testing.assert_allclose(ours.ts[:count], theirs.ts[:count], rtol=0, atol=1e-5)
+    np.testing.assert_allclose(ours.ys[count - 1], theirs.ys[count - 1], rtol=0, atol=1e-12)
+    # Dense output is the cubic through the steps' ends with the slopes there (Hermite's formula, at the middles).
+    ends, states = ours.ts[:count], ours.ys[:count]
+    np.testing.assert_allclose(jax.vmap(ours.evaluate)(ends), states, rtol=0, atol=1e-12)
+    slopes = jax.vmap(duffing, (0, 0, None))(ends, states, 0.7)
+    np.testing.assert_allclose(jax.vmap(ours.derivative)(ends), slopes, rtol=0, atol=1e-10)
+    middles, steps = (ends[:-1] + ends[1:]) / 2, jnp.diff(ends)[:, None]
+    hermite = (states[:-1] + states[1:]) / 2 + steps / 8 * (slopes[:-1] - slopes[1:])
+    np.testing.assert_allclose(jax.vmap(ours.evaluate)(middles), hermite, rtol=0, atol=1e-12)
 
 
 def test_kernel_takes_the_steps_of_diffrax():
@@ -169,6 +191,8 @@ def test_wrong_arguments():
     for steps in (0, -1, 2.0, True):
         with pytest.raises(ValueError, match="steps must be a whole number of at least 1"):
             integrate(*arguments, steps)
+    with pytest.raises(ValueError, match="method must be one of"):
+        WrittenOut("euler")
 
 
 def jerk(t, y, push):

@@ -60,6 +60,7 @@ TESTS = {
     "jshape/simulation/residual.py": ("metrics", "steps::test_what_is_not_met_raises_or_is_nan", "papers_energy"),
     "jshape/simulation/schedule.py": ("simulate::test_every_command", "simulate", "metrics"),
     "jshape/simulation/simulate.py": ("simulate", "papers_energy::test_exact_shapers_leave_nothing"),
+    "jshape/simulation/solver.py": ("integrate", "simulate"),
     "jshape/simulation/steps.py": (
         "steps::test_any_tolerance_is_met",
         "steps::test_steps_go_where_the_time_is",

@@ -7,6 +7,7 @@ Reverse mode stores one state a step and computes its stages again on the way ba
 
 ``integrate`` runs a chain of segments, each in a time of its own that is divided into the same number of steps, so
 that segment durations enter as smooth factors and every derivative with respect to them is exact.
+``jshape.simulation.solver.WrittenOut`` is the same step as a diffrax solver, for ``diffeqsolve``.
 """
 
 import functools
