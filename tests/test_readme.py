@@ -1,10 +1,15 @@
 """What the README and the documents behind it show works as it stands there."""
 
+import json
 import re
+import tomllib
 from pathlib import Path
 
 import matplotlib as mpl
+import numpy as np
 import pytest
+
+import jshape as js
 
 ROOT = Path(__file__).parent.parent
 LEARNING = "experiments/learning/README.md"
@@ -24,12 +29,22 @@ def test_python_blocks_run(document):
     for block in blocks(document):
         exec(compile(block, document, "exec"), names)
     if document == "README.md":
-        assert names["tuned"].objective_on_finer_set < 0.00594 * 1.001
+        tuned, closed = names["tuned"], names["closed"]
+        assert tuned.objective_on_finer_set < 0.00594 * 1.001
+        payloads = {"m2": np.linspace(0.8, 1.2, 41)}
+        worst = float(js.sweep(names["plant"], closed, 1.0, payloads, "residual_energy").residual_energy.max())
+        assert f"{worst / tuned.objective:.3g} times less energy" in (ROOT / document).read_text(encoding="utf-8")
 
 
 def test_no_document_with_python_is_left_out():
     found = {path.relative_to(ROOT).as_posix() for path in [ROOT / "README.md", *ROOT.glob("experiments/**/*.md")]}
     assert {name: len(blocks(name)) for name in sorted(found) if blocks(name)} == dict(sorted(DOCUMENTS.items()))
+
+
+def test_every_extra_is_named():
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
+    page = (ROOT / "experiments" / "site" / "install.md").read_text(encoding="utf-8")
+    assert sorted(re.findall(r"^\| `(\w+)` \|", page, re.M)) == sorted(extras)
 
 
 def test_the_front_page_is_short():
@@ -51,3 +66,60 @@ def test_links_lead_somewhere(document):
             titles = re.findall(r"^#+ (.*)$", other.read_text(encoding="utf-8"), re.M)
             anchors = {re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in titles}
             assert heading in anchors, f"{document} links to {target}#{heading}"
+
+
+BENCHMARKS = ["benchmarks/kernel.json", "benchmarks/growth.json"]
+SOURCES = {
+    "README.md": BENCHMARKS,
+    "experiments/benchmarks/README.md": BENCHMARKS,
+    "experiments/adaptive/README.md": ["benchmarks/adaptive.json", "adaptive/recovery.md", "adaptive/nonlinear.md"],
+    LEARNING: [f"learning/{name}" for name in ("leaderboard.json", "learning.md", "presets.json", "never_worse.json")],
+    "experiments/reliability/README.md": [
+        f"reliability/{name}.md"
+        for name in ("adaptive", "cluster", "fuzz", "intervals", "mutations", "searches", "writes")
+    ],
+}
+"""Documents written by hand, and the files under experiments that scripts wrote, in which their numbers stand."""
+
+NUMBER = r"(?<![\w.])\d[\d,]*(?:\.\d+(?:e[+-]?\d+)?|e[+-]?\d+)(?!\w)"
+SETTINGS = ("1e-9", "1e-8", "1e300", "1e9", "3.11", "0.2.0", "6.96")
+"""Tolerances, versions and inputs; and what ``test_python_blocks_run`` computes."""
+
+
+def numbers(path: Path) -> set[float]:
+    """Every number of a JSON file or of a table."""
+    found: set[float] = set()
+
+    def collect(value: object) -> None:
+        if isinstance(value, dict | list):
+            for inner in value.values() if isinstance(value, dict) else value:
+                collect(inner)
+        elif isinstance(value, int | float):
+            found.add(float(value))
+
+    text = path.read_text(encoding="utf-8")
+    if path.suffix == ".json":
+        collect(json.loads(text))
+    else:
+        found |= {float(each.replace(",", "")) for each in re.findall(r"\d[\d,]*(?:\.\d+)?(?:e[+-]?\d+)?", text)}
+    return found
+
+
+@pytest.mark.parametrize("document", SOURCES)
+def test_numbers_stand_in_files_that_scripts_wrote(document):
+    """Each fraction and power of ten, as it is rounded there; or a hundred or a thousand times that, for units."""
+    known = set().union(*(numbers(ROOT / "experiments" / source) for source in SOURCES[document]))
+    text = (ROOT / document).read_text(encoding="utf-8")
+    text = text.partition("## How fast")[2] if document == "README.md" else text
+    for shown in set(re.findall(NUMBER, re.sub(r"```.*?```|`[^`]*`|\]\([^)]*\)", "", text, flags=re.S))) - set(
+        SETTINGS
+    ):
+        if "e" in shown:
+            digits = len(shown.partition("e")[0].replace(".", "")) - 1
+            found = any(f"{value:.{digits}e}" == f"{float(shown):.{digits}e}" for value in known)
+        else:
+            digits = len(shown.partition(".")[2])
+            found = any(
+                f"{size * value:.{digits}f}" == shown.replace(",", "") for value in known for size in (1, 100, 1000)
+            )
+        assert found, f"{document}: {shown} stands in none of {', '.join(SOURCES[document])}"

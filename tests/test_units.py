@@ -4,7 +4,8 @@ import math
 
 import pytest
 
-from jshape.problems.units import has_unit, printed, quantity, question, reprinted
+from jshape._described import printed
+from jshape.problems.units import has_unit, quantity, question, reprinted
 
 
 @pytest.mark.parametrize(

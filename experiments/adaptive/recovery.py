@@ -35,7 +35,8 @@ def main() -> None:
         js.plants.FlexibleLink(), strategies, schedules=SCHEDULES, chunk=25,
         progress=lambda stage, done, total, best: print(f"{done}/{total}, {time.perf_counter() - begun:.0f} s"),
     )  # fmt: skip
-    recovery(found, "residual", "residual (% of move)", 100.0).savefig(HERE / "recovery.svg")
+    figure = recovery(found, "residual", "residual (% of move)", 100.0)
+    figure.savefig(HERE / "recovery.svg", metadata={"Date": None})
     below = 100 * js.adaptive.recovered(found)
     head = ("below 5 % (% of schedules)", *(f"move {m}" for m in below.move.values))
     lines = table(head, [(n, *(f"{v:.1f}" for v in below.sel(strategy=n).values)) for n in NAMES])

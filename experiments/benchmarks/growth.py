@@ -21,6 +21,7 @@ from matplotlib import ticker
 import jshape as js
 from experiments import markdown
 from experiments.benchmarks.record import about, keep, least, processor
+from jshape.reports import style
 
 PLANTS, DURATION = 1000, 2.0
 """Plants at once, where it is not their number that grows; the shaper's or command's duration, s."""
@@ -134,23 +135,26 @@ def slope(rows: list[Row], of: str) -> float:
 
 def draw(groups: dict[str, list[Row]], path: Path) -> None:
     """Times against numbers, one panel for each thing that grows, on logarithmic axes."""
-    figure, axes = plt.subplots(1, len(groups), figsize=(11, 3.2), layout="constrained", sharey=False)
-    for ax, (what, rows) in zip(axes, groups.items(), strict=True):
-        numbers = [row.number for row in rows]
-        for of, marker in (("value", "o"), ("gradient", "s")):
-            scale = np.array(numbers) if what == "plants" else PLANTS
-            costs = np.array([getattr(row, of) for row in rows]) * scale
-            ax.loglog(numbers, costs, marker=marker, label=f"{of}, slope {slope(rows, of):.2f}")
-        ax.set_xlabel(what)
-        if numbers[-1] < 100:
-            ax.set_xticks(numbers, map(str, numbers), minor=False)
-            ax.xaxis.set_minor_locator(ticker.NullLocator())
-        ax.legend(frameon=False, fontsize=8)
-        ax.grid(alpha=0.3)
-    axes[0].set_ylabel("time of all plants (s)")
-    figure.suptitle(f"{PLANTS:,} plants where it is not their number that grows", fontsize=9)
-    figure.savefig(path, metadata={"Date": None})
-    plt.close(figure)
+    with style.using():
+        figure, axes = plt.subplots(1, len(groups), figsize=(2 * style.WIDTH, 2.2))
+        for ax, (what, rows) in zip(axes, groups.items(), strict=True):
+            numbers = [row.number for row in rows]
+            for of, look in zip(
+                ("value", "gradient"), (dict(marker="o"), dict(marker="s", linestyle="--")), strict=True
+            ):
+                scale = np.array(numbers) if what == "plants" else PLANTS
+                costs = np.array([getattr(row, of) for row in rows]) * scale
+                ax.loglog(numbers, costs, markersize=3, label=of, color=style.COLOURS[of == "gradient"], **look)
+            ax.set_title(f"slopes {slope(rows, 'value'):.2f}, {slope(rows, 'gradient'):.2f}")
+            ax.set_xlabel(what if what == "plants" else f"{what} ({PLANTS:,} plants)")
+            if numbers[-1] < 100:
+                ax.set_xticks(numbers, map(str, numbers))
+                ax.xaxis.set_minor_locator(ticker.NullLocator())
+                style.plain_decades(ax.yaxis, 10.0)
+        axes[0].set_ylabel("time of all plants (s)")
+        figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
+        figure.savefig(path, metadata={"Date": None})
+        plt.close(figure)
 
 
 def main() -> None:

@@ -8,6 +8,7 @@ energy is differentiated by the payload, the amplitudes and the times at once, a
 
 import jax
 import jax.numpy as jnp
+import matplotlib.pyplot as plt
 import numpy as np
 
 import jshape as js
@@ -39,7 +40,6 @@ print(f"differences: {difference:.6f} J/kg")
 # Thousands of payloads are one ``vmap``: the energy, and its slope.
 masses = jnp.linspace(0.6, 1.4, 401)
 energies, along = jax.vmap(jax.value_and_grad(energy), in_axes=(0, None, None))(masses, closed.amplitudes, closed.times)
-axis = js.plot.curves(
-    [("energy (J)", masses, energies), ("slope (J/kg)", masses, along)],
-    ("payload (kg)", "residual energy and its slope"),
-)
+figure, (above, below) = plt.subplots(2, 1, sharex=True, layout="constrained")
+js.plot.curves([("energy", masses, energies)], ("", "residual energy (J)"), ax=above)
+js.plot.curves([("slope", masses, along)], ("payload (kg)", "its slope (J/kg)"), ax=below)

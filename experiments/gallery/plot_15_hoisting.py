@@ -36,3 +36,4 @@ axis = js.plot.curves(
     [("two equal impulses", delays, energies)], ("delay of the second impulse (s)", "residual energy (J)")
 )
 axis.axvline(float(linear.duration), color="0.5", linestyle=":")
+axis.annotate("made for the cable\nat the beginning ", (float(linear.duration), max(energies)), ha="right", va="top")

@@ -256,7 +256,11 @@ def picture(histograms: dict[str, np.ndarray], path: Path) -> None:
         frame.draw(axis, {what: (edges, np.repeat(10 * n / max(np.sum(n), 1), 2)) for what, n in bins.items()}, kind)
         error = np.sqrt(9 / max(np.sum(bins["frequency"]), 1))
         axis.axhspan(1 - 2 * error, 1 + 2 * error, color="0.5", alpha=0.3)
+    for axis in axes[1:, 0]:
+        axis.get_legend().remove()
     axes[0, 0].set(ylim=(0, 2), xticks=(0, 0.5, 1))
+    axes[-1, 0].set_xlabel("rank of the truth in its distribution")
+    figure.supylabel("share of the modes over what is even", fontsize=8)
     figure.savefig(path, metadata={"Date": None})
     frame.small(path, frame.LARGEST_SVG)
 

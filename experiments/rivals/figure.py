@@ -21,6 +21,9 @@ LINES = {
     "specified insensitivity": (":", COLOURS[3]),
 }
 
+NEAR = {"ZV": ((-4, -8), "right"), "EI": ((-4, -7), "right"), "low-pass at 0.5 ω": ((-4, 4), "right")}
+"""Where the names stand that would lie on others: offset in points, and which end is there."""
+
 LONGEST = 2.1
 """Of the times that are drawn, multiples of the bare trapezoid's."""
 
@@ -75,7 +78,7 @@ def _panel(ax: Any, title: str, rows: dict[str, Any]) -> None:
         for name, time, value in zip(some, times, worst, strict=True):
             short = SHORT.get(name, name.removeprefix("collocation, five payloads, "))
             # Those of several payloads may lie where that of the nominal one does.
-            place, side = ((-5, -2), "right") if "five" in name else ((4, 3), "left")
+            place, side = ((-5, -2), "right") if "five" in name else NEAR.get(name, ((4, 3), "left"))
             ax.annotate(short, (time, value), xytext=place, ha=side, textcoords="offset points", fontsize=6)
     ax.set(title=title, xlabel="time of the move (s)", ylabel="worst residual √(E/E_bare) (%)", yscale="log")
     ax.yaxis.set_major_formatter("{x:g}")

@@ -87,7 +87,7 @@ def assemble(sources: Path) -> None:
             copy.parent.mkdir(parents=True, exist_ok=True)
             shutil.copy(path, copy)
             if pattern == "*.md" and not (text := path.read_text(encoding="utf-8")).startswith("# "):
-                copy.write_text(f"# {path.stem.capitalize()}\n\n{text}", encoding="utf-8")
+                copy.write_text(f"# {path.parent.name.capitalize()}: {path.stem}\n\n{text}", encoding="utf-8")
     folder = sources / "api"
     folder.mkdir()
     described: set[int] = set()
@@ -119,9 +119,14 @@ def reference(name: str, room: ModuleType, described: set[int]) -> str:
 
 
 def as_written(app: Sphinx, what: str, name: str, found: object, options: object, lines: list[str]) -> None:
-    """Bars, as in |x|, and the star of (times, *axes) are kept, which reStructuredText takes for marks."""
-    marks = re.compile(r"(``.*?``)|(\||(?<!\*)\*(?=\w+[^\w*]))")
+    """Bars, as in |x|, and the star of (times, *axes) are kept, which reStructuredText takes for marks.
+
+    Code that touches a letter or a sign, as in ±``limit``, is code as well.
+    """
+    marks = re.compile(r"(``.*?``)|(\||(?<![*\\])\*(?=\w+[^\w*]))")
     lines[:] = [marks.sub(lambda mark: mark[1] or "\\" + mark[2], line) for line in lines]
+    code = re.compile(r"([^\s`(\[{<\"'/:-])?(``[^`]+``)(\w)?")
+    lines[:] = [code.sub(lambda part: "\\ ".join(filter(None, part.groups())), line) for line in lines]
 
 
 def public(room: ModuleType) -> list[str]:
@@ -148,19 +153,31 @@ def configuration(sources: Path, run: bool) -> dict[str, object]:
         "html_theme": "pydata_sphinx_theme",
         "html_title": "jshape",
         "html_show_sourcelink": False,
-        "html_theme_options": {"navigation_with_keys": False, "secondary_sidebar_items": ["page-toc"]},
+        "html_theme_options": {
+            "navigation_with_keys": False, "secondary_sidebar_items": ["page-toc"], "header_links_before_dropdown": 9,
+            "logo": {"text": "jshape"},
+        },
+        "html_static_path": [str(ROOT / "experiments" / "site" / "static")],
+        "html_css_files": ["pages.css"],
+        # Pages without others below them have no navigation at their side.
+        "html_sidebars": {f"experiments/site/{page}": [] for page in ("install", "concepts", "guide", "questions")},
         "autodoc_typehints": "none",
+        "toc_object_entries_show_parents": "hide",
         # What a base class of another library says is found there.
         "autodoc_inherit_docstrings": False,
         "autodoc_default_options": {"exclude-members": "__init__"},
         "napoleon_use_ivar": True,
+        "napoleon_attr_annotations": False,
         "sphinx_gallery_conf": {
             "examples_dirs": str(sources / "experiments" / "gallery"),
             "gallery_dirs": "gallery",
             "plot_gallery": run,
             "abort_on_example_error": True,
+            "within_subsection_order": "FileNameSortKey",
             "download_all_examples": False,
             "show_memory": False,
+            # Figures are sharp on a screen of any resolution.
+            "image_srcset": ["2x"],
             "min_reported_time": 1e9,
         },
     }  # fmt: skip

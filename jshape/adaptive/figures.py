@@ -10,7 +10,9 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from jshape.reports.style import COLOURS, STYLE, WIDTH
+from jshape.reports.style import COLOURS, STYLE, WIDTH, columns
+
+MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 
 
 def recovery(found: xr.Dataset, variable: str, label: str, factor: float = 1.0, *, quantile: float = 0.95) -> Figure:
@@ -24,15 +26,19 @@ def recovery(found: xr.Dataset, variable: str, label: str, factor: float = 1.0, 
         quantile: the dotted one.
     """
     with mpl.rc_context(STYLE):
-        figure, axis = plt.subplots(figsize=(WIDTH, 2.6))
+        rows = -(-found.sizes["strategy"] // 2)
+        figure, axis = plt.subplots(figsize=(WIDTH, 2.3 + 0.2 * rows))
         for i, name in enumerate(found.strategy.values):
             part = factor * found[variable].sel(strategy=name)
-            line: dict[str, Any] = dict(color=COLOURS[i % len(COLOURS)], markersize=3)
-            axis.plot(found.move, part.median("schedule"), marker="o", label=name, **line)
+            line: dict[str, Any] = dict(color=COLOURS[i % len(COLOURS)], marker=MARKERS[i % len(MARKERS)], markersize=3)
+            axis.plot(found.move, part.median("schedule"), label=name, **line)
+            line["markersize"] = 2
             axis.plot(found.move, part.quantile(quantile, "schedule"), linestyle=":", **line)
         axis.axvline(0.5, color="0.5", linewidth=0.6)
         axis.set(yscale="log", xlabel="move after the change", ylabel=label)
-        figure.legend(loc="outside upper center", ncols=2)
+        axis.set_title(f"median; dotted: {100 * quantile:g} % quantile", loc="right")
+        names = list(map(str, found.strategy.values))
+        figure.legend(loc="outside upper center", ncols=columns(names), columnspacing=1.2)
         return figure
 
 

@@ -170,7 +170,7 @@ def explained() -> Iterator[None]:
 def progress_line() -> Iterator[tuple[Callable[[str], None], "Progress"]]:
     """A line on the error stream: what is being done, how far it is, the time left and the best value so far.
 
-    Where the stream is no terminal, a plain line every ``PLAIN`` seconds.
+    Where the stream is no terminal, a plain line at once and then every ``PLAIN`` seconds.
 
     Yields:
         ``step(stage)`` for what has no end in sight, and ``progress(stage, done, total, best)``.
@@ -180,12 +180,12 @@ def progress_line() -> Iterator[tuple[Callable[[str], None], "Progress"]]:
 
     console = Console(stderr=True, markup=False, emoji=False)
     began: dict[str, float] = {}
-    printed = time.monotonic()
+    printed = -math.inf
 
     def described(stage: str, done: int, total: int, best: float) -> str:
         elapsed = time.monotonic() - began.setdefault(stage, time.monotonic())
         words = f"{stage} {done}/{total}" if total else stage
-        if 0 < done < total:
+        if 0 < done < total and elapsed > 0.5:
             words += f" ({done / total:.0%}), about {elapsed * (total - done) / done:.0f} s left"
         return words + (f", best {best:.6g}" if best < math.inf else "")
 

@@ -91,7 +91,8 @@ def calibrate(
         typer.echo(lines(found, which, reprapfirmware, kalico))
         if axis is None:
             typer.echo(f"(axis {which}, from the file's name; --axis says otherwise)")
-        typer.echo(f"results in {folder}: {', '.join(files)}")
+        named = dict.fromkeys(f"{Path(file).parent}/" if "/" in file else file for file in files)
+        typer.echo(f"results in {folder}: {', '.join(named)}")
     if len(all_found) > 1:
         text = axes_together(all_found)
         typer.echo(f"\n{text}", nl=False)

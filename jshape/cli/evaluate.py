@@ -97,10 +97,11 @@ def evaluate(
 
 def show(title: str, found: dict[str, dict[str, "Interval"]]) -> None:
     """A row a policy: interquartile mean over the seeds and half its 95 % interval's width."""
-    from jshape.reports.tables import new_console, show_table
+    from jshape.reports.tables import new_console, say, show_table
 
-    rows = []
+    console, rows = new_console(), []
     for name, row in found.items():
         cells = [(row[score], factor) for score, (_, factor) in COLUMNS.items()]
         rows.append((name, [f"{f * v.middle:.2f} ± {f * (v.high - v.low) / 2:.2f}" for v, f in cells]))
-    show_table(new_console(), "policy", [heading for heading, _ in COLUMNS.values()], rows, title)
+    show_table(console, "policy", [heading for heading, _ in COLUMNS.values()], rows, title)
+    say(console, "regret: what a move costs beyond that of an oracle that knows the payload and begins at rest")

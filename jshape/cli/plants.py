@@ -22,24 +22,22 @@ def plants(
 
 
 def _show_all() -> None:
-    """Every plant in its group with a sentence; parts and commands below."""
+    """Every plant in its group, in people's words; parts and commands below."""
     from jshape.problems import catalogue
+    from jshape.problems.starters import STARTERS
     from jshape.reports.tables import new_console, say, show_table
 
     console = new_console()
-    for group in [*catalogue.GROUPS, "others"]:
-        rows = [(e.name, [e.summary]) for e in catalogue.plants().values() if catalogue.group(e.name) == group]
-        if rows:
-            show_table(console, group, [""], rows, left=[""])
+    for group in catalogue.GROUPS:
+        rows = [(starter.plant, [starter.title]) for starter in STARTERS if catalogue.group(starter.plant) == group]
+        show_table(console, group, [""], rows, left=[""])
     parts = [(f"{base.removeprefix('Abstract').lower()}s", base) for base in dict.fromkeys(catalogue.PARTS.values())]
     for words, base in parts:
         if base != "AbstractPlant":
             say(console, f"{words}: {', '.join(catalogue.known(base))}")
     say(console, "a plant of your own: module:Class, as in jshape new --plant own")
-    say(
-        console,
-        "\njshape plants NAME shows the keys of any of these; jshape new --plant NAME FILE begins a file",
-    )
+    say(console, "\njshape plants NAME shows the equation and the keys of any of these")
+    say(console, "jshape new --plant NAME FILE writes a file with all of them, to begin from")
 
 
 def _show_one(name: str) -> None:

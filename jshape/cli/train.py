@@ -77,3 +77,8 @@ def train(
         f"{100 * scores['recovered']:.0f} % of the changes"
     )
     typer.echo(f"results in {folder}: policy.npz, history.csv, learning.png, learning.pdf, results.json")
+    given = "" if (preset, context) == ("paper", "hidden") else f" --preset {preset} --context {context}"
+    made = folder / "policy.npz"
+    typer.echo(f"Next: jshape evaluate {environment}{given} --policy {made} --policy zvd --policy oracle")
+    if not given:
+        typer.echo(f"or watch it: jshape animate {environment} --policy {made}")

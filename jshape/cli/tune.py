@@ -77,23 +77,24 @@ def tune(
                 # What stood in the way of the rehearsal stands in the way of the report, too, and is reported there.
                 wait([ready])
                 result = report.build(read, solution, step, closed.result())
-                figures = report.write(result, folder, step, draw)
+                written = report.write(result, folder, step, draw)
             except KeyboardInterrupt:
                 # An interrupted command ends soon: what was found is written, and nothing else computed.
                 report.write_numbers(result, folder)
                 typer.echo(f"{solution.message}\nthe best shaper so far is in {folder}", err=True)
                 raise typer.Exit(130) from None
-        _finish(result, folder, figures, latex)
+        _finish(result, folder, written, latex)
 
 
-def _finish(result: "Report", folder: Path, figures: list[Path], latex: bool) -> None:
+def _finish(result: "Report", folder: Path, written: list[Path], latex: bool) -> None:
     """The table for LaTeX, if asked for, and all tables at the prompt."""
     from jshape._files import write_text
     from jshape.reports.tables import latex_table, show_report
 
     if latex:
-        write_text(folder / "table.tex", latex_table(result))
-    show_report(result, folder, figures)
+        written = [*written, folder / "table.tex"]
+        write_text(written[-1], latex_table(result))
+    show_report(result, folder, written)
 
 
 def _any_shaper(problem: "Problem") -> "Shaping":
@@ -116,5 +117,5 @@ def compare(problem: ProblemFile, out: Out = None, latex: Latex = False) -> None
             shapers = closed[0].values()
             announced(read.distance, plants_of(read), len(shapers), "shapers", most_impulses(shapers))
             result = report.build(read, None, step, closed)
-            figures = report.write(result, folder, step, draw)
-        _finish(result, folder, figures, latex)
+            written = report.write(result, folder, step, draw)
+        _finish(result, folder, written, latex)

@@ -40,7 +40,7 @@ def closed_forms(plant: AbstractPlant, distance: Any) -> tuple[dict[str, Shaper]
         "energy negative": energy.negative,
     }
     if not isinstance(plant, AbstractOscillator) or plant.drives()[0] != "displacement":
-        left_out["energy shapers"] = f"{type(plant).__name__} is not a displacement-driven mass on a spring"
+        left_out["energy shapers"] = f"they are for a TwoMass (with any spring), not for a {type(plant).__name__}"
     elif isinstance(distance, AbstractCommand):
         left_out["energy shapers"] = f"they are for steps, not for a {type(distance).__name__}"
     else:

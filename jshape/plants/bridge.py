@@ -26,7 +26,7 @@ class BridgeCrane(AbstractCrane):
         gravity: acceleration of free fall, m/s².
         damping: on the payload's speed against the trolley, N s/m.
         trolley: its mass, friction and limits; the default ``Trolley`` unless given.
-        drive: of both axes, ``"acceleration"`` or ``"velocity"``.
+        drive: what both axes follow: the command's ``"acceleration"`` or ``"velocity"``.
 
     Raises:
         ValueError: as for ``Crane``.

@@ -25,7 +25,7 @@ class DoublePendulumCrane(AbstractCrane):
         gravity: acceleration of free fall, m/s².
         damping: of either joint, by the angular velocity between its two sides, N m s/rad.
         trolley: its mass, friction and limits; the default ``Trolley`` unless given.
-        drive: ``"acceleration"``, ``"velocity"`` or ``"force"``; ``AbstractCrane`` says what the state is.
+        drive: what the trolley follows: the command's ``"acceleration"`` or ``"velocity"``, or it as a ``"force"``.
 
     Raises:
         ValueError: for a length, mass or gravity that is not positive, negative damping, an unknown drive, or what is

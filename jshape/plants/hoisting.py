@@ -31,8 +31,7 @@ class HoistingCrane(AbstractCrane):
         gravity: acceleration of free fall, m/s².
         damping: on the payload's sideways speed l θ', N s/m.
         trolley: its mass, friction and limits; the default ``Trolley`` unless given.
-        drive: of the trolley, ``"acceleration"``, ``"velocity"`` or ``"force"``; ``AbstractCrane`` says what the state
-            is.
+        drive: what the trolley follows: the command's ``"acceleration"`` or ``"velocity"``, or it as a ``"force"``.
 
     Raises:
         ValueError: as for ``Crane``; a simulation, for a hoist that leaves no cable.

@@ -72,7 +72,7 @@ class Crane(AbstractPendulum):
         gravity: acceleration of free fall, m/s².
         damping: of the swing, N m s/rad.
         trolley: its mass, friction and limits; the default ``Trolley`` unless given.
-        drive: ``"acceleration"``, ``"velocity"`` or ``"force"``; ``AbstractCrane`` says what the state is.
+        drive: what the trolley follows: the command's ``"acceleration"`` or ``"velocity"``, or it as a ``"force"``.
 
     Raises:
         ValueError: for a length, mass or gravity that is not positive, negative damping, an unknown drive, or what is
@@ -116,7 +116,7 @@ class BobRodPendulum(AbstractPendulum):
         gravity: acceleration of free fall, m/s².
         damping: of the pivot, N m s/rad.
         trolley: its mass, friction and limits; the default ``Trolley`` unless given.
-        drive: ``"acceleration"``, ``"velocity"`` or ``"force"``; ``AbstractCrane`` says what the state is.
+        drive: what the trolley follows: the command's ``"acceleration"`` or ``"velocity"``, or it as a ``"force"``.
 
     Raises:
         ValueError: for a rod mass, length, position or gravity that is not positive, negative mass or damping, an

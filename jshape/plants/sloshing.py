@@ -35,7 +35,7 @@ class SloshingTank(AbstractCrane):
         gravity: acceleration of free fall, m/s².
         trolley: what carries the liquid, the tank with its carriage; the default ``Trolley`` unless given.
         modes: how many are kept, fixed (not a leaf).
-        drive: ``"acceleration"``, ``"velocity"`` or ``"force"``; ``AbstractCrane`` says what the state is.
+        drive: what the trolley follows: the command's ``"acceleration"`` or ``"velocity"``, or it as a ``"force"``.
 
     Raises:
         ValueError: for a dimension, density or gravity that is not positive, a damping ratio outside [0, 1), no modes,

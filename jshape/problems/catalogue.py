@@ -8,13 +8,12 @@ import ast
 import dataclasses
 import difflib
 import functools
-import inspect
 import re
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from jshape.problems.units import printed
+from jshape._described import described, printed
 
 PARTS = {
     "spring": "AbstractSpring",
@@ -153,14 +152,6 @@ def leaf_unit(leaf: str) -> str | None:
     name = next((name for name in reversed(rest.split(".")) if name not in ("x", "y", "z")), "")
     keys = _entry("Body").keys if part == "body" else {}
     return keys[name].unit if name in keys else None
-
-
-def described(doc: str | None, title: str = "Attributes") -> dict[str, str]:
-    """The entries under ``Attributes:`` (or ``Args:``) in a docstring, by name."""
-    _, _, text = inspect.cleandoc(doc or "").partition(f"\n{title}:\n")
-    block = re.split(r"\n(?=\S)", text)[0]
-    found = re.findall(r"^    (\w+): (.*(?:\n     +.*)*)", block, re.M)
-    return {name: " ".join(words.replace("``", "").split()) for name, words in found}
 
 
 @functools.cache

@@ -1,15 +1,12 @@
 """A problem as it was understood: every number with its unit, in a few lines."""
 
-import re
 from collections.abc import Mapping
 from typing import Any
 
+from jshape._described import in_words
 from jshape.problems.catalogue import READERS
 from jshape.problems.reading import QUANTITIES, Draft, Part, turned
 from jshape.problems.units import in_units, lengths, shown
-
-SYMBOLS = ("omega", "zeta", "gains")
-"""Keys that are named by what they mean, as all of fewer than four letters are."""
 
 
 def understood(draft: Draft, nominal: Mapping[str, float]) -> list[str]:
@@ -61,10 +58,7 @@ def label(plant: Part, leaf: str, unit: str | None) -> str:
     if isinstance(value, Part):
         return label(value, rest, unit)
     key = plant.entry.keys.get(name) if plant.entry else None
-    words = name.replace("_", " ")
-    if key is not None and (len(name) < 4 or name in SYMBOLS):
-        words = re.split(r"[,;:.(]", key.meaning)[0].strip() or words
-    words += f" {int(rest) + 1}" if rest.isdecimal() else ""
+    words = in_words(name, None if key is None else key.meaning, rest)
     return f"{words} ({unit})" if unit else words
 
 

@@ -19,10 +19,11 @@ import numpy as np
 
 from jshape import command as commands
 from jshape import plants
+from jshape._described import described, printed
 from jshape._files import printable
 from jshape.axes import Axes, for_axes
 from jshape.plants import AbstractPlant
-from jshape.problems.catalogue import COMMANDS, PARTS, READERS, REQUIRED, Entry, Key, described
+from jshape.problems.catalogue import COMMANDS, PARTS, READERS, REQUIRED, Entry, Key
 from jshape.problems.echo import label, understood
 from jshape.problems.lines import Lines
 from jshape.problems.lines import ProblemError as ProblemError
@@ -30,7 +31,7 @@ from jshape.problems.machine_files import beside
 from jshape.problems.mistakes import TABLES
 from jshape.problems.reading import Draft, Part, read, with_class
 from jshape.problems.schema import Adapt, Design, Front
-from jshape.problems.units import Units, printed
+from jshape.problems.units import Units
 from jshape.sweeps.leaves import check_over, leaf
 from jshape.time_optimal import TimeOptimal
 

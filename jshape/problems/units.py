@@ -7,6 +7,8 @@ import math
 import re
 from typing import Any, NamedTuple
 
+from jshape._described import PRINTED
+
 SYMBOLS: dict[str, tuple[float, tuple[int, int, int, int]]] = {
     "": (1.0, (0, 0, 0, 0)),
     "m": (1.0, (1, 0, 0, 0)),
@@ -38,20 +40,11 @@ LONGEST = 80
 _FACTOR = r"(?:1|[A-Za-zµ°%]+(?:\^?-?\d|[²³⁴])?)"
 _UNIT = rf"{_FACTOR}(?:(?:\s*/\s*|\s*[·*]\s*|\s+)(?:{_FACTOR}|\({_FACTOR}(?:\s+{_FACTOR})*\)))*"
 _QUANTITY = re.compile(rf"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*({_UNIT})?\s*")
-# As docstrings print a unit: SI symbols alone, also with an exponent that is a parameter.
-_SI = r"(?:kg|m|s|N|J|Hz|rad)(?:[²³⁴]|\^p)?"
-_PRINTED = re.compile(rf"(?:^|[,;] )((?:1|{_SI})(?:[ /](?:{_SI}|\({_SI}(?:[ /]{_SI})*\)(?:\^p)?))*)(?=[,;.]|\s\(|$)")
-
-
-def printed(text: str) -> str | None:
-    """The unit that the description of a parameter names, if it names one: ``"its length, m."`` names m."""
-    found = _PRINTED.search(text)
-    return found[1] if found else None
 
 
 def reprinted(text: str, unit: str) -> str:
     """A description with another unit in the place of the one that it names."""
-    found = _PRINTED.search(text)
+    found = PRINTED.search(text)
     return text if found is None else text[: found.start(1)] + unit + text[found.end(1) :]
 
 

@@ -13,9 +13,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon, Rectangle
 
 from jshape._files import whole
-from jshape.reports.places import Motion, motion_of, sampled
+from jshape.reports.places import Motion, bent_word, motion_of, sampled
 from jshape.reports.rendered import SIZES, Scene
-from jshape.reports.style import COLOURS, looks, plain, using
+from jshape.reports.style import looks, plain, using
 
 if TYPE_CHECKING:
     from jshape.plants import AbstractPlant
@@ -182,11 +182,13 @@ def _composed(
         panel.set_axis_off()
         panel.set(xlim=view[0], ylim=view[1], aspect="equal")
         panel.set_title(plain(name), loc="left")
-        puts.append(shown(panel, name, COLOURS[0] if name == "unshaped" else look[name]["color"]))
+        puts.append(shown(panel, name, look[name]["color"]))
     under = subfigures[1].subplots(max(len(plant.axes), 1), 1, squeeze=False, sharex=True)[:, 0]
     for i, axes in enumerate(under):
         curves = {name: values[:, i] for name, values in bent.items()}
-        puts.append(_deflections(axes, plant.axis_unit(i), plant.axes[i] if plant.axes else "", curves, times))
+        factor, unit = (180 / np.pi, "°") if plant.axis_unit(i) == "rad" else (1e3, "mm")
+        label = (f"{plant.axes[i]}\n" if plant.axes else "") + f"{bent_word(plant)} ({unit})"
+        puts.append(_deflections(axes, label, {name: factor * values for name, values in curves.items()}, times))
     under[0].legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=len(names))
     under[-1].set_xlabel("time (s)")
     return figure, puts
@@ -359,15 +361,12 @@ def _bodies(axes: Axes, scene: Scene, name: str, colour: str) -> Put:
     return put
 
 
-def _deflections(axes: Axes, unit: str, axis: str, deflections: Mapping[str, np.ndarray], times: np.ndarray) -> Put:
+def _deflections(axes: Axes, label: str, curves: Mapping[str, np.ndarray], times: np.ndarray) -> Put:
     """The deflection of every motion along one axis until now."""
-    factor, words = (180 / np.pi, "deflection (°)") if unit == "rad" else (1e3, "deflection (mm)")
-    curves = {name: factor * values for name, values in deflections.items()}
     look = looks(curves)
     lines = {name: axes.plot([], [], label=plain(name), **look[name])[0] for name in curves}
     low, high = (f([f(values) for values in curves.values()]) for f in (np.nanmin, np.nanmax))
     edge = 0.05 * (high - low) + 1e-9
-    label = f"{axis}\n{words}" if axis else words
     axes.set(xlim=(0.0, times[-1] or 1.0), ylim=(low - edge, high + edge), ylabel=label)
     now = axes.axvline(0.0, color="0.7", linewidth=0.8)
 

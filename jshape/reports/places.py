@@ -82,7 +82,6 @@ def bent_along(plant: "AbstractPlant", run: Any, axis: int = 0) -> tuple[np.ndar
         The values, shape (samples,), their unit, ``"°"`` or ``"mm"``, and the word for them. Of a crane that slews the
         angles of its cable: sideways along its first axis, outwards along the second.
     """
-    from jshape import plants
     from jshape.plants.slewing import AbstractSlewingCrane
 
     if isinstance(plant, AbstractSlewingCrane) and axis < 2:
@@ -90,8 +89,18 @@ def bent_along(plant: "AbstractPlant", run: Any, axis: int = 0) -> tuple[np.ndar
     values = np.asarray(run.deflection, float)
     values = values.reshape(len(values), -1)[:, axis]
     if plant.axis_unit(axis) == "rad":
-        return np.degrees(values), "°", "deflection"
-    return 1e3 * values, "mm", "wave at the wall" if isinstance(plant, plants.SloshingTank) else "sway"
+        return np.degrees(values), "°", bent_word(plant)
+    return 1e3 * values, "mm", bent_word(plant)
+
+
+def bent_word(plant: "AbstractPlant") -> str:
+    """The word for how much the flexible part of a machine is bent: what hangs sways."""
+    from jshape import plants
+    from jshape.plants.slewing import AbstractSlewingCrane
+
+    if isinstance(plant, plants.SloshingTank):
+        return "wave at the wall"
+    return "sway" if isinstance(plant, plants.AbstractCrane | AbstractSlewingCrane) else "deflection"
 
 
 def sampled(run: "Response", values: Any, times: np.ndarray) -> np.ndarray:

@@ -72,7 +72,9 @@ def sensitivity(
         labelled_lines(axis, ax, [(name, values, curve) for name, curve in percent.items()])
         axis.set(xlabel=label, ylabel="residual vibration (%)")
         level = [] if limit is None else [np.array([limit])]
-        if not decades(axis, [*percent.values(), *level], least=1e-6):
+        inside = slice(None) if band is None else (band[0] <= np.asarray(values)) & (np.asarray(values) <= band[1])
+        near = [curve[inside] for curve in percent.values()]
+        if not decades(axis, [*percent.values(), *level], least=1e-6, near=near):
             finite = np.concatenate([curve[np.isfinite(curve)] for curve in percent.values()])
             axis.set_ylim(0, 1.05 * np.max(finite, initial=limit or 1.0))
         if limit is not None:

@@ -406,4 +406,4 @@ def _badness(row: Row) -> float:
 
 def _rows_of_panels(chosen: list[Row]) -> list[Row]:
     """Four at most, in the same order and so with the same colours: the last closed form makes room."""
-    return chosen if len(chosen) <= 4 else [*chosen[:3], chosen[-1]]
+    return [*chosen[:3], chosen[-1]] if chosen[-1].name == "tuned" else chosen[:4]

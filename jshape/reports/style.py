@@ -139,10 +139,20 @@ def labelled_lines(axis: Any, ax: Any, lines: Sequence[tuple[str, Any, Any]]) ->
         axis.plot(x, y, label=plain(name), **look[name])
     axis.margins(x=0)
     if len(lines) > 1:
-        legend(axis, ax, look, ncols=2 if max(map(len, look)) > 12 else 3)
+        legend(axis, ax, look, ncols=columns(list(look)), columnspacing=1.2)
 
 
-def decades(axis: Any, lines: Iterable[Any], least: float, depth: float = 10.0) -> bool:
+def columns(names: Sequence[str]) -> int:
+    """Columns of a legend as wide as a journal's: three where they fit and save a row, else two."""
+    widest = [max(map(len, part)) for part in np.array_split(np.array(names), 3) if part.size]
+    # In points: a letter is about 4.2 wide, a handle with the spaces around it 28.
+    fits = sum(4.2 * width + 28 for width in widest) < 72 * WIDTH
+    return 3 if fits and -(-len(names) // 3) < -(-len(names) // 2) else 2
+
+
+def decades(
+    axis: Any, lines: Iterable[Any], least: float, depth: float = 10.0, near: Iterable[Any] | None = None
+) -> bool:
     """Make the vertical axis logarithmic where the lines span a decade and more, so far down that each can be seen.
 
     Args:
@@ -150,16 +160,17 @@ def decades(axis: Any, lines: Iterable[Any], least: float, depth: float = 10.0) 
         lines: the values of each.
         least: values below it are not distinguished from 0.
         depth: how far below its maximum the lowest line is drawn, a ratio.
+        near: the parts of the lines that shall be seen; all of them unless given.
 
     Returns:
         Whether it is logarithmic now.
     """
-    values = [line[np.isfinite(line)] for line in (np.ravel(np.asarray(line, float)) for line in lines)]
-    values = [line for line in values if line.size]
+    values = _finite(lines)
+    seen = (values if near is None else _finite(near)) or values
     if not values or min(map(np.min, values)) < 0:
         return False
     # Zeros are cusps without a bottom.
-    bottom = max(min(max(line.min(), line.max() / depth) for line in values), least)
+    bottom = max(min(max(line.min(), line.max() / depth) for line in seen), least)
     top = max(map(np.max, values))
     if top < 10 * bottom:
         return False
@@ -167,6 +178,12 @@ def decades(axis: Any, lines: Iterable[Any], least: float, depth: float = 10.0) 
     axis.set_ylim(bottom / 1.3, 1.3 * top)
     plain_decades(axis.yaxis, top / bottom)
     return True
+
+
+def _finite(lines: Iterable[Any]) -> list[np.ndarray]:
+    """The finite values of each line that has some."""
+    flat = [np.ravel(np.asarray(line, float)) for line in lines]
+    return [line[np.isfinite(line)] for line in flat if np.isfinite(line).any()]
 
 
 def plain_decades(axis: Any, ratio: float) -> None:

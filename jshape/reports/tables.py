@@ -26,7 +26,7 @@ IMPULSE = 9
 """Columns that an amplitude or a time takes, with the space after it."""
 
 
-def show_report(report: "Report", folder: Path, figures: list[Path]) -> None:
+def show_report(report: "Report", folder: Path, written: list[Path]) -> None:
     """The problem as understood, every shaper in a row, its impulses, what tuning gained, where the results lie."""
     console = new_console()
     show_problem(console, report.problem)
@@ -42,7 +42,7 @@ def show_report(report: "Report", folder: Path, figures: list[Path]) -> None:
         say(console, f"tuned: {report.solution.message}")
         for line in report.gains():
             say(console, line)
-    say(console, f"results in {folder}, figures {', '.join(path.name for path in figures)}")
+    say(console, f"results in {folder}, with {', '.join(str(path.relative_to(folder)) for path in written)}")
     if report.solution is not None:
         each, time = isinstance(report.rows[-1].shaper, dict), report.problem.design.sample_time
         shaper = folder if each else folder / "shapers" / "tuned.json"

@@ -23,6 +23,7 @@ import xarray as xr
 from jaxtyping import Array
 
 from jshape import _check
+from jshape._described import described, in_words, printed
 from jshape._types import Progress
 from jshape.axes import for_axes
 from jshape.plants import AbstractPlant
@@ -44,21 +45,6 @@ METRICS = {
     "rise_time": ("rise time", "s"),
 }
 """What can be swept by name, with its long name and unit."""
-
-UNITS = {
-    "TwoMass.m1": "kg",
-    "TwoMass.m2": "kg",
-    "TwoMass.base_damping": "N s/m",
-    "ForcedMass.mass": "kg",
-    "ModalPlant.omega": "rad/s",
-    "ModalPlant.zeta": "1",
-    "ModalPlant.gains": "1",
-    "LinearSpring.k": "N/m",
-    "Duffing.k1": "N/m",
-    "Duffing.k3": "N/m^3",
-    "LinearDamper.c": "N s/m",
-}
-"""Units of the leaves of jshape's own plants and parts, by class and field; all others are SI units of some kind."""
 
 
 def sweep(
@@ -139,7 +125,7 @@ def sweep(
         variables[name] = (dims, value, about)
         for leaf_name, slope in zip(slopes, derived, strict=True):
             words = f"derivative of {long_name} with respect to {leaf_name}"
-            about = dict(long_name=words, units=f"{unit}/({leaf_unit(plant, leaf_name)})")
+            about = dict(long_name=words, units=f"{unit}/({leaf_label(plant, leaf_name)[1]})")
             variables[f"d_{name}_d_{leaf_name}"] = (dims, slope, about)
     coordinates: dict[str, Any] = {"shaper": ("shaper", np.array(list(names), object), dict(long_name="shaper"))}
     for leaf_name, given in found.absolute.items():
@@ -218,21 +204,28 @@ def as_metrics(metric: str | Metric | Sequence[str | Metric], axes: tuple[str, .
     return found
 
 
-def leaf_unit(plant: AbstractPlant, name: str) -> str:
-    """The unit of a plant's leaf, where it is known, else ``"SI"``."""
+def leaf_label(plant: AbstractPlant, name: str) -> tuple[str, str]:
+    """A plant's leaf in words, and its unit, ``"SI"`` where it is not known: what its class's docstring says of it."""
     *parts, field = [part for part in name.split(".") if not part.isdigit()]
     owner: Any = plant
     for part in parts:
         owner = getattr(owner, part, None)
-    return UNITS.get(f"{type(owner).__name__}.{field}", "SI")
+    meanings = [described(kind.__doc__).get(field) for kind in type(owner).__mro__]
+    meaning = next((each for each in meanings if each), None)
+    if meaning is None:
+        return name, "SI"
+    unit = printed(meaning) or ("1" if field in ("zeta", "gains") else "SI")
+    # What bends between angles has the units of a torsion spring.
+    turns = plant.unit == "rad" and bool(parts)
+    return in_words(field, meaning, name.rpartition(".")[2]), "SI" if turns else unit
 
 
 def _coordinates(plant: AbstractPlant, name: str, given: np.ndarray, along: str, relative: bool) -> dict[str, Any]:
-    nominal, unit = float(leaf(plant, name)), leaf_unit(plant, name)
-    absolute = (along, given, dict(long_name=name, units=unit))
+    nominal, (words, unit) = float(leaf(plant, name)), leaf_label(plant, name)
+    absolute = (along, given, dict(long_name=words, units=unit))
     if not nominal:
         return {name: absolute}
-    ratio = (along, given / nominal, dict(long_name=f"{name} over nominal", units="1"))
+    ratio = (along, given / nominal, dict(long_name=f"{words} over nominal", units="1"))
     return {name: ratio, f"{name}_absolute": absolute} if relative else {name: absolute, f"{name}_ratio": ratio}
 
 
