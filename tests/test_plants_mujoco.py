@@ -111,7 +111,7 @@ def refused(body="", joint="", option="", extra="", contacts=False, driven=None,
 
 OTHER = """<worldbody><body name="other"><joint axis="0 1 0"/><geom pos="0 0 -1" size="0.1"/></body></worldbody>"""
 
-FLOOR = """<worldbody><geom name="floor" type="plane" size="9 9 1" pos="0 0 -3"/></worldbody>"""
+FLOOR = """<worldbody><geom name="floor" type="plane" size="9 9 1" pos="0 0 -1.05"/></worldbody>"""
 
 
 @pytest.mark.parametrize(
@@ -151,6 +151,50 @@ FLOOR = """<worldbody><geom name="floor" type="plane" size="9 9 1" pos="0 0 -3"/
 def test_what_is_not_simulated_is_refused_by_name(words, given):
     with pytest.raises(ValueError, match=words):
         refused(**given)
+
+
+REACH = """<mujoco><worldbody>%s
+    <body name="mast" pos="0 0 2"><joint name="slew" axis="0 0 1"/>
+    <inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/><body name="trolley" pos="1 0 0">
+    <joint name="drive" type="slide" axis="1 0 0"/><geom size="0.1" mass="1"/><body name="load" pos="0 0 -1">
+    <joint name="swing" axis="0 1 0" pos="0 0 1"/><geom name="load" size="0.1" mass="2"/></body></body></body>
+    </worldbody></mujoco>"""
+
+PENDULUM = """<mujoco><worldbody>%s<body name="trolley"><joint name="drive" type="slide" axis="1 0 0"/>
+    <geom name="a" size="0.1" mass="1"/><body name="load" pos="0 0 -1"><joint name="swing" axis="0 1 0" pos="0 0 1"/>
+    <geom name="load" size="0.1" mass="2"/></body></body></worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize(
+    ("machine", "obstacle", "touches"),
+    [
+        (PENDULUM, '<geom type="plane" size="9 9 1" pos="0 0 -1.11"/>', False),
+        (PENDULUM, '<geom type="plane" size="9 9 1" pos="0 0 -1.09"/>', True),
+        (PENDULUM, '<geom type="plane" size="9 9 1" pos="0 0 -1.11" margin="0.02"/>', True),
+        (PENDULUM, '<geom type="plane" size="9 9 1" pos="0 0 -3" euler="0 1 0"/>', True),
+        (PENDULUM, '<geom size="0.3" pos="7 1.45 0"/>', False),
+        (PENDULUM, '<geom size="0.3" pos="7 0 1"/>', True),
+        (REACH, '<geom type="plane" size="9 9 1" pos="0 0 0.85"/>', False),
+        (REACH, '<geom type="plane" size="9 9 1" pos="0 0 0.95"/>', True),
+        (REACH, '<geom size="0.3" pos="0 0 9"/>', True),
+    ],
+)
+def test_contacts_out_of_reach_do_not_matter(machine, obstacle, touches):
+    """Beside MuJoCo's own collisions at random poses; a slide behind a hinge may lead anywhere."""
+    text, driven = machine % obstacle, {"drive": "x", "slew": "y"} if machine is REACH else {"drive": "x"}
+    model = mujoco.MjModel.from_xml_string(text)
+    data, random, found = mujoco.MjData(model), np.random.default_rng(0), 0
+    for _ in range(20 if touches else 2000):
+        data.qpos[:] = random.uniform(-9, 9, model.nq)
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_collision(model, data)
+        found += data.ncon
+    if touches:
+        with pytest.raises(ValueError, match="contacts between the geoms 'geom0' and 'load' are not simulated"):
+            js.plants.from_mjcf(text, driven)
+    else:
+        assert not found
+        js.plants.from_mjcf(text, driven)
 
 
 def test_leaves_have_the_names_of_the_file(made):

@@ -164,6 +164,18 @@ def test_what_only_the_plant_can_know_is_told_with_its_line(load, old, new, word
         tuned()
 
 
+def test_a_payload_that_weighs_more_and_swings_alike_is_questioned(load):
+    """Of a crane in which a payload is a point; not where a force drives the trolley, which it then moves."""
+    asked = '[uncertainty]\npayload_mass = { low = "1 t", high = "8 t" }\n[design]'
+    (question,) = load("[design]", asked, SLEWING).questions
+    assert "problem.toml:13: uncertainty.payload_mass: changes the energy in proportion" in question
+    crane = SLEWING.replace("trolley_radius = 15.0\n", "").replace("TowerCrane", "Crane").replace("[design]", asked)
+    crane = crane.replace("command.slew", "command").replace("delay = 0.5\n", "")
+    for drive, count in (("velocity", 1), ("force", 0)):
+        text = crane.replace('"10 deg"', "1").replace('"5 deg/s"', "1").replace('"5 deg/s²"', "1")
+        assert len(load("[uncertainty]", f'drive = "{drive}"\n[uncertainty]', text).questions) == count
+
+
 def test_what_is_about_no_key_of_the_file_is_as_it_was(load):
     read = load()
     for words in ("starts must be a whole number, not 0", "a plant diverged"):

@@ -19,6 +19,7 @@ from jshape import _check
 from jshape.plants import mujoco_model
 from jshape.plants._rigid_body import Axis, Link
 from jshape.plants._vectors import IDENTITY, Vector, plain, rotation
+from jshape.plants.mujoco_contacts import refuse_contacts
 from jshape.plants.mujoco_model import Model
 from jshape.plants.multibody import Body, Joint, Multibody, Tree, first_joints
 
@@ -37,9 +38,9 @@ def from_mjcf(
     """A machine of rigid bodies from an MJCF file: driven joints follow the command, every other one moves freely.
 
     Free joints move under gravity and their own springs, dampers and armatures. Masses, lengths, stiffnesses and the
-    like are leaves by the file's names: ``body.load.mass``, ``joint.elbow.stiffness``. Contacts, limits of free joints,
-    tendons, constraints and whatever else is not simulated are refused by name. Actuators on driven joints have no
-    influence, and no more have the mass of what driven joints alone move and their limits.
+    like are leaves by the file's names: ``body.load.mass``, ``joint.elbow.stiffness``. Contacts within reach, limits of
+    free joints, tendons, constraints and whatever else is not simulated are refused by name. Actuators on driven joints
+    have no influence, and no more have the mass of what driven joints alone move and their limits.
 
     Args:
         file: a path, or the file's text itself.
@@ -112,6 +113,7 @@ def _plant(
 ) -> Multibody:
     axes = mujoco_model.check_driven(model, driven)
     mujoco_model.refuse(model, axes)
+    refuse_contacts(model, axes)
     joints = mujoco_model.names(model, "joint")
     free = tuple(name for name in joints if name not in axes)
     if not free:

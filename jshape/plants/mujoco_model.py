@@ -237,8 +237,6 @@ def _obstacles(model: Model, driven: Mapping[str, str]) -> Iterator[str]:
             yield f"body {name!r}: gravcomp is not simulated: remove it"
     if not disabled & bits.mjDSBL_ACTUATION:
         yield from _actuators(model, driven)
-    if on(bits.mjDSBL_CONTACT):
-        yield from _contacts(model, loose)
 
 
 def _joints(model: Model, driven: Mapping[str, str], on: Any) -> Iterator[str]:
@@ -273,24 +271,3 @@ def _actuators(model: Model, driven: Mapping[str, str]) -> Iterator[str]:
     for i, name in enumerate(names(model, "actuator")):
         if model.actuator_trntype[i] not in on_a_joint or joints[model.actuator_trnid[i, 0]] not in driven:
             yield f"actuator {name!r} acts on what is not driven: remove it, or drive its joint"
-
-
-def _contacts(model: Model, loose: np.ndarray) -> Iterator[str]:
-    """Pairs of geoms that MuJoCo would let collide, one of which at least a free joint moves."""
-    geoms, weld, parent = names(model, "geom"), model.body_weldid, model.body_parentid
-    advice = 'write <flag contact="disable"/> into <option>, or contype="0" conaffinity="0"'
-    for i in range(model.npair):
-        yield f"contact pair {i} is not simulated: remove it, or {advice}"
-    excluded = {int(signature) for signature in model.exclude_signature}
-    filtered = not model.opt.disableflags & engine().mjtDisableBit.mjDSBL_FILTERPARENT
-    for second in range(model.ngeom):
-        for first in range(second):
-            one, two = sorted((int(model.geom_bodyid[first]), int(model.geom_bodyid[second])))
-            a, b = int(weld[one]), int(weld[two])
-            meet = model.geom_contype[first] & model.geom_conaffinity[second]
-            meet = meet or model.geom_contype[second] & model.geom_conaffinity[first]
-            family = filtered and 0 not in (a, b) and (weld[parent[a]] == b or weld[parent[b]] == a)
-            if not meet or a == b or family or (one << 16) + two in excluded or not (loose[one] or loose[two]):
-                continue
-            words = f"contacts between the geoms {geoms[first]!r} and {geoms[second]!r} are not simulated"
-            yield f"{words}: {advice} to either"

@@ -38,6 +38,9 @@ from jshape.time_optimal import TimeOptimal
 MADE = {"Axes": Axes, "Synchronised": TimeOptimal.synchronised, "TimeOptimal": TimeOptimal}
 """What makes the commands that are not in ``command``."""
 
+POINT_MASSES = (plants.Crane, plants.HoistingCrane, plants.BridgeCrane, plants.TowerCrane, plants.BoomCrane)
+"""Cranes whose payload is a point on a cable, and swings alike whatever it weighs."""
+
 GREATEST_MULTIPLE = 10.0
 """Multiples of nominal beyond this are questioned: an absolute value may have been meant."""
 
@@ -141,6 +144,12 @@ def load(name: str | Path | Draft) -> Problem:
         except ValueError as error:
             raise lines.error(["uncertainty", at], str(error).removeprefix(f"over[{at!r}]: ")) from None
         questions += _question(at, over[at], nominal[at], draft)
+    if "payload_mass" in over and isinstance(plant, POINT_MASSES) and plant.drives()[0] != "force":
+        words = (
+            "changes the energy in proportion, and of a point mass on a cable the motion at most by its damping; where "
+            "a heavier payload hangs lower, cable_length is uncertain, too"
+        )
+        questions.append(str(lines.error(["uncertainty", "payload_mass"], words)))
     labels = {at: label(draft.plant, at, spread.unit) for at, spread in draft.over.items()}
     name = printable(draft.path.stem)
     return Problem(
