@@ -226,12 +226,14 @@ class Checked(eqx.Module):
 
 
 def recheck(module: eqx.Module) -> None:
-    """Checks a module and its parts, also those in dictionaries, as construction does: for leaves replaced since."""
+    """Checks a module and its parts, also those in dictionaries and tuples, as construction does: for leaves replaced
+    since."""
     for field in dataclasses.fields(module):
         value, converter = getattr(module, field.name), field.metadata.get("converter")
         if isinstance(converter, Argument):
             converter(value)
-        for part in value.values() if isinstance(value, dict) else (value,):
+        parts = value.values() if isinstance(value, dict) else value if isinstance(value, tuple) else (value,)
+        for part in parts:
             if isinstance(part, eqx.Module):
                 recheck(part)
     for kind in type(module).__mro__:

@@ -58,6 +58,8 @@ class Axes(AbstractCommand):
             if isinstance(command, Axes):
                 raise ValueError(f"{name} must be the command of one axis, not of several: {', '.join(command.names)}")
         self.delay = {name: _check.scalar(value, f"delay of {name}") for name, value in delay.items()}
+
+    def __check_init__(self):
         for name, value in self.delay.items():
             _check.not_negative(value, f"delay of {name}")
 

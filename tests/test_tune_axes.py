@@ -12,6 +12,7 @@ from jshape.design.tuning.digital import _roundings
 from jshape.design.tuning.evaluate import energies
 from jshape.design.tuning.scaled_problem import ScaledProblem
 from jshape.design.tuning.scenarios import Limits, Point
+from jshape.sweeps.leaves import changed, check_over
 
 BOTH = js.Axes(trolley=js.Trapezoid(8.0, 1.0, 0.3), hoist=js.Trapezoid(-2.0, 0.4, 0.2))
 CRANE = js.plants.HoistingCrane(6.5, 4000.0)
@@ -97,6 +98,40 @@ def test_limits_and_samples_of_each_axis():
     assert bare > 0.22
     speeds = found.shapers["hoist"].shape(BOTH.commands[1])(jnp.linspace(0, 20, 20001), derivative=1)
     assert float(jnp.max(jnp.abs(speeds))) <= 0.3 * (1 + 1e-6)
+
+
+@pytest.mark.slow
+def test_one_shaper_for_several_moves():
+    """Every energy is that of the metric on that move; and the worst of them is less than that of one tuned for one."""
+    plant, over = js.plants.TwoMass(spring=js.plants.Duffing(10.0, 100.0)), {"command.distance": [0.4, 1.0]}
+    move, given = js.Trapezoid(1.0, 6.0, 100.0), dict(impulses=3, duration=(0.3, 1.2), starts=6)
+    several = js.tune(plant, move, over=over, objective="worst", command_overshoot=0.0, **given)
+    one = js.tune(plant, move, **given)
+    assert several.status is js.Status.CONVERGED
+    distances = several.samples["command.distance"]
+    assert {0.4, 1.0} <= set(distances)
+    left = [float(js.residual_energy(plant, several.shaper, js.Trapezoid(d, 6.0, 100.0))) for d in distances]
+    np.testing.assert_allclose(left, several.energies, rtol=1e-6, atol=1e-12)
+    alone = [float(js.residual_energy(plant, one.shaper, js.Trapezoid(d, 6.0, 100.0))) for d in distances]
+    assert max(left) < 0.5 * max(alone)
+
+
+def test_leaves_of_a_command_have_the_names_of_its_axes():
+    command = js.Axes(trolley=js.Trapezoid(4.0, 1.0, 0.5), hoist=js.Trapezoid(-2.0, 0.4, 0.2), delay={"hoist": 0.5})
+    values = {"command.hoist.distance": -3.0, "command.delay.hoist": 1.0, "cable_length": 7.0}
+    plant, moved = changed(CRANE, command, values)
+    assert float(plant.cable_length) == 7.0
+    np.testing.assert_array_equal(moved.final, [4.0, -3.0])
+    assert float(moved.delay["hoist"]) == 1.0
+    over = {"command.hoist.distance": [0.5, 2.0]}
+    np.testing.assert_array_equal(check_over(CRANE, over, command=command)["command.hoist.distance"], [-1.0, -4.0])
+    for over, words in (
+        ({"command.slew.distance": [1.0]}, "unknown leaf 'command.slew.distance': the command has command.trolley.dis"),
+        ({"command.hoist.speed": [-1.0]}, r"over\['command.hoist.speed'\]: speed must be greater than 0"),
+        ({"command.delay.hoist": [-1.0]}, r"over\['command.delay.hoist'\]: delay of hoist must not be negative"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            check_over(CRANE, over, command=command)
 
 
 def test_bounds_hold_for_each_shaper():

@@ -17,6 +17,7 @@ import numpy as np
 
 import jshape as js
 from experiments import markdown
+from jshape.plants.mujoco_model import engine
 from jshape.plants.multibody import Multibody
 
 STEP = 1e-4
@@ -92,8 +93,7 @@ def folder() -> Path:
 
 def read(path: Path) -> list[str]:
     """A row: the file, the joint that is driven, and whether the machine can be read or what is in the way."""
-    import mujoco
-
+    mujoco = engine()
     model = mujoco.MjModel.from_xml_path(str(path))
     hinges = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
     joint = next(model.joint(i).name for i in range(model.njnt) if model.jnt_type[i] in hinges)
@@ -120,8 +120,7 @@ def measured(model: Model) -> list[str]:
 
 def by_engine(plant: Multibody, text: str, joint: str, command: Any) -> float:
     """The energy above rest that MuJoCo's engine leaves, J."""
-    import mujoco
-
+    mujoco = engine()
     model = mujoco.MjModel.from_xml_string(text)
     model.opt.timestep, model.opt.integrator = STEP, mujoco.mjtIntegrator.mjINT_RK4
     model.actuator_gainprm[:] = model.actuator_biasprm[:] = 0.0

@@ -16,6 +16,7 @@ MARKS = {"bare": "s", "closed forms": "o", "matched ramps": "^", "filters": "D",
 LINES = {
     "tuned": ("-", COLOURS[0]),
     "tuned per axis": ("-", COLOURS[4]),
+    "tuned for several moves": ("--", COLOURS[4]),
     "tuned on-off": ("--", COLOURS[0]),
     "tuned on speed ramps": ("-", COLOURS[2]),
     "specified insensitivity": (":", COLOURS[3]),

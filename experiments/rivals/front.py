@@ -7,7 +7,8 @@ import numpy as np
 
 FAMILIES = (
     *("bare", "closed forms", "matched ramps", "filters", "collocation"),
-    *("specified insensitivity", "tuned", "tuned per axis", "tuned on-off", "tuned on speed ramps"),
+    *("specified insensitivity", "tuned", "tuned per axis", "tuned for several moves"),
+    *("tuned on-off", "tuned on speed ramps"),
 )
 """In the order of the tables."""
 

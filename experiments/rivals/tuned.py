@@ -29,6 +29,9 @@ AXIS_SHARES = (1.0, 2.0)
 ON_OFF_SHARES = (0.6, 0.65, 0.8, 0.95)
 """The same of on-off shapers (1, −1, …, 1): a trapezoid whose ramps are longer than they keeps its limits."""
 
+SEVERAL_SHARES = (1.02, 2.0)
+"""The same of those that are tuned for several moves at once, of machines of several axes."""
+
 RAMP_SHARES = (0.3, 0.7)
 """The same on ramps that are matched to the period."""
 
@@ -40,7 +43,8 @@ Base = Callable[[Machine], dict[str, AbstractCommand]]
 
 
 def rivals(machine: Machine) -> list[Rival]:
-    """Fronts: one shaper for all axes, one for each where there are several, on-off ones, and on ramps of a period."""
+    """Fronts: one shaper for all axes, one for each where there are several, one for several moves, on-off ones, and on
+    ramps of a period."""
     several = len(machine.axes) > 1
     shapers, slowest = "per axis" if several else "shared", 2 * np.pi / modes(machine)[0][0]
 
@@ -50,6 +54,7 @@ def rivals(machine: Machine) -> list[Rival]:
     found = [_rival("tuned", share, "shared", _trapezoids) for share in SHARES]
     if several:
         found += [_rival("tuned per axis", share, "per axis", _trapezoids) for share in AXIS_SHARES]
+        found += [_rival("tuned for several moves", share, "shared", _trapezoids) for share in SEVERAL_SHARES]
     found += [_rival("tuned on-off", share, shapers, _trapezoids) for share in ON_OFF_SHARES]
     return found + [_rival("tuned on speed ramps", share, shapers, ramps) for share in RAMP_SHARES]
 
@@ -66,6 +71,11 @@ def _rival(family: str, share: float, shapers: str, base: Base) -> Rival:
 
     def design(machine: Machine) -> Design:
         on_off = family == "tuned on-off"
+        over = {machine.leaf: np.linspace(*machine.spread, PAYLOADS)}
+        if family == "tuned for several moves":
+            # The least and the greatest of the later moves, in every axis.
+            over = {machine.leaf: np.linspace(*machine.spread, 3)}
+            over |= {f"command.{axis.name}.distance": np.array([min(LATER), max(LATER)]) for axis in machine.axes}
         impulses = (machine.impulses + 2) // 2 * 2 + 1 if on_off else machine.impulses + 2 * (share >= 2)
         found = js.tune(
             machine.plant,
@@ -73,7 +83,7 @@ def _rival(family: str, share: float, shapers: str, base: Base) -> Rival:
             impulses=impulses,
             duration=share * zv_duration(machine),
             amplitudes="unity" if on_off else "positive",
-            over={machine.leaf: np.linspace(*machine.spread, PAYLOADS)},
+            over=over,
             objective="worst",
             starts=STARTS,
             shapers=shapers,

@@ -5,11 +5,14 @@ gives each named leaf a list of values, multiples of its nominal value unless ``
 grid::
 
     over = {"m2": jnp.linspace(0.8, 1.2, 41), "spring.k1": [0.9, 1.0, 1.1]}     # 123 plants
+
+Where a move is uncertain, too, its leaves follow ``command.``: ``"command.distance"``, of several axes
+``"command.slew.distance"``, ``"command.delay.hoist"``.
 """
 
 import math
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, TypeVar
 
 import equinox as eqx
 import jax
@@ -18,10 +21,18 @@ import numpy as np
 from jaxtyping import Array
 
 from jshape import _check
+from jshape.axes import Axes
+from jshape.command import AbstractCommand
 from jshape.plants import AbstractPlant
 
+MOVE = "command."
+"""What the names of a command's leaves begin with."""
 
-def leaf_names(plant: AbstractPlant) -> list[str]:
+
+Tree = TypeVar("Tree", bound=eqx.Module)
+
+
+def leaf_names(plant: eqx.Module) -> list[str]:
     """The dotted paths of all of a plant's leaves, entries of lists one by one."""
     names = []
     for path, leaf in jax.tree_util.tree_leaves_with_path(plant):
@@ -34,7 +45,7 @@ def _dotted(path: tuple[Any, ...]) -> str:
     return jax.tree_util.keystr(path, simple=True, separator=".")
 
 
-def leaf(plant: AbstractPlant, name: str) -> Array:
+def leaf(plant: eqx.Module, name: str) -> Array:
     """The value of the leaf of that dotted path.
 
     Raises:
@@ -63,7 +74,7 @@ def positive_leaves(plant: AbstractPlant, leaves: tuple[str, ...]) -> Array:
     return values
 
 
-def with_leaves(plant: AbstractPlant, values: Mapping[str, Any]) -> AbstractPlant:
+def with_leaves(plant: Tree, values: Mapping[str, Any]) -> Tree:
     """The plant with some leaves replaced.
 
     Args:
@@ -77,13 +88,41 @@ def with_leaves(plant: AbstractPlant, values: Mapping[str, Any]) -> AbstractPlan
     return plant
 
 
-def check_over(plant: AbstractPlant, over: Mapping[str, Any], relative: bool = True) -> dict[str, Array]:
+def changed(
+    plant: AbstractPlant, command: AbstractCommand, values: Mapping[str, Any]
+) -> tuple[AbstractPlant, AbstractCommand]:
+    """The plant and the command with some leaves replaced; ``values``: as those of ``with_leaves``."""
+    own = {name: value for name, value in values.items() if not name.startswith(MOVE)}
+    if len(own) == len(values):
+        return with_leaves(plant, own), command
+    names = _of_command(command)
+    moved = {names[name]: value for name, value in values.items() if name.startswith(MOVE)}
+    return with_leaves(plant, own), with_leaves(command, moved)
+
+
+def _of_command(command: AbstractCommand) -> dict[str, str]:
+    """The numbers of a command: their names → their dotted paths."""
+    found = {}
+    for path, number in jax.tree_util.tree_leaves_with_path(command):
+        place = name = _dotted(path)
+        if isinstance(command, Axes) and place.startswith("commands."):
+            _, index, rest = place.split(".", 2)
+            name = f"{command.names[int(index)]}.{rest}"
+        if jnp.ndim(number) == 0:
+            found[MOVE + name] = place
+    return found
+
+
+def check_over(
+    plant: AbstractPlant, over: Mapping[str, Any], relative: bool = True, command: AbstractCommand | None = None
+) -> dict[str, Array]:
     """The absolute values of each named leaf of an uncertain set.
 
     Args:
         plant: the nominal plant.
         over: leaf → a list of values.
         relative: whether the values are multiples of nominal.
+        command: the nominal move, whose leaves may be uncertain, too; ``None`` where they may not.
 
     Raises:
         ValueError: for an empty set, an unknown leaf, values that are not a list of finite numbers, multiples of a leaf
@@ -91,9 +130,12 @@ def check_over(plant: AbstractPlant, over: Mapping[str, Any], relative: bool = T
     """
     if not isinstance(over, Mapping) or not over:
         raise ValueError(f"over must name at least one leaf and its values, not {over!r}")
-    absolute = {}
+    absolute, moves = {}, {} if command is None else _of_command(command)
     for name, values in over.items():
-        nominal = leaf(plant, name)
+        if command is not None and isinstance(name, str) and name.startswith(MOVE) and name not in moves:
+            raise ValueError(f"unknown leaf {name!r}: the command has {', '.join(moves) or 'none'}")
+        tree: Any = command if name in moves else plant
+        nominal = leaf(tree, place := moves.get(name, name))
         values = _check.as_array(values, f"over[{name!r}]")
         if values.ndim != 1 or not len(values):
             raise ValueError(f"over[{name!r}] must be a list of at least one value, not of shape {values.shape}")
@@ -102,7 +144,7 @@ def check_over(plant: AbstractPlant, over: Mapping[str, Any], relative: bool = T
             raise ValueError(f"over[{name!r}]: {name} is 0, of which there are no multiples; give relative=False")
         xp = _check.numerics(values, nominal)
         absolute[name] = _check.on_device(xp.asarray(values) * xp.asarray(nominal)) if relative else values
-        _check_construction(plant, name, absolute[name])
+        _check_construction(tree, place, absolute[name], name)
     return absolute
 
 
@@ -118,7 +160,7 @@ def grid(absolute: Mapping[str, Array | np.ndarray]) -> dict[str, Array]:
     return {name: _check.on_device(values.reshape(-1)) for name, values in zip(absolute, mesh, strict=True)}
 
 
-def _where(plant: AbstractPlant, name: str) -> tuple[Callable[[Any], Any], int | None]:
+def _where(plant: eqx.Module, name: str) -> tuple[Callable[[Any], Any], int | None]:
     """What takes the leaf (or the array that it is an entry of) out of a plant, and the entry's index."""
     paths = {_dotted(path): path for path, _ in jax.tree_util.tree_leaves_with_path(plant)}
     if not isinstance(name, str) or name not in leaf_names(plant):
@@ -142,12 +184,12 @@ def _where(plant: AbstractPlant, name: str) -> tuple[Callable[[Any], Any], int |
     return follow, index
 
 
-def _check_construction(plant: AbstractPlant, name: str, values: Array) -> None:
+def _check_construction(tree: Any, place: str, values: Array, name: str) -> None:
     """The checks of construction, which a leaf that is put in place later does not pass through, at both ends."""
-    if not _check.is_concrete(plant, values):
+    if not _check.is_concrete(tree, values):
         return
     for value in map(_check.on_device, (np.min(np.asarray(values)), np.max(np.asarray(values)))):
         try:
-            _check.recheck(with_leaves(plant, {name: value}))
+            _check.recheck(with_leaves(tree, {place: value}))
         except ValueError as error:
             raise ValueError(f"over[{name!r}]: {error}") from None

@@ -57,9 +57,9 @@ def _place(plant: AbstractPlant, axis: str) -> Any:
     return plant.axes.index(axis) if axis else ...
 
 
-def deflection_slack(scenarios: Scenarios, plant: AbstractPlant, point: Point) -> Array:
-    """Slacks of one plant's deflection, either way, in every segment of the move and for a period after it."""
-    plant = scenarios.with_design(plant, point)
+def deflection_slack(scenarios: Scenarios, point: Point) -> Array:
+    """Slacks of the nominal plant's deflection, either way, in every segment of the move and for a period after it."""
+    plant = scenarios.with_design(scenarios.plant, point)
     plan = schedule(plant, scenarios.command, scenarios.shaping(point))
     along = trajectory(plant, plan, initial(plant, scenarios.state), 1.0, "deflection", scenarios.fine_steps, AFTER)
     slacks = []

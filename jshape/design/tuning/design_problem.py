@@ -109,7 +109,7 @@ def design_problem(
     schedule(plant, command)
     plant, command = with_arrays(plant), for_axes(command, plant.axes, type(plant).__name__)
     groups = _groups(command, shapers)
-    uncertain = {} if over is None else check_over(plant, over, relative)
+    uncertain = {} if over is None else check_over(plant, over, relative, command)
     leaves = designed_leaves(plant, also, uncertain)
     count = len(groups) or 1
     bounds = design_bounds(impulses, amplitudes, limit, _durations(plant, impulses, duration), leaves, count)

@@ -21,7 +21,6 @@ from jshape.plants import AbstractPlant
 from jshape.simulation.schedule import Schedule, schedule
 from jshape.simulation.simulate import initial
 from jshape.simulation.steps import checked_state, replay, replay_forward
-from jshape.sweeps.leaves import with_leaves
 
 DIVERGED_ENERGY = 1e30
 """Stands for the energy of a plant that diverged, J: finite, so that an optimiser turns round instead of stopping."""
@@ -63,11 +62,11 @@ def evaluate(scenarios: Scenarios, point: Point, tolerance: Any) -> Values:
         tolerance: of the energies, relative to the greatest energy of each move.
     """
 
-    def one(plant: AbstractPlant) -> tuple[Array, ...]:
-        if scenarios.metric is not None:
-            value, zero = _metric(scenarios, plant, point), jnp.zeros(())
+    def one(case: Scenarios) -> tuple[Array, ...]:
+        if case.metric is not None:
+            value, zero = _metric(case, point), jnp.zeros(())
             return value, zero, value, jnp.zeros(1), jnp.ones(1, jnp.int32)
-        plant, plan, state = _move(scenarios, plant, point)
+        plant, plan, state = _move(case, point)
         found = checked_state(plant, plan, state, tolerance)
         energy = plant.residual_energy(found.state, plan.final_inputs(plant))
         energy = jnp.where(found.diverged | ~jnp.isfinite(energy), DIVERGED_ENERGY, energy)
@@ -119,21 +118,21 @@ def linearise(scenarios: Scenarios, point: Point, ends: Any, steps: Any) -> Line
     """
     flat, unravel = ravel_pytree(point)
 
-    def one(x: Array, plant: AbstractPlant, end: Array) -> tuple[Array, Array]:
-        return _energy_and_end(scenarios, plant, unravel(x), end, steps, len(flat) <= FORWARD)
+    def one(x: Array, case: Scenarios, end: Array) -> tuple[Array, Array]:
+        return _energy_and_end(case, unravel(x), end, steps, len(flat) <= FORWARD)
 
     if len(flat) <= FORWARD:
 
-        def whole(plant: AbstractPlant, end: Array) -> tuple[Array, ...]:
+        def whole(case: Scenarios, end: Array) -> tuple[Array, ...]:
             # Derivatives inside, plants outside: on four states and up to 64 plants half the time of the reverse.
-            (value, _), (slope, slopes) = _with_jacobian(lambda x: one(x, plant, end), flat)
-            return value, slope, *_curvature(scenarios, plant, point, end, slopes)
+            (value, _), (slope, slopes) = _with_jacobian(lambda x: one(x, case, end), flat)
+            return value, slope, *_curvature(case, point, end, slopes)
 
         energies, jacobian, *curvature = _every_plant(scenarios, whole, ends)
     else:
         # One pass back for each plant.
         energies, jacobian = _every_plant(
-            scenarios, lambda plant, end: _with_jacobian(lambda x: one(x, plant, end)[0], flat), ends
+            scenarios, lambda case, end: _with_jacobian(lambda x: one(x, case, end)[0], flat), ends
         )
         curvature = _no_curvature(*jacobian.shape)
     slack, slack_jacobian = jnp.zeros(0), jnp.zeros((0, len(flat)))
@@ -142,44 +141,44 @@ def linearise(scenarios: Scenarios, point: Point, ends: Any, steps: Any) -> Line
     return Linearisation(energies, jacobian, slack, slack_jacobian, *curvature)
 
 
-def _move(scenarios: Scenarios, plant: AbstractPlant, point: Point) -> tuple[AbstractPlant, Schedule, State]:
-    plant = scenarios.with_design(plant, point)
+def _move(scenarios: Scenarios, point: Point) -> tuple[AbstractPlant, Schedule, State]:
+    plant = scenarios.with_design(scenarios.plant, point)
     plan = schedule(plant, scenarios.command, scenarios.shaping(point))
     return plant, plan, initial(plant, scenarios.state)
 
 
-def _metric(scenarios: Scenarios, plant: AbstractPlant, point: Point) -> Array:
+def _metric(scenarios: Scenarios, point: Point) -> Array:
     assert scenarios.metric is not None
-    shaping = scenarios.shaping(point)
-    value = jnp.asarray(scenarios.metric(scenarios.with_design(plant, point), shaping, scenarios.command))
+    plant, shaping = scenarios.with_design(scenarios.plant, point), scenarios.shaping(point)
+    value = jnp.asarray(scenarios.metric(plant, shaping, scenarios.command))
     return jnp.where(jnp.isfinite(value), value, DIVERGED_ENERGY)
 
 
-def end_of_move(scenarios: Scenarios, plant: AbstractPlant, point: Point, steps: Any, forward: bool = True) -> State:
+def end_of_move(scenarios: Scenarios, point: Point, steps: Any, forward: bool = True) -> State:
     """The state after a move with that many steps in each segment; differentiable in forward mode, or in both."""
-    plant, plan, state = _move(scenarios, plant, point)
+    plant, plan, state = _move(scenarios, point)
     return (replay_forward if forward else replay)(plant, plan.segments(), state, steps)
 
 
-def energy(scenarios: Scenarios, plant: AbstractPlant, point: Point, steps: Any, forward: bool = True) -> Array:
-    """Residual energy (or the metric) of one plant, J; ``DIVERGED_ENERGY`` where it diverges."""
-    return _energy_and_end(scenarios, plant, point, None, steps, forward)[0]
+def energy(scenarios: Scenarios, point: Point, steps: Any, forward: bool = True) -> Array:
+    """Residual energy (or the metric) of the nominal plant, J; ``DIVERGED_ENERGY`` where it diverges."""
+    return _energy_and_end(scenarios, point, None, steps, forward)[0]
 
 
 def energies(scenarios: Scenarios, point: Point, steps: Any) -> Float[Array, " plants"]:
     """Residual energies of all plants, J, with that many steps in each segment; differentiable in both modes."""
-    return _every_plant(scenarios, lambda plant: energy(scenarios, plant, point, steps, forward=False))
+    return _every_plant(scenarios, lambda case: energy(case, point, steps, forward=False))
 
 
 def _energy_and_end(
-    scenarios: Scenarios, plant: AbstractPlant, point: Point, end: Array | None, steps: Any, forward: bool
+    scenarios: Scenarios, point: Point, end: Array | None, steps: Any, forward: bool
 ) -> tuple[Array, Array]:
     """The energy and the state after a move, which is ``end`` where it is known, with their derivatives."""
     if scenarios.metric is not None:
-        return _metric(scenarios, plant, point), jnp.zeros(1)
-    computed = end_of_move(scenarios, plant, point, steps, forward)
+        return _metric(scenarios, point), jnp.zeros(1)
+    computed = end_of_move(scenarios, point, steps, forward)
     end = computed if end is None else end + (computed - jax.lax.stop_gradient(computed))
-    plant, plan, _ = _move(scenarios, plant, point)
+    plant, plan, _ = _move(scenarios, point)
     inputs = plan.final_inputs(plant)
     value = plant.residual_energy(end, inputs)
     diverged = plant.diverged(end, inputs) | ~jnp.isfinite(value)
@@ -191,10 +190,8 @@ def _no_curvature(*shape: int) -> tuple[Array, ...]:
     return tuple(jnp.zeros((*plants, *shape)) for shape in ((n, n), (0,), (0, n), (0, n, n)))
 
 
-def _curvature(
-    scenarios: Scenarios, plant: AbstractPlant, point: Point, end: Array, slopes: Array
-) -> tuple[Array, ...]:
-    """``bends`` and the roots with their derivatives, in the amplitudes, gaps and leaves, of one plant (see
+def _curvature(scenarios: Scenarios, point: Point, end: Array, slopes: Array) -> tuple[Array, ...]:
+    """``bends`` and the roots with their derivatives, in the amplitudes, gaps and leaves, of the nominal plant (see
     ``Linearisation``).
 
     As a function of the state at the end the energy is taken for a quadratic, whose positive part is a sum of squares;
@@ -204,14 +201,13 @@ def _curvature(
 
     Args:
         scenarios: the moves.
-        plant: which one.
         point: the design.
         end: the state after the move, shape (state,).
         slopes: its derivatives, shape (state, variables).
     """
     if scenarios.metric is not None:
         return _no_curvature(slopes.shape[1])
-    plant, plan, _ = _move(scenarios, plant, point)
+    plant, plan, _ = _move(scenarios, point)
     inputs, after = plan.final_inputs(plant), plan.breaks[-1]
     field = lambda y: plant.vector_field(after, y, inputs)
     energy = lambda y: plant.residual_energy(y, inputs)
@@ -225,7 +221,7 @@ def _curvature(
     # Where one shaper shapes everything the move ends with its last impulse, and every gap delays the end; among
     # several axes, the gaps of the shaper whose last impulse ends it.
     if scenarios.groups:
-        later = jax.grad(lambda x: _move(scenarios, plant, unravel(x))[1].breaks[-1])(flat)
+        later = jax.grad(lambda x: _move(scenarios, unravel(x))[1].breaks[-1])(flat)
     else:
         later = jnp.zeros_like(flat).at[_gaps(point, 0)].set(1.0)
     along = lambda row: _bend(row, point, matrix, field(end), later, slopes)
@@ -277,20 +273,23 @@ def slacks(scenarios: Scenarios, point: Point) -> Array:
     """Slacks of the limits of all moves: negative where one is missed."""
     if not scenarios.limits.any:
         return jnp.zeros(0)
-    found = [command_slack(scenarios, point)]
+    if scenarios.moves_differ:
+        found = [_every_plant(scenarios, lambda case: command_slack(case, point)).reshape(-1)]
+    else:
+        found = [command_slack(scenarios, point)]
     if scenarios.limits.peak_deflection:
-        found.append(_every_plant(scenarios, lambda plant: deflection_slack(scenarios, plant, point)).reshape(-1))
+        found.append(_every_plant(scenarios, lambda case: deflection_slack(case, point)).reshape(-1))
     return jnp.nan_to_num(jnp.concatenate(found), nan=-1.0)
 
 
 def _every_plant(scenarios: Scenarios, function: Callable[..., Any], *rows: Any) -> Any:
-    """A function of every plant, stacked: of the nominal one alone where there are no samples.
+    """A function of the scenarios of every plant, stacked: of the nominal one alone where there are no samples.
 
     ``rows``: further arguments, with a leading axis over the plants.
     """
     if not scenarios.samples:
-        return jax.tree.map(lambda x: x[None], function(scenarios.plant, *jax.tree.map(lambda x: x[0], rows)))
-    along = lambda values, rows: function(with_leaves(scenarios.plant, values), *rows)
+        return jax.tree.map(lambda x: x[None], function(scenarios, *jax.tree.map(lambda x: x[0], rows)))
+    along = lambda values, rows: function(scenarios.at(values), *rows)
     return jax.vmap(along)(dict(scenarios.samples), rows)
 
 
@@ -312,9 +311,9 @@ def scaled_departure(scenarios: Scenarios, point: Point, steps: Any) -> Array:
     Close to rest its square is the residual energy over the energy that the bare command leaves. Unlike the energy, it
     has a simple zero at a perfect shaper, which lets Levenberg–Marquardt converge to rounding.
     """
-    plant, plan, begin = _move(scenarios, scenarios.plant, point)
+    plant, plan, begin = _move(scenarios, point)
     inputs = plan.final_inputs(plant)
-    rest, end = plant.rest_state(inputs), end_of_move(scenarios, scenarios.plant, point, steps)
+    rest, end = plant.rest_state(inputs), end_of_move(scenarios, point, steps)
     curvature = jax.hessian(lambda y: plant.residual_energy(y, inputs))(rest) / 2
     values, vectors = jnp.linalg.eigh(curvature)
     trace, eps = jnp.trace(curvature), jnp.finfo(rest.dtype).eps

@@ -18,7 +18,7 @@ from jshape.design.tuning.evaluate import LOOSEST, Values, evaluate
 from jshape.design.tuning.scenarios import Point
 from jshape.simulation.simulate import natural_frequencies
 from jshape.simulation.steps import TOLERANCE
-from jshape.sweeps.leaves import with_leaves
+from jshape.sweeps.leaves import MOVE, with_leaves
 
 MOST_PLACES = 64
 """Plants that are added to a set, at most, but for as many as there are variables."""
@@ -68,6 +68,8 @@ def _maxima(problem: DesignProblem) -> int:
     at the end of the longest shaper differs over a leaf's values."""
     plant, half_turns = problem.scenarios.plant, 0.0
     for name, values in problem.scenarios.samples.items():
+        if name.startswith(MOVE):
+            continue
         some = np.quantile(np.asarray(values, float), [0.0, 0.5, 1.0])
         plants = [with_leaves(plant, {name: _check.on_device(value)}) for value in some]
         omega = np.array([np.ravel(natural_frequencies(one)) for one in plants])

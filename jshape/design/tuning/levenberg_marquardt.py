@@ -94,7 +94,7 @@ def _run(
     def advance(start: Point, y, state):
         y, state, _ = solver.step(residuals, y, start, {}, state, frozenset())
         point = build(start, y)
-        value = energy(scenarios, scenarios.plant, point, steps)
+        value = energy(scenarios, point, steps)
         return y, state, value, bounds.contains(point) & (value <= zero) & in_use(point)
 
     starts = jax.tree.map(jnp.asarray, starts)

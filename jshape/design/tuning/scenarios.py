@@ -4,6 +4,7 @@
 them. ``Point`` is a design: amplitudes, gaps between the impulses, values of the plant's designed leaves.
 """
 
+import dataclasses
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
@@ -16,7 +17,7 @@ from jshape._types import State
 from jshape.command import AbstractCommand
 from jshape.plants import AbstractPlant
 from jshape.shaper import Shaper
-from jshape.sweeps.leaves import with_leaves
+from jshape.sweeps.leaves import MOVE, changed, with_leaves
 
 Metric = Callable[[AbstractPlant, Any, AbstractCommand], Array]
 """What one plant is judged by: (plant, shaper, command) → scalar, in JAX."""
@@ -105,12 +106,13 @@ def _limit(value: Any, name: str, check: Callable[[Any, str], None], axes: tuple
 
 
 class Scenarios(eqx.Module):
-    """One command, carried out by the nominal plant or by every plant of an uncertain set.
+    """One command, carried out by the nominal plant or by every plant of an uncertain set, in which it may differ, too.
 
     Attributes:
         plant: the nominal plant.
         command: what is shaped.
-        samples: absolute values of the uncertain leaves, one entry a plant; empty for the nominal plant alone.
+        samples: absolute values of the uncertain leaves of plant and command, one entry a plant; empty for the nominal
+            plant alone.
         state: where every move begins; ``None`` for rest.
         limits: what every move must keep to.
         fine_steps: fixed integration steps a segment, for peaks of the deflection between the steps.
@@ -128,6 +130,16 @@ class Scenarios(eqx.Module):
     designed: tuple[str, ...] = eqx.field(static=True)
     metric: Metric | None = eqx.field(static=True)
     groups: tuple[tuple[str, ...], ...] = eqx.field(static=True, default=())
+
+    @property
+    def moves_differ(self) -> bool:
+        """Whether the command is uncertain, too."""
+        return any(name.startswith(MOVE) for name in self.samples)
+
+    def at(self, values: Mapping[str, Any]) -> "Scenarios":
+        """One of the set: plant and command with these values of the uncertain leaves, and no set."""
+        plant, command = changed(self.plant, self.command, values)
+        return dataclasses.replace(self, plant=plant, command=command, samples={})
 
     def shaping(self, point: Point) -> Shaper | dict[str, Shaper]:
         """The shapers of a design: one for all axes, or axis → its own."""

@@ -71,7 +71,8 @@ def tune(
         amplitudes: ``"positive"``, ``"bounded"`` (|A| ≤ ``limit``), ``"unity"`` (1, −1, …, 1: only times are tuned) or
             ``"free"``.
         limit: greatest magnitude of an amplitude.
-        over: an uncertain set: leaves and their values, multiples of nominal; several leaves make a grid.
+        over: an uncertain set: leaves and their values, multiples of nominal; several leaves make a grid. Those of the
+            command, such as ``command.distance`` (``command.slew.distance``), make one shaper for several moves.
         objective: ``"nominal"``, ``"worst"``, ``"mean"``, ``"cvar"`` (the mean of the worst tenth), or a function in
             JAX of all plants' energies.
         starts: number of starting points; where evaluations cost little, half as many more lie around the best design.
