@@ -21,7 +21,9 @@ from .identification import Identified as Identified
 from .identification import IdentifiedDuffing as IdentifiedDuffing
 from .identification import identify as identify
 from .identification import identify_csv as identify_csv
+from .identification import identify_drive as identify_drive
 from .identification import identify_duffing as identify_duffing
+from .identification import identify_payloads as identify_payloads
 from .identification import identify_planar as identify_planar
 from .metrics import energy_profile as energy_profile
 from .metrics import overshoot as overshoot

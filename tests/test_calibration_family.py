@@ -57,6 +57,15 @@ def test_loads_and_shifts(made_up):
     assert one.rated.smoothing < both.rated.smoothing
 
 
+def test_of_equals_the_one_with_fewer_impulses():
+    """A ZV is the MZV of any number of impulses with t = 1/2, all but two of them nothing; it goes by its name."""
+    f = np.arange(0, 201, 1.0)
+    ratio = f / 21.0
+    spectrum = calibration.Spectrum("made up", f, 1 / ((1 - ratio**2) ** 2 + (0.16 * ratio) ** 2))
+    found = calibration.tune_firmware([spectrum], vibration=0.1)
+    assert found.rated.name == "zv"
+
+
 def test_low_and_high_resonances():
     f = np.arange(0, 401, 1.0)
     for centre, highest in ((18.0, 150.0), (240.0, 320.0)):

@@ -114,6 +114,11 @@ def test_two_files_are_two_axes_or_two_loads():
     assert _axes([x, y], None, False) == {"x": [x], "y": [y]}
     assert _axes([x, other], None, True) == {"x": [x, other]}
     assert _axes([x, y], "y", True) == {"y": [x, y]}
+    belts = [Path(f"raw_data_axis=1.000,{sign}1.000_{name}.csv") for sign, name in (("", "a"), ("-", "b"))]
+    assert _axes(belts, None, False) == {"x": belts, "y": belts}
+    assert _axes([Path("raw_data_axis=1.000,0.000_a.csv")], None, False) == {
+        "x": [Path("raw_data_axis=1.000,0.000_a.csv")]
+    }
     with pytest.raises(ValueError, match=r"resonances_x_1.csv and loaded.csv: are all of axis x; --loads"):
         _axes([x, other], None, False)
 
@@ -143,6 +148,25 @@ def test_lines_of_someone_elses_are_not_written_over(tmp_path):
     assert found.exit_code == 2, found.output
     assert "paste.txt: is not jshape's, and is left as it is" in found.output
     assert (tmp_path / "paste.txt").read_text(encoding="utf-8") == "mine"
+
+
+@pytest.mark.slow
+def test_belts_share_a_shaper_that_both_axes_have(folder):
+    files = [folder / f"raw_data_axis=1.000,{sign}1.000_{name}.csv" for sign, name in (("", "a"), ("-", "b"))]
+    lines = RECORD.read_text(encoding="utf-8").splitlines()
+    for file, factor in zip(files, (1.0, 0.9), strict=True):
+        rows = [line.split(",") for line in lines[1:]]
+        file.write_text(
+            "\n".join([lines[0], *(",".join([f"{float(r[0]) / factor:.6f}", *r[1:]]) for r in rows)]), "utf-8"
+        )
+    outcome = run(*files, "--out", folder / "belts", "--starts", 2)
+    assert outcome.exit_code == 0, outcome.output
+    assert "the belts' strongest modes are 11." in outcome.output
+    parser = configparser.ConfigParser()
+    parser.read(folder / "belts" / "paste.txt", encoding="utf-8")
+    settings = dict(parser["input_shaper"])
+    assert settings["shaper_type_x"] == settings["shaper_type_y"]
+    assert outcome.output.count("* recommended by Klipper") == 1
 
 
 def test_axis_from_the_name(tmp_path):

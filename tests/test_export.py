@@ -143,6 +143,13 @@ def test_scipy_filter_shapes_a_command():
     np.testing.assert_allclose(lfilter(b, a, np.ones(12)), shaped, rtol=0, atol=1e-12)
 
 
+def test_csv_by_numpy(tmp_path):
+    js.export(SHAPER, "csv", tmp_path / "shaper.csv")
+    read = np.genfromtxt(tmp_path / "shaper.csv", delimiter=",", names=True)
+    np.testing.assert_array_equal(read["time_s"], SHAPER.times)
+    np.testing.assert_array_equal(read["amplitude"], SHAPER.amplitudes)
+
+
 def matlab_numbers(text, name):
     (inner,) = re.findall(rf"^{name} = \[(.*)\];$", text, re.M)
     return np.array([float(word) for word in inner.split()])

@@ -172,6 +172,7 @@ DAMPERS = {
     "cubic": (plants.PowerDamper(0.1), lambda v: 0.1 * v**3),
     "quadratic": (plants.PowerDamper(0.1, 2), lambda v: 0.1 * v * np.abs(v)),
     "1.7": (plants.PowerDamper(0.1, 1.7), lambda v: 0.1 * np.sign(v) * np.abs(v) ** 1.7),
+    "dry": (plants.FrictionDamper(0.4, 0.2, 0.3), lambda v: 0.4 * v + 0.2 * np.tanh(v / 0.3)),
     "written": (plants.ForceDamper(lambda v: jnp.tanh(3 * v)), lambda v: np.tanh(3 * v)),
 }
 
@@ -540,6 +541,7 @@ WRONG = {
     "no function": (lambda: plants.PotentialSpring(3.0), "function must be a callable"),
     "LinearDamper c": (lambda: plants.LinearDamper(-0.1), "c must not be negative, not -0.1"),
     "PowerDamper c": (lambda: plants.PowerDamper(np.nan), "c must be finite"),
+    "FrictionDamper width": (lambda: plants.FrictionDamper(0.1, 0.1, 0.0), "width must be greater than 0"),
     "PowerDamper power": (lambda: plants.PowerDamper(0.1, 0), "power must be greater than 0"),
     "m1": (lambda: plants.TwoMass(0.0, 1.0, plants.LinearSpring(1.0)), "m1 must be greater than 0, not 0"),
     "m2": (lambda: plants.TwoMass(1.0, -2.0, plants.LinearSpring(1.0)), "m2 must be greater than 0, not -2"),

@@ -1,79 +1,140 @@
-"""A twin of the Silverbox, the electronic Duffing oscillator of the identification benchmarks, with made-up data.
+"""The Silverbox, an electronic Duffing oscillator: four parameters from a record, free runs, and the circuit's shaper.
 
-μ y″ + d y′ + κ1 y + κ3 y³ = u (V), sampled at 610.35 Hz, with noise of 0.25 mV. Four parameters are fitted to a random
-multisine by ``js.identify_duffing`` and simulated in free run on another multisine and on a noise whose amplitude
-grows, from inputs alone. The measured data carry no licence and are not used; the parameters are made up, of the
-circuit's size. Run: python -m experiments.identification.silverbox
+μ y″ + d y′ + κ1 y + κ3 y³ = u (V), sampled at 610.35 Hz. ``js.identify_duffing`` fits the four to a random multisine;
+free runs, from inputs alone, are then compared with another multisine and with a noise whose amplitude grows, by a
+Runge–Kutta method of this script's own. The measured data carry no licence and are not kept here; with `--measured`
+they are fetched by ``nonlinear_benchmarks`` (PyPI) in its splits. Otherwise a twin is made: the same equation and
+lengths, made-up parameters of the circuit's size, white noise of 0.25 mV.
 
-Source: the equation is that of Wigren and Schoukens (2013), three free data sets.
+Run: python -m experiments.identification.silverbox [--measured]
+
+Source: Wigren and Schoukens (2013), three free data sets for development and benchmarking.
 """
 
-from pathlib import Path
+import sys
+from typing import NamedTuple
 
 import jax
 import numpy as np
-from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
+from scipy.optimize import least_squares
 from scipy.signal import butter, sosfiltfilt
 
 import jshape as js
-from experiments.markdown import table
+from experiments.identification.record import Record, write
 
 TRUE = {"mass": 1.09e-5, "c": 2.13e-4, "k1": 1.0, "k3": 3.55}
 """μ (s²), d (s), κ1, κ3 (1/V²) under the names of a mass on a spring."""
 
-RATE, NOISE, SAMPLES, FINER = 610.35, 0.25e-3, 1024, 8
-"""Samples a second; standard deviation, V; in a record; steps of the interpolation between samples."""
+RATE, NOISE, BEGIN, FINER = 610.35, 0.25e-3, 50, 8
+"""Samples a second; standard deviation, V; samples of a test from which it may begin; steps of the simulation."""
+
+LENGTHS = (65062, 21688, 40475)
+"""Samples: of the multisine for training, of that for the test, and of the growing noise."""
 
 
-def multisine(seed: int) -> np.ndarray:
-    """A random-phase multisine up to 200 Hz, standard deviation 67 mV."""
-    lines = np.arange(1, int(200 / RATE * SAMPLES))
-    phases = np.random.default_rng(seed).uniform(0, 2 * np.pi, len(lines))
-    values = np.cos(2 * np.pi * np.outer(np.arange(SAMPLES), lines) / SAMPLES + phases).sum(axis=1)
-    return 0.067 * values / values.std()
+class Circuit(NamedTuple):
+    """What a record is simulated with.
+
+    Attributes:
+        parameters: under the names of ``TRUE``.
+        voltage: the input at the samples, V.
+    """
+
+    parameters: dict[str, float]
+    voltage: np.ndarray
+
+    def run(self, start: np.ndarray | tuple[float, float] = (0.0, 0.0), samples: int | None = None) -> np.ndarray:
+        """The circuit's answer at the samples, V, by Runge and Kutta's method; the input is a spline between them."""
+        count = len(self.voltage) if samples is None else samples
+        step = 1 / (RATE * FINER)
+        fine = CubicSpline(np.arange(len(self.voltage)) / RATE, self.voltage)
+        inputs = fine(0.5 * step * np.arange(2 * FINER * (count - 1) + 1)).tolist()
+        mass, c, k1, k3 = (self.parameters[name] for name in TRUE)
+        force = lambda u, y, v: (u - c * v - (k1 + k3 * y * y) * y) / mass
+        (y, v), found = map(float, start), [float(start[0])]
+        for i in range(FINER * (count - 1)):
+            begin, middle, end = inputs[2 * i : 2 * i + 3]
+            a1, v2 = force(begin, y, v), v + step / 2 * force(begin, y, v)
+            a2, v3 = force(middle, y + step / 2 * v, v2), v + step / 2 * force(middle, y + step / 2 * v, v2)
+            a3 = force(middle, y + step / 2 * v2, v3)
+            v4 = v + step * a3
+            a4 = force(end, y + step * v3, v4)
+            y, v = y + step / 6 * (v + 2 * v2 + 2 * v3 + v4), v + step / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
+            if (i + 1) % FINER == 0:
+                found.append(y)
+        return np.array(found)
+
+    def error(self, measured: np.ndarray) -> float:
+        """Of a free run, the root of the mean square beyond the first samples, V, which place its beginning alone."""
+        scale = np.array([1.0, np.sqrt(self.parameters["k1"] / self.parameters["mass"])])
+        first = least_squares(lambda z: self.run(scale * z, BEGIN) - measured[:BEGIN], [measured[0], 0.0]).x
+        return float(np.sqrt(np.mean((self.run(scale * first) - measured)[BEGIN:] ** 2)))
 
 
-def growing(seed: int) -> np.ndarray:
+def twin(lengths: tuple[int, int, int] = LENGTHS, seed: int = 0) -> list[Record]:
+    """Records of the made-up circuit: a multisine for training, one for the test, a noise that grows."""
+    random, found = np.random.default_rng(seed), []
+    for number, count in enumerate(lengths):
+        voltage = growing(count, random) if number == 2 else multisine(count, random)
+        measured = Circuit(TRUE, voltage).run() + NOISE * random.normal(size=count)
+        found.append(Record(np.arange(count) / RATE, voltage, measured))
+    return found
+
+
+def multisine(count: int, random: np.random.Generator) -> np.ndarray:
+    """A random-phase multisine up to 200 Hz, periods of 8192 samples, standard deviation 67 mV."""
+    period = 8192
+    spectrum = np.zeros(period // 2 + 1, complex)
+    lines = np.arange(1, int(200 / RATE * period))
+    spectrum[lines] = np.exp(2j * np.pi * random.uniform(size=len(lines)))
+    values = np.fft.irfft(spectrum, period)
+    return 0.067 * np.resize(values / values.std(), count)
+
+
+def growing(count: int, random: np.random.Generator) -> np.ndarray:
     """Noise below 200 Hz whose amplitude grows evenly, to a standard deviation of 90 mV at its end."""
-    values = np.random.default_rng(seed).normal(size=SAMPLES)
-    values = np.asarray(sosfiltfilt(butter(6, 200, fs=RATE, output="sos"), values))
-    return 0.09 * np.linspace(0, 1, SAMPLES) * values / values.std()
+    values = np.asarray(sosfiltfilt(butter(6, 200, fs=RATE, output="sos"), random.normal(size=count)))
+    return 0.09 * np.linspace(0, 1, count) * values / values.std()
 
 
-def response(parameters: dict[str, float], voltage: np.ndarray) -> np.ndarray:
-    """The circuit's answer at the samples, V, from rest; the input is a spline between samples."""
-    times, (m, c, k1, k3) = np.arange(SAMPLES) / RATE, (parameters[name] for name in TRUE)
-    inputs = CubicSpline(times, voltage)
-    field = lambda t, y: [y[1], (inputs(t) - c * y[1] - k1 * y[0] - k3 * y[0] ** 3) / m]
-    run = solve_ivp(field, (0, times[-1]), [0.0, 0.0], t_eval=times, rtol=1e-9, atol=1e-11)
-    return run.y[0]
+def measured() -> list[Record]:
+    """The circuit's own records, in the splits of ``nonlinear_benchmarks``."""
+    import nonlinear_benchmarks  # pyright: ignore[reportMissingImports]
+
+    train, (multisine, arrow, _) = nonlinear_benchmarks.Silverbox()
+    return [Record(np.arange(len(part.y)) / RATE, part.u, part.y) for part in (train, multisine, arrow)]
 
 
-def results(seed: int = 0) -> dict[str, float]:
-    """Fitted over true parameters, and the free-run errors (mV, root of the mean square) without the noise."""
-    voltage, random = multisine(seed), np.random.default_rng(seed + 1)
-    times = np.arange(SAMPLES) / RATE
-    measured = response(TRUE, voltage) + NOISE * random.normal(size=SAMPLES)
-    # identify_duffing takes inputs as straight lines between rows: rows are made closer.
-    fine = np.linspace(0, times[-1], FINER * (SAMPLES - 1) + 1)
+def results(records: list[Record], true: dict[str, float] | None = None) -> tuple[list[list[str]], js.Shaper]:
+    """Rows of a table: the parameters, with the truth where it is known, and the free runs; the circuit's shaper."""
+    train, *tests = records
     found = js.identify_duffing(
-        fine, CubicSpline(times, measured)(fine), mass=1e-5, inputs=CubicSpline(times, voltage)(fine), drive="force"
+        train.times, train.values, mass=1e-5, inputs=train.inputs, drive="force", between="spline"
     )
     assert found.converged, found.message
-    ratios = {f"{name} over true": found.parameters[name] / TRUE[name] for name in TRUE}
-    tests = {"multisine": multisine(seed + 2), "growing noise": growing(seed + 3)}
-    return ratios | {
-        f"free run, {name} (mV)": 1e3 * float(np.std(response(found.parameters, u) - response(TRUE, u)))
-        for name, u in tests.items()
-    }
+    rows = []
+    for name, (low, high) in found.interval().items():
+        known = [f"{true[name]:.6g}", f"{found.parameters[name] / true[name] - 1:+.1e}"] if true else []
+        rows.append([name, f"{found.parameters[name]:.6g}", f"{low:.6g} to {high:.6g}", *known])
+    errors = [("training", found.noise)]
+    for name, test in zip(("multisine", "growing noise"), tests, strict=True):
+        errors.append((name, Circuit(found.parameters, test.inputs).error(test.values)))
+    rows += [[f"free run, {name} (mV)", f"{1e3 * error:.3f}", *([""] * (3 if true else 1))] for name, error in errors]
+    # A step of 0.1 V; three impulses that leave nothing of it, and for the circuit within 5 % of its springs.
+    swing = 2 * np.pi / float(found.plant.natural_frequency())
+    shaper = js.tune(found.plant, 0.1, impulses=3, duration=swing, over={"spring.k1": np.linspace(0.95, 1.05, 11)})
+    plain = js.residual_energy(found.plant, js.Shaper([1.0], [0.0]), 0.1)
+    left = js.residual_energy(found.plant, shaper.shaper, 0.1)
+    rows.append(["energy left of a step of 0.1 V, shaped over bare", f"{float(left / plain):.2e}", *rows[-1][2:]])
+    return rows, shaper.shaper
 
 
 def main() -> None:
     jax.config.update("jax_enable_x64", True)
-    rows = [[name, f"{value:.5f}" if "over" in name else f"{value:.3f}"] for name, value in results().items()]
-    lines = ["# The Silverbox's twin", "", (__doc__ or "").strip(), "", *table(["number", "value"], rows)]
-    Path(__file__).with_suffix(".md").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    real = "--measured" in sys.argv
+    rows, shaper = results(measured() if real else twin(), None if real else TRUE)
+    write(__file__, __doc__, rows, real, f"Shaper: amplitudes {shaper.amplitudes}, times {shaper.times} s.")
 
 
 if __name__ == "__main__":

@@ -42,6 +42,10 @@ _NEARLY = ((1.2, 2e-4), (2.0, 1e-3))
 """Starts that exceed the limit leave at most this factor of it, and this on top."""
 
 
+_EQUAL = 1e-4
+"""The relative difference from which on one of two shapers is better."""
+
+
 class Family(NamedTuple):
     """Klipper's shapers of one name that differ in a number and in the damping ratio alone.
 
@@ -159,7 +163,7 @@ def tune_firmware(
     best, family = _Found(True, math.inf, 0.0, 0.0, 0.0), known[0]
     for done, each in enumerate(known, 1):
         found = search.run(each)
-        if found[:2] < best[:2]:
+        if _preferred(search.size(each, found), found, search.size(family, best), best):
             best, family = found, each
         if progress is not None:
             progress("the firmware's shapers", done, len(known), math.inf if best.failed else best.value)
@@ -182,6 +186,19 @@ class _Found(NamedTuple):
     number: float
     zeta: float
     frequency: float
+
+
+def _preferred(size: int, found: _Found, least: int, best: _Found) -> bool:
+    """Whether a shaper takes the place of the best so far; ``size``, ``least``: their impulses.
+
+    Of two that are as good as each other it is the one with fewer impulses: an MZV of nine, seven of them nothing, is a
+    ZV.
+    """
+    if found.failed != best.failed:
+        return not found.failed
+    if abs(found.value - best.value) <= _EQUAL * best.value and size != least:
+        return size < least
+    return found.value < best.value
 
 
 class _Search:
@@ -245,8 +262,12 @@ class _Search:
         best = min(found)
         if not best.failed and self.vibration is not None:
             # What blurs more is not looked at any longer.
-            self.most_blur = min(self.most_blur, best.value)
+            self.most_blur = min(self.most_blur, (1 + _EQUAL) * best.value)
         return best
+
+    def size(self, family: Family, found: _Found) -> int:
+        """The impulses of a shaper, those of nothing counted in."""
+        return 0 if math.isinf(found.value) else len(self.impulses(family, found.number, max(found.zeta, 1e-3))[0])
 
     def best(self, family: Family, number: float, zeta: float, frequencies: np.ndarray) -> _Found:
         """The best of several frequencies."""

@@ -59,6 +59,12 @@ def axis_of(path: Path) -> str:
     return found[1] if found else "x"
 
 
+def is_belt(path: Path) -> bool:
+    """Whether a file's name says that both axes were shaken at once, as for a belt: ``axis=1.000,-1.000``."""
+    found = re.search(r"axis=\(?(-?\d*\.?\d+),(-?\d*\.?\d+)", path.name.lower())
+    return found is not None and float(found[1]) != 0 != float(found[2])
+
+
 def _read(path: Path, component: str) -> list[Spectrum]:
     text = _text(path)
     # Not splitlines(), which knows ends of lines that editors do not count.

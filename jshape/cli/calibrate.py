@@ -1,7 +1,7 @@
 """``jshape calibrate``: a printer's shaper from its accelerometer."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -24,7 +24,10 @@ def calibrate(
         str | None, typer.Option(help="x or y, for the lines to paste; from the files' names if not given.")
     ] = None,
     loads: Annotated[
-        bool, typer.Option("--loads", help="Several files of an axis are loads, empty and loaded, that share a shaper.")
+        bool,
+        typer.Option(
+            "--loads", help="Several files of an axis share a shaper: loads, empty and loaded, or places of the head."
+        ),
     ] = False,
     reprapfirmware: Annotated[
         bool, typer.Option("--reprapfirmware", help="The tuned shaper's line for RepRapFirmware's config.g, too.")
@@ -65,29 +68,32 @@ def calibrate(
     from jshape.calibration.report import axes_together, lines, write
     from jshape.calibration.report import calibrate as calibrate_printer
 
-    all_found = {}
+    options: Any = dict(
+        version=klipper,
+        zeta=zeta,
+        corner_speed=corner_speed,
+        highest=highest,
+        duration=duration,
+        vibration=vibration,
+        smoothing=smoothing,
+        impulses=impulses,
+        shift=shift,
+        starts=starts,
+        seed=seed,
+        kalico=kalico,
+    )
+    all_found, computed = {}, {}
     for which, folder in folders.items():
+        same = tuple(axes[which])
         with progress_line() as (step, progress):
-            found = calibrate_printer(
-                spectra[which],
-                version=klipper,
-                zeta=zeta,
-                corner_speed=corner_speed,
-                highest=highest,
-                duration=duration,
-                vibration=vibration,
-                smoothing=smoothing,
-                impulses=impulses,
-                shift=shift,
-                starts=starts,
-                seed=seed,
-                kalico=kalico,
-                progress=progress,
-            )
+            # Two belts are the same files for both axes.
+            found = computed.get(same) or calibrate_printer(spectra[which], progress=progress, **options)
             step("files")
             files = write(found, folder, which, reprapfirmware, kalico)
         all_found[which] = found
-        _show(found, highest)
+        if same not in computed:
+            _show(found, highest)
+        computed[same] = found
         typer.echo(lines(found, which, reprapfirmware, kalico))
         if axis is None:
             typer.echo(f"(axis {which}, from the file's name; --axis says otherwise)")
@@ -102,22 +108,26 @@ def calibrate(
 
 
 def _axes(data: list[Path], axis: str | None, loads: bool) -> dict[str, list[Path]]:
-    """The files of each axis.
+    """The files of each axis; those of two belts, which move both axes, share a shaper that both have.
 
     Raises:
         ValueError: for an axis other than x and y, and for several files of one axis that are not said to be loads.
     """
     if axis not in (None, "x", "y"):
         raise ValueError(f"--axis must be x or y, not {axis!r}")
-    from jshape.calibration.files import axis_of
+    from jshape.calibration.files import axis_of, is_belt
 
+    if axis is None and all(map(is_belt, data)):
+        return {"x": data, "y": data}
     axes: dict[str, list[Path]] = {}
     for path in data:
         axes.setdefault(axis or axis_of(path), []).append(path)
     for which, files in axes.items():
         if len(files) > 1 and not loads:
             words = " and ".join(map(str, files))
-            raise ValueError(f"{words}: are all of axis {which}; --loads makes one shaper for them, as loads of it")
+            raise ValueError(
+                f"{words}: are all of axis {which}; --loads makes one shaper for them, loads or places of the head"
+            )
     return axes
 
 
@@ -137,6 +147,7 @@ def _range(frequency: float, highest: float) -> str:
 
 def _show(found: "Calibration", highest: float) -> None:
     """The table, why the recommended shaper won, what each other would cost, and what the tuned one brings."""
+    from jshape.calibration.files import is_belt
     from jshape.calibration.recommend import percent
     from jshape.calibration.smoothing import rounded
     from jshape.reports.tables import new_console, say, show_table
@@ -148,6 +159,11 @@ def _show(found: "Calibration", highest: float) -> None:
         for mode in modes:
             if not 35 <= mode.frequency <= highest:
                 say(console, f"  {mode.frequency:.1f} Hz lies outside {_range(mode.frequency, highest)}")
+    if len(found.modes) == 2 and all(is_belt(Path(spectrum.name)) for spectrum in found.spectra):
+        one, other = (modes[0].frequency for modes in found.modes)
+        apart = 100 * abs(one - other) / min(one, other)
+        words = "both axes share a shaper for them; equal tension brings them together"
+        say(console, f"the belts' strongest modes are {apart:.1f} % apart: {words}")
     headings = ["Hz", "vibration\nleft", "smoothing\n(mm)", "max_accel\n(mm/s²)", "duration\n(ms)", "score"]
     rows = []
     for rated in found.shapers:

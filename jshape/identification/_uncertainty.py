@@ -8,7 +8,7 @@ from scipy.signal import fftconvolve
 from scipy.stats import chi2
 
 LAGS = 50
-"""Over how many rows noise may be correlated and the covariance still allows for it."""
+"""Over how many rows noise may be correlated and the covariance still allows for it, unless more are asked for."""
 
 
 def is_white(residuals: np.ndarray) -> bool:
@@ -22,7 +22,12 @@ def is_white(residuals: np.ndarray) -> bool:
 
 
 def covariance(
-    jacobian: np.ndarray, residuals: np.ndarray, free: float, reach: int = 0, basis: np.ndarray | None = None
+    jacobian: np.ndarray,
+    residuals: np.ndarray,
+    free: float,
+    reach: int = 0,
+    basis: np.ndarray | None = None,
+    most: int = LAGS,
 ) -> np.ndarray:
     """The covariance of the parameters of a least squares fit, linearised.
 
@@ -36,6 +41,7 @@ def covariance(
         free: degrees of freedom a channel.
         reach: over how many rows the noise is correlated by the way the rows were made; 0 where that is not known.
         basis: with it, orthonormal, of all that was fitted linearly, shape (rows, shapes).
+        most: over how many rows noise that is not white may be correlated.
     """
     rows, parameters = jacobian.shape[0], jacobian.shape[2]
     scale = np.sqrt(np.sum(jacobian**2, axis=(0, 1)))
@@ -47,7 +53,7 @@ def covariance(
     if not reach and is_white(residuals):
         found = white
     else:
-        lags = min(LAGS, rows // 20)
+        lags = min(most, rows // 20)
         taper = 1 - np.arange(lags + 1) / (lags + 1)
         filling = np.zeros_like(found)
         for c, channel in enumerate(residuals.T):

@@ -1,65 +1,64 @@
-"""``js.identify_duffing``: a hardening or softening spring from one record, by gradient through the simulator.
+"""``js.identify_duffing`` and ``js.identify_payloads``: a hardening or softening spring from its motions, by gradient.
 
     found = js.identify_duffing(times, position, mass=1.2)     # a ring-down of the payload
-    found.parameters, found.std                                 # {"k1": …, "k3": …, "c": …}, N/m, N/m³, N s/m
+    found.parameters, found.interval()                          # {"k1": …, "k3": …, "c": …}, N/m, N/m³, N s/m
     js.design.energy.three_impulse(found.plant, 1.0)
+    both = js.identify_payloads([(times, light), (times, heavy)], masses=[1.2, None])      # one law, two payloads
 
 The start comes from the equation of motion itself, which is linear in the unknowns; then Levenberg and Marquardt's
 method fits the simulated motion to the measured one, over a part of the record that grows from a few periods to all.
 """
 
 import dataclasses
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
-from scipy.optimize import least_squares
-from scipy.signal import savgol_filter
 
 from jshape import _check
-from jshape._memo import last_result
-from jshape.command import Sampled
-from jshape.identification._uncertainty import covariance, is_white
-from jshape.identification.records import Record, RecordError, Where, check_record, longest_stretch, row
-from jshape.plants import AbstractPlant, Duffing, ForcedMass, LinearDamper, PowerDamper, TwoMass
-from jshape.simulation.simulate import simulate
-from jshape.status import Result, Status
+from jshape.identification._motion import BETWEEN, Fit, Law, Problem, fit, oscillator
+from jshape.identification._start import prepared, start
+from jshape.identification.motion import HIDDEN, IdentifiedMotion, concluded
+from jshape.identification.records import Record, Where, row
+from jshape.plants import AbstractPlant, Duffing, ForcedMass, FrictionDamper, LinearDamper, PowerDamper, TwoMass
 
 DRIVES = ("displacement", "force")
 
 
 @dataclasses.dataclass(frozen=True)
-class IdentifiedDuffing(Result):
-    """A Duffing oscillator as fitted.
+class IdentifiedDuffing(IdentifiedMotion):
+    """A Duffing oscillator as fitted: ``k1`` (N/m), ``k3`` (N/m³), ``c`` (N s/m, or N s³/m³) and what else was sought.
 
     Attributes:
         plant: the machine.
-        parameters: by name, ``k1`` (N/m), ``k3`` (N/m³), ``c`` (N s/m, or N s³/m³) and, under a force, ``mass`` (kg).
-        std: standard deviation of each.
-        covariance: in their order.
         times: s, shape (rows,).
         values: the measured position, m, shape (rows,).
         predicted: the fitted position, m, shape (rows,).
         noise: standard deviation of the difference, m.
-        status: ``STOPPED`` where the fit did not converge.
-        message: what was found.
-        notes: on the record.
     """
 
     plant: AbstractPlant
-    parameters: dict[str, float]
-    std: dict[str, float]
-    covariance: np.ndarray
     times: np.ndarray
     values: np.ndarray
     predicted: np.ndarray
     noise: float
-    status: Status
-    message: str
-    notes: tuple[str, ...]
+
+
+@dataclasses.dataclass(frozen=True)
+class IdentifiedPayloads(IdentifiedMotion):
+    """One spring and damper under several payloads, as fitted; masses that were sought are ``mass_1``, ``mass_2`` …
+
+    Attributes:
+        plants: the machine with each payload.
+        masses: of each payload, kg, as given or found.
+        predicted: the fitted positions of each record, m.
+        noise: standard deviation of each record, m.
+    """
+
+    plants: list[AbstractPlant]
+    masses: list[float]
+    predicted: list[np.ndarray]
+    noise: list[float]
 
 
 def identify_duffing(
@@ -70,6 +69,10 @@ def identify_duffing(
     inputs: Any = None,
     drive: str = "displacement",
     power: int = 1,
+    friction: bool = False,
+    friction_width: float | None = None,
+    delay: bool = False,
+    between: str = "line",
     where: Where = row,
 ) -> IdentifiedDuffing:
     """A payload on a spring k1 x + k3 x³ and a damper c v (or c v³), from its measured position.
@@ -81,141 +84,199 @@ def identify_duffing(
         values: the payload's position, m, shape (rows,).
         mass: of the payload, kg; a motion without a measured force determines only the ratios to it, and with one it
             is fitted as well, from this start.
-        inputs: what drove it meanwhile, straight lines between samples, shape (rows,); a free vibration unless given.
+        inputs: what drove it meanwhile, shape (rows,); a free vibration unless given.
         drive: what ``inputs`` are, ``"displacement"`` of the base, m, or ``"force"`` on the payload, N.
         power: of the damper, 1 or 3.
+        friction: whether dry friction is fitted, ``friction`` (N): Coulomb's, smoothed.
+        friction_width: the speed over which it changes its sign, m/s; a hundredth of the greatest unless given.
+        delay: whether the time is fitted by which the base, or the force, is behind ``inputs``, ``delay`` (s).
+        between: how ``inputs`` move between rows: ``"line"``, ``"spline"`` or ``"hold"``.
         where: says where a row stands, for messages.
 
     Raises:
         RecordError: a ``ValueError``, for a record that cannot be used or a motion that no such spring explains.
         ValueError: for wrong arguments.
     """
-    _check.one_of(drive, "drive", DRIVES)
-    mass = float(_check.scalar(mass, "mass"))
-    _check.positive(mass, "mass")
-    if power not in (1, 3):
-        raise ValueError(f"power must be 1 or 3, not {power!r}")
-    if drive == "force" and inputs is None:
-        raise ValueError('inputs must be given for drive="force": the force, N')
-    _check.warn_if_single()
-    record = longest_stretch(check_record(times, values, inputs, where=where))
-    if record.values.shape[1] != 1:
-        raise ValueError(f"values must be one channel, the payload's position, not {record.values.shape[1]}")
-    return _identified(record, mass, drive == "force", power)
-
-
-def _identified(record: Record, mass: float, forced: bool, power: int) -> IdentifiedDuffing:
-    x = record.values[:, 0]
-    p, residuals, jacobian, converged = _fitted(record, mass, forced, power)
-    names = ["k1", "k3", "c", "mass"] if forced else ["k1", "k3", "c"]
-    count, free = len(names), len(x) - len(p)
-    noise = max(float(np.sqrt(np.sum(residuals**2) / free)), 1e-300)
-    explained = 1 - np.sum(residuals**2) / np.sum((x - np.mean(x)) ** 2)
-    if not explained > 0.5:
-        raise RecordError("values: no spring k1 x + k3 x³ explains this motion")
-    spread = covariance(jacobian[:, None] / noise, residuals[:, None] / noise, free)[:count, :count]
-    parameters = dict(zip(names, p[:count].tolist(), strict=True))
-    std = dict(zip(names, np.sqrt(np.diag(spread)).tolist(), strict=True))
-    notes = list(record.notes)
-    if not is_white(residuals[:, None]):
-        notes.append(
-            "the residuals are no white noise: intervals allow for it, but another spring or damper may fit better"
-        )
-    described = ", ".join(f"{name} {value:.5g} ± {1.96 * std[name]:.2g}" for name, value in parameters.items())
-    message = f"{described} (95 % intervals); explains {100 * explained:.4g} % of the motion"
+    forced = _checked(drive, power, friction, friction_width, between, [mass], [inputs], delay)
+    options = _Options(Law(forced, power, delay), friction, friction_width, between)
+    found = _identified([(times, values, inputs)], [mass], [forced], options, [where])
+    data = found.problem.records[0]
     return IdentifiedDuffing(
-        _plant(jnp.asarray(p[:count]), jnp.asarray(mass), forced, power), parameters, std, spread,
-        record.axis, x, x + residuals, noise,
-        Status.CONVERGED if converged else Status.STOPPED,
-        message if converged else f"did not converge; {message}", tuple(notes),
-    )  # fmt: skip
+        **found.common,
+        plant=found.plants[0],
+        times=found.records[0].axis,
+        values=data.values,
+        predicted=data.values + found.fitted.residuals[0],
+        noise=float(found.fitted.noise[0]),
+    )
 
 
-def _fitted(record: Record, mass: float, forced: bool, power: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, bool]:
-    """The parameters that fit best, the residuals (simulated less measured, m), their derivative, and whether the fit
-    converged."""
-    times, x = record.axis - record.axis[0], record.values[:, 0]
-    step = float(times[-1]) / (len(times) - 1)
-    if np.max(np.abs(times - step * np.arange(len(times)))) > 0.05 * step:
-        raise RecordError("times must be even: a simulation is compared with every sample")
-    driven = np.zeros_like(x) if record.inputs is None else record.inputs
-    start, period = _start(x, driven, step, mass, power, forced)
-    fixed = (jnp.asarray(times), jnp.asarray(driven), jnp.asarray(mass), jnp.asarray(x))
+def identify_payloads(
+    records: Sequence[tuple[Any, ...]],
+    masses: Sequence[float | None],
+    *,
+    drive: str = "displacement",
+    power: int = 1,
+    friction: bool = False,
+    friction_width: float | None = None,
+    delay: bool = False,
+    between: str = "line",
+) -> IdentifiedPayloads:
+    """One spring and damper from several motions with several payloads, whose masses are known or not.
 
-    @last_result
-    def compared(p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The residuals and their derivative; finite, also where the simulation diverges."""
-        slopes, residuals = _compared(jnp.asarray(p), fixed, forced, power)
-        finite = np.nan_to_num(np.asarray(residuals), nan=1e9, posinf=1e9, neginf=-1e9)
-        return finite, np.nan_to_num(np.asarray(slopes))
-
-    lower = np.full(len(start), -np.inf)
-    lower[[0, 2]] = 1e-9 * start[0], 0.0
-    if forced:
-        lower[3] = 1e-9 * start[3]
-    p, rows = np.maximum(start, lower), min(len(x), max(16, int(4 * period / step)))
-    while True:
-        jacobian: Any = lambda p, rows=rows: compared(p)[1][:rows]
-        found = least_squares(
-            lambda p, rows=rows: compared(p)[0][:rows], p, jacobian, bounds=(lower, np.inf),
-            x_scale="jac", ftol=1e-12, xtol=1e-12, gtol=1e-15, max_nfev=100,
-        )  # fmt: skip
-        p = found.x
-        if rows == len(x):
-            return p, *compared(p), found.status > 0
-        rows = min(len(x), 2 * rows)
-
-
-def _plant(p: Array, mass: Array, forced: bool, power: int) -> AbstractPlant:
-    spring, damper = Duffing(p[0], p[1]), LinearDamper(p[2]) if power == 1 else PowerDamper(p[2], power)
-    return ForcedMass(p[3], spring, damper) if forced else TwoMass(m2=mass, spring=spring, damper=damper)
-
-
-def _simulated(p: Array, fixed: Any, forced: bool, power: int) -> tuple[Array, Array]:
-    """Simulated less measured position, m, twice: one of them is differentiated.
+    What belongs to the machine, spring, damper, friction and delay, is the same in all records; each record has a
+    beginning, a sensor's zero and a noise of its own.
 
     Args:
-        p: the plant's parameters, then position and speed at first, and the sensor's zero.
-        fixed: times, input, mass and measured position.
+        records: of each motion the times (s, even), the payload's position (m) and, unless it is free, the inputs.
+        masses: of each payload, kg; ``None`` where it is sought. Without a measured force at least one must be known:
+            the motions determine only the ratios.
+        drive: what inputs are, as in ``identify_duffing``.
+        power: of the damper, 1 or 3.
+        friction: whether dry friction is fitted.
+        friction_width: the speed over which it changes its sign, m/s.
+        delay: whether the delay of the inputs is fitted.
+        between: how inputs move between rows.
+
+    Raises:
+        RecordError: a ``ValueError``, for a record that cannot be used or motions that no such spring explains.
+        ValueError: for wrong arguments.
     """
-    times, driven, mass, x = fixed
-    plant = _plant(p, mass, forced, power)
-    run = simulate(
-        plant, Sampled(times, driven), initial_state=p[-3:-1], horizon=times[-1], samples=len(x), method="fixed"
+    if not records or any(len(record) not in (2, 3) for record in records):
+        raise ValueError("records must be (times, values) or (times, values, inputs), at least one of them")
+    if len(masses) != len(records):
+        raise ValueError(f"masses must be one for each of the {len(records)} records, or None, not {masses!r}")
+    triples = [(record[0], record[1], record[2] if len(record) == 3 else None) for record in records]
+    forced = _checked(drive, power, friction, friction_width, between, masses, [each[2] for each in triples], delay)
+    if not forced and all(mass is None for mass in masses):
+        raise ValueError("masses: one must be known at least: motions without a measured force give only ratios")
+    options = _Options(Law(forced, power, delay), friction, friction_width, between)
+    wheres = [_of(number) for number in range(1, len(records) + 1)]
+    found = _identified(triples, masses, [mass is None for mass in masses], options, wheres)
+    return IdentifiedPayloads(
+        **found.common,
+        plants=found.plants,
+        masses=[each["mass"] for each in found.values],
+        predicted=[
+            data.values + left for data, left in zip(found.problem.records, found.fitted.residuals, strict=True)
+        ],
+        noise=found.fitted.noise.tolist(),
     )
-    residuals = run.payload + p[-1] - x
-    return residuals, residuals
 
 
-_compared: Any = eqx.filter_jit(jax.jacfwd(_simulated, has_aux=True))
+@dataclasses.dataclass(frozen=True)
+class _Options:
+    law: Law
+    friction: bool
+    width: float | None
+    between: str
 
 
-def _start(
-    x: np.ndarray, driven: np.ndarray, step: float, mass: float, power: int, forced: bool
-) -> tuple[np.ndarray, float]:
-    """First estimates, from derivatives of the smoothed record, and the period, s.
+class _Found(NamedTuple):
+    """A fit; ``values`` of everything in ``NAMES`` for each record, and the fields that all results share."""
 
-    m x'' = −k1 d − k3 d³ − c v (+ force) is linear in the unknowns; the constant beside them moves the zero.
+    records: list[Record]
+    problem: Problem
+    fitted: Fit
+    values: list[dict[str, float]]
+    plants: list[AbstractPlant]
+    common: dict[str, Any]
+
+
+def _of(number: int) -> Where:
+    return lambda place: f"record {number}, row {place}: "
+
+
+def _checked(
+    drive: str,
+    power: int,
+    friction: bool,
+    width: float | None,
+    between: str,
+    masses: Sequence[float | None],
+    inputs: Sequence[Any],
+    delay: bool,
+) -> bool:
+    """Whether inputs are forces.
+
+    Raises:
+        ValueError: for wrong arguments.
     """
-    omegas = 2 * np.pi * np.fft.rfftfreq(4 * len(x), step)
-    size = np.abs(np.fft.rfft((x - np.mean(x)) * np.hanning(len(x)), 4 * len(x)))
-    period = 2 * np.pi / float(omegas[1 + np.argmax(size[1:])])
-    window = max(5, int(period / step / 4) | 1)
-    if window >= len(x):
-        raise RecordError("values: too short a record, not even half a period")
-    order = 4 if window > 5 else 3
-    position, speed, force = (np.asarray(savgol_filter(x, window, order, k, delta=step)) for k in range(3))
-    zero = 0.0 if forced else float(np.mean(x - driven))
-    bend = position - zero - (0.0 if forced else driven)
-    slip = speed - (0.0 if forced else np.gradient(driven, step))
-    scale = float(np.max(np.abs(bend)))
-    shapes = [bend, bend**3 / scale**2, np.sign(slip) * np.abs(slip) ** power]
-    # With the force on the left the mass, too, is among the factors; else the constant moves the zero.
-    last, left = (force, driven) if forced else (np.ones_like(x), -mass * force)
-    k1, k3, c, m = np.linalg.lstsq(np.stack([*shapes, last], axis=1), left, rcond=None)[0]
-    k3 = k3 / scale**2
-    m = m if forced and m > 0 else mass
-    if not k1 > 0:
-        k1, k3 = m * (2 * np.pi / period) ** 2, 0.0
-    plant = [k1, k3, max(c, 0.0), m] if forced else [k1, k3, max(c, 0.0)]
-    return np.array([*plant, position[0] - zero, speed[0], zero]), period
+    _check.one_of(drive, "drive", DRIVES)
+    _check.one_of(between, "between", BETWEEN)
+    for mass in masses:
+        if mass is not None:
+            _check.positive(float(_check.scalar(mass, "mass")), "mass")
+    if power not in (1, 3):
+        raise ValueError(f"power must be 1 or 3, not {power!r}")
+    if friction and power != 1:
+        raise ValueError(f"friction: goes with a damper of power 1, not {power}")
+    if width is not None:
+        _check.positive(width, "friction_width")
+    if drive == "force" and any(each is None for each in inputs):
+        raise ValueError('inputs must be given for drive="force": the force, N')
+    if delay and all(each is None for each in inputs):
+        raise ValueError("delay: a free vibration has none; inputs must be given")
+    _check.warn_if_single()
+    return drive == "force"
+
+
+def _identified(
+    triples: Sequence[tuple[Any, Any, Any]],
+    masses: Sequence[float | None],
+    sought: Sequence[bool],
+    options: _Options,
+    wheres: Sequence[Where],
+) -> _Found:
+    """The law that fits the records best; ``sought``: of each, whether its mass is fitted."""
+    law = options.law
+    parts = [prepared(*each, options.between, where) for each, where in zip(triples, wheres, strict=True)]
+    starts = [
+        start(
+            data.values, driven, float(data.times[1]), 1.0 if mass is None else float(mass), law,
+            friction=options.friction, width=options.width,
+        )
+        for (_, data, driven), mass in zip(parts, masses, strict=True)
+    ]  # fmt: skip
+    names = ("k1", "k3", "c", *(["friction"] if options.friction else []), *(["delay"] if law.delayed else []))
+    own = [(*(("mass",) if seek else ()), *HIDDEN) for seek in sought]
+    model = oscillator(law, max(each.width for each in starts))
+    data, records = [part[1] for part in parts], [part[0] for part in parts]
+    first = [max(16, int(4 * each.period / float(part.times[1]))) for each, part in zip(starts, data, strict=True)]
+    known = [each.values for each in starts]
+    if len(parts) > 1:
+        # Each alone to begin with: a mass is then the ratio of two stiffnesses that are known well.
+        alone = [(*(("mass",) if law.forced else ()), *HIDDEN)]
+        singles = [Problem(model, [d], [values], names, alone) for d, values in zip(data, known, strict=True)]
+        fits = [fit(single, rows).unknowns for single, rows in zip(singles, first, strict=True)]
+        known = [single.values(found)[0] for single, found in zip(singles, fits, strict=True)]
+    problem = Problem(model, data, _scaled(known, masses, law.forced), names, own)
+    fitted = fit(problem, first[0] if len(parts) == 1 else max(len(each.times) for each in data))
+    values = problem.values(fitted.unknowns)
+    notes = [note for record in records for note in record.notes]
+    common = concluded(problem, fitted, notes, "no spring k1 x + k3 x³ explains this motion")
+    width = max(each.width for each in starts)
+    plants = [_plant(each, options, width) for each in values]
+    return _Found(records, problem, fitted, values, plants, common)
+
+
+def _scaled(found: list[dict[str, float]], masses: Sequence[float | None], forced: bool) -> list[dict[str, float]]:
+    """Values that agree on the law: the mean of those whose mass is known; of the others the mass follows from k1."""
+    sure = [each for each, mass in zip(found, masses, strict=True) if forced or mass is not None]
+    law = {name: float(np.mean([each[name] for each in sure])) for name in ("k1", "k3", "c", "friction", "delay")}
+    scaled = []
+    for each, mass in zip(found, masses, strict=True):
+        if mass is None and not forced:
+            law_mass = each["mass"] * law["k1"] / each["k1"]
+        else:
+            law_mass = each["mass"] if mass is None or len(found) == 1 else float(mass)
+        scaled.append({**each, **law, "mass": law_mass})
+    return scaled
+
+
+def _plant(values: dict[str, float], options: _Options, width: float) -> AbstractPlant:
+    spring, c = Duffing(values["k1"], values["k3"]), values["c"]
+    damper = LinearDamper(c) if options.law.power == 1 else PowerDamper(c, options.law.power)
+    damper = FrictionDamper(c, values["friction"], width) if options.friction else damper
+    mass = values["mass"]
+    return ForcedMass(mass, spring, damper) if options.law.forced else TwoMass(m2=mass, spring=spring, damper=damper)

@@ -6,6 +6,7 @@ from .controllers import PIController as PIController
 from .controllers import ProportionalController as ProportionalController
 from .dampers import AbstractDamper as AbstractDamper
 from .dampers import ForceDamper as ForceDamper
+from .dampers import FrictionDamper as FrictionDamper
 from .dampers import LinearDamper as LinearDamper
 from .dampers import PowerDamper as PowerDamper
 from .double_pendulum import DoublePendulumCrane as DoublePendulumCrane

@@ -4,6 +4,7 @@ import abc
 from collections.abc import Callable
 
 import equinox as eqx
+import jax.numpy as jnp
 
 from jshape._check import Argument, Checked, as_array, not_negative, positive, real
 from jshape._types import Scalar
@@ -52,6 +53,28 @@ class PowerDamper(AbstractDamper):
 
     def force(self, velocity: Scalar) -> Scalar:
         return self.c * signed_power(velocity, self.power)
+
+
+class FrictionDamper(AbstractDamper):
+    """A viscous damper with dry friction, F = c v + F_c tanh(v/w): Coulomb's F_c sign(v), smoothed.
+
+    A mass on which a force below F_c acts does not stick, but creeps at a speed below w.
+
+    Attributes:
+        c: damping coefficient, N s/m.
+        friction: the dry friction F_c, N.
+        width: the speed w over which it changes its sign, m/s.
+
+    Raises:
+        ValueError: for a c or friction that is negative, or a width that is not positive.
+    """
+
+    c: Scalar = eqx.field(converter=Argument(not_negative))
+    friction: Scalar = eqx.field(converter=Argument(not_negative))
+    width: Scalar = eqx.field(converter=Argument(positive))
+
+    def force(self, velocity: Scalar) -> Scalar:
+        return self.c * velocity + self.friction * jnp.tanh(velocity / self.width)
 
 
 class ForceDamper(AbstractDamper):
