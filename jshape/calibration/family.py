@@ -194,8 +194,8 @@ def _preferred(size: int, found: _Found, least: int, best: _Found) -> bool:
     Of two that are as good as each other it is the one with fewer impulses: an MZV of nine, seven of them nothing, is a
     ZV.
     """
-    if found.failed != best.failed:
-        return not found.failed
+    if math.isinf(best.value) or found.failed != best.failed:
+        return not found.failed or best.failed
     if abs(found.value - best.value) <= _EQUAL * best.value and size != least:
         return size < least
     return found.value < best.value
@@ -267,7 +267,7 @@ class _Search:
 
     def size(self, family: Family, found: _Found) -> int:
         """The impulses of a shaper, those of nothing counted in."""
-        return 0 if math.isinf(found.value) else len(self.impulses(family, found.number, max(found.zeta, 1e-3))[0])
+        return len(self.impulses(family, found.number, found.zeta)[0])
 
     def best(self, family: Family, number: float, zeta: float, frequencies: np.ndarray) -> _Found:
         """The best of several frequencies."""
