@@ -361,7 +361,7 @@ def _energy_profile(
 ) -> EnergyProfile:
     segments = plan.segments()
     states = all_states(plant, segments, state, between * (points - 1))[:, ::between]
-    local = segments.duration[:, None] * jnp.linspace(0.0, 1.0, points)
+    local = jnp.outer(segments.duration, jnp.linspace(0.0, 1.0, points))
 
     def energies(segment: Segments, row: State, time: Scalar):
         inputs = inputs_at(plant, segment.coefficients, segment.age + time)

@@ -111,7 +111,8 @@ class HoistingMoves(AbstractMoves):
         return retuned(plant, self.command(known), near, begun(plant, swing), STEPS)
 
     def starts(self, parameters: Float[Array, " parameters"]) -> Float[Array, "starts parameters"]:
-        return self.lower + jnp.linspace(0.0, 1.0, TRIED)[:, None] * (self.upper - self.lower)
+        shares = jnp.linspace(0.0, 1.0, TRIED)
+        return jax.vmap(lambda share: self.lower + share * (self.upper - self.lower))(shares)
 
 
 def random_loads(

@@ -95,8 +95,11 @@ def run_window(
         times = window * jnp.arange(1, samples + 1, dtype=window.dtype) / samples
         states = jax.vmap(lambda time: coast(state, inputs, time), out_axes=1)(times)
         end = states[:, -1]
-    # Of several axes, that along the first one.
-    along = lambda y: jnp.ravel(plant.deflection(y, place))[0]
+
+    def along(y: State) -> Scalar:
+        """The deflection, of several axes that along the first one."""
+        return jnp.ravel(plant.deflection(y, place))[0]
+
     rest, deflection = along(plant.rest_state(inputs)), jax.vmap(along, in_axes=1)(states)
     return end, deflection - rest, plant.diverged(state, inputs) | plant.diverged(end, inputs)
 
@@ -114,7 +117,7 @@ def greatest_energy(plant: AbstractPlant, command: AbstractCommand, steps: Steps
         return residual
     segments = plan.segments()
     states = all_states(plant, segments, state, steps.move)
-    local = segments.duration[:, None] * jnp.linspace(0.0, 1.0, steps.move + 1, dtype=state.dtype)
+    local = jnp.outer(segments.duration, jnp.linspace(0.0, 1.0, steps.move + 1, dtype=state.dtype))
 
     def energy(segment: Segments, state: State, age: Scalar) -> Scalar:
         return plant.residual_energy(state, inputs_at(plant, segment.coefficients, segment.age + age))

@@ -82,8 +82,8 @@ class TwoMassMoves(AbstractMoves):
 
     def starts(self, parameters: Float[Array, " parameters"]) -> Float[Array, "starts parameters"]:
         """All of them larger or smaller by one factor, as by another payload."""
-        shift = jnp.linspace(-1.0, 1.0, TRIED)[:, None] * jnp.log(2.5)
-        return jnp.clip(parameters + shift, self.lower, self.upper)
+        shifts = jnp.linspace(-1.0, 1.0, TRIED) * jnp.log(2.5)
+        return jax.vmap(lambda shift: jnp.clip(parameters + shift, self.lower, self.upper))(shifts)
 
 
 class Payloads(NamedTuple):

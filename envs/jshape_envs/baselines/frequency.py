@@ -51,7 +51,7 @@ def transform(
         times: of the samples, s.
         omega: frequencies, rad/s.
     """
-    angle = omega[:, None] * times
+    angle = jnp.outer(omega, times)
     return (jnp.cos(angle) @ samples) ** 2 + (jnp.sin(angle) @ samples) ** 2
 
 
@@ -98,7 +98,7 @@ def fit_tones(
     modes, count = len(bands), len(samples)
 
     def fit(omega: Float[Array, " modes"]) -> tuple[Scalar, Float[Array, "modes 2"]]:
-        angle = omega[:, None] * times
+        angle = jnp.outer(omega, times)
         columns = jnp.concatenate([jnp.cos(angle), jnp.sin(angle)])
         normal = columns @ columns.T
         ridge = 1e-5 * count * jnp.eye(2 * modes, dtype=samples.dtype)

@@ -108,8 +108,8 @@ class SampledLink(eqx.Module):
 
     def truth(self, state: State, command: Scalar, which: Int[Array, ""]) -> Readings:
         """Readings of sensors without noise and faults."""
-        return Readings(*(jnp.sum(self.outputs[which] * state, axis=1) + self.through[which] * command))
+        return Readings(*(jnp.sum(self.outputs[which] * state[None, :], axis=1) + self.through[which] * command))
 
     def step(self, state: State, command: Scalar, which: Int[Array, ""]) -> State:
         """The state a sample later, the command being held."""
-        return jnp.sum(self.flow[which] * state, axis=1) + self.entry[which] * command
+        return jnp.sum(self.flow[which] * state[None, :], axis=1) + self.entry[which] * command

@@ -244,9 +244,9 @@ def _linearised(xp: Any, data: Any, times: Any, poles: Any) -> tuple[Any, Any, A
 def _inverse(xp: Any, columns: Any) -> Any:
     """(columnsᵀ columns)⁻¹, the columns scaled to one length; a trace of ridge keeps it from being singular."""
     scale = 1 / xp.sqrt(xp.sum(columns**2, axis=0) + 1e-200)
-    scaled = columns * scale
+    scaled = columns * scale[None, :]
     ridge = 1e-13 * np.eye(columns.shape[1])
-    return scale[:, None] * xp.linalg.inv(scaled.T @ scaled + ridge) * scale
+    return scale[:, None] * xp.linalg.inv(scaled.T @ scaled + ridge) * scale[None, :]
 
 
 def _order(xp: Any, bands: Any, found: Estimate) -> Any:

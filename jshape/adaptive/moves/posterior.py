@@ -87,8 +87,8 @@ def update(
         return jnp.concatenate([misfit, departure]), run.states[-1]
 
     # Over many periods the misfit has local minima, over the first half of one it has not: the window grows.
-    share = jnp.asarray(SHARES)[:, None]
-    windows = jnp.where(usable & (jnp.arange(len(readings)) < share * len(readings)), 1.0, 0.0)
+    ends = jnp.asarray(SHARES) * len(readings)
+    windows = jnp.where(usable[None, :] & (jnp.arange(len(readings))[None, :] < ends[:, None]), 1.0, 0.0)
     tried = jnp.concatenate([last.parameters[None], task.starts(last.parameters)])
     tried = jnp.concatenate([jnp.broadcast_to(last.swing, (len(tried), 2)), tried], axis=1)
     costs = jax.vmap(lambda unknowns: jnp.sum(residuals(unknowns, windows[0])[0] ** 2))(tried)

@@ -53,7 +53,7 @@ class Filters:
         scaled = (2 * zeta - (low + high)) / (high - low)
         values: Any = 0.0
         for row in table(self.kind, low, high):
-            values = values * scaled[:, None, None] + row
+            values = values * scaled[:, None, None] + row[None]
         return values[:, 0], values[:, 1] / omega[:, None]
 
     def taps(self, xp: Any, omega: Any, zeta: Any) -> tuple[Any, Any]:
@@ -66,7 +66,7 @@ class Filters:
         if self.rounding == "nearest":
             count = samples.shape[1]
             interval = xp.rint(samples[:, -1:] / count)
-            return gains, (interval * np.arange(1, count + 1)).astype(np.int32)
+            return gains, (interval * np.arange(1, count + 1)[None, :]).astype(np.int32)
         below = xp.floor(samples)
         share = samples - below
         delays = xp.concatenate([below, below + 1], axis=1).astype(np.int32)

@@ -32,7 +32,7 @@ def command_slack(scenarios: Scenarios, point: Point) -> Array:
     limits, command = scenarios.limits, scenarios.command
     breaks, coefficients = shaped(command, scenarios.shaping(point)).pieces()
     duration = jnp.diff(breaks)
-    local = duration[:, None] * jnp.linspace(0.0, 1.0, PARTS + 1)
+    local = jnp.outer(duration, jnp.linspace(0.0, 1.0, PARTS + 1))
 
     def greatest(axis: str, sign: int, order: int) -> Array:
         """Greatest value in each segment of plus or minus the derivative of that order of the command of an axis."""

@@ -250,8 +250,8 @@ def _bend(row: Array, point: Point, matrix: Array, away: Array, later: Array, sl
     count = len(point.amplitudes) - len(point.gaps)
     impulses = len(point.amplitudes) // count
     # First all derivatives at a fixed end.
-    fixed = slopes - away[:, None] * later
-    rest = jnp.outer(later, row @ (matrix @ (fixed + away[:, None] * later / 2)))
+    fixed = slopes - jnp.outer(away, later)
+    rest = jnp.outer(later, row @ (matrix @ (fixed + jnp.outer(away, later) / 2)))
     order = jnp.tril(jnp.ones((impulses - 1, impulses - 1)))
     twice_each = []
     for shaper in range(count):
