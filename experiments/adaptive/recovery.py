@@ -1,4 +1,4 @@
-"""How soon adaptive shapers recover from a load that changes unannounced: 500 random schedules, and wild signals.
+"""The recovery of adaptive shapers from a load that changes unannounced: 500 random schedules, and wild signals.
 
     python -m experiments.adaptive.recovery        # about five minutes; writes recovery.md and recovery.svg beside it
 

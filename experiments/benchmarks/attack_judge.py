@@ -30,7 +30,7 @@ _E3, _E5 = dop853.E3, dop853.E5
 
 
 class Verdict(NamedTuple):
-    """What the judge found: the energy at the end, the greatest at any break, whether the plant had diverged, whether
+    """The judgement: the energy at the end, the greatest at any break, whether the plant had diverged, whether
     the judge got to the end, and the state."""
 
     energy: Array

@@ -1,6 +1,6 @@
 """The kernel on a graphics card: ten million Duffing plants in double and in single precision.
 
-    python -m experiments.benchmarks.card                   # needs a card that JAX sees; writes card.json and card.md
+    python -m experiments.benchmarks.card                   # needs a card that JAX finds; writes card.json and card.md
     python -m experiments.benchmarks.card --plants 20000    # anywhere, for a look: writes nothing
 
 Times are the least of five rounds with the masses on the card already. The share of the peak is that of the card's

@@ -23,7 +23,7 @@ def energy(mass, amplitudes, times, steps, method="dopri8"):
 
 @functools.partial(jax.jit, static_argnums=(1, 2))
 def energies(masses, steps: int | None, method: str = "dopri8"):
-    """What a user writes: ``vmap`` of ``js.residual_energy``."""
+    """The energies as a user writes them: ``vmap`` of ``js.residual_energy``."""
     return jax.vmap(lambda m: energy(m, AMPLITUDES, TIMES, steps, method))(masses)
 
 

@@ -1,4 +1,4 @@
-"""How the cost of residual energies grows: ``python -m experiments.benchmarks.growth`` (about ten minutes).
+"""Growth of the cost of residual energies: ``python -m experiments.benchmarks.growth`` (about ten minutes).
 
 Plants, impulses, states and segments one at a time, value and gradient, by the default call of ``js.residual_energy``
 under ``jit`` and ``vmap`` on all cores. Writes the table, and a figure with the slopes, beside itself.
@@ -63,7 +63,7 @@ class Chain(js.plants.AbstractPlant):
 
 
 class Row(NamedTuple):
-    """What one number of something costs: the first call (s), and a plant's value and its gradient (s)."""
+    """Cost of one number of something: the first call (s), and a plant's value and its gradient (s)."""
 
     what: str
     number: int
@@ -75,7 +75,7 @@ class Row(NamedTuple):
 
 
 def cases() -> Iterator[tuple[str, int, int, Callable[..., Any], np.ndarray]]:
-    """What grows and how far, plants, the energy of a mass and of parameters, and these parameters."""
+    """The growing quantities and their ranges, plants, the energy of a mass and of parameters, and these."""
     two = lambda mass: js.plants.TwoMass(m2=mass, spring=js.plants.Duffing(10, 100))
 
     def shaped(make, mass, x):

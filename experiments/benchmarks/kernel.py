@@ -93,7 +93,7 @@ def _diffrax_energy(mass, amplitudes, times, tolerance, solver, adjoint):
 
 @functools.partial(jax.jit, static_argnums=2)
 def diffrax_energies(masses, tolerance, solver):
-    """What a user of diffrax writes: ``vmap`` of an adaptive solve."""
+    """The energies as a user of diffrax writes them: ``vmap`` of an adaptive solve."""
     adjoint = diffrax.RecursiveCheckpointAdjoint()
     return jax.vmap(lambda m: _diffrax_energy(m, AMPLITUDES, TIMES, tolerance, solver, adjoint))(masses)
 

@@ -1,4 +1,4 @@
-"""What all benchmarks share: how they take times, what they ran on, and the table that is kept beside them."""
+"""Shared by all benchmarks: the clock, the machine that they ran on, and the table that is kept beside them."""
 
 import json
 import platform
@@ -23,7 +23,7 @@ def least(runs: Mapping[str, Callable[[], Any]], rounds: int = 5) -> dict[str, f
 
 
 def about(machine: str, *packages: str) -> dict[str, Any]:
-    """What the figures hold for. ``machine``: how much of it was used; versions are those of ``packages``."""
+    """The machine and the versions of ``packages`` behind the figures. ``machine``: how much of it was used."""
     return dict(
         machine=f"{platform.machine()}, {machine}",
         python=platform.python_version(),

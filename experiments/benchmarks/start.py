@@ -1,4 +1,4 @@
-"""How long a command takes from the prompt to the last figure: the first time, and when its programs are kept.
+"""Duration of a command from the prompt to the last figure: the first time, and when its programs are kept.
 
     python -m experiments.benchmarks.start         # two minutes; writes start.json and start.md beside this file
 

@@ -1,4 +1,4 @@
-"""How long the studio takes from a slider's movement to the new curve on the screen, in a headless Chromium.
+"""Duration from a slider's movement in the studio to the new curve on the screen, in a headless Chromium.
 
     python -m experiments.benchmarks.studio        # two minutes; writes studio.json and studio.md beside this file
 

@@ -1,6 +1,6 @@
 """
-What a longer shaper buys
-=========================
+Residual energy against the duration of the shaper
+==================================================
 
 A shaper may take more time and leave less. ``js.pareto`` tunes along that front, for two and for three impulses, and
 sets the closed forms beside it.

@@ -143,7 +143,7 @@ def gain_kept(row: dict[str, Any]) -> float | None:
 
 
 def verdict(rows: dict[str, Any]) -> str:
-    """What falls short of the goals, with its figure."""
+    """The figures that miss the goals."""
     if not rows:
         return ""
     overall = np.mean([row["more"]["guarded"] for row in rows.values()])

@@ -1,4 +1,4 @@
-"""What each preset asks for: no shaping, the best fixed shapers, and the oracles, on the environments themselves.
+"""Requirements of each preset: no shaping, the best fixed shapers, and the oracles, on the environments themselves.
 
     python -m experiments.learning.presets        # some minutes; writes presets.json and presets.md beside this file
 

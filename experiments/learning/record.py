@@ -1,4 +1,4 @@
-"""What has been made so far: rows by their keys in a JSON file, so that an interrupted script goes on from there."""
+"""Finished rows by their keys in a JSON file, from which an interrupted script resumes."""
 
 import json
 from pathlib import Path

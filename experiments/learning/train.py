@@ -156,7 +156,7 @@ def report() -> None:
 
 
 def other_trainers() -> Iterator[tuple[str, ...]]:
-    """What ``experiments.learning.trainers`` has made besides PPO on all environments, a row for each."""
+    """Results of ``experiments.learning.trainers`` besides PPO on all environments, a row for each."""
     for path in sorted(HERE.glob("*sac.json")) + sorted(HERE.glob("jax-ppo.json")):
         record = read(path)
         for name in sorted({key.rpartition(" ")[0] for key in record}):

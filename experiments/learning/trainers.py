@@ -31,7 +31,7 @@ JUDGEMENTS = 20
 
 
 class Recipe(NamedTuple):
-    """How one trainer is used.
+    """The use of one trainer.
 
     Attributes:
         trainer: ``module:Class``.

@@ -1,4 +1,4 @@
-"""What a reproduction of a paper hands over, and how it is printed and written down.
+"""The results of a reproduction of a paper, printed and written to files.
 
 Each script has one function ``results(draw=True) -> Paper``. ``python -m experiments.papers 001 --out out/papers``
 prints its tables, writes each figure there as PNG, and its section of README.md with one SVG.
@@ -145,7 +145,7 @@ class Surpassed:
 
     @property
     def factor(self) -> float:
-        """How many times better, greater than 1."""
+        """The factor of improvement, greater than 1."""
         less, more = (self.ours, self.theirs) if self.better == "less" else (self.theirs, self.ours)
         return more / less if less else np.inf
 
@@ -232,7 +232,7 @@ def verdict(row: Row) -> str:
 
 
 def times(factor: float) -> str:
-    """How many times better, in words that fit a table."""
+    """The factor of improvement, in words that fit a table."""
     return f"{factor:.3g}" if factor < 1000 else f"{factor:,.0f}" if factor < 1e6 else "more than a million"
 
 

@@ -36,12 +36,12 @@ TRIAL = js.Shaper([0.525, 0.475], [0.0, 0.5935])
 
 
 def highest(first: float, c: float) -> tuple[float, float]:
-    """When (s) and where (m) the payload first turns after a single step of the base to ``first`` (m)."""
+    """Time (s) and place (m) of the payload's first turn after a single step of the base to ``first`` (m)."""
     return turn(lambda t, y: duffing(t, y, first, c=c), np.zeros(2), 0, 1)
 
 
 def turn(field: Callable[[float, np.ndarray], Any], start: np.ndarray, place: int, speed: int) -> tuple[float, float]:
-    """When and where a coordinate of y' = field(t, y) first turns; ``place`` and ``speed``: its indices in y."""
+    """Time and value of a coordinate's first turn in y' = field(t, y); ``place`` and ``speed``: its indices in y."""
 
     def turns(t: float, y: np.ndarray) -> float:
         # At the start it is at rest, too.
@@ -72,7 +72,7 @@ def loop(t: float, y: np.ndarray, reference: float, stiffness: float, friction: 
 
 
 def first_peak(stiffness: float, friction: float) -> tuple[float, float]:
-    """When (s) and where (rad) the link first turns after a step of ``STEP``."""
+    """Time (s) and angle (rad) of the link's first turn after a step of ``STEP``."""
     return turn(lambda t, y: loop(t, y, STEP, stiffness, friction), np.zeros(4), 1, 3)
 
 

@@ -1,4 +1,4 @@
-"""What jshape computes for paper_001: the paper's shapers, jshape's own, and how sensitive they are."""
+"""Results of jshape for paper_001: the paper's shapers, jshape's own, and how sensitive they are."""
 
 from typing import Any
 

@@ -29,7 +29,7 @@ def experiment() -> report.Experiment:
 
 
 def carried(run: report.Experiment) -> np.ndarray:
-    """How many coins are on the link at each tick."""
+    """The number of coins on the link at each tick."""
     return np.asarray(run.schedule.loads)[np.asarray(run.schedule.which)]
 
 
@@ -51,7 +51,7 @@ def _magnitudes(run: report.Experiment, name: str, signal: str) -> list[float]:
 
 
 def rows_of_adaption(run: report.Experiment) -> list[Row]:
-    """What the paper says about Figs. 7 to 11."""
+    """The statements of the paper about Figs. 7 to 11."""
     return [*rows_of_frequencies(run), *rows_of_vibration(run), *rows_of_settling(run)]
 
 
@@ -74,7 +74,7 @@ def rows_of_frequencies(run: report.Experiment) -> list[Row]:
     apart = np.sqrt(np.mean((np.asarray(run.traces["I-D-E"].omega) - true) ** 2, axis=0))
 
     def passed(tuned: float) -> float:
-        """What a filter for that frequency passes of the second mode, %."""
+        """The share of the second mode that a filter for that frequency passes, %."""
         return 100 * float(js.percentage_vibration(js.design.linear.zvd(tuned, 0.017), 66.0, 0.019))
 
     several = [passed(tuned) for tuned in np.linspace(5.4, 6.0, 61)]

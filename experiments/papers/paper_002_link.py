@@ -1,4 +1,4 @@
-"""What jshape computes of the link of paper_002: its plant, its shapers that need no adaption, its spectra.
+"""Results of jshape for the link of paper_002: its plant, its shapers that need no adaption, its spectra.
 
 A two-foot link with modes of 8.5, 7.3, 5.7 and 74, 70, 66 rad/s at 0, 10 and 20 coins.
 """
@@ -36,7 +36,7 @@ def largest(shaper: js.Shaper) -> float:
 
 @jax.jit
 def energies(shaper: js.Shaper, coins: jax.Array) -> jax.Array:
-    """What jshape finds for the judge's ``energy``, at each of those loads."""
+    """jshape's values of the judge's ``energy``, at each of those loads."""
     return jax.vmap(lambda load: js.residual_energy(link(load), shaper, STEP, steps=64))(coins)
 
 
@@ -72,7 +72,7 @@ def fixed(shaper: js.Shaper, reference: np.ndarray, coins: np.ndarray) -> dict[s
 
 
 def free_peak(coins: float, signal: str, window: tuple[float, float]) -> float:
-    """Where the DFT of an acceleration is highest, rad/s, while the link swings after an unshaped step of 30°.
+    """The frequency of the greatest DFT of an acceleration, rad/s, while the link swings after an unshaped step of 30°.
 
     The parabola through the highest point within ``window`` (rad/s) and its neighbours; the servo has settled.
     """
@@ -96,5 +96,5 @@ def gain(omega: np.ndarray, coins: float) -> np.ndarray:
 
 
 def second_in_middle() -> float:
-    """How many times more of the second mode, compared with the first, the accelerometer in the middle shows."""
+    """The ratio of the second mode to the first in the middle accelerometer, over that at the tip."""
     return float(np.abs((MIDDLE[1] / MIDDLE[0]) / (TIP[1] / TIP[0])))

@@ -109,7 +109,7 @@ def rows_of_filter(paper: insensitive.Specified, place: float) -> list[Row]:
 
 
 def switches(shaper: js.Shaper) -> str:
-    """When an on-off filter switches."""
+    """The switching times of an on-off filter."""
     return "at " + ", ".join(f"{t:.5f}" for t in np.asarray(shaper.times)) + " s"
 
 

@@ -1,4 +1,4 @@
-"""What jshape computes of the pendulum of paper_003, and the filters for it."""
+"""Results of jshape for the pendulum of paper_003, and the filters for it."""
 
 from typing import Any
 

@@ -76,7 +76,7 @@ def ringing(design: Switched, omega: float) -> float:
 
 
 def angle(theta: float, angular: float) -> float:
-    """How far (degrees) the crane will swing from that state, its trolley at rest."""
+    """The amplitude (degrees) of the crane's swing from that state, its trolley at rest."""
     lift = angular**2 * CABLE / (2 * GRAVITY) + 2 * np.sin(theta / 2) ** 2
     return float(np.degrees(2 * np.arcsin(min(np.sqrt(lift / 2), 1.0))))
 
@@ -129,7 +129,7 @@ def peak_to_peak(times: np.ndarray, jumps: np.ndarray, degrees: float) -> float:
 
 
 def switches(design: Switched | switching.Tuned, digits: int = 6) -> str:
-    """When a design switches."""
+    """The switching times of a design."""
     return "switches at " + ", ".join(f"{t:.{digits}f}" for t in design.switches) + " s"
 
 

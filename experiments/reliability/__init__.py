@@ -1,1 +1,1 @@
-"""How reliable jshape is: figures, each computed by one command."""
+"""The reliability of jshape: figures, each computed by one command."""

@@ -103,7 +103,7 @@ def strategies() -> dict[str, Any]:
 
 
 def stated(strategy: Any) -> tuple[float, np.ndarray]:
-    """How far the command may go, over the moves' amplitude, and what a move may leave more than the fixed shaper's.
+    """Bounds of the command, over the moves' amplitude, and of a residual beyond the fixed shaper's.
 
     A correction's impulses reach 1.5 times its size beyond either end of a move, which is twice the amplitude; the
     other shapers' amplitudes are positive. What is left is for the first mode with each of ``LOADS``.
@@ -147,7 +147,7 @@ def runner(strategy: Any) -> Callable[..., dict[str, jax.Array]]:
 
 
 def looped(names: list[str], loops: int, seed: int, keep: Path | None) -> dict[str, list[dict[str, np.ndarray]]]:
-    """What each strategy did in all loops, with and without faults."""
+    """Results of each strategy in all loops, with and without faults."""
     found, begun, done = {name: [] for name in names}, time.perf_counter(), 0
     for name in names:
         several = runner(strategies()[name])
@@ -184,7 +184,7 @@ def noise_key(seed: int, number: int) -> Any:
 
 
 def kept(folder: Path | None, name: str, compute: Callable[[], dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
-    """What was computed before, or is now."""
+    """A stored result, computed where there is none."""
     path = folder and folder / f"{name}.npz"
     if path and path.exists():
         with np.load(path) as arrays:
@@ -204,7 +204,7 @@ def omegas() -> np.ndarray:
 
 
 def bare() -> np.ndarray:
-    """What an unshaped step from rest leaves with each of ``LOADS``, over its size; its envelope at the step itself."""
+    """The residual of an unshaped step with each of ``LOADS``, over its size; its envelope at the step itself."""
     link, unit = js.adaptive.SampledLink(js.plants.FlexibleLink(), LOADS, TIME), wave(1.0, PERIOD / 2)
 
     def one(load: Any) -> jax.Array:
@@ -246,8 +246,6 @@ def row(
         for moves in filter(len, pauses(loop)):
             good = values[moves.start : moves.stop] <= AS_GOOD
             needed.append(1 + np.argmax(good) if good.any() else np.inf)
-    needed = np.array(needed)
-    there = needed[np.isfinite(needed)]
     ranges = [
         f"{part[..., 0].min():.4g} to {part[..., 0].max():.4g}" for part in (bad["omega"], bad["zeta"]) if part.size
     ]
@@ -257,9 +255,7 @@ def row(
         f"{100 * bad['residual'].max():.1f} / {100 * fine['residual'].max():.1f}",
         *(map(" / ".join, zip(*both, strict=True)) if bounds.max() < np.inf else "––"),
         *(ranges or ["–", "–"]),
-        f"{np.median(there):.0f} / {np.quantile(there, 0.95):.0f} / {there.max():.0f}",
-        f"{int(np.isinf(needed).sum())} of {len(needed)}",
-        int((excess[:, -1] > AS_GOOD).sum()),
+        *adaptive_moves.recovery(needed, excess[:, -1] > AS_GOOD),
     ]
 
 

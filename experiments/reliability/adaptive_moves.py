@@ -136,7 +136,7 @@ def _pair(compiled: Any, keys: Any, spoilt: np.ndarray) -> dict[str, Any]:
 
 def _row(bad: dict[str, Any], fine: dict[str, Any], spoilt: np.ndarray) -> list[object]:
     levels = np.cumsum(bad["amplitudes"], axis=-1)
-    # The record of a move tells on the next one; a vibration that is no number is as bad as any.
+    # The record of a move affects the next one; a vibration that is no number counts as infinite.
     excess = np.nan_to_num(bad["vibration"] - fine["vibration"], nan=np.inf)
     needed = []
     for machine, flags in zip(excess, spoilt, strict=True):
@@ -144,8 +144,6 @@ def _row(bad: dict[str, Any], fine: dict[str, Any], spoilt: np.ndarray) -> list[
             after = np.flatnonzero(flags[last + 1 :])
             good = machine[last + 1 : last + 2 + after[0] if len(after) else None] <= 0.01
             needed.append(1 + np.argmax(good) if good.any() else np.inf)
-    found = np.array(needed)
-    kept = found[np.isfinite(found)]
     return [
         spoilt.size,
         int(spoilt.sum()),
@@ -153,7 +151,16 @@ def _row(bad: dict[str, Any], fine: dict[str, Any], spoilt: np.ndarray) -> list[
         f"{levels.min():.3g} to {levels.max():.3g}",
         int((~bad["inside"]).sum()),
         f"{100 * np.nanmax(bad['vibration']):.3g} / {100 * np.nanmax(fine['vibration']):.3g}",
-        f"{np.median(kept):.0f} / {np.quantile(kept, 0.95):.0f} / {kept.max():.0f}",
+        *recovery(needed, excess[:, -1] > 0.01),
+    ]
+
+
+def recovery(needed: list[Any], last: np.ndarray) -> list[object]:
+    """Cells of a row: moves that each recovery took, recoveries that did not end, runs that end without one."""
+    found = np.array(needed)
+    ended = found[np.isfinite(found)]
+    return [
+        f"{np.median(ended):.0f} / {np.quantile(ended, 0.95):.0f} / {ended.max():.0f}",
         f"{int(np.isinf(found).sum())} of {len(found)}",
-        int((excess[:, -1] > 0.01).sum()),
+        int(last.sum()),
     ]

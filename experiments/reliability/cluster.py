@@ -190,7 +190,7 @@ def cases() -> Iterator[Case]:
 
 
 def undisturbed(folder: Path) -> dict[str, np.ndarray]:
-    """What one process computes."""
+    """The results of one process."""
     _start(folder, "-c", SWEEP).wait()
     return _values(folder)
 

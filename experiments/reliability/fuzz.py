@@ -56,7 +56,7 @@ Target = Callable[[np.random.Generator, Path], bool]
 
 
 class Found(NamedTuple):
-    """What a target did.
+    """The outcome of a target.
 
     Attributes:
         inputs: how many were tried.
@@ -150,7 +150,7 @@ def problem_altered(random: np.random.Generator, folder: Path) -> bool:
 
 
 def problem_exchanged(random: np.random.Generator, folder: Path) -> bool:
-    """What ``jshape new`` writes for a machine, with tables of another machine's or under names that nobody means."""
+    """A file of ``jshape new`` with tables of another machine's or under names that nobody means."""
     one, other = (started(STARTERS[i]) for i in random.integers(len(STARTERS), size=2))
     return _problem(re.sub(r" *#.*", "", exchanged(one, other, random)).encode(), folder)
 
@@ -260,7 +260,7 @@ def policy_file(random: np.random.Generator, folder: Path) -> bool:
 
 
 def constructors() -> Iterator[tuple[str, Any]]:
-    """What is called with arbitrary arguments: shapers, commands, springs, dampers, plants."""
+    """The functions called with arbitrary arguments: shapers, commands, springs, dampers, plants."""
     yield "Shaper", js.Shaper
     for name in ("Step", "Pulse", "Trapezoid", "SCurve", "Sampled", "PiecewisePolynomial"):
         yield name, getattr(js.command, name)

@@ -115,7 +115,7 @@ class Result(NamedTuple):
 
 
 def key(file: str, name: str) -> str:
-    """What a fault is called in the files beside this one: it outlasts other changes of the module."""
+    """The name of a fault in the files beside this one: it outlasts other changes of the module."""
     return f"{file}: {name}"
 
 
@@ -198,7 +198,7 @@ def tests_of(file: str) -> list[str]:
 
 
 def copy_tree(target: Path) -> None:
-    """What the tests need of this checkout."""
+    """A copy of the part of this checkout that the tests need."""
     unwanted = shutil.ignore_patterns("__pycache__", ".*_cache", "*.egg-info")
     for name in COPIED:
         if (ROOT / name).is_dir():
@@ -259,7 +259,7 @@ def try_tests(tree: Path, tests: list[str], limit: int = LIMIT) -> Run:
 
 
 def read() -> dict[str, Result]:
-    """What was found before, by key."""
+    """Stored results, by key."""
     if not RECORD.exists():
         return {}
     results = [Result(**row) for row in json.loads(RECORD.read_text(encoding="utf-8"))["results"]]

@@ -97,7 +97,7 @@ def solve(problem: Problem, starts: int, seed: int) -> js.Solution:
 
 
 def value(problem: Problem, solution: js.Solution) -> float:
-    """What is compared, J: worst cases between the given plants, too."""
+    """The compared value, J: worst cases between the given plants, too."""
     if problem.options.get("objective") != "worst":
         return float(solution.objective)
     over = {problem.leaf: np.linspace(0.8, 1.2, FINE)}

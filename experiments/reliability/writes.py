@@ -136,7 +136,7 @@ def _run(place: Path, arguments: list[str], fault: str, last: int) -> tuple[Path
 
 
 def _wrong(place: Path, done: subprocess.CompletedProcess, code: int | None) -> list[str]:
-    """What is not as it should be after a fault."""
+    """The defects after a fault."""
     found = []
     if code is None:
         if done.returncode != -signal.SIGKILL:
@@ -150,7 +150,7 @@ def _wrong(place: Path, done: subprocess.CompletedProcess, code: int | None) -> 
 
 
 def _again(place: Path, arguments: list[str], expected: set[str]) -> list[str]:
-    """What is not as it should be after the same command without a fault."""
+    """The defects after the same command without a fault."""
     _, done = _run(place, arguments, "0", 10**6)
     if done.returncode:
         return [f"again: status {done.returncode}: {done.stderr[-200:]}"]

@@ -138,7 +138,7 @@ def public(room: ModuleType) -> list[str]:
 
 
 def configuration(sources: Path, run: bool) -> dict[str, object]:
-    """What is otherwise a ``conf.py``."""
+    """The settings that Sphinx reads from a ``conf.py`` elsewhere."""
     return {
         "project": "jshape",
         "copyright": "the jshape authors",
