@@ -89,12 +89,15 @@ class Calibration(Result):
         if not self.stock.converged or (mine.name == best.name and mine.frequency == best.frequency):
             return [f"Why this one: it is Klipper's own choice; {self.choice.reason}.", "Tuned, no other is better."]
         blur, faster = mine.smoothing / best.smoothing - 1, mine.max_accel / max(best.max_accel, 1e-9) - 1
-        change = lambda ratio: f"{abs(100 * ratio):.1f} % {'more' if ratio > 0 else 'less'}"
         return [
             f"Why this one: it rounds corners by {mine.smoothing:.4f} mm, {best.label} by {best.smoothing:.4f} mm: "
-            f"{change(blur)}, {change(faster)} acceleration;",
+            f"{_change(blur)}, {_change(faster)} acceleration;",
             f"it leaves {percent(mine.vibration)} of the measured vibration, that one {percent(best.vibration)}.",
         ]
+
+
+def _change(ratio: float) -> str:
+    return f"{abs(100 * ratio):.1f} % {'more' if ratio > 0 else 'less'}"
 
 
 def calibrate(

@@ -2,11 +2,14 @@
 
 import math
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from jshape.cli._shared import Out, explained, prepare_jax, progress_line, results_folder
+
+if TYPE_CHECKING:
+    from jshape.identification.result import AbstractIdentified
 
 
 @explained()
@@ -76,12 +79,17 @@ def identify(
         typer.echo(f"note: {note}", err=True)
     channels = ", ".join(records[0].names)
     typer.echo(f"{data if along_y is None else f'{data}, {along_y}'} ({channels}): {found.message.split(':')[0]}")
-    of_omega, of_zeta = found.interval()
     headings = ["frequency\n(Hz)", "\nfrom", "\nto", "damping\nratio", "\nfrom", "\nto"]
+    show_table(new_console(), "mode", headings, _rows(found))
+    typer.echo(f"results in {folder}: {', '.join(files)}. Next: jshape tune {folder / 'problem.toml'}")
+
+
+def _rows(found: "AbstractIdentified") -> list[tuple[str, list[str]]]:
+    """Each mode's number, frequency (Hz) and damping ratio with their intervals, as they are printed."""
+    of_omega, of_zeta = found.interval()
     rows = []
     for mode, values in enumerate(zip(found.omega, found.zeta, of_omega.T, of_zeta.T, strict=True), 1):
         omega, zeta, ends, bounds = values
         cells = [f"{value / (2 * math.pi):.6g}" for value in (omega, *ends)]
         rows.append((str(mode), [*cells, *(f"{value:.5f}" for value in (zeta, *bounds))]))
-    show_table(new_console(), "mode", headings, rows)
-    typer.echo(f"results in {folder}: {', '.join(files)}. Next: jshape tune {folder / 'problem.toml'}")
+    return rows

@@ -293,8 +293,10 @@ def _bases(plant: AbstractOscillator, ways: Array, losses: Array | None = None) 
     potential = plant.spring.potential
 
     def base(way: Scalar, loss: Scalar) -> Scalar:
+        def excess(share: Scalar) -> Scalar:
+            return potential(-share * way) - potential((1 - share) * way) - loss
+
         # A damper takes energy, so the base may have to stand beyond the destination of the swing.
-        excess = lambda share: potential(-share * way) - potential((1 - share) * way) - loss
         share = bracketed_root(excess, 0.0, FARTHEST)
         return way * jnp.where(excess(jnp.asarray(FARTHEST)) >= 0, share, jnp.nan)
 

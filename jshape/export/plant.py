@@ -1,5 +1,6 @@
 """A plant as a functional mock-up unit: its equations in C, for the simulator of a controller or of a whole machine."""
 
+import functools
 from pathlib import Path
 from typing import Any
 
@@ -52,7 +53,7 @@ def export_plant(
         raise ValueError(f"plant: {kind} is no single plant; such plants are not written out")
     states = [f"x[{i}]" for i in range(len(rest))]
     names = [np.array(states, object), *(np.array(f"m->real[{i}]", object) for i in range(len(inputs)))]
-    as_inputs = lambda u: jax.tree.unflatten(structure, u)
+    as_inputs = functools.partial(jax.tree.unflatten, structure)
     example: list[Any] = [jnp.asarray(rest), *(jnp.zeros((), rest.dtype) for _ in inputs)]
     time = np.array("TIME", object)
     try:
@@ -66,16 +67,6 @@ def export_plant(
         raise ValueError(f"plant: {kind} cannot be written out in C: it has the operation {error}") from None
     if any("TIME" in line for line in [*field, *derivatives]):
         raise ValueError(f"plant: {kind} depends on time; such plants are not written out")
-    variables = [Variable(drive, "input", "continuous", f"{drive} that drives the plant", 0.0) for drive in inputs]
-    variables += [
-        Variable(f"state[{i}]", "output", "continuous", "state of the plant", value)
-        for i, value in enumerate(rest.tolist(), 1)
-    ]
-    variables += [
-        Variable(f"der(state[{i + 1}])", "local", "continuous", "its derivative", derivative_of=len(inputs) + i)
-        for i in range(len(rest))
-    ]
-    variables.append(Variable("energy", "output", "continuous", "energy above that of rest, J"))
     equations = fill(
         "fmu/plant_equations.h",
         kind=kind,
@@ -84,11 +75,25 @@ def export_plant(
         energy=[*energy, f"m->real[N_REAL - 1] = {total};"],
     )
     settable = len(inputs) + len(rest)
+    variables = _variables(inputs, rest.tolist())
     made = unit(name, variables, settable, len(rest), "typedef int Own;\n", {"equations.h": equations}, fmi)
     if path is not None:
         with whole(Path(path)) as file:
             file.write(made)
     return made
+
+
+def _variables(inputs: list[str], rest: list[float]) -> list[Variable]:
+    """The unit's variables in its order: inputs, states, their derivatives, the energy."""
+    variables = [Variable(drive, "input", "continuous", f"{drive} that drives the plant", 0.0) for drive in inputs]
+    variables += [
+        Variable(f"state[{i}]", "output", "continuous", "state of the plant", value) for i, value in enumerate(rest, 1)
+    ]
+    variables += [
+        Variable(f"der(state[{i + 1}])", "local", "continuous", "its derivative", derivative_of=len(inputs) + i)
+        for i in range(len(rest))
+    ]
+    return [*variables, Variable("energy", "output", "continuous", "energy above that of rest, J")]
 
 
 def _inputs(plant: AbstractPlant) -> list[str]:

@@ -83,12 +83,15 @@ def read_tuned(folder: str | Path) -> Shaper | dict[str, Shaper]:
         found = [row for row in rows if row["name"] == "tuned"]
         if not found or not found[0].get("shapers", True):
             raise ValueError(f"{folder}: holds no tuned shaper")
-        made = lambda row: Shaper(row["amplitudes"], row["times"])
-        return (
-            {axis: made(row) for axis, row in found[0]["shapers"].items()} if "shapers" in found[0] else made(found[0])
-        )
+        if "shapers" in found[0]:
+            return {axis: _shaper(row) for axis, row in found[0]["shapers"].items()}
+        return _shaper(found[0])
     except (KeyError, TypeError, AttributeError, OverflowError, RecursionError):
         raise ValueError(f"{folder}: holds no results of jshape tune") from None
     except ValueError as error:
         words = str(error) if "no tuned" in str(error) else f"{folder}: holds no results of jshape tune"
         raise ValueError(words) from None
+
+
+def _shaper(row: dict[str, Any]) -> Shaper:
+    return Shaper(row["amplitudes"], row["times"])

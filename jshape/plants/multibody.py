@@ -3,6 +3,7 @@
 ``js.plants.from_mjcf`` and ``js.plants.from_urdf`` make them from files.
 """
 
+import functools
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, ClassVar, NamedTuple
 
@@ -334,7 +335,7 @@ def _equilibrium(plant: Multibody, ways: dict[str, Array]) -> Array:
 
     def linearised(dynamic: Any, q: Array) -> tuple[Array, Array]:
         plant, ways = eqx.combine(dynamic, static)
-        slope = lambda q: _slope_of(plant, ways, q)
+        slope = functools.partial(_slope_of, plant, ways)
         return slope(q), jax.jacfwd(slope)(q)
 
     @jax.custom_jvp
@@ -351,9 +352,12 @@ def _equilibrium(plant: Multibody, ways: dict[str, Array]) -> Array:
             size = jnp.max(jnp.abs(step))
             return q - step * jnp.minimum(1.0, _LONGEST / size), size, count + 1
 
-        go_on = lambda carry: (carry[1] > tolerance * (1 + jnp.max(jnp.abs(carry[0])))) & (carry[2] < _STEPS)
+        def unfinished(carry: Any) -> Array:
+            q, size, count = carry
+            return (size > tolerance * (1 + jnp.max(jnp.abs(q)))) & (count < _STEPS)
+
         # The first step is always taken; a step of 0 leaves 0/0 nowhere, as its limit is infinite.
-        q, size, _ = jax.lax.while_loop(go_on, newton, (start, jnp.asarray(jnp.inf, start.dtype), 0))
+        q, size, _ = jax.lax.while_loop(unfinished, newton, (start, jnp.asarray(jnp.inf, start.dtype), 0))
         _, stiffness = linearised(dynamic, q)
         sound = (size <= 1e4 * tolerance) & jnp.all(_eigh(stiffness)[0] > 0)
         return jnp.where(sound, q, jnp.nan)

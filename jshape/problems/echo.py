@@ -68,11 +68,11 @@ def _design(draft: Draft) -> list[str]:
     for name in sorted(design.model_fields_set, key=list(type(design).model_fields).index):
         unit = QUANTITIES["design"].get(name)
         (whole, each), value = lengths(draft.units, name), getattr(design, name)
-        said = lambda value, length, unit=unit: shown(value, in_units(unit, {"m": length}))
         if isinstance(value, dict) and unit is not None:
-            words += [f"{name} of {axis} {said(part, each.get(axis, whole))}" for axis, part in value.items()]
+            units = {axis: in_units(unit, {"m": each.get(axis, whole)}) for axis in value}
+            words += [f"{name} of {axis} {shown(part, units[axis])}" for axis, part in value.items()]
         else:
-            words.append(f"{name} {said(value, whole) if _is_number(value) else value}")
+            words.append(f"{name} {shown(value, in_units(unit, {'m': whole})) if _is_number(value) else value}")
     return [f"design: {', '.join(words)}"] if words else []
 
 

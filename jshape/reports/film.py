@@ -196,7 +196,10 @@ def _composed(
 
 def _drawn(plant: "AbstractPlant", motions: Mapping[str, Motion], times: np.ndarray) -> tuple[Figure, list[Put]]:
     draw, view = view_of(motions.values())
-    shown = lambda panel, name, colour: draw(panel, motions[name].places, view, colour)
+
+    def shown(panel: Axes, name: str, colour: str) -> Put:
+        return draw(panel, motions[name].places, view, colour)
+
     return _composed(plant, view, {name: motion.deflection for name, motion in motions.items()}, times, shown)
 
 

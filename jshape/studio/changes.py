@@ -132,8 +132,8 @@ def with_amplitude(state: State, index: int, value: float) -> State:
     others = len(state.amplitudes) - 1
     if not others:
         return state
-    share = lambda amplitude: amplitude / rest if abs(rest) > 1e-9 else 1 / others
-    changed = [value if i == index else (1 - value) * share(a) for i, a in enumerate(state.amplitudes)]
+    shares = [amplitude / rest if abs(rest) > 1e-9 else 1 / others for amplitude in state.amplitudes]
+    changed = [value if i == index else (1 - value) * share for i, share in enumerate(shares)]
     return with_impulses(state, changed, state.times)
 
 

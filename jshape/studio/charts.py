@@ -176,7 +176,7 @@ def vibration(found: Linear, others: Sequence[Pinned] = ()) -> dict[str, Any]:
 
 
 def sensitivity(found: Sensitivity | None, others: Sequence[Pinned] = ()) -> dict[str, Any]:
-    """What is left over the uncertain set, of designs to compare, too; empty where nothing is uncertain."""
+    """Residual energies over the uncertain set, of designs to compare, too; empty where nothing is uncertain."""
     if found is None:
         return {"series": [], "title": {"text": "Sensitivity: mark a parameter as uncertain (±)"}}
     share = found.quantity == "residual vibration"

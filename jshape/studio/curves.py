@@ -103,7 +103,7 @@ class Linear:
 
 @dataclasses.dataclass(frozen=True)
 class Sensitivity:
-    """What is left over the uncertain set, along one leaf.
+    """Residual energies over the uncertain set, along one leaf.
 
     Attributes:
         leaf: its dotted path, with the unit if it is known.
@@ -336,7 +336,7 @@ def linear(plant: AbstractPlant, shaper: Shaper, frequencies: np.ndarray) -> Lin
 def sensitivity(
     asked: Problem, shaper: Shapers, plants: int, tolerance: float, part: slice = slice(None)
 ) -> Sensitivity:
-    """What is left over the uncertain set along its first leaf, with and without a shaper.
+    """Residual energies over the uncertain set along its first leaf, with and without a shaper.
 
     Args:
         asked: the problem, in which something is uncertain.

@@ -1,4 +1,4 @@
-"""The tasks of ``work``: what a page asks of a process of its own, as data, and what it answers, as data.
+"""The tasks of ``work``: requests of a page to a process of its own and the answers, both as data.
 
 Each takes what is asked and a ``progress``; it may be interrupted by Ctrl-C, and then answers with the best so far or
 not at all.

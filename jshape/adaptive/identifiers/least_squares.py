@@ -118,7 +118,10 @@ class FilteredLeastSquares:
         row = (-slope, -value, -drive)
         fading = select(usable, math.exp(-self.sample_time / float(self.memory or 0.0)), 1.0)
         weight = select(usable, 1.0, 0.0)
-        add = lambda old, new: fading * old + weight * new
+
+        def add(old: Any, new: Any) -> Any:
+            return fading * old + weight * new
+
         return Normal(
             y,
             u,
@@ -164,7 +167,10 @@ class FilteredLeastSquares:
         gain = (c02 * r0 + c12 * r1 + c22 * r2) / determinant
         misfit = xp.maximum(state.power - drag * r0 - stiffness * r1 - gain * r2, 0.0)
         variance = misfit / xp.maximum(state.weight - 3.0, 1.0)
-        std = lambda cofactor: xp.sqrt(xp.maximum(variance * cofactor / determinant, 0.0))
+
+        def std(cofactor: Any) -> Any:
+            return xp.sqrt(xp.maximum(variance * cofactor / determinant, 0.0))
+
         root = xp.sqrt(xp.maximum(stiffness, 1e-12))
         omega, omega_std = self.corner * root, self.corner * std(c11) / (2 * root)
         zeta, zeta_std, gain_std = drag / (2 * root), std(c00) / (2 * root), std(c22)

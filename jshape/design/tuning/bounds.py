@@ -102,13 +102,16 @@ class Bounds(eqx.Module):
 
     def near(self, point: Point, random: np.random.Generator) -> Point:
         """A random design around another one: amplitudes and gaps times lognormal factors, within the bounds."""
-        change = lambda part: np.asarray(part) * np.exp(SPREAD * random.standard_normal(len(part)))
-        return self.clip(Point(change(point.amplitudes), change(point.gaps), point.leaves))
+        amplitudes, gaps = (
+            np.asarray(part) * np.exp(SPREAD * random.standard_normal(len(part)))
+            for part in (point.amplitudes, point.gaps)
+        )
+        return self.clip(Point(amplitudes, gaps, point.leaves))
 
     def reversed(self, point: Point) -> Point:
         """The design played backwards, within the bounds: undamped linear plants have equally good ones."""
-        flip = lambda part: self.each(lambda row: row[::-1], part)
-        return self.clip(Point(flip(point.amplitudes), flip(point.gaps), point.leaves))
+        amplitudes, gaps = (self.each(np.flip, part) for part in (point.amplitudes, point.gaps))
+        return self.clip(Point(amplitudes, gaps, point.leaves))
 
     def contains(self, point: Point, tolerance: float = 1e-9) -> Any:
         """Whether a design is within the bounds; of NumPy or JAX."""

@@ -60,6 +60,6 @@ def _left(tab: Tab, pin: Pin) -> str:
 
 
 def _worst(found: Sensitivity) -> str:
-    """The greatest of what is left over the uncertain set."""
+    """The greatest residual energy over the uncertain set."""
     most = max(found.values["shaped"])
     return f"{100 * most:.3g} %" if found.quantity == "residual vibration" else f"{most:.3g} J"
