@@ -162,6 +162,7 @@ def test_belts_share_a_shaper_that_both_axes_have(folder):
     outcome = run(*files, "--out", folder / "belts", "--starts", 2)
     assert outcome.exit_code == 0, outcome.output
     assert "the belts' strongest modes are 11." in outcome.output
+    assert "(both axes, from the belts' names; --axis says otherwise)" in outcome.output
     parser = configparser.ConfigParser()
     parser.read(folder / "belts" / "paste.txt", encoding="utf-8")
     settings = dict(parser["input_shaper"])

@@ -5,9 +5,11 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicSpline
 
 import jshape as js
 from jshape.identification import identify_duffing, identify_payloads
+from jshape.identification._motion import pieces
 from jshape.plants import ForcedMass, FrictionDamper, TwoMass
 
 MASS, K1, K3, C = 1.2, 10.0, 100.0, 0.3
@@ -158,6 +160,18 @@ def test_dry_friction_that_jumps():
     """The smoothed law beside Coulomb's own: as long as nothing sticks, within what noise leaves open."""
     found = identify_duffing(TIMES, noisy(sticking(0.5)), mass=MASS, friction=True)
     close(found, k1=K1, k3=K3, c=C, friction=0.5)
+
+
+@pytest.mark.parametrize("between", ["line", "spline", "hold"])
+def test_inputs_between_rows(between):
+    """The polynomials from row to row beside SciPy's and NumPy's own interpolation."""
+    times, values = np.arange(12) * 0.5, np.random.default_rng(0).normal(size=12)
+    at = np.linspace(0, 5.49, 200)
+    row = np.minimum((at / 0.5).astype(int), 11)
+    found = sum(c * (at - times[row]) ** k for k, c in enumerate(pieces(times, values, between)[row].T))
+    spline = CubicSpline(times, values)(at)
+    expected = {"line": np.interp(at, times, values), "spline": spline, "hold": values[row]}[between]
+    np.testing.assert_allclose(found, expected, atol=1e-12)
 
 
 def test_errors_of_payloads():

@@ -85,7 +85,7 @@ def reference(times: np.ndarray, random: np.random.Generator) -> np.ndarray:
 
 
 def measured() -> list[Record]:
-    """The machine's own records, in the splits of ``nonlinear_benchmarks``; motor voltage times 35.15 N/V."""
+    """The machine's own records, in the splits of ``nonlinear_benchmarks``; the motor's voltage times 35.15 N/V."""
     import nonlinear_benchmarks  # pyright: ignore[reportMissingImports]
 
     return [

@@ -82,7 +82,7 @@ def calibrate(
         seed=seed,
         kalico=kalico,
     )
-    all_found, computed = {}, {}
+    all_found, computed, belts = {}, {}, len(axes) > 1 and len({tuple(files) for files in axes.values()}) == 1
     for which, folder in folders.items():
         same = tuple(axes[which])
         with progress_line() as (step, progress):
@@ -96,7 +96,8 @@ def calibrate(
         computed[same] = found
         typer.echo(lines(found, which, reprapfirmware, kalico))
         if axis is None:
-            typer.echo(f"(axis {which}, from the file's name; --axis says otherwise)")
+            whose = "both axes, from the belts' names" if belts else f"axis {which}, from the file's name"
+            typer.echo(f"({whose}; --axis says otherwise)")
         named = dict.fromkeys(f"{Path(file).parent}/" if "/" in file else file for file in files)
         typer.echo(f"results in {folder}: {', '.join(named)}")
     if len(all_found) > 1:
