@@ -134,3 +134,11 @@ def for_axes(command: Any, axes: tuple[str, ...], plant: str, name: str = "dista
         return command
     given = dict(command.items())
     return Axes(delay=command.delay, **{axis: given.get(axis, Rest()) for axis in axes})
+
+
+def moving(plant: Any, distance: Any) -> tuple[str, ...]:
+    """The axes of a plant of several that a command moves to another place."""
+    if not getattr(plant, "axes", ()):
+        return ()
+    final = for_axes(distance, plant.axes, type(plant).__name__).final
+    return tuple(axis for axis, way in zip(plant.axes, np.asarray(final), strict=True) if way != 0)

@@ -14,7 +14,6 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
-from scipy.optimize import brentq
 
 from jshape import _check
 from jshape._roots import safe_sqrt
@@ -103,6 +102,9 @@ def insensitivity(shaper: Shaper, omega: Any, zeta: Any = 0.0, vibration: float 
 
     Source: Singhose, Seering and Singer (1994), their insensitivity I.
     """
+    # Here: it takes a third of a second to load, which nothing else of this module needs.
+    from scipy.optimize import brentq
+
     if not 0 < vibration < 1:
         raise ValueError(f"vibration must lie between 0 and 1 (5 % is 0.05), not {vibration}")
     nominal, zeta = float(_check.scalar(omega, "omega")), float(_check.scalar(zeta, "zeta"))

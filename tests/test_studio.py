@@ -25,9 +25,10 @@ from jshape.export import FORMATS
 from jshape.problems import catalogue, limits
 from jshape.problems.problem import load
 from jshape.problems.reading import read, shipped
-from jshape.studio import changes, charts, curves, link, state, takeaway
+from jshape.studio import changes, charts, curves, episodes, link, results, state, takeaway
 from jshape.studio.guard import MOST, MOST_UPLOADED, Guard
 from jshape.studio.live import Live
+from jshape.studio.panels import learn
 from jshape.studio.panels.printer import file_name
 from jshape.studio.panels.shaper import ENERGY, SHAPERS
 from jshape.studio.work import Work
@@ -106,6 +107,170 @@ def test_uploads_are_data_and_bounded(words):
     assert "/tmp" not in str(raised.value)
 
 
+SHIPPED = Path(js.__file__).parent / "problems"
+MACHINE = (SHIPPED / "double_pendulum_crane.xml").read_bytes()
+
+
+def test_a_machine_of_a_file_is_data():
+    """An MJCF file begins a problem whose text and file come back, and whose numbers are those of the file."""
+    shown = state.from_machine("crane.xml", MACHINE)
+    assert shown.starter.values == {"file": "crane.xml", "driven": {"slide": "axis"}}
+    found = {p.path: (p.value, p.unit, p.fixed) for p in state.parameters(shown)}
+    assert found["plant.body.load.mass"] == (4000.0, "kg", True)
+    assert found["command.distance"] == (1.0, "m", False)
+    marked = changes.with_uncertainty(shown, "body.load.mass", 0.3)
+    again = state.from_text(marked.text, marked.files)
+    assert (again.text, again.files) == (marked.text, shown.files)
+    with pytest.raises(ValueError, match=r"drop 'crane\.xml' first"):
+        state.from_text(marked.text)
+    with pytest.raises(ValueError, match="a link carries no file"):
+        link.packed(shown)
+    hinge = state.from_machine("gantry.urdf", (SHIPPED / "gantry.urdf").read_bytes(), "bend")
+    assert {p.path: p.unit for p in state.parameters(hinge)}["command.distance"] == "rad"
+    with pytest.raises(ValueError, match="driven must be one of rail, bend, not 'wheel'"):
+        state.from_machine("gantry.urdf", (SHIPPED / "gantry.urdf").read_bytes(), "wheel")
+
+
+def within(part):
+    return f"<mujoco><worldbody>{part}</worldbody></mujoco>".encode()
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"<" * (limits.SIZE + 1), "at most 1048576 bytes"),
+        (b"\xff\xfe<", "cannot be read as text"),
+        (b"hello", "neither MJCF nor URDF"),
+        (b"<mujoco>", "MuJoCo cannot read it"),
+        (b'<mujoco><include file="/etc/passwd"/></mujoco>', "names other files or code"),
+        (b'<mujoco><asset><mesh file\n=\n"a.obj"/></asset></mujoco>', "names other files or code"),
+        (b'<mujoco><asset><texture fileright="a.png"/></asset></mujoco>', "names other files or code"),
+        (b'<robot name="a"><link name="b"><visual><mesh filename="a"/></visual></link></robot>', "names other files"),
+        (b'<!DOCTYPE a [<!ENTITY b SYSTEM "/etc/passwd">]><mujoco/>', "names other files or code"),
+        (b'<mujoco><extension><plugin plugin="a"/></extension></mujoco>', "names other files or code"),
+        (within('<replicate count="100000"><geom size="1"/></replicate>'), "copies of a part"),
+        (within('<geom size="1"/>'), "has no joint that could be driven"),
+    ],
+)
+def test_files_of_machines_are_bounded_and_name_no_other(content, words):
+    with pytest.raises(ValueError, match=words) as raised:
+        state.from_machine("hostile.xml", content)
+    assert "root:" not in str(raised.value)
+
+
+@pytest.mark.slow
+def test_a_machine_of_a_file_swings_as_the_problem_of_its_own_file():
+    """What the page computes of a dropped file is what the library computes of the file."""
+    shown = changes.with_impulses(state.from_machine("crane.xml", MACHINE), [0.5, 0.5], [0.0, 1.5])
+    found = {type(result): result for result in curves.stages(shown)}
+    plant = js.plants.from_mjcf(SHIPPED / "double_pendulum_crane.xml", {"slide": "axis"})
+    left = js.residual_energy(plant, js.Shaper([0.5, 0.5], [0.0, 1.5]), js.Trapezoid(1.0, 0.5, 0.5))
+    assert found[results.Numbers].shaped == pytest.approx(float(left), rel=1e-9)
+    scene = found[results.Moves].scene
+    assert scene["kind"] == "bodies"
+    assert np.all(np.isfinite(scene["places"]["shaped"]))
+    with pytest.raises(ValueError, match=r"^crane\.xml: |driven"):
+        state.problem(shown.text.replace('slide = "axis"', 'nothing = "axis"'), shown.files)
+
+
+@pytest.mark.slow
+def test_an_episode_under_two_strategies():
+    """Both make the same moves with the same payloads; what each leaves is what a rollout of it leaves."""
+    pytest.importorskip("gymnasium")
+    from jshape_envs import parameters, rollout
+    from jshape_envs.strategies import strategy
+
+    asked = {"environment": "CranePayload", "preset": "paper", "strategies": ["zv", "zvd"], "moves": 3, "seed": 5}
+    found = episodes.episode(asked, lambda *_: None)
+    assert found["kind"] == "crane"
+    assert len(found["places"][0]) == len(found["places"][1]) == len(found["times"])
+    assert len(found["begins"]) == len(found["moves"]) == 3
+    params = parameters("CranePayload")
+    for i, name in enumerate(asked["strategies"]):
+        _, info = rollout(jax.random.key(5), strategy(name, "CranePayload", params), params, moves=3)
+        left = [row["residuals"][i] for row in found["moves"]]
+        np.testing.assert_allclose(left, np.asarray(info.residual), rtol=2e-3, atol=1e-6)
+        payloads = [row["payload"] for row in found["moves"]]
+        np.testing.assert_allclose(payloads, np.asarray(info.evaluation.payload), rtol=1e-6)
+    drawn = charts.episode(found, ["A", "B"])
+    assert drawn["titles"] == ["A", "B"]
+    assert len(charts.residuals(found, ["A", "B"])["series"][1]["data"]) == 3
+
+
+@pytest.mark.parametrize(
+    ("asked", "words"),
+    [
+        ({"moves": 13}, "moves must be a whole number from 1 to 12, not 13"),
+        ({"moves": None}, "moves must be a whole number"),
+        ({"seed": -1}, "seed must be a whole number from 0"),
+        ({"strategies": ["zv"]}, "strategies must be two"),
+        pytest.param({"strategies": ["zv", "mine.npz"]}, "strategy must be one of", marks=pytest.mark.slow),
+        pytest.param({"environment": "../x"}, "environment must be", marks=pytest.mark.slow),
+    ],
+)
+def test_what_an_episode_is_asked_for_is_bounded(asked, words):
+    pytest.importorskip("gymnasium")
+    given = {"environment": "CranePayload", "preset": "easy", "strategies": ["zv", "ei"], "moves": 1, "seed": 0}
+    with pytest.raises(ValueError, match=words):
+        episodes.episode(given | asked, lambda *_: None)
+
+
+@pytest.mark.slow
+def test_a_leaderboard_has_the_scores_of_the_command(monkeypatch):
+    """On the same episodes; an interrupt keeps those that were judged."""
+    pytest.importorskip("gymnasium")
+    from jshape_envs import parameters, strategies
+    from jshape_envs.evaluate import evaluate
+    from jshape_envs.families import Declared
+
+    def until_the_third(stage, done, total, best):
+        if done == 2:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(strategies, "strategies", lambda *_: ["zv", "zvd", "ei"])
+    asked = {"environment": "CranePayload", "preset": "paper", "episodes": 2, "seeds": 2}
+    found = episodes.leaderboard(asked, until_the_third)
+    assert [row["policy"] for row in found["rows"]] == ["zv", "zvd"]
+    params = parameters("CranePayload")
+    scores = evaluate(Declared(strategies.strategy("zv", "CranePayload", params), params), params, 2, 2)
+    assert found["rows"][0]["regret"] == pytest.approx(1000 * np.mean(scores.regret))
+    assert found["message"] == "2 of 3 strategies judged"
+
+
+def test_the_strategies_that_the_page_names_are_those_that_there_are():
+    pytest.importorskip("gymnasium")
+    from jshape_envs import ENVIRONMENTS
+    from jshape_envs.baselines import BASELINES
+
+    assert set(learn.STRATEGIES) == {*BASELINES, "trained", "guarded"}
+    assert set(learn.ENVIRONMENTS) == set(ENVIRONMENTS)
+    assert all(set(learn.PRESETS) == set(each.presets) for each in ENVIRONMENTS.values())
+
+
+def contrast(one, other):
+    """The contrast of two colours, ``#rrggbb``, as WCAG 2.2 defines it."""
+
+    def luminance(colour):
+        parts = [int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)]
+        linear = [part / 12.92 if part <= 0.04045 else ((part + 0.055) / 1.055) ** 2.4 for part in parts]
+        return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+    high, low = sorted((luminance(one), luminance(other)), reverse=True)
+    return (high + 0.05) / (low + 0.05)
+
+
+@pytest.mark.parametrize(("dark", "paper"), [(False, "#ffffff"), (True, "#121212")])
+def test_contrast_is_that_of_wcag_aa(dark, paper):
+    """Words 4.5, lines and handles 3, on a light page and on a dark one."""
+    assert contrast("#000000", "#ffffff") == pytest.approx(21)
+    words = charts.colours(dark)
+    assert contrast(words["title"]["textStyle"]["color"], paper) >= 4.5
+    assert contrast(words["tooltip"]["textStyle"]["color"], words["tooltip"]["backgroundColor"]) >= 4.5
+    lines = {look["color"] for look in (*charts.LOOK.values(), *charts.PINS)} | set(charts.OTHERS)
+    least = {colour: contrast(colour, paper) for colour in lines}
+    assert min(least.values()) >= 3, least
+
+
 AXES = ["HoistingCrane", "BridgeCrane", "TowerCrane", "BoomCrane", "TwoLinkArm", "PlanarModes"]
 
 
@@ -164,9 +329,9 @@ def test_curves_of_several_axes():
     problem = state.problem(shown.text)
     shapers = {"trolley": js.Shaper([0.5, 0.5], [0.0, 2.0]), "bridge": js.Shaper(shown.amplitudes, shown.times)}
     left = js.residual_energy(problem.plant, shapers, problem.distance)
-    assert found[curves.Numbers].shaped == pytest.approx(float(left), rel=1e-6)
-    assert found[curves.Numbers].duration == 2.0
-    moves = found[curves.Moves]
+    assert found[results.Numbers].shaped == pytest.approx(float(left), rel=1e-6)
+    assert found[results.Numbers].duration == 2.0
+    moves = found[results.Moves]
     # The bridge moves by 3 m, the trolley by 8 m.
     assert moves.position["command"][-1] == pytest.approx(3.0)
     assert moves.scene["kind"] == "above"
@@ -314,12 +479,12 @@ def test_a_design_to_compare_has_the_numbers_that_it_had():
     shown = changes.with_impulses(state.begin("TwoMass"), [0.3, 0.7], [0.0, 0.6])
     before = {type(result): result for result in curves.stages(shown)}
     later = changes.with_impulses(changes.with_pin(shown), [0.5, 0.5], [0.0, 0.9])
-    (pinned,) = [result for result in curves.stages(later) if isinstance(result, curves.Pinned)]
-    assert pinned.numbers == before[curves.Numbers]
-    np.testing.assert_array_equal(pinned.moves.position["shaped"], before[curves.Moves].position["shaped"])
-    ends = [found.values["shaped"][[0, -1]] for found in (pinned.sensitivity, before[curves.Sensitivity])]
+    (pinned,) = [result for result in curves.stages(later) if isinstance(result, results.Pinned)]
+    assert pinned.numbers == before[results.Numbers]
+    np.testing.assert_array_equal(pinned.moves.position["shaped"], before[results.Moves].position["shaped"])
+    ends = [found.values["shaped"][[0, -1]] for found in (pinned.sensitivity, before[results.Sensitivity])]
     np.testing.assert_allclose(*ends, rtol=1e-9)
-    drawn = charts.position(before[curves.Moves], [pinned])["series"]
+    drawn = charts.position(before[results.Moves], [pinned])["series"]
     assert [line["name"] for line in drawn] == ["unshaped", "shaped", "command", "A"]
     assert drawn[1]["data"] == drawn[3]["data"]
 
@@ -330,8 +495,8 @@ def test_curves_of_the_duffing_pair():
     shown = state.begin("TwoMass")
     shown = changes.with_impulses(shown, *takeaway.closed_form(shown, "energy 2-impulse"))
     found = {type(result): result for result in curves.stages(shown)}
-    moves, numbers = found[curves.Moves], found[curves.Numbers]
-    sensitivity, linear = found[curves.Sensitivity], found[curves.Linear]
+    moves, numbers = found[results.Moves], found[results.Numbers]
+    sensitivity, linear = found[results.Sensitivity], found[results.Linear]
     assert moves.warning == ""
     assert (moves.unit, moves.bent) == ("m", "mm")
     np.testing.assert_allclose(np.max(moves.position["unshaped"]), 2.0, rtol=2e-3)
@@ -365,7 +530,7 @@ def test_a_shaper_that_cannot_be_is_an_error():
 
 def test_a_draft_says_so_and_is_not_given_away():
     at = np.array([1.0, 2.0])
-    draft = curves.Sensitivity("mass (kg)", at, {"shaped": at, "unshaped": at}, "residual energy", True)
+    draft = results.Sensitivity("mass (kg)", at, {"shaped": at, "unshaped": at}, "residual energy", True)
     assert "draft" in charts.sensitivity(draft)["title"]["text"]
     with pytest.raises(ValueError, match="there is no sensitivity"):
         takeaway.sensitivity_csv(draft)
@@ -376,7 +541,7 @@ def test_a_draft_says_so_and_is_not_given_away():
 
 
 def test_what_diverged_is_said():
-    numbers = curves.Numbers(np.inf, 1.0, 1.0, 2.0)
+    numbers = results.Numbers(np.inf, 1.0, 1.0, 2.0)
     assert "diverged" in charts.summary(numbers)
     assert charts.points(np.array([0.0, 1.0]), np.array([np.nan, np.inf])) == [[0.0, None], [1.0, None]]
 
@@ -430,7 +595,7 @@ def test_closed_forms_by_name():
 
 def test_csv_of_the_curves():
     at = np.array([0.0, 1.0])
-    moves = curves.Moves(at, {"shaped": at}, {"shaped": 2 * at}, "m", "mm", {}, "")
+    moves = results.Moves(at, {"shaped": at}, {"shaped": 2 * at}, "m", "mm", {}, "")
     assert takeaway.moves_csv(moves).splitlines() == [
         "time (s),\"position, shaped (m)\",\"deflection, shaped (mm)\"", "0.0,0.0,0.0", "1.0,1.0,2.0"
     ]  # fmt: skip
@@ -438,7 +603,7 @@ def test_csv_of_the_curves():
 
 def test_the_newest_state_wins():
     """While one state is computed, those between it and the newest are never begun; its later stages are skipped."""
-    begun, shown, gate = [], [], threading.Event()
+    begun, shown, rested, gate = [], [], [], threading.Event()
 
     def stages(wanted):
         begun.append(wanted)
@@ -449,7 +614,9 @@ def test_the_newest_state_wins():
 
     async def drag():
         with ThreadPoolExecutor(1) as worker:
-            live = Live(stages, worker, shown.append, lambda error: shown.append(error))
+            live = Live(
+                stages, worker, shown.append, lambda error: shown.append(error), lambda: rested.append(len(shown))
+            )
             live.want(0)
             await asyncio.sleep(0.05)
             for wanted in range(1, 50):
@@ -461,6 +628,7 @@ def test_the_newest_state_wins():
     asyncio.run(asyncio.wait_for(drag(), 10))
     assert begun == [0, 49]
     assert shown == [(49, 0), (49, 1)]
+    assert rested == [2]
 
 
 def test_an_error_does_not_end_a_page():
@@ -472,7 +640,7 @@ def test_an_error_does_not_end_a_page():
     async def two():
         shown, failed = [], []
         with ThreadPoolExecutor(1) as worker:
-            live = Live(stages, worker, shown.append, failed.append)
+            live = Live(stages, worker, shown.append, failed.append, lambda: None)
             live.want(1)
             while not failed:
                 await asyncio.sleep(0.005)

@@ -287,7 +287,7 @@ def test_a_link_opens_what_it_was_made_of(studio):
         press(page, "slider-plant.m2", times=8)
         page.get_by_role("tab", name="Take away").click()
         page.locator("[data-testid=link]").click()
-        page.wait_for_timeout(300)
+        page.wait_for_function("navigator.clipboard.readText().then((words) => words.includes('?state='))")
         address = page.evaluate("navigator.clipboard.readText()")
         summary = page.locator("[data-testid=summary]").inner_text()
         other = page.context.new_page()

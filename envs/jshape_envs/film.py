@@ -1,7 +1,8 @@
 """Films of an episode: the same moves of a machine without a shaper, and with those that a policy chooses."""
 
+from collections.abc import Iterator
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -37,17 +38,11 @@ def episode_film(
     Raises:
         ValueError: for a number of moves that is not positive.
     """
-    moves = _check.count(moves, "moves")
-    first, *keys = jax.random.split(jax.random.key(seed), moves + 1)
-    state, observation = reset(first, params)
-    memory, plant = policy.init(params), params.machine.plant(state.payload, state.moves)
     parts: dict[str, list[Motion]] = {"unshaped": [], name: []}
-    for key in keys:
-        memory, state, observation, ended, plant, runs = _next(key, policy, memory, state, observation, params)
-        for label, run in zip(parts, map(as_response, runs), strict=True):
-            parts[label].append(motion_of(plant, run, np.arange(0.0, run.times[-1], interval / 1000)))
-        if ended:
-            break
+    watched = list(watched_moves(params, policy, moves, seed))
+    for each in watched:
+        for label, run in zip(parts, (each.unshaped, each.shaped), strict=True):
+            parts[label].append(motion_of(each.plant, run, np.arange(0.0, run.times[-1], interval / 1000)))
     motions = {
         label: Motion(
             each[0].kind,
@@ -56,13 +51,61 @@ def episode_film(
         )
         for label, each in parts.items()
     }
-    return film_of_motions(plant, motions, interval)
+    return film_of_motions(watched[-1].plant, motions, interval)
+
+
+class WatchedMove(NamedTuple):
+    """A move of an episode as it is drawn, from its beginning to the end of the sensor's window.
+
+    Attributes:
+        plant: that moves, with the payload of this move.
+        unshaped: its response without a shaper, from the same beginning.
+        shaped: its response with the policy's shaper.
+        payload: of the move, in the unit of the plant's leaf.
+        distance: of the move, m or rad.
+        residual: energy left over the bare move's, as ``Info.residual``.
+    """
+
+    plant: AbstractPlant
+    unshaped: Any
+    shaped: Any
+    payload: float
+    distance: float
+    residual: float
+
+
+def watched_moves(params: Params, policy: AbstractPolicy, moves: int, seed: int = 0) -> Iterator[WatchedMove]:
+    """The first moves of an episode, which ends where the plant diverges.
+
+    Payloads and distances depend on the seed alone, so that two policies can be watched side by side.
+
+    Args:
+        params: the environment.
+        policy: chooses the shapers.
+        moves: how many, at most.
+        seed: of the episode.
+
+    Raises:
+        ValueError: for a number of moves that is not positive.
+    """
+    first, *keys = jax.random.split(jax.random.key(seed), _check.count(moves, "moves") + 1)
+    state, observation = reset(first, params)
+    memory = policy.init(params)
+    for key in keys:
+        before = state
+        memory, state, observation, ended, plant, runs, residual = _next(
+            key, policy, memory, state, observation, params
+        )
+        unshaped, shaped = map(as_response, runs)
+        yield WatchedMove(plant, unshaped, shaped, float(before.payload), float(before.distance), float(residual))
+        if ended:
+            break
 
 
 @eqx.filter_jit
 def _next(
     key: PRNGKeyArray, policy: AbstractPolicy, memory: Any, state: EnvState, observation: Any, params: Params
-) -> tuple[Any, EnvState, Any, Any, AbstractPlant, list[dict[str, Array]]]:
+) -> tuple[Any, EnvState, Any, Any, AbstractPlant, list[dict[str, Array]], Any]:
     """A move by the policy, and the same one by no shaper; what comes after it."""
     memory, choice = policy.act(memory, observation, params, state)
     shaper = choice if isinstance(choice, Shaper) else params.action.shaper(choice.astype(params.period.dtype))
@@ -70,8 +113,8 @@ def _next(
     plant = params.machine.plant(state.payload, state.moves)
     bare = Shaper(jnp.zeros_like(shaper.amplitudes).at[0].set(1.0), shaper.times)
     runs = [watched(plant, state, each, params) for each in (bare, shaper)]
-    state, observation, _, terminated, truncated, _ = move(key, state, shaper, params, action)
-    return memory, state, observation, terminated | truncated, plant, runs
+    state, observation, _, terminated, truncated, info = move(key, state, shaper, params, action)
+    return memory, state, observation, terminated | truncated, plant, runs, info.residual
 
 
 def watched(plant: AbstractPlant, state: EnvState, shaper: Shaper, params: Params) -> dict[str, Array]:

@@ -85,7 +85,7 @@ def page_of(address: str, width: int = 1280, height: int = 800) -> Iterator[Any]
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as play:
-        browser = play.chromium.launch(executable_path=chromium(), args=["--no-sandbox"])
+        browser = play.chromium.launch(executable_path=chromium(), args=["--no-sandbox", "--disable-gpu"])
         page = browser.new_context(viewport={"width": width, "height": height}).new_page()
         page.goto(address)
         computed(page)

@@ -36,7 +36,10 @@ def studio(
         state = from_draft(draft)
         if tables := left_out(draft):
             typer.echo(f"{draft.path}: {', '.join(tables)} is not on the page, nor in its problem file", err=True)
-    prepare_jax()
     from jshape.studio.server import serve
 
-    serve(state, port, show, lambda address: typer.echo(f"the studio is at {address}\nCtrl-C ends it"))
+    serve(state, port, show, _say, prepare_jax)
+
+
+def _say(address: str) -> None:
+    typer.echo(f"the studio is at {address}\nCtrl-C ends it")

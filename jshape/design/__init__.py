@@ -1,8 +1,13 @@
 """Design of shapers: closed forms for linear modes (``linear``) and for any spring (``energy``), specified
 insensitivity over bands of frequencies (``insensitive``), minimum-time inputs that are only switched (``switching``),
-and the shapers of the firmware Klipper (``klipper``)."""
+and the shapers of the firmware Klipper (``klipper``).
+
+Each is loaded when it is first used: who takes a closed form need not wait for the solvers of the others.
+"""
+
+import lazy_loader
 
 from jshape import klipper
-from jshape.design import energy, insensitive, linear, switching
 
-__all__ = ["energy", "insensitive", "klipper", "linear", "switching"]
+__getattr__, __dir__, __all__ = lazy_loader.attach(__name__, ["energy", "insensitive", "linear", "switching"])
+__all__ = [*__all__, klipper.__name__.rpartition(".")[2]]

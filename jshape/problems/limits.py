@@ -32,13 +32,20 @@ PLANTS = 10**7
 """Plants that the counts of an uncertainty multiply to."""
 
 
-def parse(path: Path) -> tuple[str, dict[str, Any]]:
+def parse(path: Path, text: str | None = None) -> tuple[str, dict[str, Any]]:
     """A file's text and its tables.
+
+    Args:
+        path: of the file.
+        text: the file's, where it is known already; its path is then only what it is called.
 
     Raises:
         ValueError: that says what is wrong, for one that is too long, no text or no TOML.
     """
-    text = read_text(path, SIZE)
+    if text is None:
+        text = read_text(path, SIZE)
+    elif len(text.encode()) > SIZE:
+        raise ValueError(f"{path}: must have at most {SIZE} bytes, not {len(text.encode())}")
     # Tables inside of each other by name: their reader takes memory as the square of how many there are.
     for number, line in enumerate(text.split("\n"), 1):
         if len(line) > DOTS and not line.startswith("#") and len(_DOT.findall(line)) > DOTS:

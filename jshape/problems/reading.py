@@ -125,15 +125,20 @@ def find(name: str) -> Path:
     raise ProblemError(f"{name}: no such file, nor a shipped problem (there are {', '.join(shipped())}{near})")
 
 
-def read(name: str | Path) -> Draft:
-    """Read and check a problem file (a path or a shipped name).
+def read(name: str | Path, text: str | None = None) -> Draft:
+    """Read and check a problem file.
+
+    Args:
+        name: a path or a shipped name.
+        text: the file's, where it is known already; its name is then only what it is called, and where files of its
+            machine are looked for.
 
     Raises:
         ProblemError: for whatever is wrong, with line and key.
     """
-    path = find(str(name))
+    path = find(str(name)) if text is None else Path(name)
     try:
-        text, raw = limits.parse(path)
+        text, raw = limits.parse(path, text)
     except ValueError as error:
         raise ProblemError(str(error)) from None
     lines = Lines(path, text)

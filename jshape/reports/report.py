@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from jshape._files import digest, whole, write_results, write_text
+from jshape.axes import moving
 from jshape.command import as_command
 from jshape.design.closed_forms import closed_forms
 from jshape.design.tuning.solution import Solution
@@ -25,7 +26,7 @@ from jshape.reports.responses import numbers_of, responses
 from jshape.shaper import Shaper, Shaping, shaped
 from jshape.sweeps.evaluate import CHECKED, Study, alike_shapers, evaluate, run_first_chunk, study
 from jshape.sweeps.leaves import leaf
-from jshape.sweeps.sweep import as_metrics, moving
+from jshape.sweeps.sweep import as_metrics
 
 BETWEEN = 100
 """Plants, about, among which the worst case of a single uncertain leaf is looked for."""

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from jshape.axes import moving
 from jshape.command import as_command
 from jshape.plants import AbstractCrane, AbstractPlant, SloshingTank
 from jshape.plants.slewing import AbstractSlewingCrane
@@ -15,7 +16,6 @@ from jshape.shaper import Shaping
 from jshape.simulation.simulate import natural_frequencies, simulate
 from jshape.sweeps.evaluate import alike_shapers
 from jshape.sweeps.leaves import leaf, with_leaves
-from jshape.sweeps.sweep import moving
 
 
 def responses(

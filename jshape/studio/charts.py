@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from jshape.studio.curves import Linear, Moves, Numbers, Pinned, Sensitivity
+from jshape.studio.results import Linear, Moves, Numbers, Pinned, Sensitivity
 from jshape.studio.state import State
 
 LOOK: dict[str, dict[str, Any]] = {
@@ -30,6 +30,10 @@ MARK = {"color": "#888", "textBorderWidth": 0}
 
 HANDLE = 12
 """Pixels of the end of a bar that is dragged."""
+
+DENSE = 210
+"""Points of a curve, at most: two pixels apart in a chart of this page. The browser takes as long to draw them as the
+server to compute them."""
 
 TEXT = "#333333"
 
@@ -112,8 +116,22 @@ def merged(given: dict[str, Any], look: dict[str, Any]) -> dict[str, Any]:
 
 
 def points(across: np.ndarray, up: np.ndarray) -> list[list[float | None]]:
-    """A curve as pairs of five digits; what is not finite is a gap."""
-    return [[shortened(a), shortened(b)] for a, b in zip(across.tolist(), up.tolist(), strict=True)]
+    """A curve as pairs, each number to a millionth of the greatest; what is not finite is a gap.
+
+    Of more than ``DENSE`` points every second one, or third, from the last one back.
+    """
+    pairs = np.column_stack([rounded(across), rounded(up)])[:: -(1 + (len(across) - 1) // DENSE)][::-1]
+    found = pairs.tolist()
+    for i, j in np.argwhere(~np.isfinite(pairs)).tolist():
+        found[i][j] = None
+    return found
+
+
+def rounded(values: np.ndarray) -> np.ndarray:
+    """Values to a millionth of the greatest: more than a screen shows, and short to send."""
+    values = np.asarray(values, float)
+    most = np.max(np.abs(values), initial=0.0, where=np.isfinite(values))
+    return np.round(values, 6 - math.ceil(math.log10(most))) if most > 0 else values
 
 
 def shortened(value: float) -> float | None:
@@ -258,6 +276,31 @@ def spectrum(found: dict[str, Any]) -> dict[str, Any]:
     return {"series": lines, "xAxis": {"min": 0, "max": shortened(found["spectra"][0][1][-1])}}
 
 
+def residuals_chart() -> dict[str, Any]:
+    """A chart without bars for what each move of an episode leaves."""
+    made = chart("", "move", "left, %")
+    made["xAxis"] |= {"type": "category", "scale": False}
+    made["legend"] |= {"top": 4, "right": 0}
+    made["grid"] |= {"top": 28, "right": 12}
+    return made | {"toolbox": {}, "dataZoom": []}
+
+
+def residuals(found: dict[str, Any], titles: Sequence[str]) -> dict[str, Any]:
+    """What each move of an episode leaves under two strategies, % of the bare move's energy.
+
+    Args:
+        found: of ``episodes.episode``.
+        titles: of both.
+    """
+    rows, colours = found["moves"], (LOOK["unshaped"]["color"], LOOK["shaped"]["color"])
+    series = [
+        {"type": "bar", "name": f"{'AB'[i]}: {title}", "itemStyle": {"color": colour},
+         "data": [shortened(100 * row["residuals"][i]) for row in rows]}
+        for i, (title, colour) in enumerate(zip(titles, colours, strict=True))
+    ]  # fmt: skip
+    return {"series": series, "xAxis": {"data": [str(row["move"]) for row in rows]}}
+
+
 def front_chart() -> dict[str, Any]:
     """A chart without points for a Pareto front."""
     made = chart("", "duration (s)", "left, J")
@@ -303,9 +346,31 @@ def summary(found: Numbers) -> str:
 
 
 def scene(moves: Moves) -> dict[str, Any]:
-    """The drawing that moves: where the parts are in every frame, and what of the plane is seen."""
-    places = {name: np.round(values, 5) for name, values in moves.scene["places"].items()}
-    kind = moves.scene["kind"]
+    """The drawing that moves, with and without the shaper."""
+    return drawing(moves.scene["kind"], moves.scene["times"], moves.scene["places"])
+
+
+def episode(found: dict[str, Any], titles: Sequence[str]) -> dict[str, Any]:
+    """The drawing of an episode under two strategies beside each other.
+
+    Args:
+        found: of ``episodes.episode``.
+        titles: of both.
+    """
+    first, second = map(np.asarray, found["places"])
+    places = {"unshaped": first, "shaped": second}
+    return drawing(found["kind"], np.asarray(found["times"]), places) | {"titles": list(titles)}
+
+
+def drawing(kind: str, times: np.ndarray, given: dict[str, np.ndarray]) -> dict[str, Any]:
+    """Where the parts of a machine are in every frame, and what of the plane is seen.
+
+    Args:
+        kind: as of ``reports.places.Motion``.
+        times: of the frames, s.
+        given: name → places of the parts.
+    """
+    places = {name: np.round(values, 5) for name, values in given.items()}
     seen = np.concatenate([np.nan_to_num(values).reshape(-1, 2) for values in places.values()])
     (left, low), (right, top) = seen.min(axis=0).tolist(), seen.max(axis=0).tolist()
     wide, gap = max(right - left, 1e-6), 0.0
@@ -319,4 +384,4 @@ def scene(moves: Moves) -> dict[str, Any]:
         edge = 0.1 * max(wide, top - low)
         view = [left - edge, right + edge, low - edge, top + edge]
     frames = {name: np.nan_to_num(values).tolist() for name, values in places.items()}
-    return {"kind": kind, "times": moves.scene["times"].round(4).tolist(), "places": frames, "view": view, "gap": gap}
+    return {"kind": kind, "times": times.round(4).tolist(), "places": frames, "view": view, "gap": gap}

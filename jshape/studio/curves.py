@@ -8,9 +8,7 @@ a draft; the last stage computes it for all of them at the tolerance of every ot
 import dataclasses
 import functools
 from collections.abc import Iterator
-from typing import Any
 
-import equinox as eqx
 import numpy as np
 
 from jshape.command import as_command
@@ -20,9 +18,10 @@ from jshape.problems.problem import Problem
 from jshape.reports.places import bent_along, motion_of
 from jshape.reports.responses import shown_until
 from jshape.shaper import Shaper
-from jshape.simulation.simulate import simulate
+from jshape.simulation.simulate import Response, natural_frequencies, simulate
 from jshape.simulation.steps import TOLERANCE
-from jshape.studio.state import Pin, State, problem
+from jshape.studio.results import Linear, Moves, Numbers, Pinned, Result, Sensitivity
+from jshape.studio.state import Files, Pin, State, problem
 from jshape.sweeps.evaluate import side_by_side, study
 from jshape.sweeps.leaves import leaf
 from jshape.vibration import percentage_vibration
@@ -31,7 +30,10 @@ PLANTS = 200
 """Of the uncertain set, in the sensitivity curve."""
 
 CHUNK = 50
-"""Plants of a draft, and of each step of the curve after it."""
+"""Plants of each step of the curve after a draft."""
+
+DRAFTED = 32
+"""Plants of a draft."""
 
 DRAFT = 1e-5
 """Tolerance of a draft, relative to the greatest energy of the move."""
@@ -44,105 +46,6 @@ FRAMES = 120
 
 ZETAS = (0.0, 0.05, 0.1)
 """Damping ratios for which V is drawn over the frequency."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Moves:
-    """The responses with and without the shaper.
-
-    Attributes:
-        times: s.
-        position: name → values in ``unit``: the command as it was given and as it is shaped, and the payloads.
-        deflection: name → values in ``bent``.
-        unit: of the positions.
-        bent: of the deflections.
-        scene: what the drawing shows: ``kind``, ``times`` and for each name the ``places`` of its parts.
-        warning: what is wrong with a response, in words; empty where both converged.
-    """
-
-    times: np.ndarray
-    position: dict[str, np.ndarray]
-    deflection: dict[str, np.ndarray]
-    unit: str
-    bent: str
-    scene: dict[str, Any]
-    warning: str
-
-
-@dataclasses.dataclass(frozen=True)
-class Numbers:
-    """What is left after the move.
-
-    Attributes:
-        shaped: residual energy of the nominal plant with the shaper, J; infinite where it diverged.
-        unshaped: the same without it.
-        duration: of the shaper, s.
-        move_time: of the shaped command, s.
-    """
-
-    shaped: float
-    unshaped: float
-    duration: float
-    move_time: float
-
-
-@dataclasses.dataclass(frozen=True)
-class Linear:
-    """The linear residual vibration V(ω, ζ).
-
-    Attributes:
-        frequencies: Hz.
-        values: damping ratio → V, fractions.
-        modes: natural frequencies of the plant, Hz.
-    """
-
-    frequencies: np.ndarray
-    values: dict[float, np.ndarray]
-    modes: list[float]
-
-
-@dataclasses.dataclass(frozen=True)
-class Sensitivity:
-    """Residual energies over the uncertain set, along one leaf.
-
-    Attributes:
-        leaf: its dotted path, with the unit if it is known.
-        at: its values.
-        values: name → residual vibration (a fraction) or residual energy (J) of each plant.
-        quantity: which of both.
-        draft: whether fewer plants at a larger tolerance were computed.
-    """
-
-    leaf: str
-    at: np.ndarray
-    values: dict[str, np.ndarray]
-    quantity: str
-    draft: bool
-
-
-@dataclasses.dataclass(frozen=True)
-class Pinned:
-    """What a page draws of a design to compare.
-
-    Attributes:
-        pin: the design.
-        text: the problem file of the machine for which it is computed.
-        moves: its responses.
-        linear: its V(ω, ζ).
-        sensitivity: over the uncertain set; ``None`` where nothing is uncertain.
-        numbers: what it leaves.
-    """
-
-    pin: Pin
-    text: str
-    moves: Moves
-    linear: Linear
-    sensitivity: Sensitivity | None
-    numbers: Numbers
-
-
-Result = Moves | Numbers | Linear | Sensitivity | Pinned | None
-
 
 Shapers = Shaper | dict[str, Shaper]
 """One for all axes, or one for each."""
@@ -173,6 +76,41 @@ def longest(shapers: Shapers) -> float:
     return max(float(each.duration) for each in (shapers.values() if isinstance(shapers, dict) else [shapers]))
 
 
+@dataclasses.dataclass(frozen=True)
+class Pair:
+    """A shaper, or one for each axis, beside no shaping.
+
+    Attributes:
+        shaped: the shapers, with a number of impulses that is a power of two, at least 4, so that few programs are
+            compiled.
+        bare: no shaping, by as many shapers of as many impulses: one program runs both.
+        duration: of the shaper that takes longest, s.
+    """
+
+    shaped: Shapers
+    bare: Shapers
+    duration: float
+
+    def along(self, axis: str) -> Shaper:
+        """The shaper of an axis."""
+        return self.shaped[axis] if isinstance(self.shaped, dict) else self.shaped
+
+
+def pair(shapers: Shapers) -> Pair:
+    """Shapers beside no shaping."""
+    each = shapers if isinstance(shapers, dict) else {"": shapers}
+    count = max(4, 2 ** int(np.ceil(np.log2(max(len(shaper.times) for shaper in each.values())))))
+    shaped, bare = {axis: shaper.pad(count) for axis, shaper in each.items()}, dict.fromkeys(each, _bare(count))
+    alone = not isinstance(shapers, dict)
+    return Pair(shaped[""] if alone else shaped, bare[""] if alone else bare, longest(shapers))
+
+
+@functools.cache
+def _bare(count: int) -> Shaper:
+    """No shaping, by a shaper of so many impulses."""
+    return Shaper([1.0], [0.0]).pad(count)
+
+
 def stages(state: State) -> Iterator[Result]:
     """The results of a state, what is drawn first comes first.
 
@@ -183,49 +121,49 @@ def stages(state: State) -> Iterator[Result]:
     """
     yield from _own(state)
     for pin in state.pins:
-        yield pinned(state.text, pin)
+        yield pinned(state.text, pin, state.files)
 
 
 @functools.lru_cache(maxsize=64)
-def pinned(text: str, pin: Pin) -> Pinned:
+def pinned(text: str, pin: Pin, files: Files = ()) -> Pinned:
     """What is drawn of a design to compare.
 
     Args:
         text: of the problem file.
         pin: the design.
+        files: that describe the machine.
     """
-    asked, frequencies = _problem(text)
-    shaper = shapers_of(pin)
+    asked, frequencies = _problem(text, files)
+    both = pair(shapers_of(pin))
     # As many plants as in the curve of the page's own shaper, for which there is a program already.
     plants = PLANTS if _brief(asked.plant) else CHUNK
-    over = sensitivity(asked, shaper, plants, TOLERANCE) if asked.over else None
+    over = sensitivity(asked, both, plants, TOLERANCE) if asked.over else None
     parts = (
-        moves(asked, shaper, frequencies, pin.axis),
-        linear(asked.plant, shaper_of(pin), frequencies),
+        moves(asked, both, frequencies, pin.axis),
+        linear(asked.plant, both.along(pin.axis), frequencies),
         over,
-        numbers(asked, shaper),
+        numbers(asked, both),
     )
     return Pinned(pin, text, *parts)
 
 
 def _own(state: State) -> Iterator[Result]:
     """The results of the shaper that is changed."""
-    asked, frequencies = _problem(state.text)
-    shaper = shapers_of(state)
-    yield moves(asked, shaper, frequencies, state.axis)
-    yield linear(asked.plant, shaper_of(state), frequencies)
-    if not asked.over:
-        yield numbers(asked, shaper)
-        return
+    asked, frequencies = _problem(state.text, state.files)
+    both = pair(shapers_of(state))
     brief = _brief(asked.plant)
-    yield sensitivity(asked, shaper, *((PLANTS, TOLERANCE) if brief else (CHUNK, DRAFT)))
-    yield numbers(asked, shaper)
-    if not brief:
-        parts = []
-        for begin in range(0, PLANTS, CHUNK):
-            parts.append(sensitivity(asked, shaper, PLANTS, TOLERANCE, slice(begin, begin + CHUNK)))
-            yield None
-        yield _joined(parts)
+    yield moves(asked, both, frequencies, state.axis)
+    if asked.over:
+        yield sensitivity(asked, both, *((PLANTS, TOLERANCE) if brief else (DRAFTED, DRAFT)))
+    yield linear(asked.plant, both.along(state.axis), frequencies)
+    yield numbers(asked, both)
+    if not asked.over or brief:
+        return
+    parts = []
+    for begin in range(0, PLANTS, CHUNK):
+        parts.append(sensitivity(asked, both, PLANTS, TOLERANCE, slice(begin, begin + CHUNK)))
+        yield None
+    yield _joined(parts)
 
 
 def _brief(plant: AbstractPlant) -> bool:
@@ -234,50 +172,26 @@ def _brief(plant: AbstractPlant) -> bool:
 
 
 @functools.lru_cache(maxsize=16)
-def _problem(text: str) -> tuple[Problem, np.ndarray]:
+def _problem(text: str, files: Files) -> tuple[Problem, np.ndarray]:
     """A problem and its plant's natural frequencies, rad/s."""
-    found = problem(text)
-    # A slider's movement waits for it; the derivative of a spring's force takes 13 ms unless it is compiled.
-    natural = _natural(found.plant) if isinstance(found.plant, AbstractOscillator) else found.plant.natural_frequency()
-    return found, np.atleast_1d(np.asarray(natural, float))
+    found = problem(text, files)
+    return found, np.atleast_1d(np.asarray(natural_frequencies(found.plant), float))
 
 
-@eqx.filter_jit
-def _natural(plant: AbstractPlant) -> Any:
-    return plant.natural_frequency()
-
-
-def padded(shapers: Shapers) -> Any:
-    """The shapers with a number of impulses that is a power of two, at least 4, so that few programs are compiled."""
-    each = shapers if isinstance(shapers, dict) else {"": shapers}
-    most = max(len(shaper.times) for shaper in each.values())
-    made = {axis: shaper.pad(max(4, 2 ** int(np.ceil(np.log2(most))))) for axis, shaper in each.items()}
-    return made if isinstance(shapers, dict) else made[""]
-
-
-def bare_like(shapers: Any) -> Any:
-    """No shaping, by as many shapers of as many impulses."""
-    if isinstance(shapers, dict):
-        return {axis: bare_like(shaper) for axis, shaper in shapers.items()}
-    return Shaper([1.0], [0.0]).pad(len(shapers.times))
-
-
-def moves(asked: Problem, shaper: Shapers, frequencies: np.ndarray, axis: str = "") -> Moves:
+def moves(asked: Problem, both: Pair, frequencies: np.ndarray, axis: str = "") -> Moves:
     """The responses of the nominal plant with and without a shaper.
 
     Args:
         asked: the problem.
-        shaper: the shaper, or one for each axis.
+        both: with and without.
         frequencies: the plant's natural ones, rad/s.
         axis: of several, that is shown.
     """
     plant, move = asked.plant, as_command(asked.distance)
-    horizon = shown_until(plant, longest(shaper) + float(move.duration), frequencies)
-    shaper = padded(shaper)
-    bare = bare_like(shaper)
+    horizon = shown_until(plant, both.duration + float(move.duration), frequencies)
     runs = {
         name: simulate(plant, move, each, horizon=horizon, samples=SAMPLES, method="fixed")
-        for name, each in (("unshaped", bare), ("shaped", shaper))
+        for name, each in (("unshaped", both.bare), ("shaped", both.shaped))
     }
     at = plant.axes.index(axis) if axis else 0
     turns = plant.axis_unit(at) == "rad"
@@ -290,29 +204,39 @@ def moves(asked: Problem, shaper: Shapers, frequencies: np.ndarray, axis: str = 
         command = driven * along(runs["shaped"].command)
         position["command"] = command + (position["shaped"][0] - command[0])
     frames = np.linspace(0.0, horizon, FRAMES)
-    motions = {name: motion_of(plant, run, frames) for name, run in runs.items()}
-    places = {name: motion.places for name, motion in motions.items()}
+    kind, places = _places(asked, runs, frames)
     return Moves(
         times=np.asarray(runs["shaped"].times, float),
         position=position,
         deflection={name: bent_along(plant, run, at)[0] for name, run in runs.items()},
         unit="°" if turns else "m",
         bent=bent_along(plant, runs["shaped"], at)[1],
-        scene={"kind": motions["shaped"].kind, "times": frames, "places": places},
+        scene={"kind": kind, "times": frames, "places": places},
         warning="; ".join(f"{name} {run.message}" for name, run in runs.items() if not run.converged),
     )
 
 
-def numbers(asked: Problem, shaper: Shapers) -> Numbers:
+def _places(asked: Problem, runs: dict[str, Response], frames: np.ndarray) -> tuple[str, dict[str, np.ndarray]]:
+    """The kind of drawing, and by name where the parts are in every frame; lines between the bodies of a file."""
+    if not asked.files:
+        motions = {name: motion_of(asked.plant, run, frames) for name, run in runs.items()}
+        return motions["shaped"].kind, {name: motion.places for name, motion in motions.items()}
+    from jshape.reports.rendered import Scene
+
+    seen = Scene(asked.plant, next(iter(asked.files.values())).decode(), runs, frames)
+    lines = {name: [seen.lines(name, frame) for frame in range(len(frames))] for name in runs}
+    return "bodies", {name: np.array(each).reshape(len(frames), -1, 2) for name, each in lines.items()}
+
+
+def numbers(asked: Problem, both: Pair) -> Numbers:
     """What is left of the nominal plant's energy, with and without a shaper.
 
     Args:
         asked: the problem.
-        shaper: the shaper.
+        both: with and without.
     """
-    left, bare = (float(residual_energy(asked.plant, each, asked.distance)) for each in (padded(shaper), None))
-    duration = longest(shaper)
-    return Numbers(left, bare, duration, duration + float(as_command(asked.distance).duration))
+    left, bare = (float(residual_energy(asked.plant, each, asked.distance)) for each in (both.shaped, both.bare))
+    return Numbers(left, bare, both.duration, both.duration + float(as_command(asked.distance).duration))
 
 
 def linear(plant: AbstractPlant, shaper: Shaper, frequencies: np.ndarray) -> Linear:
@@ -329,31 +253,33 @@ def linear(plant: AbstractPlant, shaper: Shaper, frequencies: np.ndarray) -> Lin
     omega = np.linspace(0.2 * modes.min(), 1.6 * modes.max(), 300)
     own = [float(zeta) for zeta in np.atleast_1d(np.asarray(plant.zeta))] if isinstance(plant, ModalPlant) else []
     zetas = sorted({*own, *ZETAS})
-    values = np.asarray(percentage_vibration(padded(shaper), omega[None, :], np.array(zetas)[:, None]))
+    values = np.asarray(percentage_vibration(shaper, omega[None, :], np.array(zetas)[:, None]))
     return Linear(omega / (2 * np.pi), dict(zip(zetas, values, strict=True)), (modes / (2 * np.pi)).tolist())
 
 
-def sensitivity(
-    asked: Problem, shaper: Shapers, plants: int, tolerance: float, part: slice = slice(None)
-) -> Sensitivity:
+def sensitivity(asked: Problem, both: Pair, plants: int, tolerance: float, part: slice = slice(None)) -> Sensitivity:
     """Residual energies over the uncertain set along its first leaf, with and without a shaper.
 
     Args:
         asked: the problem, in which something is uncertain.
-        shaper: the shaper.
+        both: with and without.
         plants: of the set, evenly between its ends.
         tolerance: relative to the greatest energy of each move.
         part: of those plants, which alone are computed.
     """
-    name, values = next(iter(asked.over.items()))
-    over = {name: np.linspace(np.min(values), np.max(values), plants)[part]}
+    name, ends = next(iter(asked.over.items()))
+    over = {name: np.linspace(np.min(ends), np.max(ends), plants)[part]}
     metric = "residual_vibration" if isinstance(asked.plant, AbstractOscillator) else "residual_energy"
-    found = {}
-    for word, each in (("shaped", padded(shaper)), ("unshaped", Shaper([1.0], [0.0]))):
-        cut = study(asked.plant, [each], asked.distance, over, (metric,))
-        found[word] = side_by_side(cut.evaluation, cut.points, len(over[name]), True, tolerance)[0, 0]
+    cut = study(asked.plant, [both.shaped, both.bare], asked.distance, over, (metric,))
+    found = side_by_side(cut.evaluation, cut.points, len(over[name]), True, tolerance)[0]
     at = over[name] * float(leaf(asked.plant, name))
-    return Sensitivity(asked.labels[name], at, found, metric.replace("_", " "), tolerance > TOLERANCE)
+    return Sensitivity(
+        asked.labels[name],
+        at,
+        {"shaped": found[0], "unshaped": found[1]},
+        metric.replace("_", " "),
+        tolerance > TOLERANCE,
+    )
 
 
 def _joined(parts: list[Sensitivity]) -> Sensitivity:

@@ -35,6 +35,8 @@ def packed(shown: State) -> str:
     Raises:
         ValueError: for a state that is too large for an address.
     """
+    if shown.files:
+        raise ValueError("a link carries no file of a machine; save the problem file, which takes it along")
     pins = [_design(pin) for pin in shown.pins]
     data = {"problem": shown.text, "shown": _design(shown), "pins": pins}
     made = base64.urlsafe_b64encode(zlib.compress(json.dumps(data).encode(), 9)).decode().rstrip("=")

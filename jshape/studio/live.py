@@ -22,6 +22,7 @@ class Live(Generic[S, R]):
         worker: Executor,
         show: Callable[[R], None],
         failed: Callable[[Exception], None],
+        rested: Callable[[], None],
     ):
         """A page's own.
 
@@ -30,8 +31,9 @@ class Live(Generic[S, R]):
             worker: computes them, for all pages.
             show: called with each result.
             failed: called with what went wrong.
+            rested: called when all that was asked for is computed, or has failed.
         """
-        self._stages, self._worker, self._show, self._failed = stages, worker, show, failed
+        self._stages, self._worker, self._show, self._failed, self._rested = stages, worker, show, failed, rested
         self._wanted: S | None = None
         self._task: asyncio.Task[None] | None = None
         self.done = 0
@@ -64,3 +66,4 @@ class Live(Generic[S, R]):
             except Exception as error:
                 # Whatever it is: the next state may be right.
                 self._failed(error)
+        self._rested()

@@ -5,23 +5,11 @@ from pathlib import Path
 from nicegui import ui
 
 from jshape.studio import changes, charts, panels, state
-from jshape.studio.panels import printer
+from jshape.studio.panels import learn, printer
+from jshape.studio.panels.drawing import drawing
 from jshape.studio.tab import Tab
 
 STYLE = (Path(__file__).parent / "page.css").read_text(encoding="utf-8")
-
-SCENE = """
-<canvas id="scene" style="width:100%;height:100%" role="img"
-  aria-label="The machine in motion: without a shaper as a shadow, with it in front"></canvas>
-"""
-
-CONTROLS = """
-<div style="display:flex;gap:8px;align-items:center;font-size:12px">
-<button id="scene-play" style="border:1px solid #888;border-radius:3px;padding:0 8px"
-  onclick="jshapeScene.toggle(this)">Pause</button>
-<input id="scene-at" type="range" min="0" max="1000" value="0" aria-label="time of the drawing" style="flex:1"
-  oninput="jshapeScene.scrub(this.value / 1000)"><span id="scene-time"></span></div>
-"""
 
 CHARTS = {
     "position": ("Response", "time (s)", "position"),
@@ -31,7 +19,7 @@ CHARTS = {
     "impulses": ("Impulses: drag a bar's end", "time (s)", "amplitude"),
 }
 
-VIEWS = {"Printer": printer.view}
+VIEWS = {"Printer": printer.view, "Learn": learn.view}
 """Panels that show something else than the machine beside them."""
 
 
@@ -40,7 +28,7 @@ def build(tab: Tab) -> None:
     ui.add_css(STYLE)
     ui.colors(primary="#005a94")
     with ui.row().classes("w-full items-center no-wrap px-3 gap-4 studio-head"):
-        ui.label("jshape studio").classes("text-weight-bold text-base")
+        ui.label("jshape studio").classes("text-weight-bold")
         summary = (
             ui.label("computing …")
             .classes("text-sm")
@@ -108,8 +96,7 @@ def _grid(tab: Tab) -> None:
     with ui.element("div").classes("studio-grid"):
         with ui.element("div").classes("cell").style("display:flex;flex-direction:column"):
             ui.label("Machine: shaped, and unshaped as a shadow").classes("text-sm text-weight-bold")
-            ui.html(SCENE, sanitize=False).style("flex:1;min-height:0")
-            ui.html(CONTROLS, sanitize=False)
+            drawing("scene", "The machine in motion: without a shaper as a shadow, with it in front")
         for name, labels in CHARTS.items():
             with ui.element("div").classes("cell"):
                 option = charts.chart(*labels)

@@ -1,45 +1,56 @@
-// The drawing of the machine that moves. Python sends where the parts are in every frame; this only draws them, the
-// unshaped move as a shadow behind the shaped one, in true time.
+// The drawing of the machine that moves. Python sends where the parts are in every frame; this only draws them, in true
+// time, thirty pictures a second: one move as a shadow behind the other, or both beside each other.
 "use strict";
-const jshapeScene = {
-  data: null, at: 0, playing: !matchMedia("(prefers-reduced-motion: reduce)").matches, last: null,
-  colours: { unshaped: "#b9855f", shaped: "#0072b2", dark: "#444", line: "#999" },
+class JshapeScene {
+  PAUSE = 1000 / 30 - 4;
+  drawn = 0;
+  data = null;
+  at = 0;
+  playing = !matchMedia("(prefers-reduced-motion: reduce)").matches;
+  last = null;
+  colours = { unshaped: "#b9855f", shaped: "#0072b2", dark: "#444", line: "#999" };
 
+  constructor(name) {
+    this.name = name;
+  }
+  part(name) {
+    return document.getElementById(`${this.name}-${name}`);
+  }
   paint(dark) {
     this.colours.dark = dark ? "#bbb" : "#444";
     this.colours.line = dark ? "#777" : "#999";
     this.draw();
-  },
+  }
 
   set(data) {
     this.data = data;
     if (!this.running) { this.running = true; requestAnimationFrame((now) => this.step(now)); }
-    this.draw();
-  },
+    if (!this.playing) this.draw();
+  }
   toggle(button) {
     this.playing = !this.playing;
     button.textContent = this.playing ? "Pause" : "Play";
-  },
+  }
   scrub(share) {
     if (!this.data) return;
     this.at = share * this.data.times[this.data.times.length - 1];
     this.playing = false;
-    document.getElementById("scene-play").textContent = "Play";
+    this.part("play").textContent = "Play";
     this.draw();
-  },
+  }
   step(now) {
     const end = this.data.times[this.data.times.length - 1];
     if (this.playing && this.last !== null) {
       // A second of rest between two rounds.
       this.at = (this.at + (now - this.last) / 1000) % (end + 1);
-      this.draw();
+      if (now - this.drawn >= this.PAUSE) { this.drawn = now; this.draw(); }
     }
     this.last = now;
     requestAnimationFrame((later) => this.step(later));
-  },
+  }
   draw() {
-    const canvas = document.getElementById("scene");
-    if (!canvas || !this.data) return;
+    const canvas = document.getElementById(this.name);
+    if (!canvas || !canvas.clientWidth || !this.data) return;
     const { times, kind, places, view } = this.data, end = times[times.length - 1];
     const time = Math.min(this.at, end), frame = Math.round((time / end) * (times.length - 1));
     const scale = window.devicePixelRatio || 1, wide = canvas.clientWidth, high = canvas.clientHeight;
@@ -47,31 +58,56 @@ const jshapeScene = {
     const pen = canvas.getContext("2d");
     pen.setTransform(scale, 0, 0, scale, 0, 0);
     pen.clearRect(0, 0, wide, high);
-    const [left, right, low, top] = view, size = Math.min(wide / (right - left), high / (top - low));
-    const x = (v) => wide / 2 + (v - (left + right) / 2) * size, y = (v) => high / 2 - (v - (low + top) / 2) * size;
-    pen.strokeStyle = this.colours.line;
-    pen.lineWidth = 2;
-    if (kind === "crane" || kind === "masses") this.path(pen, [[0, y(0)], [wide, y(0)]]);
-    for (const name of ["unshaped", "shaped"]) {
-      pen.globalAlpha = name === "shaped" ? 1 : 0.55;
+    const shapes = Object.keys(places), halves = this.data.titles ? this.halves(view, wide, high) : null;
+    shapes.forEach((name, i) => {
+      const [x0, y0, w, h] = halves ? halves[i] : [0, 0, wide, high];
+      const [left, right, low, top] = view, size = Math.min(w / (right - left), h / (top - low));
+      const x = (v) => x0 + w / 2 + (v - (left + right) / 2) * size;
+      const y = (v) => y0 + h / 2 - (v - (low + top) / 2) * size;
+      pen.globalAlpha = 1;
+      pen.lineWidth = 2;
+      pen.strokeStyle = this.colours.line;
+      if ((kind === "crane" || kind === "masses") && (halves || i === 0)) this.path(pen, [[x0, y(0)], [x0 + w, y(0)]]);
+      if (halves) this.title(pen, this.data.titles[i], x0 + 4, y0 + 14);
+      else pen.globalAlpha = name === "shaped" ? 1 : 0.55;
       this[kind](pen, places[name][frame], x, y, this.colours[name], places[name]);
-    }
+    });
     pen.globalAlpha = 1;
-    document.getElementById("scene-time").textContent = `${time.toFixed(2)} s of ${end.toFixed(2)} s`;
-    const slider = document.getElementById("scene-at");
+    this.part("time").textContent = `${time.toFixed(1)} s of ${end.toFixed(1)} s`;
+    const slider = this.part("at");
     if (document.activeElement !== slider || this.playing) slider.value = String(Math.round((1000 * time) / end));
-  },
+  }
+  halves([left, right, low, top], wide, high) {
+    const flat = (right - left) * high > 1.2 * (top - low) * wide;
+    return flat
+      ? [[0, 0, wide, high / 2], [0, high / 2, wide, high / 2]]
+      : [[0, 0, wide / 2, high], [wide / 2, 0, wide / 2, high]];
+  }
+  title(pen, words, x, y) {
+    pen.fillStyle = this.colours.dark;
+    pen.font = "600 13px sans-serif";
+    pen.fillText(words, x, y);
+  }
   path(pen, points) {
     pen.beginPath();
     points.forEach(([a, b], i) => (i ? pen.lineTo(a, b) : pen.moveTo(a, b)));
     pen.stroke();
-  },
+  }
+  goal(pen, points) {
+    // Of an episode every move has another one.
+    if (this.data.titles) return;
+    pen.strokeStyle = this.colours.line;
+    pen.lineWidth = 1;
+    pen.setLineDash([3, 4]);
+    this.path(pen, points);
+    pen.setLineDash([]);
+  }
   disc(pen, a, b, radius, colour) {
     pen.fillStyle = colour;
     pen.beginPath();
     pen.arc(a, b, radius, 0, 2 * Math.PI);
     pen.fill();
-  },
+  }
   crane(pen, now, x, y, colour) {
     pen.strokeStyle = this.colours.dark;
     pen.lineWidth = 1.5;
@@ -79,7 +115,7 @@ const jshapeScene = {
     pen.fillStyle = this.colours.dark;
     pen.fillRect(x(now[0][0]) - 14, y(now[0][1]) - 5, 28, 10);
     now.slice(1).forEach(([a, b], i) => this.disc(pen, x(a), y(b), i === now.length - 2 ? 9 : 5, colour));
-  },
+  }
   tank(pen, now, x, y, colour) {
     const at = now.map(([a, b]) => [x(a), y(b)]), opaque = pen.globalAlpha;
     pen.strokeStyle = this.colours.dark;
@@ -92,7 +128,13 @@ const jshapeScene = {
     [...at.slice(1, 3), ...at.slice(4)].forEach(([a, b], i) => (i ? pen.lineTo(a, b) : pen.moveTo(a, b)));
     pen.fill();
     pen.globalAlpha = opaque;
-  },
+  }
+  bodies(pen, now, x, y, colour) {
+    const at = now.map(([a, b]) => [x(a), y(b)]);
+    pen.strokeStyle = this.colours.dark;
+    for (let i = 0; i < at.length; i += 2) this.path(pen, at.slice(i, i + 2));
+    for (let i = 1; i < at.length; i += 2) this.disc(pen, ...at[i], i > at.length / 2 ? 6 : 3, colour);
+  }
   above(pen, now, x, y, colour) {
     pen.strokeStyle = this.colours.dark;
     pen.lineWidth = 3;
@@ -104,15 +146,11 @@ const jshapeScene = {
     now.slice(0, -2).forEach(([a, b]) => this.disc(pen, x(a), y(b), 8, this.colours.dark));
     pen.fillRect(x(held[0]) - 6, y(held[1]) - 6, 12, 12);
     this.disc(pen, x(load[0]), y(load[1]), 8, colour);
-  },
+  }
   masses(pen, now, x, y, colour, all) {
     const gap = this.data.gap, base = x(now[0][0]), load = x(now[1][0] + gap), floor = y(0);
     const goal = x(all[all.length - 1][0][0] + gap);
-    pen.strokeStyle = this.colours.line;
-    pen.lineWidth = 1;
-    pen.setLineDash([3, 4]);
-    this.path(pen, [[goal, floor], [goal, floor - 70]]);
-    pen.setLineDash([]);
+    this.goal(pen, [[goal, floor], [goal, floor - 70]]);
     pen.strokeStyle = this.colours.dark;
     const spring = [...Array(14).keys()].map((i) => {
       const side = i === 0 || i === 13 ? 0 : i % 2 ? 8 : -8;
@@ -123,14 +161,10 @@ const jshapeScene = {
     pen.fillRect(base - 14, floor - 36, 28, 36);
     pen.fillStyle = colour;
     pen.fillRect(load - 22, floor - 46, 44, 46);
-  },
+  }
   link(pen, [motor, tip], x, y, colour, all) {
     const goal = all[all.length - 1][0];
-    pen.strokeStyle = this.colours.line;
-    pen.lineWidth = 1;
-    pen.setLineDash([3, 4]);
-    this.path(pen, [[x(0), y(0)], [x(1.15 * Math.cos(goal)), y(1.15 * Math.sin(goal))]]);
-    pen.setLineDash([]);
+    this.goal(pen, [[x(0), y(0)], [x(1.15 * Math.cos(goal)), y(1.15 * Math.sin(goal))]]);
     pen.strokeStyle = this.colours.dark;
     pen.lineWidth = 4;
     const along = [...Array(20).keys()].map((i) => {
@@ -140,5 +174,6 @@ const jshapeScene = {
     this.path(pen, along);
     this.disc(pen, x(0), y(0), 10, this.colours.dark);
     this.disc(pen, x(Math.cos(tip)), y(Math.sin(tip)), 9, colour);
-  },
-};
+  }
+}
+const jshapeScene = new JshapeScene("scene"), jshapeEpisode = new JshapeScene("episode");

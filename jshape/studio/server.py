@@ -4,13 +4,14 @@ import asyncio
 import contextlib
 import secrets
 import socket
+import threading
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from nicegui import app, ui
+from nicegui import app, background_tasks, ui
 
-from jshape.studio import curves, takeaway
+from jshape.studio import takeaway
 from jshape.studio.changes import with_one_for_all
 from jshape.studio.guard import MOST, Guard
 from jshape.studio.link import unpacked
@@ -23,7 +24,7 @@ HOST = "127.0.0.1"
 TITLE = "jshape studio"
 
 
-def serve(state: State, port: int, show: bool, say: Callable[[str], None]) -> None:
+def serve(state: State, port: int, show: bool, say: Callable[[str], None], prepare: Callable[[], None]) -> None:
     """Serve the page until an interrupt.
 
     Args:
@@ -31,12 +32,16 @@ def serve(state: State, port: int, show: bool, say: Callable[[str], None]) -> No
         port: of this machine; 0 for a free one.
         show: whether the browser is opened.
         say: called with the page's address once it answers.
+        prepare: called in the worker before anything is computed: it loads JAX, which takes longer than the page.
     """
     port, token = port or _free_port(), secrets.token_urlsafe(24)
     # One thread: computing uses all cores by itself, and two compilations at once would only take longer.
     worker = ThreadPoolExecutor(1, thread_name_prefix="curves")
+    listening = threading.Event()
+    # Not before: loading JAX would hold up the page.
+    worker.submit(listening.wait)
+    worker.submit(prepare)
     first = worker.submit(_first, state)
-    worker.submit(lambda: _warm(first.result()))
     scripts = [Path(__file__).with_name(name).read_text(encoding="utf-8") for name in ("scene.js", "drag.js")]
 
     @ui.page("/")
@@ -44,8 +49,8 @@ def serve(state: State, port: int, show: bool, say: Callable[[str], None]) -> No
         for script in scripts:
             ui.add_head_html(f"<script>{script}</script>")
         await ui.context.client.connected()
-        begin, wrong = await _begun(first)
-        tab = Tab(begin, worker)
+        begin, wrong = _begun()
+        tab = Tab(begin or state, worker)
         if (dark := app.storage.tab.get("dark")) is None:
             dark = await ui.run_javascript("matchMedia('(prefers-color-scheme: dark)').matches", timeout=10.0)
         tab.dark = bool(dark)
@@ -54,16 +59,31 @@ def serve(state: State, port: int, show: bool, say: Callable[[str], None]) -> No
             # Curves that follow would take a warning above them away.
             ui.notify(wrong, type="negative", timeout=0, close_button="Close")
         await tab.start()
+        simplest = await asyncio.wrap_future(first)
+        # Unless something was touched meanwhile.
+        tab.change(lambda now: simplest if now is state else now, impulses=True)
 
     app.add_middleware(Guard, token=token, port=port)
-    app.on_startup(lambda: say(f"http://{HOST}:{port}/?token={token}"))
-    app.on_shutdown(lambda: worker.shutdown(wait=False, cancel_futures=True))
+
+    async def announce() -> None:
+        await _answers(port)
+        say(f"http://{HOST}:{port}/?token={token}")
+        listening.set()
+
+    def end() -> None:
+        listening.set()
+        worker.shutdown(wait=False, cancel_futures=True)
+
+    app.on_startup(lambda: background_tasks.create(announce()))
+    app.on_shutdown(end)
     ui.run(
         host=HOST,
         port=port,
         title=TITLE,
         show=f"/?token={token}" if show else False,
         reload=False,
+        # It would look for its classes in every change of the page; the few that are used here are in ``page.css``.
+        tailwind=False,
         show_welcome_message=False,
         # A curve is some ten kilobytes, and only the newest counts.
         message_history_length=20,
@@ -75,8 +95,18 @@ def serve(state: State, port: int, show: bool, say: Callable[[str], None]) -> No
     )
 
 
-async def _begun(first: Future[State]) -> tuple[State, str]:
-    """The state with which a tab begins: its own, a link's or the first one; and what is wrong with a link."""
+async def _answers(port: int) -> None:
+    """Wait until the server answers: it begins a moment after it says so."""
+    while True:
+        with contextlib.suppress(OSError):
+            _, writer = await asyncio.open_connection(HOST, port)
+            writer.close()
+            return
+        await asyncio.sleep(0.01)
+
+
+def _begun() -> tuple[State | None, str]:
+    """The state with which a tab begins, its own or a link's, if it has one; and what is wrong with a link."""
     request, kept = ui.context.client.request, app.storage.tab
     given = request.query_params.get("state") if request is not None else None
     wrong = ""
@@ -87,7 +117,7 @@ async def _begun(first: Future[State]) -> tuple[State, str]:
             return unpacked(given), ""
         except ValueError as error:
             wrong = str(error)
-    return kept.get("state") or await asyncio.wrap_future(first), wrong
+    return kept.get("state"), wrong
 
 
 def _free_port() -> int:
@@ -102,10 +132,3 @@ def _first(state: State) -> State:
         return with_one_for_all(state, *takeaway.closed_form(state, takeaway.SIMPLEST))
     except ValueError:
         return state
-
-
-def _warm(state: State) -> None:
-    """Compile the programs of the first page."""
-    with contextlib.suppress(ValueError):
-        for _ in curves.stages(state):
-            pass

@@ -6,6 +6,7 @@ made.
 """
 
 import dataclasses
+import os
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -18,6 +19,7 @@ from jshape.problems.reading import Draft, Part, read, turned
 from jshape.problems.schema import Range
 from jshape.problems.starters import Starter
 from jshape.problems.units import in_units, quantity
+from jshape.studio import machine_file
 
 if TYPE_CHECKING:
     from jshape.problems.problem import Problem
@@ -31,6 +33,9 @@ SHARE = 0.2
 PLANTS = 21
 """Of an uncertain leaf, when a shaper is tuned: the count of its range."""
 
+
+Files = tuple[tuple[str, str], ...]
+"""Names and texts of files."""
 
 MOST_PINS = 5
 """Designs to compare with the one that is changed."""
@@ -66,6 +71,7 @@ class State:
         pins: designs to compare, on the same machine.
         axis: that is shown of several, whose shaper the impulses are where each axis has its own; empty for one axis.
         own: the shapers of the other axes, named by them; empty where all share one.
+        files: names and texts of those that describe the machine; empty for one that needs none.
     """
 
     starter: Starter
@@ -74,6 +80,7 @@ class State:
     pins: tuple[Pin, ...] = ()
     axis: str = ""
     own: tuple[Pin, ...] = ()
+    files: Files = ()
 
     @property
     def text(self) -> str:
@@ -94,6 +101,7 @@ class Parameter:
         high: its greatest value.
         share: how far an uncertain leaf lies from nominal, a fraction: half of what lies between its ends; ``None``
             for one that is certain.
+        fixed: whether its value is that of the machine's file.
     """
 
     path: str
@@ -103,6 +111,7 @@ class Parameter:
     low: float
     high: float
     share: float | None
+    fixed: bool = False
 
     @property
     def leaf(self) -> str | None:
@@ -143,19 +152,34 @@ def axes(state: State) -> list[str]:
     return list(catalogue.plants()[state.starter.plant].axes)
 
 
-def from_text(text: str) -> State:
-    """The state of a problem file, from its text.
+def from_machine(name: str, content: bytes, driven: str | None = None) -> State:
+    """The state of a machine that an MJCF or URDF file describes.
+
+    Args:
+        name: of the file.
+        content: of the file.
+        driven: the joint that follows the command; the first one with an actuator unless given.
+
+    Raises:
+        ValueError: as ``machine_file.checked`` and ``machine_file.starter``.
+    """
+    text = machine_file.checked(name, content)
+    return State(machine_file.starter(name, text, driven), files=((name, text),))
+
+
+def from_text(text: str, files: Files = ()) -> State:
+    """The state of a problem file, from its text and those of the files that describe its machine.
 
     Raises:
         ValueError: for whatever is wrong with it, for code of its own (``module:Class``), for a plant that is read from
-            another file.
+            another file that is not given.
     """
-    with _draft(text) as draft:
-        return from_draft(draft)
+    with _draft(text, files) as draft:
+        return from_draft(draft, files)
 
 
-def from_draft(draft: Draft) -> State:
-    """The state of a problem file that was read.
+def from_draft(draft: Draft, files: Files = ()) -> State:
+    """The state of a problem file that was read, with the files that describe its machine.
 
     Raises:
         ValueError: for a plant that the page cannot show, and for a file that it could not write again.
@@ -176,7 +200,9 @@ def from_draft(draft: Draft) -> State:
             design=file.design.model_dump(exclude_unset=True),
         )
     )  # fmt: skip
-    with _draft(state.text) as again:
+    if kind in catalogue.READERS:
+        state = dataclasses.replace(state, files=files)
+    with _draft(state.text, state.files) as again:
         kept = _same(draft.plant, again.plant) and _same(draft.command, again.command) and draft.over == again.over
         if not kept or again.file.distance != file.distance or _design(again) != _design(draft):
             raise ValueError(f"{draft.path.name}: the studio could not write this problem again as it is")
@@ -213,7 +239,7 @@ def left_out(draft: Draft) -> list[str]:
     return [f"[{name}]" for name in ("pareto", "adapt") if name in given]
 
 
-def problem(text: str) -> "Problem":
+def problem(text: str, files: Files = ()) -> "Problem":
     """The problem of a page's problem file, read as ``jshape tune`` reads it.
 
     Raises:
@@ -221,37 +247,47 @@ def problem(text: str) -> "Problem":
     """
     from jshape.problems.problem import load
 
-    with _draft(text) as draft:
-        return load(draft)
+    with _draft(text, files) as draft:
+        try:
+            return load(draft)
+        except ValueError as error:
+            raise ValueError(str(error).replace(f"{draft.path.parent}{os.sep}", "")) from None
 
 
 @contextmanager
-def _draft(text: str) -> Iterator[Draft]:
+def _draft(text: str, files: Files = ()) -> Iterator[Draft]:
     """The draft of a problem file's text; its path holds within the block."""
     if len(text.encode()) > limits.SIZE:
         raise ValueError(f"a problem file must have at most {limits.SIZE} bytes, not {len(text.encode())}")
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / FILE
-        write_text(path, text)
+    # Before it is read any further: such a plant names a file of this machine.
+    named = {name: kind for kind, name in _described(limits.parse(Path(FILE), text)[1]) if kind in catalogue.READERS}
+    if not named:
+        yield read(FILE, text)
+        return
+    given = dict(files)
+    if unknown := sorted(set(named) - set(given)):
+        kind, name = named[unknown[0]], unknown[0][:80]
+        raise ValueError(
+            f"plant.type: {kind} is described in another file, which the studio does not open; drop {name!r} first"
+        )
+    with tempfile.TemporaryDirectory(prefix="jshape-") as folder:
+        for name in named:
+            write_text(Path(folder) / name, given[name])
         try:
-            # Before it is read any further: such a plant names a file of this machine.
-            if kinds := _kinds(limits.parse(path)[1]) & set(catalogue.READERS):
-                raise ValueError(
-                    f"plant.type: {min(kinds)} is described in another file, which the studio does not open"
-                )
-            yield read(path)
+            draft = read(Path(folder) / FILE, text)
         except ValueError as error:
-            raise ValueError(str(error).replace(str(path), path.name)) from None
+            raise ValueError(str(error).replace(f"{folder}{os.sep}", "")) from None
+        yield draft
 
 
-def _kinds(table: Any) -> set[str]:
-    """Every ``type`` in a file's tables."""
+def _described(table: Any) -> set[tuple[str, str]]:
+    """Every ``type`` in a file's tables, with the ``file`` beside it, a word in any case."""
     if isinstance(table, list):
-        return set().union(*map(_kinds, table))
+        return set().union(*map(_described, table))
     if not isinstance(table, dict):
         return set()
-    named = {table["type"]} if isinstance(table.get("type"), str) else set()
-    return named.union(*map(_kinds, table.values()))
+    named = {(table["type"], str(table.get("file", "")))} if isinstance(table.get("type"), str) else set()
+    return named.union(*map(_described, table.values()))
 
 
 def parameters(state: State) -> list[Parameter]:
@@ -260,6 +296,12 @@ def parameters(state: State) -> list[Parameter]:
     entry = catalogue.plants()[starter.plant]
     found = list(_numbers("plant", entry, starter.values, {}, starter.uncertain))
     units = {"m": entry.command_unit(starter.values.get("drive"))}
+    if state.files:
+        (_, text), (driven, *_) = state.files[0], starter.values["driven"]
+        units = {"m": next(joint.unit for joint in machine_file.joints(text) if joint.name == driven)}
+        for leaf, (value, unit) in machine_file.masses(text, driven).items():
+            given = _parameter(f"plant.{leaf}", value, unit, "as in the machine's file", starter.uncertain)
+            found.append(dataclasses.replace(given, fixed=True))
     if entry.axes:
         units_of, several = entry.command_units(starter.values.get("drive")), starter.move.items()
         for axis, move in several:

@@ -1,14 +1,15 @@
 """One tab of the studio: its state, and what is computed and drawn for it."""
 
+import asyncio
 import json
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 from typing import Any
 
 from nicegui import Client, app, ui
 
-from jshape.studio import charts, curves
+from jshape.studio import charts, results
 from jshape.studio.changes import with_amplitude, with_time
 from jshape.studio.live import Live
 from jshape.studio.state import Pin, State
@@ -25,6 +26,18 @@ MADE = """return new Promise((done) => {
 
 FARTHEST = 1e6
 """Time (s) and amplitude to which a bar can be dragged."""
+
+
+PATIENCE = 0.25
+"""Until it is shown that something is being computed, s: most changes take less, and every change of the page takes
+the browser some milliseconds."""
+
+
+def _stages(state: State) -> Iterator[results.Result]:
+    """``curves.stages``, which is imported where it runs: JAX takes longer than the page."""
+    from jshape.studio import curves
+
+    return curves.stages(state)
 
 
 class Tab:
@@ -46,17 +59,19 @@ class Tab:
         compared: called when designs to compare are others, or computed.
         begun: called once the browser has made the charts.
         printed: called when a printer's shapers are chosen.
+        learned: called when an episode was watched, or strategies judged.
     """
 
     def __init__(self, state: State, worker: Executor):
         self.state, self.worker = state, worker
         self.works: list[Work] = []
-        self.moves: curves.Moves | None = None
-        self.sensitivity: curves.Sensitivity | None = None
-        self.live = Live(curves.stages, worker, self._show, self._failed)
+        self.moves: results.Moves | None = None
+        self.sensitivity: results.Sensitivity | None = None
+        self.live = Live(_stages, worker, self._show, self._failed, self._rest)
+        self._waiting: asyncio.TimerHandle | None = None
         self.charts: dict[str, ui.echart] = {}
-        self.linear: curves.Linear | None = None
-        self.pinned: dict[Pin, curves.Pinned] = {}
+        self.linear: results.Linear | None = None
+        self.pinned: dict[Pin, results.Pinned] = {}
         self.dragged = False
         self.followers: list[Callable[[], None]] = []
         self.renewed: list[Callable[[], None]] = []
@@ -66,6 +81,7 @@ class Tab:
         self.dark = False
         self.begun: list[Callable[[], None]] = []
         self.printed: list[Callable[[dict[str, Any]], None]] = []
+        self.learned: list[Callable[[], None]] = []
         self.client: Client = ui.context.client
         self.kept = app.storage.tab
         self.client.on_delete(self._closed)
@@ -81,7 +97,7 @@ class Tab:
         self.summary, self.busy, self.warning = summary, busy, warning
 
     async def start(self) -> None:
-        """Ask for the first curves, once the browser has made the charts."""
+        """Draw what is known, once the browser has made the charts."""
         made = [chart.id for chart in self.charts.values()]
         await self.client.run_javascript(MADE.replace("MADE", json.dumps(made)), timeout=30.0)
         self.draw("impulses", charts.impulses(self.state))
@@ -89,7 +105,6 @@ class Tab:
         for begin in self.begun:
             begin()
         self.paint(self.dark)
-        self.want()
 
     def change(self, make: Callable[[State], State], *, impulses: bool = False) -> None:
         """Show another state.
@@ -129,7 +144,7 @@ class Tab:
     def want(self) -> None:
         """Compute the curves of the state as it is now."""
         self.moves = self.sensitivity = self.linear = None
-        self.busy.set_visibility(True)
+        self._wait()
         self.live.want(self.state)
 
     def draw(self, name: str, option: dict[str, Any]) -> None:
@@ -153,73 +168,77 @@ class Tab:
                 given = chart.options.get(part, {})
                 chart.options[part] = charts.merged(given, look[0] if isinstance(look, list) else look)
             chart.update()
-        self.client.run_javascript(f"jshapeScene.paint({json.dumps(dark)})")
+        self.client.run_javascript(f"jshapeScene.paint({json.dumps(dark)}), jshapeEpisode.paint({json.dumps(dark)})")
 
     def warn(self, words: str) -> None:
         """Say what is wrong above the charts; nothing, where the words are empty."""
         self.warning.set_text(words)
         self.warning.set_visibility(bool(words))
 
-    def _show(self, result: curves.Result) -> None:
+    def _show(self, result: results.Result) -> None:
         """Draw a result."""
-        if isinstance(result, curves.Moves):
+        if isinstance(result, results.Moves):
             self.moves = result
             self.warn(result.warning)
             text = self.state.text
             self.pinned = {pin: each for pin, each in self.pinned.items() if each.text == text}
-            self._draw_moves(result)
-            self.client.run_javascript(f"jshapeScene.set({json.dumps(charts.scene(result))})")
-            if not self.state.starter.uncertain:
-                self.draw("sensitivity", charts.sensitivity(None))
-        elif isinstance(result, curves.Linear):
+            self.draw("position", charts.position(result, self._others()))
+        elif isinstance(result, results.Linear):
             self.linear = result
-            self.draw("vibration", charts.vibration(result, self._others()))
-        elif isinstance(result, curves.Sensitivity):
+            self._draw_rest()
+        elif isinstance(result, results.Sensitivity):
             self.sensitivity = result
             self.draw("sensitivity", charts.sensitivity(result, self._others()))
-            self._settle()
-        elif isinstance(result, curves.Numbers):
+        elif isinstance(result, results.Numbers):
             self.summary.set_text(charts.summary(result))
-            self._settle()
-
-        elif isinstance(result, curves.Pinned):
+        elif isinstance(result, results.Pinned):
             self._compare(result)
 
-    def _settle(self) -> None:
-        """Show whether anything of the state is still being computed."""
-        draft = self.sensitivity is not None and self.sensitivity.draft
-        self.busy.set_visibility(draft or any(pin not in self.pinned for pin in self.state.pins))
+    def _wait(self) -> None:
+        """Show that something is being computed, unless it is soon done."""
+        if self._waiting is None:
+            self._waiting = asyncio.get_running_loop().call_later(PATIENCE, self.busy.set_visibility, True)
 
-    def _others(self) -> list[curves.Pinned]:
+    def _rest(self) -> None:
+        """Show that nothing is being computed."""
+        if self._waiting is not None:
+            self._waiting.cancel()
+        self._waiting = None
+        self.busy.set_visibility(False)
+
+    def _others(self) -> list[results.Pinned]:
         """The designs to compare that are computed for the machine as it is."""
         return [self.pinned[pin] for pin in self.state.pins if pin in self.pinned]
 
-    def _draw_moves(self, moves: curves.Moves) -> None:
-        self.draw("position", charts.position(moves, self._others()))
-        self.draw("deflection", charts.deflection(moves, self._others()))
+    def _draw_rest(self) -> None:
+        """Draw what follows response and sensitivity, which are looked at while a slider moves."""
+        if self.moves is not None:
+            self.draw("deflection", charts.deflection(self.moves, self._others()))
+            self.client.run_javascript(f"jshapeScene.set({json.dumps(charts.scene(self.moves))})")
+        if self.linear is not None:
+            self.draw("vibration", charts.vibration(self.linear, self._others()))
+        if not self.state.starter.uncertain:
+            self.draw("sensitivity", charts.sensitivity(None))
 
     def compare(self) -> None:
         """Draw the designs to compare again."""
         if self.moves is not None:
-            self._draw_moves(self.moves)
-        if self.linear is not None:
-            self.draw("vibration", charts.vibration(self.linear, self._others()))
+            self.draw("position", charts.position(self.moves, self._others()))
+        self._draw_rest()
         if self.sensitivity is not None:
             self.draw("sensitivity", charts.sensitivity(self.sensitivity, self._others()))
         for follow in self.compared:
             follow()
 
-    def _compare(self, result: curves.Pinned) -> None:
+    def _compare(self, result: results.Pinned) -> None:
         """Draw a design to compare, unless it is drawn already."""
         if result.pin not in self.pinned:
             self.pinned[result.pin] = result
             self.compare()
-            self._settle()
 
     def _failed(self, error: Exception) -> None:
         """Say why a state has no curves; those of the state before go."""
         self.clear("no result")
-        self.busy.set_visibility(False)
         if isinstance(error, ValueError):
             self.warn(str(error))
             return
@@ -228,5 +247,7 @@ class Tab:
 
     def _closed(self) -> None:
         self.live.stop()
+        if self._waiting is not None:
+            self._waiting.cancel()
         for work in self.works:
             work.kill()

@@ -1,4 +1,7 @@
-"""What a page gives away: every format of ``jshape.export``, the problem file, a Python script, the curves as CSV."""
+"""What a page gives away: every format of ``jshape.export``, the problem file, a Python script, the curves as CSV.
+
+What needs JAX is imported where it is called, so that the page is there before that.
+"""
 
 import csv
 import io
@@ -8,10 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from jshape.design.closed_forms import closed_forms
-from jshape.export import FORMATS, as_bytes, export
-from jshape.export.formats import Format
-from jshape.studio.curves import Moves, Sensitivity, shaper_of
+from jshape.studio.results import Moves, Sensitivity
 from jshape.studio.state import FILE, State, problem
 
 USUAL = {"sample_time": "0.01"}
@@ -23,6 +23,8 @@ SIMPLEST = "linear ZV"
 
 def needed(format: str) -> dict[str, str]:
     """The options of a format and what stands in their fields at first: empty where it may stay empty."""
+    from jshape.export import FORMATS
+
     return {name: USUAL.get(name, "") if must else "" for name, must in FORMATS[format].options.items()}
 
 
@@ -40,10 +42,12 @@ def exported(state: State, format: str, fields: dict[str, str]) -> tuple[str, by
     Raises:
         ValueError: for what the format cannot carry, a missing option, and a field that cannot be read.
     """
+    from jshape.export import FORMATS, as_bytes, export
+    from jshape.studio.curves import shaper_of
+
     options = {name: _read(name, text.strip()) for name, text in fields.items() if text.strip()}
     made = export(shaper_of(state), format, **options)
-    chosen: Format = FORMATS[format]
-    return f"shaper{f'_{state.axis}' if state.own else ''}{chosen.ending}", as_bytes(made)
+    return f"shaper{f'_{state.axis}' if state.own else ''}{FORMATS[format].ending}", as_bytes(made)
 
 
 def _read(name: str, text: str) -> Any:
@@ -72,7 +76,9 @@ def closed_form(state: State, name: str) -> tuple[list[float], list[float]]:
     Raises:
         ValueError: for one that does not apply, with the reason.
     """
-    asked = problem(state.text)
+    from jshape.design.closed_forms import closed_forms
+
+    asked = problem(state.text, state.files)
     found, left_out = closed_forms(asked.plant, asked.distance)
     if name not in found:
         reasons = [why for words, why in left_out.items() if words == name or words.split()[0] == name.split()[0]]

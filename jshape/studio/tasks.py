@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jshape._types import Progress
+from jshape.studio.episodes import episode, leaderboard
 
 if TYPE_CHECKING:
     from jshape.calibration.report import Calibration
@@ -21,7 +22,7 @@ def tune(asked: dict[str, Any], progress: Progress) -> dict[str, Any]:
     """Tune a shaper for a problem file.
 
     Args:
-        asked: ``text`` of the problem file.
+        asked: ``text`` of the problem file, and the ``files`` that describe its machine.
         progress: of ``js.tune``.
 
     Returns:
@@ -31,7 +32,7 @@ def tune(asked: dict[str, Any], progress: Progress) -> dict[str, Any]:
     from jshape.design.tuning.tune import tune
     from jshape.shaper import Shaper
 
-    problem = _problem(asked["text"])
+    problem = _problem(asked)
     found = tune(problem.plant, problem.distance, progress=progress, **problem.tuning)
     shapers = {
         axis: [np.asarray(values, float).tolist() for values in (shaper.amplitudes, shaper.times)]
@@ -54,7 +55,7 @@ def pareto(asked: dict[str, Any], progress: Progress) -> dict[str, Any]:
     from jshape.design.tuning.pareto import pareto
     from jshape.status import Status
 
-    problem = _problem(asked["text"])
+    problem = _problem(asked)
     found = pareto(
         problem.plant,
         problem.distance,
@@ -157,20 +158,27 @@ def _cut(name: str, frequencies: np.ndarray, values: np.ndarray, end: float) -> 
     return [name, frequencies[inside].tolist(), values[inside].tolist()]
 
 
-def _problem(text: str) -> "Problem":
-    """A problem, with JAX as every command has it."""
+def _problem(asked: dict[str, Any]) -> "Problem":
+    from jshape.studio.state import problem
+
+    return problem(asked["text"], tuple((name, text) for name, text in asked.get("files", ())))
+
+
+def run(task: str, asked: dict[str, Any], progress: Progress) -> dict[str, Any]:
+    """Do a task of ``TASKS``, with JAX as every command has it."""
     import jax
 
     from jshape.compilation_cache import keep_programs
-    from jshape.studio.state import problem
 
     jax.config.update("jax_enable_x64", True)
     keep_programs()
-    return problem(text)
+    return TASKS[task](asked, progress)
 
 
 TASKS: dict[str, Callable[[dict[str, Any], Progress], dict[str, Any]]] = {
     "tune": tune,
     "pareto": pareto,
     "calibrate": calibrate,
+    "episode": episode,
+    "leaderboard": leaderboard,
 }

@@ -121,7 +121,7 @@ def main() -> None:
         _say({"begun": True})
         from jshape.studio import tasks
 
-        answer = {"answer": tasks.TASKS[sys.argv[1]](asked, _progress)}
+        answer = {"answer": tasks.run(sys.argv[1], asked, _progress)}
     except (ValueError, OSError, MemoryError) as error:
         answer = {"error": str(error) or "the memory is full"}
     except KeyboardInterrupt:

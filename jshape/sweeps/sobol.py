@@ -16,11 +16,12 @@ from scipy.stats import bootstrap, sobol_indices
 
 from jshape import _check
 from jshape._types import Progress
+from jshape.axes import moving
 from jshape.plants import AbstractPlant
 from jshape.shaper import Shaper, Shaping
 from jshape.sweeps.evaluate import Metric, evaluate, study
 from jshape.sweeps.sampling import draw_sets
-from jshape.sweeps.sweep import about_metric, as_metrics, moving, named_shapers
+from jshape.sweeps.sweep import about_metric, as_metrics, named_shapers
 
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 

@@ -25,7 +25,7 @@ from jaxtyping import Array
 from jshape import _check
 from jshape._described import described, in_words, printed
 from jshape._types import Progress
-from jshape.axes import for_axes
+from jshape.axes import moving
 from jshape.plants import AbstractPlant
 from jshape.shaper import Shaper, Shaping
 from jshape.simulation.schedule import schedule
@@ -157,14 +157,6 @@ def named_shapers(shapers: Shaper | Mapping[str, Shaping]) -> dict[str, Shaping]
     if not names or any(not (s is None or isinstance(s, Shaper | Mapping)) for s in names.values()):
         raise ValueError(f"shapers must be one shaper or a mapping of names to shapers, not {shapers!r}")
     return names
-
-
-def moving(plant: AbstractPlant, distance: Any) -> tuple[str, ...]:
-    """The axes of a plant of several that a command moves to another place."""
-    if not getattr(plant, "axes", ()):
-        return ()
-    final = for_axes(distance, plant.axes, type(plant).__name__).final
-    return tuple(axis for axis, way in zip(plant.axes, np.asarray(final), strict=True) if way != 0)
 
 
 def about_metric(name: str, plant: AbstractPlant) -> tuple[str, str]:

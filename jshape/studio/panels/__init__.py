@@ -1,11 +1,17 @@
-"""The left side of the page: the machine, its shaper, a printer, and what can be taken away."""
+"""The left side of the page: the machine, its shaper, what can be taken away, a printer, and strategies that learn."""
 
 from nicegui import events, ui
 
-from jshape.studio.panels import machine, printer, saved, shaper
+from jshape.studio.panels import learn, machine, printer, saved, shaper
 from jshape.studio.tab import Tab
 
-PANELS = {"Machine": machine.build, "Shaper": shaper.build, "Printer": printer.build, "Take away": saved.build}
+PANELS = {
+    "Machine": machine.build, "Shaper": shaper.build, "Take away": saved.build, "Printer": printer.build,
+    "Learn": learn.build,
+}  # fmt: skip
+
+
+DRAW = "requestAnimationFrame(() => { jshapeScene.draw(); jshapeEpisode.draw(); })"
 
 
 def build(tab: Tab) -> ui.tabs:
@@ -14,13 +20,26 @@ def build(tab: Tab) -> ui.tabs:
     with ui.tabs().classes("w-full").props("dense align=justify no-caps") as tabs:
         for name in PANELS:
             ui.tab(name)
+    unbuilt: dict[str, ui.tab_panel] = {}
     with ui.tab_panels(tabs, value=opened, animated=False, keep_alive=True).classes("w-full"):
-        for name, panel in PANELS.items():
-            with ui.tab_panel(name):
-                panel(tab)
+        for name in PANELS:
+            unbuilt[name] = ui.tab_panel(name)
+
+    def build_once(name: str) -> None:
+        # When it is opened: the browser looks through all elements with every change of the page.
+        if (panel := unbuilt.pop(name, None)) is not None:
+            with panel:
+                PANELS[name](tab)
 
     def kept(event: events.ValueChangeEventArguments) -> None:
         tab.kept["panel"] = event.value
+        build_once(event.value)
+        # One that stands still has not been drawn while it was hidden.
+        tab.client.run_javascript(
+            "requestAnimationFrame(() => [jshapeScene, jshapeEpisode].forEach((one) => one.draw()))"
+        )
+
+    build_once(opened)
 
     tabs.on_value_change(kept)
     return tabs

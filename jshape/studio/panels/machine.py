@@ -7,7 +7,8 @@ from typing import Any
 from nicegui import events, ui
 
 from jshape.problems import limits
-from jshape.studio import changes, state, takeaway
+from jshape.studio import changes, machine_file, state, takeaway
+from jshape.studio.panels.printer import file_name
 from jshape.studio.panels.shaper import closed_form
 from jshape.studio.panels.slider import Slider
 from jshape.studio.state import Parameter, State
@@ -32,24 +33,58 @@ def build(tab: Tab) -> None:
 
     async def loaded(event: events.UploadEventArguments) -> None:
         upload.reset()
+        name = file_name(event.file.name)
         try:
             if event.file.size() > limits.SIZE:
-                raise ValueError(f"a problem file must have at most {limits.SIZE} bytes, not {event.file.size()}")
-            given = state.from_text((await event.file.read()).decode())
+                raise ValueError(f"a file must have at most {limits.SIZE} bytes, not {event.file.size()}")
+            given = _state(name, await event.file.read(), tab.state)
         except ValueError as error:
-            tab.warn(f"{event.file.name}: {error}")
+            tab.warn(str(error) if str(error).startswith(name) else f"{name}: {error}")
             return
         await begin(lambda: given)
 
+    @ui.refreshable
+    def driven() -> None:
+        if tab.state.files:
+            (name, text), (now, *_) = tab.state.files[0], tab.state.starter.values["driven"]
+            names = [joint.name for joint in machine_file.joints(text)]
+            joint = ui.select(names, value=now, label=f"joint of {name} that follows the command").classes("w-full")
+            joint.props("dense data-testid=driven")
+            joint.on_value_change(lambda event: begin(lambda: state.from_machine(name, text.encode(), event.value)))
+
     plant = tab.state.starter.plant
-    choose = ui.select(state.plants(), value=plant, label="machine").classes("w-full").props("dense")
-    choose.on_value_change(lambda event: begin(lambda: state.begin(event.value)))
+    known = state.plants()
+    choose = ui.select(known, value=plant if plant in known else None, label="machine").classes("w-full")
+    choose.props("dense")
+    choose.on_value_change(lambda event: begin(lambda: state.begin(event.value)) if event.value else None)
     upload = ui.upload(
-        label="or a problem file", on_upload=loaded, auto_upload=True, max_file_size=limits.SIZE, max_files=1
-    ).classes("w-full").props('accept=".toml" flat bordered dense')  # fmt: skip
-    upload.on("rejected", lambda: tab.warn(f"a problem file must have at most {limits.SIZE} bytes"))
+        label="or a file: problem, MJCF, URDF", on_upload=loaded, auto_upload=True,
+        max_file_size=limits.SIZE, max_files=1,
+    ).classes("w-full").props('accept=".toml,.xml,.mjcf,.urdf" flat bordered dense')  # fmt: skip
+    upload.on("rejected", lambda: tab.warn(f"a file must end in .toml, .xml or .urdf, of at most {limits.SIZE} bytes"))
+    driven()
+
+    def again() -> None:
+        driven.refresh()
+
+    tab.renewed.append(again)
     ui.label("± marks what is uncertain").classes("text-xs q-mt-sm opacity-80")
     sliders()
+
+
+def _state(name: str, content: bytes, now: State) -> State:
+    """The state of a file that was dropped: a problem file, or one that describes a machine.
+
+    Raises:
+        ValueError: for whatever is wrong with it.
+    """
+    if not name.endswith(".toml"):
+        return state.from_machine(name, content)
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise ValueError("cannot be read as text") from None
+    return state.from_text(text, now.files)
 
 
 def _parameter(tab: Tab, parameter: Parameter) -> None:
@@ -70,6 +105,11 @@ def _parameter(tab: Tab, parameter: Parameter) -> None:
         )
         share.props(f'dense outlined prefix=± aria-label="{words}: uncertain by" placeholder="–" debounce=300')
         share.set_visibility(leaf is not None)
+        if parameter.fixed:
+            number.disable()
+    if parameter.fixed:
+        share.on_value_change(lambda event: _uncertain(tab, str(leaf), event.value))
+        return
     step = (parameter.high - parameter.low) / 200
     slider = Slider(min=parameter.low, max=parameter.high, step=step, value=parameter.value).classes("w-full")
     slider.props(f'dense aria-label="{words}" data-testid="slider-{path}"')
@@ -83,18 +123,21 @@ def _parameter(tab: Tab, parameter: Parameter) -> None:
         if event.value is None or not math.isfinite(event.value):
             return
         value = float(event.value)
-        slider.props["min"], slider.props["max"] = min(value, parameter.low), max(value, parameter.high)
+        ends = min(value, parameter.low), max(value, parameter.high)
+        if ends != (slider.props["min"], slider.props["max"]):
+            slider.props["min"], slider.props["max"] = ends
         if slider.value is None or _rounded(slider.value) != value:
             slider.set_value(value)
         tab.change(lambda before: changes.with_value(before, path, value))
 
-    def uncertain(event: Any) -> None:
-        part = None if not event.value else event.value / 100
-        tab.change(lambda before: changes.with_uncertainty(before, str(leaf), part))
-
     slider.on_value_change(moved)
     number.on_value_change(given)
-    share.on_value_change(uncertain)
+    share.on_value_change(lambda event: _uncertain(tab, str(leaf), event.value))
+
+
+def _uncertain(tab: Tab, leaf: str, percent: float | None) -> None:
+    part = None if not percent else percent / 100
+    tab.change(lambda before: changes.with_uncertainty(before, leaf, part))
 
 
 def _rounded(value: float) -> float:

@@ -32,7 +32,7 @@ def tune(tab: Tab) -> None:
         best.clear()
         shown.set_visibility(True)
         tab.change(lambda before: _designed(before, int(count.value or 3), str(kind.value), duration.value))
-        return {"text": tab.state.text}, None
+        return {"text": tab.state.text, "files": tab.state.files}, None
 
     def during(now: dict[str, Any]) -> None:
         if now["best"] is not None:
@@ -64,7 +64,8 @@ def pareto(tab: Tab) -> None:
 
     def ask() -> tuple[dict[str, Any], None]:
         numbers = list(range(2, int(most.value or 3) + 1))
-        return {"text": tab.state.text, "impulses": numbers, "durations": int(count.value or 8)}, None
+        asked = {"text": tab.state.text, "files": tab.state.files}
+        return asked | {"impulses": numbers, "durations": int(count.value or 8)}, None
 
     def show(found: dict[str, Any]) -> str:
         tab.kept["front"] = found

@@ -6,7 +6,7 @@ from nicegui import ui
 
 from jshape.studio import changes
 from jshape.studio.charts import PINS
-from jshape.studio.curves import Sensitivity
+from jshape.studio.results import Sensitivity
 from jshape.studio.state import Pin
 from jshape.studio.tab import Tab
 

@@ -8,7 +8,6 @@ from typing import Any
 
 from nicegui import events, ui
 
-from jshape.calibration.files import axis_of
 from jshape.studio import charts
 from jshape.studio.guard import MOST_UPLOADED
 from jshape.studio.panels import running
@@ -67,6 +66,8 @@ def build(tab: Tab) -> None:
         if name not in axes and len(axes) == MOST_FILES:
             tab.warn(f"{name}: at most {MOST_FILES} files at once")
             return
+        from jshape.calibration.files import axis_of
+
         await event.file.save(Path(folder.name) / name)
         axes[name] = axis_of(Path(name))
         rows.refresh()

@@ -5,13 +5,14 @@ from collections.abc import Callable
 
 from nicegui import ui
 
-from jshape.export import FORMATS
 from jshape.studio import link, state, takeaway
 from jshape.studio.tab import Tab
 
 
 def build(tab: Tab) -> None:
     """Files: the shaper in every format, the problem, a script, the curves."""
+    from jshape.export import FORMATS
+
     fields: dict[str, ui.input] = {}
 
     @ui.refreshable
@@ -19,28 +20,11 @@ def build(tab: Tab) -> None:
         fields.clear()
         for name, usual in takeaway.needed(chosen.value).items():
             label = {"sample_time": "sample time, s", "modes": "modes: omega,zeta; … (rad/s, –)"}.get(name, name)
+            label += "" if usual else " (may stay empty)"
             fields[name] = ui.input(label, value=usual).classes("w-full").props("dense")
-
-    def save(made: Callable[[], tuple[str, bytes | str]]) -> None:
-        try:
-            name, content = made()
-        except ValueError as error:
-            tab.warn(str(error))
-            return
-        tab.warn("")
-        ui.download.content(content, name)
 
     def shaper() -> tuple[str, bytes]:
         return takeaway.exported(tab.state, chosen.value, {name: field.value or "" for name, field in fields.items()})
-
-    def copy() -> None:
-        try:
-            address = f"{tab.address}?state={link.packed(tab.state)}"
-        except ValueError as error:
-            tab.warn(str(error))
-            return
-        ui.clipboard.write(address)
-        text.set_content(address)
 
     def preview() -> None:
         try:
@@ -54,11 +38,49 @@ def build(tab: Tab) -> None:
     chosen.on_value_change(options.refresh)
     options()
     with ui.row():
-        ui.button("Download", on_click=lambda: save(shaper)).props("dense no-caps data-testid=export").classes("px-3")
+        ui.button("Download", on_click=lambda: _save(tab, shaper)).props("dense no-caps data-testid=export").classes(
+            "px-3"
+        )
         ui.button("Show", on_click=preview).props("dense outline no-caps").classes("px-3")
     ui.separator().classes("q-my-sm")
+    address = _files(tab)
+    text = ui.code("", language="text").classes("w-full text-xs")
+    address.append(text.set_content)
+
+
+def _save(tab: Tab, made: Callable[[], tuple[str, bytes | str]]) -> None:
+    """Have the browser save a file, or say why there is none."""
+    try:
+        name, content = made()
+    except ValueError as error:
+        tab.warn(str(error))
+        return
+    tab.warn("")
+    ui.download.content(content, name)
+
+
+def _files(tab: Tab) -> list[Callable[[str], None]]:
+    """The link, and the files that reproduce the page; what is returned is called with the link's address."""
+    shown: list[Callable[[str], None]] = []
+
+    def copy() -> None:
+        try:
+            address = f"{tab.address}?state={link.packed(tab.state)}"
+        except ValueError as error:
+            tab.warn(str(error))
+            return
+        ui.clipboard.write(address)
+        for each in shown:
+            each(address)
+
+    def machine() -> tuple[str, str]:
+        if not tab.state.files:
+            raise ValueError("this machine needs no file of its own")
+        return tab.state.files[0]
+
     files: dict[str, Callable[[], tuple[str, bytes | str]]] = {
         "Problem file": lambda: (state.FILE, tab.state.text),
+        "Machine file": machine,
         "Python script": lambda: ("studio.py", takeaway.script(tab.state)),
         "Responses, CSV": lambda: ("responses.csv", takeaway.moves_csv(tab.moves)),
         "Sensitivity, CSV": lambda: ("sensitivity.csv", takeaway.sensitivity_csv(tab.sensitivity)),
@@ -66,7 +88,15 @@ def build(tab: Tab) -> None:
     with ui.row().classes("gap-2"):
         ui.button("Copy link", on_click=copy).props("dense outline no-caps data-testid=link").classes("px-2")
         for words, made in files.items():
-            ui.button(words, on_click=functools.partial(save, made)).props("dense outline no-caps").classes("px-2")
+            button = ui.button(words, on_click=functools.partial(_save, tab, made))
+            button.props("dense outline no-caps").classes("px-2")
+            if words == "Machine file":
+                button.set_visibility(bool(tab.state.files))
+                tab.renewed.append(functools.partial(_show_where_needed, tab, button))
     ui.label("A link carries machine, move and shapers; jshape studio LINK opens it.").classes("text-xs opacity-80")
     ui.label("jshape tune problem.toml gives the numbers of Tune").classes("text-xs opacity-80")
-    text = ui.code("", language="text").classes("w-full text-xs")
+    return shown
+
+
+def _show_where_needed(tab: Tab, button: ui.button) -> None:
+    button.set_visibility(bool(tab.state.files))

@@ -1,0 +1,20 @@
+"""A drawing that moves, with its button and its slider; ``scene.js`` draws it."""
+
+from nicegui import ui
+
+
+def drawing(name: str, meaning: str) -> None:
+    """The drawing and its controls, one below the other.
+
+    Args:
+        name: ``"scene"`` or ``"episode"``, of its elements.
+        meaning: of the drawing, for those who do not see it.
+    """
+    script = f"jshape{name.capitalize()}"
+    canvas = f'<canvas id="{name}" style="width:100%;height:100%" role="img" aria-label="{meaning}"></canvas>'
+    controls = f"""<div class="studio-controls">
+<button id="{name}-play" onclick="{script}.toggle(this)">Pause</button>
+<input id="{name}-at" type="range" min="0" max="1000" value="0" aria-label="time of the drawing"
+  oninput="{script}.scrub(this.value / 1000)"><span id="{name}-time"></span></div>"""
+    ui.html(canvas, sanitize=False).style("flex:1;min-height:0")
+    ui.html(controls, sanitize=False)
