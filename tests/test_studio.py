@@ -25,7 +25,7 @@ from jshape.export import FORMATS
 from jshape.problems import catalogue, limits
 from jshape.problems.problem import load
 from jshape.problems.reading import read, shipped
-from jshape.studio import changes, charts, curves, episodes, link, results, state, takeaway
+from jshape.studio import changes, charts, curves, episodes, link, own_code, results, state, takeaway
 from jshape.studio.guard import MOST, MOST_UPLOADED, Guard
 from jshape.studio.live import Live
 from jshape.studio.panels import learn
@@ -269,6 +269,24 @@ def test_contrast_is_that_of_wcag_aa(dark, paper):
     lines = {look["color"] for look in (*charts.LOOK.values(), *charts.PINS)} | set(charts.OTHERS)
     least = {colour: contrast(colour, paper) for colour in lines}
     assert min(least.values()) >= 3, least
+
+
+@pytest.mark.slow
+def test_code_runs_where_it_is_allowed(monkeypatch):
+    """A plant of the user's own has its sliders, comes back, and has the energy of its class."""
+    text = shipped()["own_plant"].read_text(encoding="utf-8")
+    with pytest.raises(ValueError, match="unless it is started with --allow-code"):
+        state.from_text(text)
+    monkeypatch.setattr(own_code, "CODE", own_code.Code())
+    own_code.allow_code(shipped()["own_plant"].parent)
+    shown = state.from_text(text)
+    assert state.from_text(shown.text).text == shown.text
+    shown = changes.with_value(shown, "plant.m", 2.5)
+    assert {p.path: p.value for p in state.parameters(shown)}["plant.m"] == 2.5
+    left = next(result for result in curves.stages(shown) if isinstance(result, results.Numbers))
+    problem = state.problem(shown.text)
+    assert float(problem.plant.m) == 2.5
+    assert left.unshaped == pytest.approx(float(js.residual_energy(problem.plant, None, problem.distance)), rel=1e-9)
 
 
 AXES = ["HoistingCrane", "BridgeCrane", "TowerCrane", "BoomCrane", "TwoLinkArm", "PlanarModes"]

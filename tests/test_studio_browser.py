@@ -14,8 +14,9 @@ import pytest
 pytest.importorskip("nicegui")
 pytest.importorskip("playwright")
 
-from experiments.benchmarks.studio import choose, chromium, computed, page_of, serving
+from experiments.benchmarks.studio import browsing, choose, chromium, computed, memory, page_of, serving
 from jshape.problems.problem import load
+from jshape.problems.reading import shipped
 from jshape.studio import changes, charts, state
 
 pytestmark = [
@@ -27,18 +28,22 @@ pytestmark = [
 ]
 
 
+ACTIONS_MADE = int(os.environ.get("JSHAPE_ACTIONS", "150"))
+"""Random actions; 2,000 of them take ten minutes: JSHAPE_ACTIONS=2000 python -m pytest -m slow -k random_actions."""
+
+
 @pytest.fixture(scope="module")
 def studio():
-    with serving("paper_001") as (address, lines, process):
-        yield address, process
+    with browsing() as browser, serving("paper_001") as (address, lines, process):
+        yield address, process, browser
     errors = [line for line in lines if "Traceback" in line or "Error" in line]
     assert errors == [], "\n".join(lines[-60:])
 
 
 @contextmanager
-def opened(address, **size):
+def opened(studio, **looks):
     """A page; what it says in the console and asks of other addresses is an error."""
-    with page_of(address, **size) as page:
+    with page_of(studio[0], studio[2], **looks) as page:
         wrong = []
         page.on("pageerror", lambda error: wrong.append(str(error)))
         page.on("console", lambda said: wrong.append(said.text) if said.type == "error" else None)
@@ -62,7 +67,7 @@ def press(page, slider, key="ArrowRight", times=1):
 
 
 def test_sliders_move_the_curves(studio):
-    with opened(studio[0]) as page:
+    with opened(studio) as page:
         before = [curve(page, chart) for chart in ("position", "deflection", "sensitivity", "vibration")]
         assert len(before[2]) == 200
         press(page, "slider-plant.spring.k1", times=5)
@@ -73,7 +78,7 @@ def test_sliders_move_the_curves(studio):
 
 
 def test_a_closed_form_and_its_impulses(studio):
-    with opened(studio[0]) as page:
+    with opened(studio) as page:
         page.get_by_role("tab", name="Shaper").click()
         page.get_by_role("button", name="energy 2-impulse").click()
         page.wait_for_timeout(500)
@@ -102,7 +107,7 @@ def bar(page, index):
 
 def test_bars_are_dragged(studio):
     """To the left and up: time and amplitude follow the pointer, the sum stays, and the axes fit afterwards."""
-    with opened(studio[0]) as page:
+    with opened(studio) as page:
         before = curve(page, "impulses")
         x, y = bar(page, 1)
         page.mouse.move(x, y)
@@ -131,7 +136,7 @@ def test_bars_are_dragged(studio):
 
 
 def test_designs_are_compared(studio):
-    with opened(studio[0]) as page:
+    with opened(studio) as page:
         page.get_by_role("tab", name="Shaper").click()
         first = curve(page, "position", 1)
         page.locator("[data-testid=pin-it]").click()
@@ -152,7 +157,7 @@ def test_designs_are_compared(studio):
 
 
 def test_tune_with_progress_and_stop(studio):
-    with opened(studio[0]) as page:
+    with opened(studio) as page:
         page.get_by_role("tab", name="Shaper").click()
         page.locator("[data-testid=tune]").click()
         said = "document.querySelector('[data-testid=said-tune]').innerText"
@@ -165,7 +170,7 @@ def test_tune_with_progress_and_stop(studio):
 
 
 def test_a_front_to_click_on(studio):
-    with opened(studio[0]) as page:
+    with opened(studio) as page:
         page.get_by_role("tab", name="Shaper").click()
         page.get_by_label("impulses up to").fill("2")
         page.get_by_label("durations").fill("3")
@@ -190,7 +195,7 @@ def test_a_front_to_click_on(studio):
 
 
 def test_take_away(studio, tmp_path):
-    with opened(studio[0]) as page:
+    with opened(studio) as page:
         press(page, "slider-plant.m2", times=3)
         page.get_by_role("tab", name="Take away").click()
         saved = {}
@@ -218,7 +223,7 @@ def test_uploads(studio, tmp_path):
         "code.toml": ('distance = 1.0\n[plant]\ntype = "os:system"\n', "runs no code"),
         "large.toml": ("#" * 1_100_000, "must have at most"),
     }
-    with opened(studio[0]) as page:
+    with opened(studio) as page:
         for name, (text, words) in files.items():
             (tmp_path / name).write_text(text)
             upload(page, tmp_path / name)
@@ -228,13 +233,128 @@ def test_uploads(studio, tmp_path):
         page.wait_for_function("document.querySelector('[aria-label=m1]').value === '1.25'", timeout=10_000)
 
 
+def test_machines_of_files(studio, tmp_path):
+    """A URDF that is dropped is drawn; one that names other files is refused."""
+    (tmp_path / "hostile.xml").write_text('<mujoco><include file="/etc/passwd"/></mujoco>')
+    machine = tmp_path / "gantry.urdf"
+    machine.write_bytes((shipped()["paper_001"].parent / "gantry.urdf").read_bytes())
+    with opened(studio) as page:
+        before = curve(page, "position", 1)
+        upload(page, tmp_path / "hostile.xml")
+        page.get_by_text("names other files or code").wait_for(timeout=20_000)
+        upload(page, machine)
+        page.locator("[data-testid=driven]").wait_for(timeout=60_000)
+        chart = page.locator("[data-testid=chart-position]").get_attribute("id")[1:]
+        page.wait_for_function(f"getElement({chart}).chart.getOption().series.length > 0", timeout=120_000)
+        assert curve(page, "position", 1) != before
+        page.wait_for_function("jshapeScene.data.kind === 'bodies'", timeout=60_000)
+        assert page.get_by_label("body.mast.mass", exact=True).input_value() == "12"
+
+
+def test_an_episode_and_the_leaderboard(studio):
+    """Two strategies are watched beside each other; the leaderboard keeps what was judged when it is stopped."""
+    pytest.importorskip("gymnasium")
+    with opened(studio) as page:
+        open_panel(page, "Learn")
+        page.get_by_label("moves", exact=True).fill("1")
+        page.get_by_role("combobox", name="strategy B").click()
+        page.get_by_role("option", name="zvd", exact=True).click()
+        page.locator("[data-testid=episode]").click()
+        said = "document.querySelector('[data-testid=said-episode]').innerText"
+        page.wait_for_function(f"{said}.startsWith('done: 1 moves')", timeout=120_000)
+        page.wait_for_function("jshapeEpisode.data?.titles?.join() === 'A: zv,B: zvd'")
+        left = curve_of_bars(page)
+        assert 0 < left[1] < left[0]
+        for field in ("episodes", "seeds"):
+            page.get_by_label(field, exact=True).fill("1")
+        page.locator("[data-testid=leaderboard]").click()
+        said = "document.querySelector('[data-testid=said-leaderboard]').innerText"
+        page.wait_for_function(f"/ [1-9]/.test({said})", timeout=300_000)
+        page.locator("[data-testid=stop-leaderboard]").click()
+        page.wait_for_function(f"{said}.includes('strategies judged')", timeout=60_000)
+        table = page.locator("[data-testid=leaderboard-table]")
+        names = lambda: [cell.inner_text() for cell in table.locator("tbody tr td:first-child").all()]
+        first = names()
+        assert "zv" in first
+        table.get_by_role("columnheader", name="strategy").click()
+        assert names() == sorted(first)
+        table.get_by_role("columnheader", name="strategy").click()
+        assert names() == sorted(first, reverse=True)
+
+
+def curve_of_bars(page):
+    """What both strategies leave of the first move."""
+    element = page.locator("[data-testid=chart-residuals]").get_attribute("id")[1:]
+    return page.evaluate(f"getElement({element}).chart.getOption().series.map((one) => one.data[0])")
+
+
+def test_by_keyboard_alone(studio):
+    """From the address to a shaper: every step is reached by Tab and taken by keys; focus is seen."""
+    with opened(studio) as page:
+        page.get_by_role("tab", name="Machine").focus()
+        page.keyboard.press("ArrowRight")
+        page.keyboard.press("Enter")
+        for _ in range(30):
+            page.keyboard.press("Tab")
+            if page.evaluate("document.activeElement.innerText").strip() == "ZVD":
+                break
+        assert page.evaluate("document.activeElement.innerText").strip() == "ZVD"
+        page.keyboard.press("Enter")
+        page.wait_for_function("/3 impulses|1.987 s/.test(document.querySelector('[data-testid=summary]').innerText)")
+        assert len(curve(page, "impulses")) == 3
+
+
+def test_every_control_has_a_name(studio):
+    """What can be reached by Tab says to a screen reader what it is; on a dark page words have their contrast."""
+    with opened(studio, dark=True) as page:
+        for name in ("Machine", "Shaper", "Take away", "Printer", "Learn"):
+            open_panel(page, name)
+            page.wait_for_timeout(400)
+            assert page.evaluate(NAMELESS) == []
+            assert page.evaluate(FAINT) == []
+
+
+NAMELESS = """[...document.querySelectorAll("button, input, select, [tabindex='0']")]
+  .filter((one) => one.offsetParent && one.tabIndex >= 0 && !one.closest("[aria-hidden=true]") && !one.disabled)
+  .filter((one) => !(one.innerText || one.ariaLabel || one.labels?.length || one.getAttribute("aria-labelledby") ||
+    one.closest("[aria-label]") || one.closest("label") || one.title))
+  .map((one) => one.outerHTML.slice(0, 200))"""
+
+FAINT = """(() => {
+  const parts = (words) => (words.match(/[\\d.]+/g) ?? []).map(Number);
+  const light = ([r, g, b]) => {
+    const [x, y, z] = [r, g, b].map((v) => v / 255).map((v) => v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4);
+    return 0.2126 * x + 0.7152 * y + 0.0722 * z;
+  };
+  const paper = (one) => {
+    for (let at = one; at; at = at.parentElement) {
+      const [r, g, b, a = 1] = parts(getComputedStyle(at).backgroundColor);
+      if (a > 0.99) return [r, g, b];
+    }
+    return [255, 255, 255];
+  };
+  const found = [];
+  for (const one of document.querySelectorAll("body *")) {
+    const own = [...one.childNodes].some((node) => node.nodeType === 3 && node.textContent.trim());
+    if (!own || !one.offsetParent || one.closest("i, .disabled, [disabled]")) continue;
+    let opacity = 1;
+    for (let at = one; at; at = at.parentElement) opacity *= Number(getComputedStyle(at).opacity);
+    const back = paper(one), [r, g, b, a = 1] = parts(getComputedStyle(one).color);
+    const ink = [r, g, b].map((v, i) => v * a * opacity + back[i] * (1 - a * opacity));
+    const [high, low] = [light(ink), light(back)].sort((x, y) => y - x), contrast = (high + 0.05) / (low + 0.05);
+    if (contrast < 4.5) found.push(`${one.textContent.trim().slice(0, 40)}: ${contrast.toFixed(2)}`);
+  }
+  return found;
+})()"""
+
+
 def test_a_printer(studio, tmp_path):
     """Two files are dropped; both choices, why, the picture and the lines to paste are there, after a reload, too."""
     record = Path(__file__).parents[1] / "experiments" / "calibration" / "raw_data_x_simulated.csv"
     (tmp_path / "raw_data_y.csv").write_bytes(record.read_bytes())
     (tmp_path / "raw_data_x.csv").write_text("nothing\n")
     said = "document.querySelector('[data-testid=said-calibrate]').innerText"
-    with opened(studio[0]) as page:
+    with opened(studio) as page:
         page.get_by_role("tab", name="Printer").click()
         page.locator("[data-testid=calibrate]").click()
         page.get_by_text("drop a file first").wait_for()
@@ -257,7 +377,7 @@ def test_a_printer(studio, tmp_path):
 
 
 def test_another_machine_and_a_telephone(studio):
-    with opened(studio[0], width=390, height=844) as page:
+    with opened(studio, width=390, height=844) as page:
         before = page.locator("[data-testid=summary]").inner_text()
         choose(page, "Crane")
         assert page.locator("[data-testid=summary]").inner_text() != before
@@ -269,7 +389,7 @@ def test_another_machine_and_a_telephone(studio):
 def test_dark_and_light(studio):
     """The colours of the page change and stay after a reload; so do those of a chart that is made later."""
     text = "getComputedStyle(document.body).backgroundColor"
-    with opened(studio[0]) as page:
+    with opened(studio) as page:
         light = page.evaluate(text)
         page.locator("[data-testid=dark]").click()
         page.wait_for_function(f"{text} !== {json.dumps(light)}")
@@ -282,7 +402,7 @@ def test_dark_and_light(studio):
 
 
 def test_a_link_opens_what_it_was_made_of(studio):
-    with opened(studio[0]) as page:
+    with opened(studio) as page:
         page.context.grant_permissions(["clipboard-read", "clipboard-write"])
         press(page, "slider-plant.m2", times=8)
         page.get_by_role("tab", name="Take away").click()
@@ -305,7 +425,7 @@ def test_a_link_opens_what_it_was_made_of(studio):
 
 
 def test_tabs_are_independent(studio):
-    with opened(studio[0]) as first:
+    with opened(studio) as first:
         second = first.context.new_page()
         second.goto(studio[0])
         computed(second)
@@ -395,6 +515,8 @@ def turn_the_page(page, draw):
     page.locator("[data-testid=dark]").click()
     open_panel(page, "Printer")
     page.locator("[data-testid=calibrate]").click()
+    open_panel(page, "Learn")
+    page.locator("[data-testid=stop-episode]").click(force=True)
 
 
 ACTIONS = {
@@ -404,13 +526,13 @@ ACTIONS = {
 
 
 def test_random_actions(studio):
-    """2,000 of them; at the end the page still answers, nothing was reported, and the server's memory is bounded."""
+    """At the end the page still answers, nothing was reported, and the server's memory is bounded."""
     draw = random.Random(0)
-    with opened(studio[0]) as page:
+    with opened(studio) as page:
         page.set_default_timeout(60_000)
         page.context.grant_permissions(["clipboard-read", "clipboard-write"])
-        for number in range(2000):
-            if number == 500:
+        for number in range(ACTIONS_MADE):
+            if number == ACTIONS_MADE // 4:
                 before = memory(studio[1])
             draw.choices(list(ACTIONS), ACTIONS.values())[0](page, draw)
         assert memory(studio[1]) - before < 400
@@ -420,15 +542,9 @@ def test_random_actions(studio):
         assert "residual energy" in page.locator("[data-testid=summary]").inner_text()
 
 
-def memory(process):
-    """Megabytes of a process."""
-    lines = Path(f"/proc/{process.pid}/status").read_text().splitlines()
-    return next(int(line.split()[1]) for line in lines if line.startswith("VmRSS")) / 1024
-
-
 def test_a_killed_process_and_a_lost_connection(studio):
     """A process that is killed from outside is said to have ended; a connection that comes back shows the state."""
-    with opened(studio[0]) as page:
+    with opened(studio) as page:
         press(page, "slider-plant.m2", times=8)
         open_panel(page, "Shaper")
         page.locator("[data-testid=tune]").click()

@@ -1,8 +1,9 @@
 """The documentation as web pages: python -m experiments.site [--out FOLDER] [--quick]
 
 The repository's documents are copied in their folders, so that their links hold here as they do there; beside them
-stand the gallery, whose examples are run (not with ``--quick``), and the reference, made of docstrings. A warning, such
-as that of a link that leads nowhere, ends the build. Nothing is loaded from a network. Needs the extra ``[docs]``.
+stand the gallery, whose examples are run, the studio's pictures, which are taken (neither with ``--quick``), and the
+reference, made of docstrings. A warning, such as that of a link that leads nowhere, ends the build. Nothing is loaded
+from a network. Needs the extra ``[docs]``, and ``[studio]``, playwright and a Chromium for the pictures.
 """
 
 import argparse
@@ -17,6 +18,7 @@ import jshape_envs
 from sphinx.application import Sphinx
 
 import jshape as js
+from experiments.site.pictures import illustrate, without_pictures
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -34,6 +36,9 @@ ROOMS: dict[str, ModuleType] = {
     "jshape_envs": jshape_envs,
 }
 """What the reference lists: modules by the name under which a user finds their members."""
+
+STUDIO = Path("experiments/site/tour/studio.md")
+"""The page with pictures that are taken while it is built."""
 
 COPIED = ("*.md", "*.svg", "*.py", "*.json", "*.csv", "*.rst")
 """Documents, and what they link to."""
@@ -65,6 +70,10 @@ def build(out: Path, run: bool) -> None:
     sources = out / ".sources"
     shutil.rmtree(sources, ignore_errors=True)
     assemble(sources)
+    if run:
+        illustrate(sources / STUDIO)
+    else:
+        without_pictures(sources / STUDIO)
     app = Sphinx(
         sources, None, out, out / ".doctrees", "html", confoverrides=configuration(sources, run), warningiserror=True,
         freshenv=True, status=None,

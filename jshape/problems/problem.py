@@ -158,6 +158,16 @@ def load(name: str | Path | Draft) -> Problem:
     )  # fmt: skip
 
 
+def own_class(draft: Draft) -> Draft:
+    """The draft of a plant of the user's own, whose code is run: its parameters and their ranges are read.
+
+    Raises:
+        ProblemError: if it cannot be imported, and for whatever is wrong with its parameters.
+    """
+    kind = _imported(draft.plant.kind, draft.path, draft.lines)
+    return with_class(draft, dataclasses.replace(_entry(kind), name=draft.plant.kind))
+
+
 def _command(part: Part, plant: AbstractPlant, lines: Lines) -> Any:
     """The move, which the plant must be able to make."""
     made = _object(part, ["command"], lines)

@@ -80,9 +80,14 @@ def leaf_unit(starter: Starter, leaf: str) -> str | None:
     return reading.leaf_unit(part(starter.plant, starter.values, catalogue.plants()[starter.plant]), leaf)
 
 
-def text(starter: Starter) -> str:
-    """The problem file of a starter: every key in it, those that have a default with that."""
-    entry = catalogue.plants()[starter.plant]
+def text(starter: Starter, entry: Entry | None = None) -> str:
+    """The problem file of a starter: every key in it, those that have a default with that.
+
+    Args:
+        starter: the machine, its move and what is designed.
+        entry: what is known of the plant's class, where it is one of the user's own.
+    """
+    entry = catalogue.plants()[starter.plant] if entry is None else entry
     unit = entry.command_unit()
     title = starter.title[0].upper() + starter.title[1:]
     head = [f"title = {_toml(title)}"]

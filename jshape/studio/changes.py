@@ -3,7 +3,7 @@
 import dataclasses
 from typing import Any
 
-from jshape.problems import catalogue
+from jshape.studio.own_code import entry
 from jshape.studio.state import MOST_PINS, PLANTS, Pin, State, axes, parameters
 
 
@@ -21,7 +21,7 @@ def with_value(state: State, path: str, value: float) -> State:
     written = value if not unit or "^p" in unit else f"{value!r} {unit}"
     table, _, rest = path.partition(".")
     if table == "plant":
-        keys = catalogue.plants()[starter.plant].keys.values()
+        keys = entry(starter).keys.values()
         lists = {key.name: list(key.default) for key in keys if isinstance(key.default, list | tuple)}
         return _with(state, values=_placed(lists | starter.values, rest.split("."), written))
     return _with(state, move=_placed(starter.move, rest.split(".") if rest else [table], written if rest else value))

@@ -196,7 +196,7 @@ def vibration(found: Linear, others: Sequence[Pinned] = ()) -> dict[str, Any]:
 def sensitivity(found: Sensitivity | None, others: Sequence[Pinned] = ()) -> dict[str, Any]:
     """Residual energies over the uncertain set, of designs to compare, too; empty where nothing is uncertain."""
     if found is None:
-        return {"series": [], "title": {"text": "Sensitivity: mark a parameter as uncertain (±)"}}
+        return {"series": [], "title": {"text": "Sensitivity: mark something ±"}}
     share = found.quantity == "residual vibration"
     lines = [line(name, found.at, values * (100 if share else 1), LOOK[name]) for name, values in found.values.items()]
     for i, each in enumerate(others):
@@ -225,7 +225,11 @@ def impulses(state: State, dragged: bool = False) -> dict[str, Any]:
     return made | {
         "legend": {"show": False},
         "xAxis": {"min": shortened(-0.05 * end), "max": shortened(1.3 * end)},
-        "yAxis": {"min": shortened(1.2 * low), "max": shortened(1.2 * high)},
+        "yAxis": {
+            "min": shortened(1.2 * low),
+            "max": shortened(1.2 * high),
+            "axisLabel": {"showMinLabel": low == 0, "showMaxLabel": False},
+        },
     }
 
 
@@ -279,7 +283,7 @@ def spectrum(found: dict[str, Any]) -> dict[str, Any]:
 def residuals_chart() -> dict[str, Any]:
     """A chart without bars for what each move of an episode leaves."""
     made = chart("", "move", "left, %")
-    made["xAxis"] |= {"type": "category", "scale": False}
+    made["xAxis"] |= {"type": "category", "scale": False, "axisLabel": {"color": TEXT}}
     made["legend"] |= {"top": 4, "right": 0}
     made["grid"] |= {"top": 28, "right": 12}
     return made | {"toolbox": {}, "dataZoom": []}

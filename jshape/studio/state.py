@@ -19,7 +19,8 @@ from jshape.problems.reading import Draft, Part, read, turned
 from jshape.problems.schema import Range
 from jshape.problems.starters import Starter
 from jshape.problems.units import in_units, quantity
-from jshape.studio import machine_file
+from jshape.studio import machine_file, own_code
+from jshape.studio.own_code import entry, understood
 
 if TYPE_CHECKING:
     from jshape.problems.problem import Problem
@@ -85,7 +86,7 @@ class State:
     @property
     def text(self) -> str:
         """The problem file of the page."""
-        return starters.text(self.starter)
+        return starters.text(self.starter, entry(self.starter))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -149,7 +150,7 @@ def _fresh(starter: Starter) -> State:
 
 def axes(state: State) -> list[str]:
     """The axes of a page's machine; empty for a machine of one axis."""
-    return list(catalogue.plants()[state.starter.plant].axes)
+    return list(entry(state.starter).axes)
 
 
 def from_machine(name: str, content: bytes, driven: str | None = None) -> State:
@@ -184,9 +185,8 @@ def from_draft(draft: Draft, files: Files = ()) -> State:
     Raises:
         ValueError: for a plant that the page cannot show, and for a file that it could not write again.
     """
+    draft = understood(draft)
     file, kind = draft.file, draft.plant.kind
-    if draft.foreign is not None:
-        raise ValueError(f"plant.type: the studio runs no code of a problem file's own, here {kind!r}")
     tables = file.command or {}
     delayed = [f"{axis}.delay" for axis, table in tables.items() if isinstance(table, dict) and "delay" in table]
     if unknown := [key for key in tables if key == "synchronised"] + delayed:
@@ -202,7 +202,8 @@ def from_draft(draft: Draft, files: Files = ()) -> State:
     )  # fmt: skip
     if kind in catalogue.READERS:
         state = dataclasses.replace(state, files=files)
-    with _draft(state.text, state.files) as again:
+    with _draft(state.text, state.files) as written:
+        again = understood(written)
         kept = _same(draft.plant, again.plant) and _same(draft.command, again.command) and draft.over == again.over
         if not kept or again.file.distance != file.distance or _design(again) != _design(draft):
             raise ValueError(f"{draft.path.name}: the studio could not write this problem again as it is")
@@ -262,7 +263,8 @@ def _draft(text: str, files: Files = ()) -> Iterator[Draft]:
     # Before it is read any further: such a plant names a file of this machine.
     named = {name: kind for kind, name in _described(limits.parse(Path(FILE), text)[1]) if kind in catalogue.READERS}
     if not named:
-        yield read(FILE, text)
+        # Code is looked for beside the file.
+        yield read(Path(own_code.allowed() or "") / FILE, text)
         return
     given = dict(files)
     if unknown := sorted(set(named) - set(given)):
@@ -293,17 +295,17 @@ def _described(table: Any) -> set[tuple[str, str]]:
 def parameters(state: State) -> list[Parameter]:
     """The numbers of a page's machine and of its move, in the order of the problem file."""
     starter = state.starter
-    entry = catalogue.plants()[starter.plant]
-    found = list(_numbers("plant", entry, starter.values, {}, starter.uncertain))
-    units = {"m": entry.command_unit(starter.values.get("drive"))}
+    known = entry(starter)
+    found = list(_numbers("plant", known, starter.values, {}, starter.uncertain))
+    units = {"m": known.command_unit(starter.values.get("drive"))}
     if state.files:
         (_, text), (driven, *_) = state.files[0], starter.values["driven"]
         units = {"m": next(joint.unit for joint in machine_file.joints(text) if joint.name == driven)}
         for leaf, (value, unit) in machine_file.masses(text, driven).items():
             given = _parameter(f"plant.{leaf}", value, unit, "as in the machine's file", starter.uncertain)
             found.append(dataclasses.replace(given, fixed=True))
-    if entry.axes:
-        units_of, several = entry.command_units(starter.values.get("drive")), starter.move.items()
+    if known.axes:
+        units_of, several = known.command_units(starter.values.get("drive")), starter.move.items()
         for axis, move in several:
             found += _numbers_of_move(f"command.{axis}", move, {"m": units_of.get(axis, units["m"])})
         return found

@@ -159,8 +159,11 @@ def _cut(name: str, frequencies: np.ndarray, values: np.ndarray, end: float) -> 
 
 
 def _problem(asked: dict[str, Any]) -> "Problem":
+    from jshape.studio.own_code import allow_code
     from jshape.studio.state import problem
 
+    if (folder := asked.get("code")) is not None:
+        allow_code(folder)
     return problem(asked["text"], tuple((name, text) for name, text in asked.get("files", ())))
 
 

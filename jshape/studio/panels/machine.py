@@ -31,6 +31,11 @@ def build(tab: Tab) -> None:
             renew()
         await closed_form(tab, takeaway.SIMPLEST, every=True)
 
+    async def chosen(event: events.ValueChangeEventArguments) -> None:
+        # A file that was dropped has another machine shown here, or none.
+        if event.value is not None and (tab.state.files or event.value != tab.state.starter.plant):
+            await begin(lambda: state.begin(event.value))
+
     async def loaded(event: events.UploadEventArguments) -> None:
         upload.reset()
         name = file_name(event.file.name)
@@ -42,6 +47,7 @@ def build(tab: Tab) -> None:
             tab.warn(str(error) if str(error).startswith(name) else f"{name}: {error}")
             return
         await begin(lambda: given)
+        choose.set_value(given.starter.plant if given.starter.plant in known and not given.files else None)
 
     @ui.refreshable
     def driven() -> None:
@@ -56,7 +62,7 @@ def build(tab: Tab) -> None:
     known = state.plants()
     choose = ui.select(known, value=plant if plant in known else None, label="machine").classes("w-full")
     choose.props("dense")
-    choose.on_value_change(lambda event: begin(lambda: state.begin(event.value)) if event.value else None)
+    choose.on_value_change(chosen)
     upload = ui.upload(
         label="or a file: problem, MJCF, URDF", on_upload=loaded, auto_upload=True,
         max_file_size=limits.SIZE, max_files=1,
@@ -68,7 +74,7 @@ def build(tab: Tab) -> None:
         driven.refresh()
 
     tab.renewed.append(again)
-    ui.label("± marks what is uncertain").classes("text-xs q-mt-sm opacity-80")
+    ui.label("± marks a number as uncertain, in percent").classes("text-xs q-mt-sm opacity-80")
     sliders()
 
 
@@ -101,9 +107,11 @@ def _parameter(tab: Tab, parameter: Parameter) -> None:
         )
         number.props(f'dense outlined aria-label="{words}" debounce=300')
         share = (
-            ui.number(value=_share(parameter), min=0, max=99, suffix="%").classes("studio-number").style("width:74px")
+            ui.number(value=_share(parameter), min=0, max=99, prefix="±", suffix="%")
+            .classes("studio-number")
+            .style("width:82px")
         )
-        share.props(f'dense outlined prefix=± aria-label="{words}: uncertain by" placeholder="–" debounce=300')
+        share.props(f'dense outlined aria-label="{words}: uncertain by" placeholder="–" debounce=300')
         share.set_visibility(leaf is not None)
         if parameter.fixed:
             number.disable()

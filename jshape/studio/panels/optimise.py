@@ -4,7 +4,7 @@ from typing import Any
 
 from nicegui import ui
 
-from jshape.studio import changes, charts
+from jshape.studio import changes, charts, own_code
 from jshape.studio.panels import running
 from jshape.studio.state import Pin, State
 from jshape.studio.tab import Tab
@@ -32,7 +32,7 @@ def tune(tab: Tab) -> None:
         best.clear()
         shown.set_visibility(True)
         tab.change(lambda before: _designed(before, int(count.value or 3), str(kind.value), duration.value))
-        return {"text": tab.state.text, "files": tab.state.files}, None
+        return _asked(tab.state), None
 
     def during(now: dict[str, Any]) -> None:
         if now["best"] is not None:
@@ -64,8 +64,7 @@ def pareto(tab: Tab) -> None:
 
     def ask() -> tuple[dict[str, Any], None]:
         numbers = list(range(2, int(most.value or 3) + 1))
-        asked = {"text": tab.state.text, "files": tab.state.files}
-        return asked | {"impulses": numbers, "durations": int(count.value or 8)}, None
+        return _asked(tab.state) | {"impulses": numbers, "durations": int(count.value or 8)}, None
 
     def show(found: dict[str, Any]) -> str:
         tab.kept["front"] = found
@@ -113,6 +112,11 @@ def pareto(tab: Tab) -> None:
     tab.renewed.append(renew)
     if (kept := tab.kept.get("front")) is not None:
         drawn(kept)
+
+
+def _asked(shown: State) -> dict[str, Any]:
+    """What a task needs to read the page's problem."""
+    return {"text": shown.text, "files": shown.files, "code": own_code.allowed()}
 
 
 def _designed(before: State, impulses: int, amplitudes: str, duration: float | None) -> State:

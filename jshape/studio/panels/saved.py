@@ -18,10 +18,14 @@ def build(tab: Tab) -> None:
     @ui.refreshable
     def options() -> None:
         fields.clear()
-        for name, usual in takeaway.needed(chosen.value).items():
+        asked = takeaway.needed(chosen.value)
+        # What may stay empty is out of the way of who needs the usual file.
+        for name in sorted(asked, key=lambda name: not asked[name]):
             label = {"sample_time": "sample time, s", "modes": "modes: omega,zeta; … (rad/s, –)"}.get(name, name)
-            label += "" if usual else " (may stay empty)"
-            fields[name] = ui.input(label, value=usual).classes("w-full").props("dense")
+            fields[name] = ui.input(label, value=asked[name]).classes("w-full").props("dense")
+            if not asked[name]:
+                fields[name].bind_visibility_from(more, "value")
+        more.set_visibility(not all(asked.values()))
 
     def shaper() -> tuple[str, bytes]:
         return takeaway.exported(tab.state, chosen.value, {name: field.value or "" for name, field in fields.items()})
@@ -36,6 +40,7 @@ def build(tab: Tab) -> None:
     names = {name: f"{name}: {form.what}" for name, form in FORMATS.items()}
     chosen = ui.select(names, value="structured_text", label="format of the shaper").classes("w-full").props("dense")
     chosen.on_value_change(options.refresh)
+    more = ui.switch("options that may stay empty").props("dense").classes("text-sm q-mt-sm")
     options()
     with ui.row():
         ui.button("Download", on_click=lambda: _save(tab, shaper)).props("dense no-caps data-testid=export").classes(
