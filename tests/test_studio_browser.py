@@ -336,7 +336,8 @@ FAINT = """(() => {
   const found = [];
   for (const one of document.querySelectorAll("body *")) {
     const own = [...one.childNodes].some((node) => node.nodeType === 3 && node.textContent.trim());
-    if (!own || !one.offsetParent || one.closest("i, .disabled, [disabled]")) continue;
+    if (!own || !one.checkVisibility({ opacityProperty: true, visibilityProperty: true })) continue;
+    if (one.closest("i, .disabled, [disabled]")) continue;
     let opacity = 1;
     for (let at = one; at; at = at.parentElement) opacity *= Number(getComputedStyle(at).opacity);
     const back = paper(one), [r, g, b, a = 1] = parts(getComputedStyle(one).color);

@@ -10,4 +10,4 @@ import lazy_loader
 from jshape import klipper
 
 __getattr__, __dir__, __all__ = lazy_loader.attach(__name__, ["energy", "insensitive", "linear", "switching"])
-__all__ = [*__all__, klipper.__name__.rpartition(".")[2]]
+__all__ = [*__all__, "klipper"]  # pyright: ignore[reportUnsupportedDunderAll]

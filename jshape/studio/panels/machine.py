@@ -67,7 +67,9 @@ def build(tab: Tab) -> None:
         label="or a file: problem, MJCF, URDF", on_upload=loaded, auto_upload=True,
         max_file_size=limits.SIZE, max_files=1,
     ).classes("w-full").props('accept=".toml,.xml,.mjcf,.urdf" flat bordered dense')  # fmt: skip
-    upload.on("rejected", lambda: tab.warn(f"a file must end in .toml, .xml or .urdf, of at most {limits.SIZE} bytes"))
+    upload.on(
+        "rejected", lambda: tab.warn(f"a file must have at most {limits.SIZE} bytes and end in .toml, .xml or .urdf")
+    )
     driven()
 
     def again() -> None:

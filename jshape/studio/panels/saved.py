@@ -2,6 +2,7 @@
 
 import functools
 from collections.abc import Callable
+from typing import Any
 
 from nicegui import ui
 
@@ -64,9 +65,9 @@ def _save(tab: Tab, made: Callable[[], tuple[str, bytes | str]]) -> None:
     ui.download.content(content, name)
 
 
-def _files(tab: Tab) -> list[Callable[[str], None]]:
+def _files(tab: Tab) -> list[Callable[[str], Any]]:
     """The link, and the files that reproduce the page; what is returned is called with the link's address."""
-    shown: list[Callable[[str], None]] = []
+    shown: list[Callable[[str], Any]] = []
 
     def copy() -> None:
         try:
