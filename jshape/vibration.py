@@ -42,8 +42,9 @@ def phasors(times: Any, poles: Any) -> Any:
         Complex array of shape (*poles, impulses); of JAX if an argument is, else of NumPy.
     """
     xp = jnp if isinstance(times, Array) or isinstance(poles, Array) else np
-    poles = xp.asarray(poles)
-    return xp.exp(poles[..., None] * (xp.max(times) - times))
+    poles, times = xp.asarray(poles), xp.asarray(times)
+    before = (xp.max(times) - times).reshape((1,) * poles.ndim + (-1,))
+    return xp.exp(poles[..., None] * before)
 
 
 def transform(amplitudes: Any, times: Any, poles: Any) -> Any:

@@ -110,7 +110,7 @@ class SloshingTank(AbstractCrane):
         """
         k = self.wave_numbers()
         heights = 4 / (self.length * k**2) * (-1) ** jnp.arange(self.modes) * jnp.tan(place)
-        return jnp.sum(heights * jnp.sin(jnp.asarray(along)[..., None] * k), axis=-1)
+        return jnp.sin(jnp.multiply.outer(jnp.asarray(along), k)) @ heights
 
     def centre(self, place: Array) -> Scalar:
         """Displacement of the liquid's centre of mass from the tank's middle, m."""
