@@ -16,7 +16,7 @@ import pytest
 import jshape as js
 from jshape.problems.problem import load
 from jshape.reports import plot, report
-from jshape.reports.style import decades, looks
+from jshape.reports.style import columns, decades, looks
 
 NAMES = ("linear ZV", "linear ZVDD", "energy 3-impulse", "energy 4-impulse, first order", "tuned")
 
@@ -227,3 +227,15 @@ def test_shapers_differ_in_grey():
     for first, second in itertools.combinations(found.values(), 2):
         light = [float(np.dot(mpl.colors.to_rgb(line["color"]), (0.299, 0.587, 0.114))) for line in (first, second)]
         assert first["linestyle"] != second["linestyle"] or abs(light[0] - light[1]) > 0.25
+
+
+def test_the_best_shaper_is_seen_inside_the_uncertainty():
+    values = np.linspace(0.6, 1.4, 81)
+    best = np.where(np.abs(values - 1) < 0.19, 0.002, 0.3)
+    axis = plot.sensitivity("m (kg)", values, {"a": np.full(81, 0.3), "b": best}, band=(0.82, 1.18))
+    assert axis.get_ylim()[0] < 0.2
+
+
+@pytest.mark.parametrize(("names", "count"), [("abcd", 2), ("abcde", 3), (["linear ZVD", "energy 4-impulse"] * 3, 2)])
+def test_a_legend_has_as_few_rows_as_fit(names, count):
+    assert columns(list(names)) == count

@@ -11,7 +11,7 @@ from jshape.sweeps import chunks
 from jshape.sweeps.evaluate import on_cores, study
 from jshape.sweeps.leaves import with_leaves
 from jshape.sweeps.sampling import draw
-from jshape.sweeps.sweep import summary
+from jshape.sweeps.sweep import leaf_label, summary
 
 PLANT = js.plants.TwoMass(spring=js.plants.Duffing(10.0, 100.0))
 TWO = js.Shaper([0.5, 0.5], [0.0, 0.591240537428156])
@@ -293,3 +293,15 @@ def test_a_client_that_is_none():
     pytest.importorskip("distributed")
     with pytest.raises(ValueError, match=r"client must be a dask\.distributed\.Client, not 'here'"):
         js.sweep(PLANT, TWO, 1.0, {"m2": [0.8, 1.2]}, client="here")
+
+
+@pytest.mark.parametrize(
+    ("plant", "leaf", "words"),
+    [
+        (PLANT, "m2", ("payload mass", "kg")),
+        (PLANT, "spring.k3", ("cubic stiffness", "N/m³")),
+        (js.plants.ModalPlant([3.0, 5.0], 0.1), "zeta.1", ("damping ratios 2", "1")),
+    ],
+)
+def test_leaves_are_named_by_what_their_class_says_of_them(plant, leaf, words):
+    assert leaf_label(plant, leaf) == words

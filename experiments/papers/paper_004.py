@@ -248,8 +248,8 @@ def _acceleration(move: Switched, wrong: Switched, mended: Switched) -> Picture:
         ideal = [100 * move.state_at(t)[1, 0] for t in times]
         axis.plot(times, ideal, color="0.6", linestyle="--", label="without the error")
         axis.plot(times, [100 * design.state_at(t)[1, 0] for t in times], color=colour, linewidth=0.8, label=name)
-        axis.set_ylabel("acceleration")
-        axis.legend()
+        axis.set_ylabel("acceleration (m/s²)")
+        axis.legend(loc="upper right", handlelength=1.2)
     axes[1, 0].set_xlabel("time (s)")
     words = "Fig. 5: the first filter ends 10 % late; the second as designed for rest, and for the state that it meets."
     return Picture("paper_004_figure_05", drawn, words, shown=True)

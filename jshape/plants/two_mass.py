@@ -22,7 +22,7 @@ class TwoMass(AbstractOscillator):
 
     Attributes:
         m1: mass of the base, kg (it only matters for the actuator's force).
-        m2: mass of the payload, kg.
+        m2: payload mass, kg.
         spring: between base and payload.
         damper: between base and payload; none unless given.
         base_damping: viscous, of the base against the ground, N s/m.

@@ -187,7 +187,7 @@ def _composed(
     for i, axes in enumerate(under):
         curves = {name: values[:, i] for name, values in bent.items()}
         factor, unit = (180 / np.pi, "°") if plant.axis_unit(i) == "rad" else (1e3, "mm")
-        label = (f"{plant.axes[i]}\n" if plant.axes else "") + f"{bent_word(plant)} ({unit})"
+        label = (f"{plant.axes[i]}\n" if plant.axes else "") + f"{bent_word(plant, i)} ({unit})"
         puts.append(_deflections(axes, label, {name: factor * values for name, values in curves.items()}, times))
     under[0].legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=len(names))
     under[-1].set_xlabel("time (s)")

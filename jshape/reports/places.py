@@ -89,18 +89,19 @@ def bent_along(plant: "AbstractPlant", run: Any, axis: int = 0) -> tuple[np.ndar
     values = np.asarray(run.deflection, float)
     values = values.reshape(len(values), -1)[:, axis]
     if plant.axis_unit(axis) == "rad":
-        return np.degrees(values), "°", bent_word(plant)
-    return 1e3 * values, "mm", bent_word(plant)
+        return np.degrees(values), "°", bent_word(plant, axis)
+    return 1e3 * values, "mm", bent_word(plant, axis)
 
 
-def bent_word(plant: "AbstractPlant") -> str:
-    """The word for how much the flexible part of a machine is bent: what hangs sways."""
+def bent_word(plant: "AbstractPlant", axis: int = 0) -> str:
+    """The word for how much the flexible part of a machine is bent along an axis: what hangs sways, except upwards."""
     from jshape import plants
     from jshape.plants.slewing import AbstractSlewingCrane
 
     if isinstance(plant, plants.SloshingTank):
         return "wave at the wall"
-    return "sway" if isinstance(plant, plants.AbstractCrane | AbstractSlewingCrane) else "deflection"
+    crane = isinstance(plant, plants.AbstractCrane | AbstractSlewingCrane)
+    return "sway" if crane and plant.axes[axis : axis + 1] != ("hoist",) else "deflection"
 
 
 def sampled(run: "Response", values: Any, times: np.ndarray) -> np.ndarray:
