@@ -61,6 +61,9 @@ def test_links_lead_somewhere(document):
     path = ROOT / document
     for target, _, heading in re.findall(r"\]\((?!https?:)([^)#\s]*)(#([^)\s]*))?\)", path.read_text(encoding="utf-8")):
         other = (path.parent / target).resolve() if target else path
+        # The studio's pictures are taken while the pages are built.
+        if other.suffix == ".png":
+            continue
         assert other.exists(), f"{document} links to {target}"
         if heading:
             titles = re.findall(r"^#+ (.*)$", other.read_text(encoding="utf-8"), re.M)
