@@ -222,3 +222,15 @@ def test_silverbox_twin():
     for run in ("training", "multisine", "growing noise"):
         assert float(rows[f"free run, {run} (mV)"][1]) == pytest.approx(0.25, abs=0.015)
     assert float(rows["energy left of a step of 0.1 V, shaped over bare"][1]) < 1e-6
+
+
+@pytest.mark.slow
+def test_intervals_hold_the_truth():
+    """Forty random machines: of intervals for 95 %, at least 33 must."""
+    from experiments.identification.intervals import coverage
+
+    rows = coverage("ring-down", 40)
+    assert [row[1] for row in rows] == ["k1", "k3", "c"]
+    for *_, count, failed, held in rows:
+        assert (count, failed) == ("40", "0")
+        assert float(held.split()[0]) >= 100 * 33 / 40

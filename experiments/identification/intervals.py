@@ -5,7 +5,7 @@ times with white noise, and identified. Springs: k1 from 5 to 20 N/m, k3 from 30
 dry friction from 0.1 to 0.6 N over 0.03 m/s, noise from 0.5 to 5 mm of a first swing of 1 m (all with uniform
 logarithms); delays from 5 to 80 ms; payloads from 0.7 to 2 kg. ± is the binomial standard error.
 
-Run: python -m experiments.identification.intervals [DRAWS]; 200 draws take 20 minutes of processor time
+Run: python -m experiments.identification.intervals [DRAWS]; 150 draws take 5 minutes of processor time
 """
 
 import sys
@@ -106,7 +106,7 @@ def _error(held: list[bool]) -> float:
 
 def main() -> None:
     jax.config.update("jax_enable_x64", True)
-    draws = int(sys.argv[1]) if len(sys.argv) > 1 else 200
+    draws = int(sys.argv[1]) if len(sys.argv) > 1 else 150
     rows = [row for kind in KINDS for row in coverage(kind, draws)]
     head = ["record", "of", "intervals", "did not converge", "hold the truth"]
     lines = ["# Intervals of identified springs", "", (__doc__ or "").strip(), "", *table(head, rows)]
