@@ -358,6 +358,17 @@ def test_projection_onto_the_bounds(impulses, amplitudes, limit, shortest):
     change = np.log([point.gaps / inside[0].gaps for point in near])
     if impulses > 2:
         assert np.std(change[:, 0] - change[:, 1]) == pytest.approx(np.sqrt(2) * SPREAD, rel=0.3)
+    moved = [bounds.relocated(inside[0], random) for _ in range(50)]
+    assert all(bounds.contains(point) for point in moved)
+    assert all(point.gaps.sum() == pytest.approx(inside[0].gaps.sum()) for point in moved)
+    if amplitudes != "unity":
+        for point in moved:
+            np.testing.assert_allclose(np.sort(point.amplitudes), np.sort(inside[0].amplitudes), atol=1e-9)
+    if impulses > 3:
+        # All gaps but two are as they were where one of the inner impulses has moved, fewer where two have.
+        kept = {int(np.isclose(point.gaps[:, None], inside[0].gaps).any(axis=0).sum()) for point in moved}
+        assert impulses - 3 in kept
+        assert min(kept) < impulses - 3
     wild = random.normal(size=impulses) * 3
     nearest = bounds.project(wild)
     assert bounds.contains(inside[0]._replace(amplitudes=nearest))

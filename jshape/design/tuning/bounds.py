@@ -108,6 +108,21 @@ class Bounds(eqx.Module):
         )
         return self.clip(Point(amplitudes, gaps, point.leaves))
 
+    def relocated(self, point: Point, random: np.random.Generator) -> Point:
+        """The design with one or two impulses of each shaper elsewhere, within the bounds."""
+        amplitudes, gaps = [], []
+        for amplitude, gap in zip(*(np.split(np.asarray(part), self.shapers) for part in point[:2]), strict=True):
+            times = np.concatenate([[0.0], np.cumsum(gap)])
+            duration = times[-1]
+            for moved in random.permutation(len(times))[: random.integers(1, 3)]:
+                times[moved] = duration * random.random()
+            order = np.argsort(times, kind="stable")
+            # The first begins the shaper and the last ends it, whichever they are.
+            times[order[0]], times[order[-1]] = 0.0, duration
+            amplitudes.append(amplitude[order])
+            gaps.append(np.diff(times[order]))
+        return self.clip(Point(np.concatenate(amplitudes), np.concatenate(gaps), point.leaves))
+
     def reversed(self, point: Point) -> Point:
         """The design played backwards, within the bounds: undamped linear plants have equally good ones."""
         amplitudes, gaps = (self.each(np.flip, part) for part in (point.amplitudes, point.gaps))

@@ -57,6 +57,11 @@ PENALTY = 10.0
 AROUND, AGAIN = 26, 4
 """Iterations of a search from around the best design, and how often those are repeated while they find better ones."""
 
+RELOCATED, FIRST, RETURNED = 3, 6, 0.25
+"""Where fewer than this share (the last) of the searches from around the best design come back to it, there are many
+basins: so many designs with impulses elsewhere are tried by value for each from which a search begins, and how many
+iterations that one gets before the best of those go on."""
+
 CLOSER = 1e-5
 """The part of the objective by which another design is a better one there."""
 
@@ -227,7 +232,8 @@ def around(
     """Add so many local searches from around the best design, and again while they find a better one.
 
     Next to a good basin there is often a better one that few starting points meet (iterated local search); and where
-    there is a good one, there often is another one like it, played backwards.
+    there is a good one, there often is another one like it, played backwards. Where there are many basins, those come
+    after them that share most of the best one's impulses: two that all but cancel, say, however the rest stand.
 
     Args:
         descents: so far.
@@ -240,6 +246,32 @@ def around(
         bounds = best.search.problem.bounds
         more = [bounds.reversed(best.point), *(bounds.near(best.point, random) for _ in range(count - 1))]
         more = [start(point) for point in more]
+        list(side_by_side(more, AROUND, KNOWN))
+        descents = [*descents, *more]
+        if distinct(descents)[0].merit > best.merit * (1 - CLOSER):
+            back = sum(one.merit <= best.merit * (1 + CLOSER) for one in more)
+            return descents if back >= RETURNED * count else _elsewhere(descents, start, count, random)
+    return descents
+
+
+def _elsewhere(
+    descents: list[Descent], start: Callable[[Point], Descent], count: int, random: np.random.Generator
+) -> list[Descent]:
+    """Add local searches from where one or two impulses of the best design are elsewhere, while they find better ones.
+
+    Of many such designs those of least merit are begun with that lie apart.
+    """
+    for _ in range(AGAIN):
+        best = distinct(descents)[0]
+        search, chosen = best.search, [best.x]
+        tried = [search.problem.bounds.relocated(best.point, random) for _ in range(RELOCATED * count * (count - 1))]
+        for point in sorted(tried, key=lambda one: search.merit(one, LOOSEST)):
+            x = search.vector(point)
+            if len(chosen) < 2 * count and all(np.abs(x - other).max() > RADIUS for other in chosen):
+                chosen.append(x)
+        more = [start(search.point(x)) for x in chosen[1:]]
+        list(side_by_side(more, FIRST, KNOWN))
+        more = distinct(more)[: count // 2]
         list(side_by_side(more, AROUND, KNOWN))
         descents = [*descents, *more]
         if distinct(descents)[0].merit > best.merit * (1 - CLOSER):
