@@ -93,6 +93,23 @@ def digest(content: str | bytes) -> str:
     return hashlib.sha256(content.encode() if isinstance(content, str) else content).hexdigest()
 
 
+def sealed(record: Mapping[str, Any]) -> dict[str, Any]:
+    """A record of plain data with a digest of all the rest, which does not depend on how its JSON is laid out."""
+    return {**record, "digest": _digest_of_record(json.loads(json.dumps(record)))}
+
+
+def check_seal(record: Mapping[str, Any]) -> None:
+    """Raises ``ValueError`` where a record has a digest that is not its own: it was damaged, or edited."""
+    if "digest" in record and record["digest"] != _digest_of_record(record):
+        raise ValueError(
+            "its digest is not that of its content: it was damaged, or edited; without a digest it is read"
+        )
+
+
+def _digest_of_record(record: Mapping[str, Any]) -> str:
+    return digest(json.dumps({key: value for key, value in record.items() if key != "digest"}, sort_keys=True))
+
+
 def printable(name: str) -> str:
     """A name as data: control characters and bytes that are no UTF-8, which a file's name may hold, are replaced."""
     # Of the spaces, Python counts that of ASCII alone as printable.
@@ -110,9 +127,10 @@ def write_results(folder: Path, record: Mapping[str, Any]) -> None:
     Args:
         folder: of the results.
         record: plain data. JSON has no infinity and no NaN: an infinite number becomes ``"diverged"``, NaN ``null``.
+            A digest of it all is added.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    text = json.dumps(_plain({"format": MARKER, "version": 1, **record}), indent=2, allow_nan=False)
+    text = json.dumps(sealed(_plain({"format": MARKER, "version": 1, **record})), indent=2, allow_nan=False)
     write_text(folder / "results.json", f"{text}\n")
 
 

@@ -16,7 +16,10 @@ def test_results_come_back_as_written(tmp_path):
     _files.write_results(folder, {"rows": (1.5, [float("inf"), float("-inf")], {"x": float("nan")}), "title": "[/] µ"})
     _files.check_writable(folder)
     _files.write_results(folder, {"n": 7})
-    assert json.loads((folder / "results.json").read_text()) == {"format": "jshape-results", "version": 1, "n": 7}
+    seven = json.loads((folder / "results.json").read_text())
+    _files.check_seal(seven)
+    assert len(seven.pop("digest")) == 64
+    assert seven == {"format": "jshape-results", "version": 1, "n": 7}
     _files.write_results(folder, {"rows": (1.5, [float("inf"), float("-inf")], {"x": float("nan")}), "title": "[/] µ"})
     text = (folder / "results.json").read_text(encoding="utf-8")
     assert json.loads(text, parse_constant=pytest.fail) == {
@@ -24,6 +27,7 @@ def test_results_come_back_as_written(tmp_path):
         "version": 1,
         "rows": [1.5, ["diverged", "diverged"], {"x": None}],
         "title": "[/] µ",
+        "digest": json.loads(text)["digest"],
     }
     assert text.endswith("}\n")
     assert [path.name for path in folder.iterdir()] == ["results.json"]

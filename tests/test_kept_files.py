@@ -11,7 +11,7 @@ import jshape as js
 from experiments.reliability.damage import damaged
 from jshape import _files
 from jshape._files import read_arrays, read_npz, read_text, whole, write_arrays
-from jshape.export import read_shaper
+from jshape.export import read_shaper, read_tuned
 from jshape.sweeps.checkpoint import in_chunks
 
 KIND = "jshape-test 1"
@@ -49,6 +49,48 @@ def test_a_damaged_file_is_named_in_a_line_or_changes_nothing(tmp_path):
             assert same(found, ARRAYS)
     assert len(messages) > 200
     assert all(words.startswith(f"{path}: cannot be read: ") and "\n" not in words for words in messages)
+
+
+@pytest.mark.parametrize("kind", ["shaper", "results"])
+def test_a_damaged_shaper_is_no_other_shaper(tmp_path, kind):
+    """Of a file, and of a folder of results: the very same numbers, or a line."""
+    shaper = js.Shaper([0.25, 0.5, 0.25], [0.0, 0.61, 1.23])
+    path, random, refused = tmp_path / f"{kind}.json", np.random.default_rng(3), 0
+    if kind == "shaper":
+        js.export(shaper, "json", path)
+    else:
+        row = {"name": "tuned", "amplitudes": [0.25, 0.5, 0.25], "times": [0.0, 0.61, 1.23]}
+        _files.write_results(tmp_path, {"problem": "a", "shapers": [row]})
+    content = path.read_bytes()
+
+    def read() -> js.Shaper:
+        found = read_shaper(path) if kind == "shaper" else read_tuned(tmp_path)
+        assert isinstance(found, js.Shaper)
+        return found
+
+    for _ in range(80):
+        path.write_bytes(damaged(content, random))
+        try:
+            found = read()
+        except ValueError as error:
+            refused += "\n" not in str(error)
+        else:
+            np.testing.assert_array_equal(
+                np.stack([found.amplitudes, found.times]), [[0.25, 0.5, 0.25], [0, 0.61, 1.23]]
+            )
+    assert refused > 50
+    # Whoever edits a file on purpose takes the digest out; how it is laid out does not matter.
+    record = json.loads(content)
+    path.write_text(json.dumps(record, sort_keys=True), encoding="utf-8")
+    assert read().times[1] == 0.61
+    part = record if kind == "shaper" else record["shapers"][0]
+    part["times"][1] = 0.62
+    path.write_text(json.dumps(record), encoding="utf-8")
+    with pytest.raises(ValueError, match="its digest is not that of its content"):
+        read()
+    del record["digest"]
+    path.write_text(json.dumps(record), encoding="utf-8")
+    assert read().times[1] == 0.62
 
 
 def rewritten(path, **changes):

@@ -1,6 +1,7 @@
 """Shapers as files that jshape reads back identically: JSON, CSV and NumPy's npz, in full precision.
 
-``shaper.schema.json`` beside this file is the JSON's schema.
+``shaper.schema.json`` beside this file is the JSON's schema. JSON and npz notice damage by a digest and a checksum. A
+CSV file has none, and a JSON file that was written by hand needs none.
 """
 
 import csv
@@ -10,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from jshape._files import in_a_line, read_npz, read_text
+from jshape._files import check_seal, in_a_line, read_npz, read_text, sealed
 from jshape.shaper import Shaper
 
 FORMAT = "jshape-shaper"
@@ -21,8 +22,8 @@ _MOST = 2**24
 
 
 def as_record(shaper: Shaper, name: str = "") -> dict[str, Any]:
-    """The shaper as plain data: format, version, name, units, amplitudes, times (s)."""
-    return {
+    """The shaper as plain data: format, version, name, units, amplitudes, times (s), a digest."""
+    record = {
         "format": FORMAT,
         "version": VERSION,
         "name": name,
@@ -30,6 +31,7 @@ def as_record(shaper: Shaper, name: str = "") -> dict[str, Any]:
         "amplitudes": [float(a) for a in np.asarray(shaper.amplitudes)],
         "times": [float(t) for t in np.asarray(shaper.times)],
     }
+    return sealed(record)
 
 
 def json_text(shaper: Shaper, *, name: str = "") -> str:
@@ -63,6 +65,7 @@ def read_shaper(path: str | Path) -> Shaper:
             record = json.loads(text)
             if record["format"] != FORMAT or record["version"] != VERSION:
                 raise ValueError(f"format {record['format']!r}, version {record['version']!r} is not known")
+            check_seal(record)
             times, amplitudes = record["times"], record["amplitudes"]
         return Shaper(amplitudes, times)
     except KeyError as error:
@@ -79,7 +82,9 @@ def read_tuned(folder: str | Path) -> Shaper | dict[str, Shaper]:
         ValueError: that names the folder, if it holds no such results, or none of a tuned shaper.
     """
     try:
-        rows = json.loads(read_text(Path(folder) / "results.json"))["shapers"]
+        record = json.loads(read_text(Path(folder) / "results.json"))
+        rows = record["shapers"]
+        check_seal(record)
         found = [row for row in rows if row["name"] == "tuned"]
         if not found or not found[0].get("shapers", True):
             raise ValueError(f"{folder}: holds no tuned shaper")
@@ -89,7 +94,11 @@ def read_tuned(folder: str | Path) -> Shaper | dict[str, Shaper]:
     except (KeyError, TypeError, AttributeError, OverflowError, RecursionError):
         raise ValueError(f"{folder}: holds no results of jshape tune") from None
     except ValueError as error:
-        words = str(error) if "no tuned" in str(error) else f"{folder}: holds no results of jshape tune"
+        words = str(error)
+        if "digest" in words:
+            words = f"{folder}: results.json: {words}"
+        elif "no tuned" not in words:
+            words = f"{folder}: holds no results of jshape tune"
         raise ValueError(words) from None
 
 
