@@ -267,6 +267,18 @@ def test_a_gain_that_contradicts_a_certain_one_replaces_it(ringing):
     assert online.state.mode.gain == pytest.approx(gain, rel=0.05)
 
 
+@pytest.mark.parametrize("wild", [4.0, 1e3, 1e6, 1e9])
+def test_readings_beyond_half_a_turn_are_no_vibration(ringing, wild):
+    """A broken gauge for a second: two seconds of true vibration after it, and the mode is known."""
+    omega, _, _, _, angle, bent = ringing
+    online, random = case("state-aware", TIME).online(0.0), np.random.default_rng(2)
+    for _ in range(200):
+        online.push(0.0, Readings(0.0, wild * random.choice([-1.0, 1.0]), 0.0, 0.0))
+    for u, y in zip(angle[:400], bent[:400], strict=True):
+        online.push(0.0, Readings(float(u), float(y), 0.0, 0.0))
+    assert float(online.state.mode.omega) == pytest.approx(omega, rel=0.01)
+
+
 def test_faults_of_single_sensors_and_coarse_ones():
     # Sensors are read through the strategy: its command is what it measures.
     class Echo(AbstractStrategy):
@@ -423,6 +435,10 @@ WRONG = {
     "band": (
         lambda: StateAware(TIME, (20.0, 70.0), ZETA, BANDS[0], SERVO, 3e-3),
         "omega must begin within band",
+    ),
+    "limit": (
+        lambda: StateAware(TIME, (9.0, 70.0), ZETA, BANDS[0], SERVO, 3e-3, limit=0.0),
+        "limit must be greater than 0, not 0",
     ),
     "changes": (lambda: schedules.square_wave(1, 2, 3, [(1.0, 0.0), (0.5, 1.0)], TIME), "changes must be pairs"),
     "fault": (lambda: faults.wild("moth", 10, TIME, begin=0, end=1), "kind must be one of"),

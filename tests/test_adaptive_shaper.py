@@ -12,6 +12,7 @@ from scipy.signal import lfilter
 import jshape as js
 from jshape.adaptive.identifiers.estimate import Estimate
 from jshape.adaptive.shapers.adaptive_shaper import AdaptiveShaper
+from jshape.adaptive.shapers.repeated import repeated
 from jshape.adaptive.shapers.taps import Filters
 from jshape.design import linear
 
@@ -284,6 +285,24 @@ def test_bound_holds_for_every_step_whatever_is_estimated():
             worst[k] = max(worst[k], v)
             assert v <= bound
     assert worst[0] > 0.1  # the estimates were wild
+
+
+def test_bound_of_steps_that_follow_each_other():
+    """A shaper that is always wrong, its steps in resonance: they leave more than one may, and nearly the sum."""
+    omega, zeta = 5.7, 0.017
+    shaper = AdaptiveShaper(TICK, 8.5, 0.0, (8.45, 8.55))
+    damped = omega * np.sqrt(1 - zeta**2)
+    samples = round(7 * np.pi / damped / TICK)
+    online, command, worst = shaper.online(0.0), [0.0], 0.0
+    for step in range(12):
+        command += [online.push((step + 1) % 2).command for _ in range(samples)]
+        worst = max(worst, left(np.array(command), omega, zeta))
+    once, sum = (shaper.bound(omega, zeta, spacing)[0] for spacing in (None, samples * TICK))
+    assert 1.5 * once < 0.9 * sum < worst <= sum
+    assert sum == pytest.approx(once / (1 - np.exp(-zeta * omega * samples * TICK)), rel=1e-12)
+    assert repeated(once, omega, 0.0, 1.0) == np.inf
+    with pytest.raises(ValueError, match="spacing must be greater than 0, not 0"):
+        repeated(once, omega, zeta, 0.0)
 
 
 @pytest.mark.slow

@@ -103,7 +103,7 @@ def strategies() -> dict[str, Any]:
 
 
 def stated(strategy: Any) -> tuple[float, np.ndarray]:
-    """Bounds of the command, over the moves' amplitude, and of a residual beyond the fixed shaper's.
+    """Bounds of the command, over the moves' amplitude, and of what a move from rest may leave, over a bare one's.
 
     A correction's impulses reach 1.5 times its size beyond either end of a move, which is twice the amplitude; the
     other shapers' amplitudes are positive. What is left is for the first mode with each of ``LOADS``.
@@ -216,30 +216,32 @@ def bare() -> np.ndarray:
     return np.asarray(jax.jit(jax.vmap(one))(jnp.arange(len(LOADS))))[:, 0] * np.exp(ZETA[0] * omegas() * 1.9)
 
 
-def shares(
-    residual: np.ndarray, fixed: np.ndarray, bounds: np.ndarray, loops: list[Loop], step: np.ndarray
-) -> list[str]:
-    """The greatest residual over the fixed shaper's and the bound, and the most that a move adds over the bound.
+def shares(residual: np.ndarray, bounds: np.ndarray, loops: list[Loop], step: np.ndarray) -> list[str]:
+    """The greatest residual over its bound, and the most that a move adds over the bound of a move from rest.
 
-    The bound holds for a move from rest, over a bare step's. A move adds what it leaves beyond what the one before
-    left, decayed; moves during which or before which the load has changed are not looked at.
+    A move adds what it leaves beyond what the one before left, decayed. What it may leave is its bound from rest and
+    what the one before might leave, decayed (``js.adaptive.AdaptiveShaper.bound`` with a spacing): that is counted from
+    the last move during which or before which the load has changed, which is not looked at itself.
     """
-    loads = np.array([loop.which.reshape(fixed.shape[1], -1) for loop in loops])
+    loads = np.array([loop.which.reshape(residual.shape[1], -1) for loop in loops])
     same = (loads == loads[..., :1]).all(-1)
     same[:, 1:] &= same[:, :-1] & (loads[:, 1:, 0] == loads[:, :-1, 0])
     decay = np.exp(-ZETA[0] * omegas()[loads[..., 0]] * PERIOD / 2)
     before = np.pad(residual, ((0, 0), (1, 0)))[:, :-1]
-    added = (residual - decay * before) / (bounds * step)[loads[..., 0]]
-    return [f"{(residual / (fixed + bounds[loads].max(-1))).max():.2f}", f"{added[same].max():.2f}"]
+    alone = (bounds * step)[loads[..., 0]]
+    may = np.zeros((len(residual), residual.shape[1] + 1))
+    for move in range(residual.shape[1]):
+        summed = decay[:, move] * may[:, move] + alone[:, move]
+        may[:, move + 1] = np.where(same[:, move], summed, residual[:, move])
+    added = (residual - decay * before) / alone
+    return [f"{(residual / may[:, 1:])[same].max():.2f}", f"{added[same].max():.2f}"]
 
 
-def row(
-    strategy: Any, found: list[dict[str, np.ndarray]], fixed: np.ndarray, loops: list[Loop], step: np.ndarray
-) -> list[object]:
-    """A row of the table; ``fixed``: what the moves left behind the fixed shaper, ``step``: from ``bare``."""
+def row(strategy: Any, found: list[dict[str, np.ndarray]], loops: list[Loop], step: np.ndarray) -> list[object]:
+    """A row of the table; ``step``: from ``bare``."""
     bad, fine = found
     reach, bounds = stated(strategy)
-    both = [shares(one["residual"], fixed, bounds, loops, step) for one in found]
+    both = [shares(one["residual"], bounds, loops, step) for one in found]
     excess = np.nan_to_num(bad["residual"] - fine["residual"], nan=np.inf)
     needed = []
     for loop, values in zip(loops, excess, strict=True):
@@ -312,7 +314,7 @@ def main() -> None:
     several, loops = strategies(), [draw(given.seed, number) for number in range(count)]
     found = looped(list(several), count, given.seed, given.keep)
     step = bare()
-    rows = [[n, *row(s, found[n], found["I"][0]["residual"], loops, step)] for n, s in several.items()]
+    rows = [[n, *row(s, found[n], loops, step)] for n, s in several.items()]
     live = [[n, *online(s, given.seed, found[n][0]["command"][0])] for n, s in several.items()]
     moves = list(adaptive_moves.rows(given.hours, given.seed, functools.partial(kept, given.keep)))
     command = f"python -m experiments.reliability.adaptive --hours {given.hours:g} --seed {given.seed}"
@@ -330,8 +332,8 @@ def report(given: Any, loops: list[Loop], rows: list[Any], live: list[Any], move
     ]
     head += [
         "greatest residual, % of the move, with / without faults",
-        "over the fixed shaper's and the bound",
-        "most that a move adds, over the bound of a bare step's",
+        "over its bound, the sum of what moves may leave",
+        "most that a move adds, over the bound of a move from rest",
     ]
     head += ["first mode, rad/s", "its damping ratio", *recovery]
     moved = ["strategy", "moves", "spoilt records", "commands not finite", "command over the step"]

@@ -30,6 +30,7 @@ from jshape.adaptive.arguments import check_band, check_order, check_time
 from jshape.adaptive.formulas import JAX, NUMPY, as_jax, as_lists, like
 from jshape.adaptive.identifiers.estimate import Estimate
 from jshape.adaptive.shapers.cascade import Cascade, Shaped, ShaperState
+from jshape.adaptive.shapers.repeated import repeated
 from jshape.adaptive.shapers.taps import KINDS, ROUNDINGS, Filters
 from jshape.shaper import Shaper
 
@@ -162,7 +163,7 @@ class AdaptiveShaper(eqx.Module):
         omega, zeta = self.omega if omega is None else omega, self.zeta if zeta is None else zeta
         return functools.reduce(Shaper.convolve, self.cascade.filters.shapers(omega, zeta))
 
-    def bound(self, omega: Any = None, zeta: Any = None) -> Float[np.ndarray, " modes"]:
+    def bound(self, omega: Any = None, zeta: Any = None, spacing: float | None = None) -> Float[np.ndarray, " modes"]:
         """An upper bound of each mode's residual vibration after a step, over a bare step's, whatever estimates come.
 
         ``retune="steady"``: the largest V over all that the mode's own filter can be tuned to, since a step passes taps
@@ -173,12 +174,18 @@ class AdaptiveShaper(eqx.Module):
         Args:
             omega: true frequencies, rad/s, shape (modes,); the worst in the bands, unless given.
             zeta: true damping ratios, shape (modes,); those of the start, unless given.
+            spacing: for steps of one size that follow each other, the least time from one to the next, s: what wrong
+                ones leave adds up (``repeated``).
         """
+        zeta = self.zeta if zeta is None else zeta
+        if spacing is not None:
+            slowest = [low for low, _ in self.cascade.bands] if omega is None else omega
+            return repeated(self.bound(omega, zeta), slowest, zeta, spacing)
         cascade, shape = self.cascade, self.zeta.shape
         if cascade.retune == "crossfade":
             sway = [1 + 2 * cascade.filters.delays(low).max() / cascade.fade for low, _ in cascade.bands]
             return np.full(shape, np.prod(sway))
-        zetas = np.broadcast_to(np.asarray(self.zeta if zeta is None else zeta, float), shape).tolist()
+        zetas = np.broadcast_to(np.asarray(zeta, float), shape).tolist()
         omegas = [None] * len(zetas) if omega is None else np.broadcast_to(np.asarray(omega, float), shape).tolist()
         return np.array([cascade.filters.worst(*mode) for mode in zip(cascade.bands, omegas, zetas, strict=True)])
 

@@ -11,13 +11,14 @@ import equinox as eqx
 import numpy as np
 
 from jshape import _check
-from jshape.adaptive.arguments import check_band, check_time
+from jshape.adaptive.arguments import check_band, check_positive, check_time
 from jshape.adaptive.formulas import NUMPY, Numbers
 from jshape.adaptive.identifiers.estimate import half_period
 from jshape.adaptive.identifiers.least_squares import FilteredLeastSquares, Normal
 from jshape.adaptive.identifiers.reasons import FOUND
 from jshape.adaptive.identifiers.sensor import LIMIT, Sensor, checked
 from jshape.adaptive.shapers.increments import IncrementShaper, Queue
+from jshape.adaptive.shapers.repeated import repeated
 from jshape.adaptive.shapers.transition import transition_zvd
 from jshape.adaptive.strategies.strategy import AbstractStrategy, Decision, Readings
 from jshape.design import linear
@@ -62,6 +63,9 @@ class StateAware(AbstractStrategy):
             none.
         zeta_limit: greatest damping ratio of the first mode.
         memory: of the least squares, s; a period of the band's geometric mean, unless given.
+        limit: greatest plausible |reading| of the strain gauge, rad; half a turn, unless given. A greater one would
+            stand in the least squares until it is forgotten to below the vibration's square: one of 1e6 rad for longer
+            than thirty times ``memory``.
 
     Raises:
         ValueError: for numbers that are not positive, a start outside the band, or lists of different lengths.
@@ -74,6 +78,7 @@ class StateAware(AbstractStrategy):
     correction: Any
     gain: Any
     """Prior mean and standard deviation."""
+    limit: Any
     sample_time: float = eqx.field(static=True)
     band: tuple[float, float] = eqx.field(static=True)
     zeta_limit: float = eqx.field(static=True)
@@ -93,13 +98,14 @@ class StateAware(AbstractStrategy):
         correction: Any = 0.3,
         zeta_limit: float = 0.1,
         memory: float | None = None,
+        limit: Any = np.pi,
     ):
         self.sample_time = check_time(sample_time)
         self.band = check_band(band, self.sample_time)
         self.identifier = FilteredLeastSquares(self.sample_time, self.band, threshold, memory=memory)
         self.omega, self.zeta = _check.as_array(omega, "omega"), _check.as_array(zeta, "zeta")
         self.servo, self.gain = _check.as_array(servo, "servo"), _check.as_array(gain, "gain")
-        self.correction = _check.scalar(correction, "correction")
+        self.correction, self.limit = _check.scalar(correction, "correction"), check_positive(limit, "limit")
         self.zeta_limit = float(zeta_limit)
         for value, name in ((self.omega, "omega"), (self.servo, "servo")):
             _check.positive(value, name)
@@ -131,7 +137,7 @@ class StateAware(AbstractStrategy):
     ) -> tuple[AwareState, Decision]:
         select, xp = numbers.select, numbers.xp
         patience = half_period(self.band, self.sample_time)
-        strain, sample, reason = checked(numbers, state.strain, readings.strain, True, LIMIT, patience)
+        strain, sample, reason = checked(numbers, state.strain, readings.strain, True, self.limit, patience)
         usable = (reason == FOUND) & (abs(readings.motor) <= LIMIT)
         normal = self.identifier.advance(numbers, state.normal, select(usable, sample, np.nan), readings.motor)
         mode = _updated(self, numbers, state.mode, normal)
@@ -154,7 +160,7 @@ class StateAware(AbstractStrategy):
         decision = Decision(queue.command, omega, zeta, rejected)
         return AwareState(strain, normal, mode, queue, quiet, rejected), decision
 
-    def bound(self, omega: float, zeta: float) -> float:
+    def bound(self, omega: float, zeta: float, spacing: float | None = None) -> float:
         """The largest residual vibration of the first mode, over a bare step's, however wrong the estimates are.
 
         Over all frequencies in the band, damping ratios and corrections that are allowed: a grid of 2,000 frequencies,
@@ -163,7 +169,10 @@ class StateAware(AbstractStrategy):
         Args:
             omega: true frequency, rad/s.
             zeta: true damping ratio.
+            spacing: of steps of one size, the least time from one to the next, s (``repeated``).
         """
+        if spacing is not None:
+            return float(repeated(self.bound(omega, zeta), omega, zeta, spacing))
         pole = omega * complex(-zeta, np.sqrt(1 - zeta**2))
         worst, tuned = 0.0, np.geomspace(*self.band, 2000)
         phases = np.append(np.exp(1j * np.linspace(0, 2 * np.pi, 73)) * float(self.correction), 0.0)
