@@ -28,7 +28,7 @@ pytestmark = [
 ]
 
 
-ACTIONS_MADE = int(os.environ.get("JSHAPE_ACTIONS", "150"))
+ACTIONS_MADE = int(os.environ.get("JSHAPE_ACTIONS", "60"))
 """Random actions; 2,000 of them take ten minutes: JSHAPE_ACTIONS=2000 python -m pytest -m slow -k random_actions."""
 
 
