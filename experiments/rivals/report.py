@@ -28,7 +28,9 @@ payloads.
 - *on the way*: greatest deflection of the nominal payload, from the beginning to a period after the move.
 - *later moves*: the worst residual of the same design on moves 0.35, 0.6 and 1.5 times as long, each over its own bare
   trapezoid's. Collocation's motion holds for one move alone and must be computed again. A shaper that is tuned for
-  this move (*tuned*, alone or *per axis*, *on-off*, *on speed ramps*) works on later ones as well as this column says.
+  this move (*tuned*, alone or *per axis*, *on-off*, *on speed ramps*) works on later ones as well as this column says;
+  *tuned for several moves*, a shaper for each axis, on-off where it is as long as ZV, is for the shortest and the
+  longest of the later moves of every axis at once (leaves of the command in `over`), by the greatest energy in J.
 - *computed*: processor time of the design, and the time that passed, on a machine with other work. Of every kind of
   jshape's designs the first in the table includes compiling, which later ones of the same kind share.
 - *time*: of the whole move. A filter's response never ends: its move is done when command and speed are within a

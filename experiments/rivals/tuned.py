@@ -18,7 +18,9 @@ from jshape.command import AbstractCommand
 from jshape.shaper import Shaper
 
 PAYLOADS = 5
-STARTS = 8
+STARTS, SEVERAL_STARTS = 8, 3
+"""Fewer of those that are tuned for several moves, which are four times as many plants."""
+
 
 SHARES = (0.82, 1.0, 1.3, 2.0)
 """Durations of the shapers, multiples of ZV's for the same modes; ZVD's is twice that."""
@@ -43,8 +45,8 @@ Base = Callable[[Machine], dict[str, AbstractCommand]]
 
 
 def rivals(machine: Machine) -> list[Rival]:
-    """Fronts: one shaper for all axes, one for each where there are several, one for several moves, on-off ones, and on
-    ramps of a period."""
+    """Fronts: one shaper for all axes, one for each where there are several, those for several moves, on-off ones, and
+    on ramps of a period."""
     several = len(machine.axes) > 1
     shapers, slowest = "per axis" if several else "shared", 2 * np.pi / modes(machine)[0][0]
 
@@ -54,7 +56,7 @@ def rivals(machine: Machine) -> list[Rival]:
     found = [_rival("tuned", share, "shared", _trapezoids) for share in SHARES]
     if several:
         found += [_rival("tuned per axis", share, "per axis", _trapezoids) for share in AXIS_SHARES]
-        found += [_rival("tuned for several moves", share, "shared", _trapezoids) for share in SEVERAL_SHARES]
+        found += [_rival("tuned for several moves", share, "per axis", _trapezoids) for share in SEVERAL_SHARES]
     found += [_rival("tuned on-off", share, shapers, _trapezoids) for share in ON_OFF_SHARES]
     return found + [_rival("tuned on speed ramps", share, shapers, ramps) for share in RAMP_SHARES]
 
@@ -70,7 +72,8 @@ def _rival(family: str, share: float, shapers: str, base: Base) -> Rival:
     """
 
     def design(machine: Machine) -> Design:
-        on_off = family == "tuned on-off"
+        # Longer than the trapezoid's ramps, on-off ones would pass its acceleration.
+        on_off = family == "tuned on-off" or (family == "tuned for several moves" and share < 2)
         over = {machine.leaf: np.linspace(*machine.spread, PAYLOADS)}
         if family == "tuned for several moves":
             # The least and the greatest of the later moves, in every axis.
@@ -85,7 +88,7 @@ def _rival(family: str, share: float, shapers: str, base: Base) -> Rival:
             amplitudes="unity" if on_off else "positive",
             over=over,
             objective="worst",
-            starts=STARTS,
+            starts=SEVERAL_STARTS if family == "tuned for several moves" else STARTS,
             shapers=shapers,
         )
         return shaping(found.shapers, base)
