@@ -40,6 +40,7 @@ print(f"differences: {difference:.6f} J/kg")
 # Thousands of payloads are one ``vmap``: the energy, and its slope.
 masses = jnp.linspace(0.6, 1.4, 401)
 energies, along = jax.vmap(jax.value_and_grad(energy), in_axes=(0, None, None))(masses, closed.amplitudes, closed.times)
-figure, (above, below) = plt.subplots(2, 1, sharex=True, layout="constrained")
-js.plot.curves([("energy", masses, energies)], ("", "residual energy (J)"), ax=above)
-js.plot.curves([("slope", masses, along)], ("payload (kg)", "its slope (J/kg)"), ax=below)
+with plt.style.context(js.plot.STYLE):
+    figure, (above, below) = plt.subplots(2, 1, sharex=True, figsize=(3.5, 3.2))
+    js.plot.curves([("energy", masses, energies)], ("", "residual energy (J)"), ax=above)
+    axis = js.plot.curves([("slope", masses, along)], ("payload (kg)", "its slope (J/kg)"), ax=below)

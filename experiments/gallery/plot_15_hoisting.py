@@ -36,4 +36,6 @@ axis = js.plot.curves(
     [("two equal impulses", delays, energies)], ("delay of the second impulse (s)", "residual energy (J)")
 )
 axis.axvline(float(linear.duration), color="0.5", linestyle=":")
-axis.annotate("made for the cable\nat the beginning ", (float(linear.duration), max(energies)), ha="right", va="top")
+note = axis.annotate(
+    "made for the cable \nat the beginning ", (float(linear.duration), max(energies)), ha="right", va="top", fontsize=7
+)
