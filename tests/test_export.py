@@ -246,3 +246,12 @@ def test_shapers_of_axes_that_are_not_all_shaped(tmp_path):
     for wrong in (1, {"slew": 1}):
         with pytest.raises(ValueError, match="shaper must be a Shaper, or map axes to them, not 1"):
             js.export(wrong, "json")
+
+
+def test_headers_of_several_axes_fit_into_one_program():
+    """All had one name and so one include guard, by which the second axis was shaped like the first."""
+    made = js.export({"x": SHAPER, "y": js.Shaper([0.5, 0.5], [0.0, 0.3])}, "c99", sample_time=0.01)
+    assert "#ifndef SHAPER_X_H" in made["x"]
+    assert "#ifndef SHAPER_Y_H" in made["y"]
+    assert "shaper_y_reset(" in made["y"]
+    assert json.loads(js.export({"x": SHAPER}, "json")["x"])["name"] == "x"

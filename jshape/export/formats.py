@@ -140,10 +140,14 @@ def _each_axis(shapers: Mapping[str, Shaper | None], format: str, path: Path | N
     """Axis → what ``export`` returns of its shaper."""
     if not shapers:
         raise ValueError("shaper must have an axis at least: it maps none")
-    made = {}
+    form, made = FORMATS[format], {}
+    # One program may take them all: without names of their own, an include guard would drop all headers but the first.
+    name = None
+    if "name" in form.options:
+        name = options.get("name", inspect.signature(form.make).parameters["name"].default)
     for axis, given in shapers.items():
         shaper = Shaper([1.0], [0.0]) if given is None else given
-        named = {"name": f"{options['name']}_{axis}"} if "name" in options else {}
+        named = {} if name is None else {"name": f"{name}_{axis}" if name else axis}
         own = None if path is None else path.with_name(f"{path.stem}_{axis}{path.suffix}")
         made[axis] = export(shaper, format, own, **(options | named))
     return made
