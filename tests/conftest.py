@@ -19,6 +19,8 @@ import jax  # noqa: E402
 from jaxtyping import install_import_hook  # noqa: E402
 
 jax.config.update("jax_enable_x64", True)
+# Arrays of different ranks meet only where the code says so.
+jax.config.update("jax_numpy_rank_promotion", "raise")
 # Before jshape is first imported: every annotated shape is checked at run time.
 install_import_hook(["jshape", "jshape_envs"], "annotations.checked")
 

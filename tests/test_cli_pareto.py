@@ -56,7 +56,8 @@ def test_mistakes_are_told_with_their_line(tmp_path):
     assert result.exit_code == 2
     assert f"{problem}:17: pareto.starts: input should be greater than or equal to 1, not 0" in result.output
     problem.write_text(PROBLEM.replace("[0.4, 0.591241]", "[0.6, 0.4]"), encoding="utf-8")
-    assert "durations must be a list in ascending order" in run("pareto", problem, "--out", tmp_path / "out").output
+    output = run("pareto", problem, "--out", tmp_path / "out").output
+    assert f"{problem}:16: pareto.durations: must be a list in ascending order" in output
 
 
 def test_a_store_in_the_folder_of_the_results_is_refused(tmp_path):

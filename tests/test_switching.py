@@ -562,7 +562,7 @@ def test_as_command_and_shaper():
         (lambda: switching.time_optimal_filter([1.0, 2.0], [0.0]), "lists of the same length"),
         (lambda: switching.time_optimal_filter(1.0, 0.0, [0.1]), "initial_state must have shape"),
         (lambda: switching.time_optimal_filter(1.0, 0.0, [np.nan, 0]), "initial_state must be finite"),
-        (lambda: switching.time_optimal_filter(1.0, 0.0, None, (1.2, 0.8, 0.05)), "robust must not have its band"),
+        (lambda: switching.time_optimal_filter(1.0, 0.0, None, (1.2, 0.8, 0.05)), "robust must have its band in"),
         (lambda: switching.time_optimal_filter(1.0, 0.0, None, (0.8, 1.2, 5.0)), "vibration between 0 and 1"),
         (lambda: switching.time_optimal_filter(1.0, 0.0, None, -1), "robust must be a whole number"),
         (lambda: switching.time_optimal_filter([1.0, 2.0], 0.0, None, BAND), "one entry a mode"),

@@ -140,4 +140,4 @@ def pair(delay: Scalar, ratio: Scalar) -> Shaper:
 def _convolve(first: Shaper, short: Shaper) -> Shaper:
     """Two pairs convolved, the second no longer than the first, so that their order is known without sorting."""
     amplitudes = jnp.outer(first.amplitudes, short.amplitudes)
-    return Shaper(jnp.ravel(amplitudes), jnp.ravel(first.times[:, None] + short.times))
+    return Shaper(jnp.ravel(amplitudes), jnp.ravel(first.times[:, None] + short.times[None]))

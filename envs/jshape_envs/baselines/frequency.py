@@ -127,7 +127,7 @@ def _solve(matrix: Float[Array, "n n"], right: Float[Array, " n"]) -> Float[Arra
     both = jnp.concatenate([matrix, right[:, None]], axis=1)
     for i in range(len(right)):
         row = both[i] / both[i, i]
-        both = (both - both[:, i : i + 1] * row).at[i].set(row)
+        both = (both - jnp.outer(both[:, i], row)).at[i].set(row)
     return both[:, -1]
 
 

@@ -117,7 +117,7 @@ def misfit(
     params: Params, deflections: Float[Array, "models samples"], samples: Float[Array, " samples"]
 ) -> tuple[Float[Array, " models"], Scalar]:
     """The sum of the squared errors of each model's samples, m², and the variance that one of them should have."""
-    error = jnp.sum((jnp.clip(deflections, -params.sensor.reach, params.sensor.reach) - samples) ** 2, axis=1)
+    error = jnp.sum((jnp.clip(deflections, -params.sensor.reach, params.sensor.reach) - samples[None]) ** 2, axis=1)
     return error, sensor_deviation(params) ** 2 + (MODEL_ERROR * jnp.max(jnp.abs(samples))) ** 2
 
 
