@@ -19,8 +19,6 @@ import jax  # noqa: E402
 from jaxtyping import install_import_hook  # noqa: E402
 
 jax.config.update("jax_enable_x64", True)
-# Arrays of different ranks meet only where the code says so.
-jax.config.update("jax_numpy_rank_promotion", "raise")
 # Before jshape is first imported: every annotated shape is checked at run time.
 install_import_hook(["jshape", "jshape_envs"], "annotations.checked")
 
@@ -51,7 +49,12 @@ MOST_MEMORY = 6.0
 
 
 def pytest_configure(config):
-    """All programs are compiled as jshape's own are; the quick set's, whose time is compiling, optimised less."""
+    """All programs are compiled as jshape's own are; the quick set's, whose time is compiling, optimised less.
+
+    In the quick set, which calls everything, arrays of different ranks meet only where the code says so.
+    """
+    if config.option.markexpr == "not slow":
+        jax.config.update("jax_numpy_rank_promotion", "raise")
     if "XLA_FLAGS" not in os.environ:
         less = "--xla_backend_optimization_level=0" if config.option.markexpr == "not slow" else ""
         flags = [f"--{name}={str(value).lower()}" for name, value in programs.LEAN.items()]

@@ -326,6 +326,7 @@ def test_bound_against_brute_force():
         assert fixed < shaper.bound()[k]
 
 
+@pytest.mark.unchecked
 def test_bound_of_a_fade():
     """How far the output can go back and forth on a step: estimates that pull this way and that without rest."""
     shaper = AdaptiveShaper(TICK, **NARROW, retune="crossfade", fade=0.3, change=1.0)

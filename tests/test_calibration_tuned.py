@@ -26,6 +26,7 @@ def found(made_up):
     return calibration.calibrate(made_up, starts=8)
 
 
+@pytest.mark.slow
 def test_two_impulses_beside_a_search_of_all():
     """With two impulses there are two unknowns: a grid of all of them knows the optimum."""
     spectra, limit = [printer(55.0)], 0.25

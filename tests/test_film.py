@@ -264,6 +264,7 @@ def test_without_a_tuned_shaper_of_this_problem_the_best_closed_form_is_shown(pr
     )
 
 
+@pytest.mark.slow
 def test_each_axis_has_its_tuned_shaper(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     text = (

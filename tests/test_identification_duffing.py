@@ -80,6 +80,7 @@ def test_a_measured_force_tells_the_mass():
     assert isinstance(found.plant, ForcedMass)
 
 
+@pytest.mark.slow
 def test_payloads_of_unknown_mass_share_a_law():
     """Two ring-downs; exact records give the law and the other payload's mass."""
     records = [(TIMES, measured()), (TIMES, measured(mass=0.8, start=(0.7, 0.0)) + 0.1)]

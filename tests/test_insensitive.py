@@ -310,6 +310,7 @@ def test_least_vibration_in_a_given_time_is_the_other_side_of_the_same_coin(ampl
     np.testing.assert_allclose(least.shaper.times, shortest.shaper.times, atol=1e-7)
 
 
+@pytest.mark.slow
 def test_three_positive_impulses_have_a_limit():
     # By symmetry A, 1 − 2A, A at 0, t, 2t: V = |1 − 2A + 2A cos ωt| is least, over the band, at half the middle period.
     low, high = BAND

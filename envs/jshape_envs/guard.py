@@ -198,8 +198,8 @@ class Guard(AbstractPolicy):
 
     def _before_next(self, params: Params, log_posterior: Float[Array, " plants"]) -> Float[Array, " plants"]:
         """The plants' probabilities before the next move: the payload may have changed, the stiffness has not."""
-        rows, prior = log_posterior.reshape(-1, PAYLOADS), self.log_prior.reshape(-1, PAYLOADS)[0]
-        drawn = jax.nn.logsumexp(rows, axis=1, keepdims=True) + jax.nn.log_softmax(prior)
+        rows, prior = log_posterior.reshape(-1, PAYLOADS), self.log_prior.reshape(-1, PAYLOADS)[:1]
+        drawn = jax.nn.logsumexp(rows, axis=1, keepdims=True) + jax.nn.log_softmax(prior, axis=1)
         return jnp.logaddexp(jnp.log1p(-params.change_rate) + rows, jnp.log(params.change_rate) + drawn).reshape(-1)
 
 

@@ -231,7 +231,8 @@ def _linearised(xp: Any, data: Any, times: Any, poles: Any) -> tuple[Any, Any, A
     linear = xp.concatenate([cosine, sine, xp.ones_like(time)], axis=1)
     weights = _inverse(xp, linear) @ (linear.T @ data)
     a, b = weights[:modes], weights[modes : 2 * modes]
-    slopes = [-time * (a * cosine + b * sine), time * (b * cosine - a * sine)]
+    along, across = a[None], b[None]
+    slopes = [-time * (along * cosine + across * sine), time * (across * cosine - along * sine)]
     jacobian = xp.concatenate([*slopes, linear], axis=1)
     residual = data - linear @ weights
     inverse = _inverse(xp, jacobian)

@@ -183,7 +183,7 @@ def _fitted(
 
     # One parameter at a time, from one end of its range to the other, the others as they were.
     which, count = jnp.eye(len(state.logs))[:, None], len(state.logs)
-    tried = (1 - which) * state.logs + which * (limit * jnp.linspace(-1.0, 1.0, _TRIED))[:, None]
+    tried = (1 - which) * state.logs[None, None] + which * (limit * jnp.linspace(-1.0, 1.0, _TRIED))[None, :, None]
     tried = jnp.concatenate([state.logs[None], tried.reshape(-1, count)])
     costs = jax.vmap(lambda logs: jnp.sum(residuals(logs)[0] ** 2))(tried)
     nearest = tried[jnp.argmin(jnp.where(jnp.isfinite(costs), costs, jnp.inf))]

@@ -213,8 +213,8 @@ def _curvature(scenarios: Scenarios, point: Point, end: Array, slopes: Array) ->
     energy = lambda y: plant.residual_energy(y, inputs)
     values, vectors = jnp.linalg.eigh(jnp.nan_to_num(jax.hessian(energy)(end)))
     # The root that is symmetric, which is continuous along a search.
-    roots = jnp.sqrt(jnp.maximum(values, 0.0))
-    root, flat_roots = (vectors * roots) @ vectors.T, roots <= 1e-7 * roots[-1]
+    roots = jnp.sqrt(jnp.maximum(values, 0.0))[None]
+    root, flat_roots = (vectors * roots) @ vectors.T, roots <= 1e-7 * roots[0, -1]
     inverse = (vectors * jnp.where(flat_roots, 0.0, 1 / jnp.where(flat_roots, 1.0, roots))) @ vectors.T
     gradient, matrix = jax.grad(energy)(end), jax.jacfwd(field)(end)
     flat, unravel = ravel_pytree(point)
@@ -321,6 +321,6 @@ def scaled_departure(scenarios: Scenarios, point: Point, steps: Any) -> Array:
     # energy at all, such as where a free trolley stands, does not count.
     cost = jax.vmap(lambda v: plant.residual_energy(rest + v, inputs))(vectors.T)
     flat = jnp.where(cost > 1e3 * eps * trace, 1e-6 * trace, 0.0)
-    scale = vectors * jnp.sqrt(jnp.where(values > 1e2 * eps * trace, values, flat))
+    scale = vectors * jnp.sqrt(jnp.where(values > 1e2 * eps * trace, values, flat))[None]
     bare = plant.residual_energy(begin, inputs)
     return scale.T @ (end - rest) / jnp.sqrt(jnp.where(bare > 0, bare, 1.0))
