@@ -408,8 +408,12 @@ def test_a_link_opens_what_it_was_made_of(studio):
         press(page, "slider-plant.m2", times=8)
         page.get_by_role("tab", name="Take away").click()
         page.locator("[data-testid=link]").click()
-        page.wait_for_function("navigator.clipboard.readText().then((words) => words.includes('?state='))")
-        address = page.evaluate("navigator.clipboard.readText()")
+        for _ in range(100):
+            # The copy takes a moment.
+            page.wait_for_timeout(100)
+            address = page.evaluate("navigator.clipboard.readText()")
+            if "?state=" in address:
+                break
         summary = page.locator("[data-testid=summary]").inner_text()
         other = page.context.new_page()
         other.goto(address)
