@@ -165,6 +165,11 @@ def test_tune_with_progress_and_stop(studio):
         page.locator("[data-testid=stop-tune]").click()
         page.wait_for_function(f"/converged|interrupted|stopped/.test({said})", timeout=60_000)
         computed(page)
+        for _ in range(100):
+            # The design is drawn a moment after it is said.
+            if len(curve(page, "impulses")) == 3:
+                break
+            page.wait_for_timeout(100)
         assert len(curve(page, "impulses")) == 3
         assert page.locator("[data-testid=tune]").is_enabled()
 
