@@ -111,6 +111,8 @@ def test_klipper_takes_what_is_near_and_says_how_near():
     assert f"within {off:.1g}." in text
     with pytest.raises(ValueError, match=r"the nearest, ei\(v_tol=0.049"):
         export(shaper, "klipper", tolerance=1e-5)
+    with pytest.raises(ValueError, match="tolerance must be a number, not 'y'"):
+        export(shaper, "klipper", tolerance="y")
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,7 @@
 """Machines from MJCF and URDF files, with MuJoCo's C engine as the judge of their numbers."""
 
+from pathlib import Path
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -7,6 +9,7 @@ import pytest
 from machines import ARM, CRANE, DOUBLE, HEAD, MACHINES, SAGGING, address, free_accelerations, pushes, stepped
 
 import jshape as js
+from jshape import problems
 from jshape.plants import mujoco_model
 from jshape.sweeps.leaves import leaf, leaf_names, with_leaves
 
@@ -151,6 +154,30 @@ FLOOR = """<worldbody><geom name="floor" type="plane" size="9 9 1" pos="0 0 -1.0
 def test_what_is_not_simulated_is_refused_by_name(words, given):
     with pytest.raises(ValueError, match=words):
         refused(**given)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('mass="2"', 'mass="1e308"', "file: mass: a number must be at most 1e.18 in size"),
+        ('pos="0 0 -1"', 'pos="0 nan -1"', "file: a number in it is NaN"),
+    ],
+)
+def test_numbers_that_no_machine_has_are_refused(old, new, words, tmp_path, monkeypatch, capfd):
+    """MuJoCo takes them, printed a warning and wrote a file with it where the process runs."""
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ValueError, match=words):
+        js.plants.from_mjcf((PENDULUM % "").replace(old, new), {"drive": "axis"})
+    assert [*tmp_path.iterdir()] == []
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_warning_of_the_engine_is_one_of_python(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    gantry = (Path(problems.__file__).parent / "gantry.urdf").read_text(encoding="utf-8")
+    with pytest.warns(UserWarning, match="MuJoCo warns: joint 'rail' has equal lower and upper limits"):
+        mujoco_model.load(gantry.replace('lower="-2"', 'lower="2"'))
+    assert [*tmp_path.iterdir()] == []
 
 
 REACH = """<mujoco><worldbody>%s

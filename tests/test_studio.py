@@ -131,6 +131,13 @@ def test_a_machine_of_a_file_is_data():
         state.from_machine("gantry.urdf", (SHIPPED / "gantry.urdf").read_bytes(), "wheel")
 
 
+def test_sliders_end_at_finite_numbers():
+    shown = changes.with_value(state.begin("TwoMass"), "plant.m1", 1e308)
+    for parameter in state.parameters(state.from_text(shown.text)):
+        assert np.isfinite([parameter.low, parameter.high]).all()
+        assert parameter.low <= parameter.value <= parameter.high
+
+
 def within(part):
     return f"<mujoco><worldbody>{part}</worldbody></mujoco>".encode()
 

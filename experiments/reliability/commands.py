@@ -7,6 +7,7 @@ import numpy as np
 from experiments.reliability.damage import damaged
 from experiments.reliability.literals import altered, literal
 from experiments.reliability.records import vibration
+from experiments.reliability.uploads import with_machine
 from jshape.calibration.files import read
 from jshape.identification.csv_file import read_csv
 from jshape.problems.problem import load
@@ -27,10 +28,16 @@ OPTIONS = {
     "train": ["--preset", "--context", "--action", "--moves", "--environments", "--window", "--learning-rate",
               "--hidden", "--seed", "--out"],
     "new": ["--like"],
+    "shape": ["--joint", "--sample-time", "--out", "--force"],
+    "animate": ["--shaper", "--policy", "--moves", "--speed", "--out", "--force"],
+    "plants": ["--help"],
 }  # fmt: skip
 """Each command's options; tune and compare start processes that draw, and share pareto's reading."""
 
-LAST = {"train": ["--seed", "-1"], "evaluate": ["--seeds", "0"]}
+LAST = {
+    "train": ["--seed", "-1"], "evaluate": ["--seeds", "0"], "shape": ["--joint", "none"],
+    "animate": ["--out", "film.txt"],
+}  # fmt: skip
 """What ends a command after everything else has been looked at."""
 
 RIGHT = {
@@ -40,7 +47,8 @@ RIGHT = {
     "--kind": ["ring-down", "step", "sweep", "spectrum", "frequency-response"], "--columns": ["1,2", "time,x", "9,9"],
     "--metric": ["residual_energy", "settling_time"], "--sampling": ["sobol", "normal"],
     "--preset": ["paper", "easy"], "--context": ["hidden", "observed", "noisy"], "--action": ["modal", "impulses"],
-    "--policy": ["trained", "zv", "x.npz"], "--component": ["xyz", "x"], "--klipper": ["current", "2024"],
+    "--policy": ["trained", "zv", "x.npz"], "--joint": ["a=", "b=shaper.json", "a=="], "--speed": ["1", "0.1"],
+    "--component": ["xyz", "x"], "--klipper": ["current", "2024"],
 }  # fmt: skip
 
 
@@ -56,8 +64,8 @@ def command(random: np.random.Generator, folder: Path, real: bool) -> list[str]:
     given = [name, *_operands(name, random, folder)]
     for _ in range(random.integers(0, 4)):
         option = OPTIONS[name][random.integers(len(OPTIONS[name]))]
-        given += [option] if option in ("--force", "--list") else [option, _value(option, random, folder)]
-    if real or name in ("export", "new") or _refused(name, given):
+        given += [option] if option in ("--force", "--list", "--help") else [option, _value(option, random, folder)]
+    if real or name in ("export", "new", "plants") or _refused(name, given):
         return given
     # Nothing may be computed: the last argument is wrong. Every check before that is still made.
     if name in LAST:
@@ -68,7 +76,7 @@ def command(random: np.random.Generator, folder: Path, real: bool) -> list[str]:
 
 def _refused(name: str, given: list[str]) -> bool:
     """Whether a command ends because of its file."""
-    readers = {"identify": read_csv, "calibrate": read, **dict.fromkeys(("sweep", "pareto", "adapt"), load)}
+    readers = {"identify": read_csv, "calibrate": read, **dict.fromkeys(("sweep", "pareto", "adapt", "animate"), load)}
     try:
         if name in readers and len(given) > 1:
             readers[name](given[1])
@@ -80,8 +88,10 @@ def _refused(name: str, given: list[str]) -> bool:
 def _operands(name: str, random: np.random.Generator, folder: Path) -> list[str]:
     if random.random() < 0.05:
         return []
-    if name in ("sweep", "pareto", "adapt"):
+    if name in ("sweep", "pareto", "adapt", "animate"):
         path = folder / "problem.toml"
+        if random.random() < 0.2:
+            return [str(with_machine(random, folder))]
         known = [one for one in shipped().values() if one.stem != "own_plant"]
         text = altered(known[random.integers(len(known))].read_text(encoding="utf-8"), random)
         path.write_bytes(text.replace(":", "").encode(errors="surrogateescape"))
@@ -95,6 +105,13 @@ def _operands(name: str, random: np.random.Generator, folder: Path) -> list[str]
         record = '{"format": "jshape-shaper", "version": 1, "amplitudes": [0.5, 0.5], "times": [0.0, 0.5]}'
         path.write_bytes(damaged(record.encode(), random) if random.random() < 0.3 else record.encode())
         return [str(path)]
+    if name == "shape":
+        lines = ["t [s],a [rad],b [m]", *(f"{0.01 * i:.2f},{i / 50:.6g},{-i / 70:.6g}" for i in range(30))]
+        path, content = folder / "trajectory.csv", "\n".join(lines).encode()
+        path.write_bytes(damaged(content, random) if random.random() < 0.7 else content)
+        return [str(path), *_operands("export", random, folder)]
+    if name == "plants":
+        return [("", "Crane", "MJCF", "Duffing", "Step", "own", "[/]", "\U0001f600")[random.integers(8)]]
     if name == "new":
         return [str(folder / f"new{random.integers(1000)}.toml")]
     environments = ("DuffingPayload", "CranePayload", "Nothing", "", "\U0001f600")

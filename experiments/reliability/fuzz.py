@@ -32,6 +32,14 @@ from experiments import markdown  # noqa: E402
 from experiments.reliability.damage import damaged  # noqa: E402
 from experiments.reliability.literals import altered, arguments, exchanged, literal  # noqa: E402
 from experiments.reliability.records import accelerations, vibration  # noqa: E402
+from experiments.reliability.uploads import (  # noqa: E402
+    dropped_machine,
+    dropped_problem,
+    filmed_policy,
+    machine_of_a_problem,
+    shared_link,
+    taken_away,
+)
 from jshape.calibration.files import read as read_accelerometer  # noqa: E402
 from jshape.export import read_shaper  # noqa: E402
 from jshape.identification.csv_file import read_csv  # noqa: E402
@@ -336,6 +344,12 @@ TARGETS: dict[str, tuple[float, Target]] = {
     "arguments, fifty at a time": (1.0, called),
     "command line": (10.0, command_line),
     "problem files, exchanged": (5.0, problem_exchanged),
+    "machines' files": (5.0, machine_of_a_problem),
+    "machines' files, on a page": (5.0, dropped_machine),
+    "problem files, on a page": (5.0, dropped_problem),
+    "links of a page": (5.0, shared_link),
+    "formats of a page": (2.0, taken_away),
+    "films of damaged policies": (1.0, filmed_policy),
 }
 """What is tried, and its share of the inputs."""
 

@@ -43,6 +43,7 @@ def klipper(shaper: Shaper, *, axis: str = "x", firmware: str = "current", toler
     """
     _check.one_of(axis, "axis", ("x", "y", "z"))
     _check.one_of(firmware, "firmware", VERSIONS)
+    _check.not_negative(_check.scalar(tolerance, "tolerance"), "tolerance")
     found = [_nearest(shaper, kind, firmware) for kind in KINDS]
     if firmware == "current" and not min(found)[0] <= tolerance:
         found += _nearest_families(shaper)

@@ -4,6 +4,7 @@ Without JAX: a problem file is checked before that is loaded.
 """
 
 import re
+import warnings
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,15 @@ DEEPEST = 8
 
 MOST = 1000
 """Bodies, joints, geoms of a model, and copies of a part; pairs of geoms are looked at one by one."""
+
+NUMBERS = (
+    *("body_mass", "body_inertia", "body_pos", "body_ipos", "jnt_pos", "jnt_stiffness", "dof_damping", "dof_armature"),
+    *("dof_frictionloss", "qpos0", "qpos_spring", "key_qpos", "gravity"),
+)
+"""Numbers that a machine's motion is computed from, as MuJoCo calls them."""
+
+GREATEST = 1e18
+"""Size of these numbers."""
 
 LARGEST = 4096
 """Rows and columns of a height field, keyframes, numbers of the user's own."""
@@ -81,14 +91,42 @@ def load(file: str | Path) -> Model:
         # MuJoCo would wait for ever for a pipe that nobody writes to.
         if path.exists() and (not path.is_file() or path.stat().st_size > PART):
             raise ValueError(f"{name}: {printable(str(path))} must be a file of at most {PART} bytes")
-    try:
-        read = mujoco.MjModel.from_xml_string if text else mujoco.MjModel.from_xml_path
-        model = read(str(file))
-    except ValueError as error:
-        raise ValueError(f"{name}: MuJoCo cannot read it: {in_a_line(str(error))}") from None
+    model = _read(mujoco, str(file), text, name)
     for kind, number in (("bodies", model.nbody), ("joints", model.njnt), ("geoms", model.ngeom)):
         if number > MOST:
             raise ValueError(f"{name}: has {number} {kind}, more than {MOST}")
+    return model
+
+
+def _read(mujoco: Any, file: str, text: bool, name: str) -> Model:
+    """The model that MuJoCo makes of a file.
+
+    Args:
+        mujoco: the package.
+        file: its path or its text.
+        text: whether it is that.
+        name: what messages call it.
+
+    Raises:
+        ValueError: for one that MuJoCo does not accept, and for numbers that are none or too large.
+    """
+    # MuJoCo would print its warnings, and write a file with them where the process runs.
+    said: list[str] = []
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(said.append)
+    try:
+        model = (mujoco.MjModel.from_xml_string if text else mujoco.MjModel.from_xml_path)(file)
+    except ValueError as error:
+        raise ValueError(f"{name}: MuJoCo cannot read it: {in_a_line(str(error))}") from None
+    finally:
+        mujoco.set_mju_user_warning(before)
+    if any("NaN" in words for words in said):
+        raise ValueError(f"{name}: a number in it is NaN")
+    for key in NUMBERS:
+        if not np.all(np.abs(getattr(model.opt if key == "gravity" else model, key)) <= GREATEST):
+            raise ValueError(f"{name}: {key.partition('_')[2] or key}: a number must be at most {GREATEST:g} in size")
+    for words in said:
+        warnings.warn(f"{name}: MuJoCo warns: {in_a_line(words)}", stacklevel=3)
     return model
 
 

@@ -6,7 +6,9 @@ made.
 """
 
 import dataclasses
+import math
 import os
+import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -348,7 +350,9 @@ def _numbers(
 
 def _parameter(path: str, given: Any, unit: str, meaning: str, uncertain: dict[str, Any]) -> Parameter:
     value = float(quantity(given, unit))
-    low, high = (min(value / 4, 3 * value), max(value / 4, 3 * value)) if value else (0.0, 1.0)
+    # A slider ends at a finite number.
+    far = math.copysign(min(3 * abs(value), sys.float_info.max), value)
+    low, high = (min(value / 4, far), max(value / 4, far)) if value else (0.0, 1.0)
     share = None
     if (spread := uncertain.get(path.removeprefix("plant."))) is not None:
         values, absolute = Range(**spread).read(unit or None)
