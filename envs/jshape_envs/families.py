@@ -39,6 +39,9 @@ from jshape.plants import AbstractPlant
 Family = Callable[[Params], Params]
 """The true params for declared ones."""
 
+DAMPING = ("nominal.damper.c", "nominal.damping", "nominal.zeta", "damping")
+"""Leaves of a machine that damp it."""
+
 
 class Declared(AbstractPolicy):
     """A policy that knows the declared environment, in one that may be another.
@@ -150,8 +153,7 @@ def stiffness(params: Params, spring: float, others: float) -> Params:
 
 def damping(params: Params, factor: float) -> Params:
     """The params with a factor of the machine's damping."""
-    names = ("nominal.damper.c", "nominal.damping", "nominal.zeta", "damping")
-    return scaled(params, dict.fromkeys(names, factor))
+    return scaled(params, dict.fromkeys(DAMPING, factor))
 
 
 def missing(params: Params, share: float) -> Params:

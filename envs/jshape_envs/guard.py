@@ -33,16 +33,16 @@ from jshape_envs.baselines.model_based import BankState, misfit, predicted
 from jshape_envs.baselines.observed import middle, observed, sensor_deviation
 from jshape_envs.baselines.posterior import FixedPayload, Hedge, tuned_shaper
 from jshape_envs.evaluate import episode_costs
-from jshape_envs.families import Declared, Family, scaled
+from jshape_envs.families import DAMPING, Declared, Family, scaled
 
 PAYLOADS = 21
 """Payloads of the bank, over their declared range and a quarter of it to either side."""
-SOFTER = (1.0, 0.8, 1.25)
-"""Factors of the stiffness (``STIFFNESS``) of the bank's plants; the first is the declared one."""
+VARIANTS = ((1.0, 1.0), (0.8, 1.0), (1.25, 1.0), (1.0, 2.5))
+"""Factors of stiffness (``STIFFNESS``) and damping (``DAMPING``) of the bank's plants; first the declared one."""
 STIFFNESS = ("nominal.spring.k3", "nominal.gravity", "nominal.link.omega", "low", "high")
 """What is stiff in a machine, or long in a crane: leaves whose change a payload does not explain away."""
 BEYOND = 0.1
-"""Prior probability of a payload beyond the declared range, and of a stiffness that is not the declared one."""
+"""Prior probability of a payload beyond the declared range, and of a stiffness or damping that is not the declared."""
 ROBUSTNESSES = (0.0, 0.25, 0.5, 1.0)
 """Of the hedges of the bank's own shaper."""
 TOLERANCE = 0.001
@@ -86,12 +86,12 @@ class GuardState(NamedTuple):
 class Guard(AbstractPolicy):
     """Switching between a proposing policy and a fallback by conformal control of the cost beyond the fallback's.
 
-    Before a move, every plant of a bank (payloads in and beyond the declared range, several stiffnesses) predicts the
-    cost of the proposal, of the fallback and of the bank's own shapers; its probability follows from how well it
-    explains all samples so far. A shaper is used in the fallback's place only where its mean predicted cost is less by
-    more than its proposer's *debt*. After the move, the samples give the residual that was really left, and the bank,
-    with the last window counted, what the fallback would have left. The difference of the two costs is the excess e,
-    and the proposer's debt d becomes max(d + e − τ, −``CREDIT``), τ = ``TOLERANCE``; that of a proposer that was not
+    Before a move, every plant of a bank (payloads in and beyond the declared range, several stiffnesses, more damping)
+    predicts the cost of the proposal, of the fallback and of the bank's own shapers; its probability follows from how
+    well it explains all samples so far. A shaper is used in the fallback's place only where its mean predicted cost is
+    less by more than its proposer's *debt*. After the move, the samples give the residual that was really left, and the
+    bank, with the last window counted, what the fallback would have left. The difference of the two costs is the excess
+    e, and the proposer's debt d becomes max(d + e − τ, −``CREDIT``), τ = ``TOLERANCE``; that of a proposer that was not
     used becomes max(d − τ, −``CREDIT``). So a proposer that costs more than it saves is set aside until its debt is
     forgiven, and then it is tried again.
 
@@ -109,7 +109,7 @@ class Guard(AbstractPolicy):
     Attributes:
         proposer: proposes a shaper or an action.
         fallback: the fixed classical policy.
-        machines: of the bank, a leaf's first axis over plants: stiffness × payload, flattened.
+        machines: of the bank, a leaf's first axis over plants: stiffness and damping × payload, flattened.
         payloads: of the bank.
         log_prior: logarithms of the plants' probabilities before the first move.
         debt: at the beginning of an episode.
@@ -197,7 +197,7 @@ class Guard(AbstractPolicy):
         return jax.vmap(one)(self.machines, self.payloads)
 
     def _before_next(self, params: Params, log_posterior: Float[Array, " plants"]) -> Float[Array, " plants"]:
-        """The plants' probabilities before the next move: the payload may have changed, the stiffness has not."""
+        """The plants' probabilities before the next move: the payload may have changed, nothing else has."""
         rows, prior = log_posterior.reshape(-1, PAYLOADS), self.log_prior.reshape(-1, PAYLOADS)[:1]
         drawn = jax.nn.logsumexp(rows, axis=1, keepdims=True) + jax.nn.log_softmax(prior, axis=1)
         return jnp.logaddexp(jnp.log1p(-params.change_rate) + rows, jnp.log(params.change_rate) + drawn).reshape(-1)
@@ -225,8 +225,11 @@ def guarded(
     payloads = np.linspace(max(least - quarter, least / 2), greatest + quarter, PAYLOADS)
     inside = (payloads >= least) & (payloads <= greatest)
     over_payloads = np.where(inside, (1 - BEYOND) / inside.sum(), BEYOND / (~inside).sum())
-    variants = [scaled(params, dict.fromkeys(STIFFNESS, factor)).machine for factor in SOFTER]
-    over_variants = np.where(np.arange(len(SOFTER)) == 0, 1 - BEYOND, BEYOND / (len(SOFTER) - 1))
+    variants = []
+    for stiff, damped in VARIANTS:
+        factors: dict[str, float] = {**dict.fromkeys(STIFFNESS, stiff), **dict.fromkeys(DAMPING, damped)}
+        variants.append(scaled(params, factors).machine)
+    over_variants = np.where(np.arange(len(VARIANTS)) == 0, 1 - BEYOND, BEYOND / (len(VARIANTS) - 1))
     impulses = []
     for policy in (proposer, fallback, FixedPayload(middle(params), Hedge(params.period, params.period))):
         impulses.append(_impulses(policy, params))
@@ -234,7 +237,7 @@ def guarded(
         proposer,
         fallback,
         jax.tree.map(lambda *x: jnp.repeat(jnp.stack(x), PAYLOADS, axis=0), *variants),
-        jnp.tile(jnp.asarray(payloads, dtype), len(SOFTER)),
+        jnp.tile(jnp.asarray(payloads, dtype), len(VARIANTS)),
         jnp.asarray(np.log(np.outer(over_variants, over_payloads)).reshape(-1), dtype),
         jnp.asarray(debt, dtype),
         max(impulses),
