@@ -205,6 +205,12 @@ def test_bad_params_are_told_by_name(arguments, name):
         parameters(**({"environment": "DuffingPayload"} | arguments))
 
 
+def test_payloads_have_their_units():
+    units = {name: parameters(name).machine.payload_unit() for name in ENVIRONMENTS}
+    # The link's load is counted in a unit of its own, coins.
+    assert units == {"DuffingPayload": "kg", "CranePayload": "kg", "FlexibleLinkPayload": "", "HoistingCrane": "m"}
+
+
 def test_machines_that_make_no_sense_are_told():
     with pytest.raises(ValueError, match="force"):
         Machine(js.plants.ForcedMass(1.0, js.plants.LinearSpring(1.0)), payload="mass")

@@ -55,7 +55,8 @@ class Renderer:
         motion = motion_of(plant, run, self.times)
         outcome = "next" if action is None else f"residual energy {100 * float(residual):.2f} %"
         unit, distance = plant.axis_unit(), float(state.distance)
-        words = f"move {int(state.moves) + 1}: {distance:+.2f} {unit}, payload {float(state.payload):.3g}; {outcome}"
+        payload = f"{float(state.payload):.3g} {self.params.machine.payload_unit()}".rstrip()
+        words = f"move {int(state.moves) + 1}: {distance:+.2f} {unit}, payload {payload}; {outcome}"
         with mpl.rc_context(STYLE | {"figure.constrained_layout.use": False}):
             self.figure.clear()
             above = self.figure.add_axes((0.09, 0.44, 0.88, 0.5))

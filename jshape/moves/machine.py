@@ -94,6 +94,10 @@ class AbstractMachine(Checked):
         """Measurements of the machine's own encoders of the next move besides its distance, within [−1, 1]: none."""
         return jnp.zeros(0)
 
+    def payload_unit(self) -> str:
+        """The unit of the payload; empty where it is not known."""
+        return ""
+
 
 class Machine(AbstractMachine):
     """Any plant. Moves to the right and to the left are the two kinds, since a spring need not be symmetric.
@@ -134,6 +138,13 @@ class Machine(AbstractMachine):
 
     def example(self, case: int) -> tuple[float, int]:
         return (1.0, 0) if case == 0 else (-1.0, 0)
+
+    def payload_unit(self) -> str:
+        from jshape.problems import catalogue
+
+        entry = catalogue.plants().get(type(self.nominal).__name__)
+        key = entry.keys.get(self.payload) if entry else None
+        return (key.unit if key else None) or ""
 
 
 class HoistingMachine(AbstractMachine):
@@ -184,3 +195,6 @@ class HoistingMachine(AbstractMachine):
 
     def known(self, moves: Int[Array, ""]) -> Float[Array, " known"]:
         return jnp.where(moves % 2 == 0, 1.0, -1.0).astype(self.low.dtype)[None]
+
+    def payload_unit(self) -> str:
+        return "m"
