@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy import signal
+from scipy.linalg import expm
 
 import jshape as js
 from jshape.adaptive.closed_loop import faults, metrics, schedules
@@ -16,7 +17,7 @@ from jshape.adaptive.closed_loop.sampled_link import Readings, SampledLink, Sens
 from jshape.adaptive.formulas import NUMPY
 from jshape.adaptive.identifiers.least_squares import FilteredLeastSquares, Normal
 from jshape.adaptive.shapers.increments import IncrementShaper
-from jshape.adaptive.shapers.transition import transition_zvd
+from jshape.adaptive.shapers.transition import transition, transition_zvd
 from jshape.adaptive.strategies.extremum_seeking import ExtremumSeeking
 from jshape.adaptive.strategies.paper_cases import BANDS, CASES, SERVO, ZETA, case
 from jshape.adaptive.strategies.state_aware import Mode, StateAware
@@ -43,6 +44,15 @@ def test_transition_shaper_meets_its_five_conditions(rest, zeta):
         np.testing.assert_allclose(amplitudes[::2], zvd.amplitudes, atol=1e-12)
         np.testing.assert_allclose(times[::2], zvd.times, rtol=1e-12)
         np.testing.assert_allclose(amplitudes[1::2], 0, atol=1e-12)
+
+
+def test_a_new_plan_meets_its_conditions_for_several_starts_at_once():
+    rest, slope = np.array([0.2 - 0.1j, -0.3j, 0.0]), np.array([0.01j, 0.05 + 0.02j, 0.0])
+    amplitudes, times = transition(NUMPY, 6.0, 0.02, 0.4, rest, slope)
+    waves = np.exp(-6.0 * complex(-0.02, np.sqrt(1 - 0.02**2)) * times)
+    np.testing.assert_allclose(amplitudes.sum(axis=0), 0.4, rtol=1e-12)
+    np.testing.assert_allclose(waves @ amplitudes, rest, atol=1e-12)
+    np.testing.assert_allclose((times * waves) @ amplitudes, slope, atol=1e-12)
 
 
 def increments(shapers, reference, numbers=NUMPY):
@@ -204,9 +214,7 @@ def test_random_moves_change_the_load_once():
 # --- the loop ---------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name == "state-aware")) for name in CASES]
-)
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] * (name in CASES[4:])) for name in CASES])
 def test_both_forms_of_a_strategy_agree(name):
     strategy = case(name, TIME, points=200)
     rng = np.random.default_rng(4)
@@ -369,6 +377,70 @@ def test_bound_is_no_smaller_than_what_wrong_estimates_leave():
         assert left <= bound * 1.001
 
 
+# --- planning anew within a move ------------------------------------------------------------------------------------
+
+OMEGAS = {18: (6.052, 66.8), 1: (8.398, 73.6)}
+"""Of the paper's link with so many coins, rad/s: the parabola and the line through its Fig. 8."""
+
+
+def one_move(name, before, after, sample_time=TIME, fault=lambda n, strain: strain):
+    """Commands and deflections of a move of 0.7 rad that finds another load than the last one did: SciPy's link."""
+    omega, zeta = np.array(OMEGAS[after]), np.array([0.017, 0.019])
+    flow = np.zeros((7, 7))
+    flow[0, 1] = 1.0
+    flow[1, [0, 1, 6]] = -1600.0, -72.0, 1600.0
+    flow[[2, 3], [4, 5]] = 1.0
+    flow[4:6] = -flow[1] - np.diag([0, 0, *omega**2, 0, 0, 0])[2:4] - np.diag([0, 0, 0, 0, *(2 * zeta * omega), 0])[4:6]
+    held = expm(flow * sample_time)
+    online, random = case(name, sample_time).online(0.0), np.random.default_rng(3)
+    online.state = online.state._replace(mode=Mode(OMEGAS[before][0], 0.017, 1.1377, 2e-3, 5e-3))
+    state, commands, deflections = np.zeros(6), [0.0], []
+    for n in range(round(2.8 / sample_time)):
+        deflections.append(1.13765149 * state[2] - 0.18153357 * state[3])
+        strain = fault(n * sample_time, deflections[-1] + 8.7e-4 * random.normal())
+        commands.append(online.push(0.7 if n else 0.0, Readings(float(state[0]), strain, 0.0, 0.0)).command)
+        state = held[:6, :6] @ state + held[:6, 6] * commands[-1]
+    return np.array(commands), np.array(deflections)
+
+
+@pytest.mark.unchecked
+@pytest.mark.parametrize(("before", "after"), [(18, 1), (1, 18)])
+@pytest.mark.parametrize("sample_time", [TIME, pytest.param(1e-3, marks=pytest.mark.slow)])
+def test_the_first_move_after_a_change_is_quiet(before, after, sample_time):
+    old, swung = one_move("state-aware", before, after, sample_time)
+    new, quiet = one_move("replanning", before, after, sample_time)
+    late = round(2.4 / sample_time)
+    assert np.max(np.abs(swung[late:])) > 0.12 * 0.7
+    assert np.max(np.abs(quiet[late:])) < 0.02 * 0.7
+    # The command is the old one until the filter has seen the move, and has no greater steps than a ZVD for two modes.
+    first = int(np.argmax(old != new))
+    assert first * sample_time > 4 / 15
+    assert np.max(np.abs(np.diff(new))) <= 0.25 * 0.7
+    # No more than a period longer than by the shaper for the true load, and no further than the reference by a tenth.
+    period = 2 * np.pi / OMEGAS[after][0]
+    assert new[round((2 * period + 0.11) / sample_time)] == 0.7 == new[-1]
+    assert new.max() < 0.7 * 1.1
+
+
+@pytest.mark.unchecked
+@pytest.mark.parametrize("kind", ["nan", "dead", "frozen", "noise", "hum", "knock"])
+def test_no_fault_makes_a_plan_go_beyond_the_bound(kind):
+    random = np.random.default_rng(4)
+    faults = {
+        "nan": lambda t, strain: np.nan,
+        "dead": lambda t, strain: 0.0,
+        "frozen": lambda t, strain: 0.05,
+        "noise": lambda t, strain: random.normal(),
+        "hum": lambda t, strain: strain + 0.3 * np.sin(11.0 * t),
+        "knock": lambda t, strain: strain + 2.0 * (0.25 < t < 0.3),
+    }
+    command, _ = one_move("replanning", 18, 1, fault=faults[kind])
+    assert command[-1] == 0.7
+    assert np.sum(np.abs(np.diff(command))) / 0.7 <= case("replanning", TIME).bound(5.7, 0.017)
+    if kind in ("nan", "dead", "frozen"):
+        np.testing.assert_array_equal(command, one_move("state-aware", 18, 1, fault=faults[kind])[0])
+
+
 @pytest.mark.slow
 def test_a_thousand_loops_side_by_side():
     # The functional form under vmap: each lane as if alone.
@@ -421,9 +493,12 @@ def test_the_papers_experiment(integral):
 @pytest.mark.slow
 def test_ours_has_recovered_in_the_second_move():
     # 100 of the 500 random schedules of experiments/adaptive.
-    found = study(FlexibleLink(), {"I": case("I", TIME), "ours": case("state-aware", TIME)}, schedules=100, seed=7)
+    strategies = {"I": case("I", TIME), "ours": case("state-aware", TIME), "within": case("replanning", TIME)}
+    found = study(FlexibleLink(), strategies, schedules=100, seed=7)
     below = recovered(found)
     assert float(below.sel(strategy="ours", move=2)) >= 0.99
+    # The first one that begins after the change, too.
+    assert float(below.sel(strategy="within", move=1)) >= 0.99
     assert float(below.sel(strategy="I", move=2)) < 0.7
     assert found.residual.dims == ("strategy", "schedule", "move")
     # Chunks do not matter.

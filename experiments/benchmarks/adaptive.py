@@ -132,7 +132,7 @@ def peers() -> list[dict[str, Any]]:
 def strategies(sample_time: float) -> dict[str, AbstractStrategy]:
     """All of two modes; the paper's with a DFT of 15 s, whatever the sample time."""
     points = round(15.0 / sample_time)
-    return {name: case(name, sample_time, points=points) for name in ("I", "I-D", "I-D-E", "state-aware")}
+    return {name: case(name, sample_time, points=points) for name in ("I", "I-D", "I-D-E", "state-aware", "replanning")}
 
 
 def machine(sample_time: float, count: int) -> tuple[np.ndarray, np.ndarray]:

@@ -104,7 +104,12 @@ class Adapt(Strict):
         seed: of noise and schedules.
     """
 
-    cases: list[Literal["unshaped", "I", "I-D", "I-D-E", "state-aware"]] = ["unshaped", "I", "I-D", "state-aware"]
+    cases: list[Literal["unshaped", "I", "I-D", "I-D-E", "state-aware", "replanning"]] = [
+        "unshaped",
+        "I",
+        "I-D",
+        "state-aware",
+    ]
     sample_time: Positive = 0.005
     period: Positive = 20.0
     duration: Positive = 400.0

@@ -74,17 +74,33 @@ class IncrementShaper:
 
         def add(coming: Any, left: Any) -> tuple[Any, Any]:
             amplitudes, times = shaper(change)
-            position = xp.clip(times / self.sample_time, 0.0, self.size - 2.0)
-            below = xp.floor(position)
-            late = amplitudes * (position - below)
-            index = below.astype(np.int32)
-            index, values = xp.concatenate([index, index + 1]), xp.concatenate([amplitudes - late, late]) * change
-            return _add(xp, coming, index, values), xp.maximum(left, 1 + xp.max(index))
+            return self._spread(xp, coming, left, amplitudes * change, times)
 
         coming, left = numbers.when(change != 0, add, lambda coming, left: (coming, left), queue.coming, queue.left)
         left = xp.maximum(left - 1, 0)
         command = numbers.select(left > 0, queue.command + coming[0], reference)
         return Queue(xp.concatenate([coming[1:], xp.zeros(1, coming.dtype)]), left, command, reference)
+
+    def replaced(self, numbers: Numbers, queue: Queue, amounts: Any, times: Any) -> Queue:
+        """The queue with other increments to come, which should sum to the reference less the command.
+
+        Args:
+            numbers: JAX or NumPy.
+            queue: after a sample.
+            amounts: of the increments, in the reference's unit.
+            times: of the increments, s after the next sample; beyond ``longest`` they count as ``longest``.
+        """
+        coming, left = self._spread(numbers.xp, 0 * queue.coming, 0 * queue.left, amounts, times)
+        return queue._replace(coming=coming, left=left)
+
+    def _spread(self, xp: Any, coming: Any, left: Any, amounts: Any, times: Any) -> tuple[Any, Any]:
+        """What is coming, and for how many samples, with more increments, each shared between two samples."""
+        position = xp.clip(times / self.sample_time, 0.0, self.size - 2.0)
+        below = xp.floor(position)
+        late = amounts * (position - below)
+        index = below.astype(np.int32)
+        index, values = xp.concatenate([index, index + 1]), xp.concatenate([amounts - late, late])
+        return _add(xp, coming, index, values), xp.maximum(left, 1 + xp.max(index))
 
 
 def _add(xp: Any, array: Any, index: Any, values: Any) -> Any:

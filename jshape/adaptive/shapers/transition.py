@@ -28,13 +28,33 @@ def transition_zvd(numbers: Numbers, omega: Any, zeta: Any, rest: Any) -> tuple[
     Source: Singer and Seering's (1990) ZVD with the initial state of Dhanda, Vaughan and Singhose; the five equations
         are solved by hand.
     """
+    return transition(numbers, omega, zeta, 1.0, rest, 0.0 * rest)
+
+
+def transition(numbers: Numbers, omega: Any, zeta: Any, total: Any, rest: Any, slope: Any) -> tuple[Any, Any]:
+    """Amplitudes and times of five impulses with Σ A = S, Σ A exp(−p t) = ρ and Σ A t exp(−p t) = σ.
+
+    Args:
+        numbers: JAX or NumPy.
+        omega: undamped natural frequency, rad/s.
+        zeta: damping ratio.
+        total: S.
+        rest: ρ, complex; of any shape.
+        slope: σ, s, complex, of the same shape.
+
+    Returns:
+        Amplitudes, of shape (5, …), and times (s), of shape (5,).
+    """
     xp = numbers.xp
     root = xp.sqrt(1 - zeta * zeta)
     quarter = np.pi / (2 * omega * root)
-    # Σ B_i (−j)^i = ρ and Σ B_i i (−j)^i = 0 for B_i = A_i q^i.
+    # Σ B_i (−j)^i = ρ and Σ B_i i (−j)^i = σ / quarter for B_i = A_i q^i.
     q = xp.exp(zeta * np.pi / (2 * root))
-    real, imaginary = rest.real, rest.imag
-    fourth = (1 - real + imaginary * (3 / q + 1 / q**3) / 2) / (1 + 2 / q**2 + 1 / q**4)
-    scaled = (real + fourth, -1.5 * imaginary, 2 * fourth, -0.5 * imaginary, fourth)
+    real, imaginary, slope = rest.real, rest.imag, slope / quarter
+    first, third = (slope.imag - 3 * imaginary) / 2, (slope.imag - imaginary) / 2
+    half = slope.real / 2
+    fourth = total - real + half * (1 + 1 / q**2) - first / q - third / q**3
+    fourth = fourth / (1 + 2 / q**2 + 1 / q**4)
+    scaled = (real + fourth - half, first, 2 * fourth - half, third, fourth)
     amplitudes = xp.stack([part / q**i for i, part in enumerate(scaled)])
     return amplitudes, quarter * np.arange(5.0)

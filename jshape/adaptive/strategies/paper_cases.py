@@ -15,8 +15,9 @@ from jshape.adaptive.strategies.extremum_seeking import ExtremumSeeking
 from jshape.adaptive.strategies.state_aware import StateAware
 from jshape.adaptive.strategies.strategy import AbstractStrategy, Unshaped
 
-CASES = ("unshaped", "I", "I-D", "I-D-E", "state-aware")
-"""Nothing; the paper's input shaping alone, with DFT, and with extremum seeking beside it; ``StateAware``."""
+CASES = ("unshaped", "I", "I-D", "I-D-E", "state-aware", "replanning")
+"""Nothing; the paper's input shaping alone, with DFT, and with extremum seeking beside it; ``StateAware``, and the same
+planning anew within a move."""
 
 OMEGA, ZETA = (9.0, 70.0), (0.017, 0.019)
 """With which the shapers begin, rad/s and –."""
@@ -70,8 +71,9 @@ def case(
     _check.one_of(name, "name", CASES)
     if name == "unshaped":
         return Unshaped(sample_time)
-    if name == "state-aware":
-        return StateAware(sample_time, omega, zeta, bands[0], SERVO, threshold=3e-3, gain=GAIN, memory=1.0)
+    if name in ("state-aware", "replanning"):
+        known: dict[str, Any] = dict(threshold=3e-3, gain=GAIN, memory=1.0)
+        return StateAware(sample_time, omega, zeta, bands[0], SERVO, **known, replans=3 * (name == "replanning"))
     shaper = AdaptiveShaper(sample_time, omega, zeta, bands, blank=BLANK)
     if name == "I":
         return DirectAdaptive(shaper)

@@ -5,6 +5,7 @@ change of the reference is shaped by the shaper of its moment, so that nothing h
 that begins while the payload still swings gets a shaper that cancels this swing as well.
 """
 
+from functools import partial
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -20,6 +21,7 @@ from jshape.adaptive.identifiers.sensor import LIMIT, Sensor, checked
 from jshape.adaptive.shapers.increments import IncrementShaper, Queue
 from jshape.adaptive.shapers.repeated import repeated
 from jshape.adaptive.shapers.transition import transition_zvd
+from jshape.adaptive.strategies.replanning import Plan, begun, no_plan, replanned
 from jshape.adaptive.strategies.strategy import AbstractStrategy, Decision, Readings
 from jshape.design import linear
 from jshape.shaper import Shaper
@@ -45,6 +47,7 @@ class AwareState(NamedTuple):
     quiet: Any
     """For how long the command has stood still, s."""
     rejected: Any
+    plan: Plan
 
 
 class StateAware(AbstractStrategy):
@@ -66,6 +69,8 @@ class StateAware(AbstractStrategy):
         limit: greatest plausible |reading| of the strain gauge, rad; half a turn, unless given. A greater one would
             stand in the least squares until it is forgotten to below the vibration's square: one of 1e6 rad for longer
             than thirty times ``memory``.
+        replans: how often a move may be planned anew while it runs (``replanning``).
+        sway: how far a new plan may go back and forth, over the move.
 
     Raises:
         ValueError: for numbers that are not positive, a start outside the band, or lists of different lengths.
@@ -82,6 +87,8 @@ class StateAware(AbstractStrategy):
     sample_time: float = eqx.field(static=True)
     band: tuple[float, float] = eqx.field(static=True)
     zeta_limit: float = eqx.field(static=True)
+    replans: int = eqx.field(static=True)
+    sway: float = eqx.field(static=True)
     identifier: FilteredLeastSquares = eqx.field(static=True)
     queue: IncrementShaper = eqx.field(static=True)
 
@@ -99,6 +106,8 @@ class StateAware(AbstractStrategy):
         zeta_limit: float = 0.1,
         memory: float | None = None,
         limit: Any = np.pi,
+        replans: int = 0,
+        sway: float = 0.3,
     ):
         self.sample_time = check_time(sample_time)
         self.band = check_band(band, self.sample_time)
@@ -106,12 +115,14 @@ class StateAware(AbstractStrategy):
         self.omega, self.zeta = _check.as_array(omega, "omega"), _check.as_array(zeta, "zeta")
         self.servo, self.gain = _check.as_array(servo, "servo"), _check.as_array(gain, "gain")
         self.correction, self.limit = _check.scalar(correction, "correction"), check_positive(limit, "limit")
-        self.zeta_limit = float(zeta_limit)
+        self.zeta_limit, self.sway = float(zeta_limit), float(sway)
+        self.replans = _check.count(replans, "replans", least=0)
         for value, name in ((self.omega, "omega"), (self.servo, "servo")):
             _check.positive(value, name)
         _check.damping_ratio(self.zeta)
         _check.damping_ratio(self.zeta_limit, "zeta_limit")
         _check.not_negative(self.correction, "correction")
+        _check.not_negative(self.sway, "sway")
         shapes = self.omega.shape, self.zeta.shape, self.servo.shape, self.gain.shape
         if self.omega.ndim != 1 or shapes[0] != shapes[1] or shapes[2:] != ((2,), (2,)):
             raise ValueError(
@@ -130,7 +141,8 @@ class StateAware(AbstractStrategy):
 
     def initial(self, reference: Any) -> AwareState:
         mode = Mode(self.omega[0], self.zeta[0], self.gain[0], np.inf, self.gain[1])
-        return AwareState(Sensor(), Normal(), mode, self.queue.initial(reference), np.inf, 0)
+        plan = no_plan(1 + self.replans, 5 * len(self.others.times))
+        return AwareState(Sensor(), Normal(), mode, self.queue.initial(reference), np.inf, 0, plan)
 
     def advance(
         self: Any, numbers: Numbers, state: AwareState, reference: Any, readings: Readings
@@ -141,16 +153,24 @@ class StateAware(AbstractStrategy):
         usable = (reason == FOUND) & (abs(readings.motor) <= LIMIT)
         normal = self.identifier.advance(numbers, state.normal, select(usable, sample, np.nan), readings.motor)
         mode = _updated(self, numbers, state.mode, normal)
+        change = select(xp.isfinite(reference), reference, state.queue.reference) - state.queue.reference
+        plan = state.plan._replace(age=state.plan.age + 1)
+
+        def begin(plan: Plan) -> Plan:
+            shaper, swing = _shaper(self, numbers, state.quiet, mode, normal, change)
+            # The filter's lags have to see the move before its estimates count.
+            wait = 4 / self.identifier.corner
+            return begun(numbers, plan, change, state.queue.left == 0, shaper, swing, wait)
 
         def shaper(change: Any) -> tuple[Any, Any]:
-            rest = _rest(self, numbers, state.quiet, mode, normal, change)
-            amplitudes, times = transition_zvd(numbers, mode.omega, mode.zeta, rest)
-            return (
-                (amplitudes[:, None] * self.others.amplitudes[None, :]).reshape(-1),
-                (times[:, None] + self.others.times[None, :]).reshape(-1),
-            )
+            return plan.amounts[0] / select(change == 0, 1.0, change), plan.times[0]
 
+        plan = numbers.when(change != 0, begin, _itself, plan)
         queue = self.queue.advance(numbers, state.queue, reference, shaper)
+        if self.replans:
+            fresh = (mode.omega != state.mode.omega) & (plan.age * self.sample_time >= plan.wait)
+            due = fresh & (queue.left > 0) & (plan.made > 0) & (plan.made <= self.replans)
+            queue, plan = numbers.when(due, partial(_planned_anew, self, numbers, mode), _itself, (queue, plan))
         quiet = select(queue.left > 0, 0.0, state.quiet + self.sample_time)
         rejected = state.rejected + select(usable, 0, 1)
         omega, zeta = (
@@ -158,13 +178,15 @@ class StateAware(AbstractStrategy):
             for first, fixed in ((mode.omega, self.omega), (mode.zeta, self.zeta))
         )
         decision = Decision(queue.command, omega, zeta, rejected)
-        return AwareState(strain, normal, mode, queue, quiet, rejected), decision
+        return AwareState(strain, normal, mode, queue, quiet, rejected, plan), decision
 
     def bound(self, omega: float, zeta: float, spacing: float | None = None) -> float:
         """The largest residual vibration of the first mode, over a bare step's, however wrong the estimates are.
 
         Over all frequencies in the band, damping ratios and corrections that are allowed: a grid of 2,000 frequencies,
-        5 damping ratios and 72 phases; for concrete values only.
+        5 damping ratios and 72 phases; for concrete values only. With ``replans`` every plan after the first adds at
+        most ``sway`` to the way that the command goes, whose length over the move's is then the bound: no mode of a
+        linear link is left with more.
 
         Args:
             omega: true frequency, rad/s.
@@ -180,8 +202,9 @@ class StateAware(AbstractStrategy):
             amplitudes, times = transition_zvd(NUMPY, 1.0, tuned_zeta, phases)
             # As the envelope at the last impulse, like V.
             waves = np.exp(pole * (times[-1] - times[:, None]) / tuned)
-            worst = max(worst, float(np.max(np.abs(amplitudes.T @ waves))))
-        return worst
+            left = np.sum(np.abs(amplitudes), axis=0) if self.replans else np.abs(amplitudes.T @ waves)
+            worst = max(worst, float(np.max(left)))
+        return worst + self.replans * self.sway
 
 
 def _updated(own: Any, numbers: Numbers, old: Mode, normal: Normal) -> Mode:
@@ -205,21 +228,41 @@ def _updated(own: Any, numbers: Numbers, old: Mode, normal: Normal) -> Mode:
     )
 
 
-def _rest(own: Any, numbers: Numbers, quiet: Any, mode: Mode, normal: Normal, change: Any) -> Any:
-    """ρ of ``transition_zvd``: 0 unless the servo has settled, frequency and gain are known, and the move begins."""
-    xp, select = numbers.xp, numbers.select
-    servo_omega, servo_zeta = own.servo[0], own.servo[1]
-    root = xp.sqrt(1 - mode.zeta * mode.zeta)
-    pole = mode.omega * (-mode.zeta + 1j * root)
-    swing = own.identifier.phasor(numbers, normal, mode.omega, mode.zeta)
-    # What a full step gives the mode, through the other modes' shapers and the servo: twice the residue of
-    # −s² F(s) S(s)/s at the pole.
+def _unit(own: Any, numbers: Numbers, mode: Mode) -> tuple[Any, Any]:
+    """The phasor that a step of 1 in the motor's reference gives the mode, through the servo, and the mode's pole."""
+    root = numbers.xp.sqrt(1 - mode.zeta * mode.zeta)
+    pole, (servo_omega, servo_zeta) = mode.omega * (-mode.zeta + 1j * root), own.servo
+    # Twice the residue of −s² F(s) S(s)/s at the pole.
     through = servo_omega**2 / (pole * pole + 2 * servo_zeta * servo_omega * pole + servo_omega**2)
-    through = through * xp.sum(own.others.amplitudes * xp.exp(-pole * own.others.times))
-    step = 1j * mode.gain * pole * through / (mode.omega * root) * change
-    settled = quiet > 8 / (servo_omega * servo_zeta) + 4 / own.identifier.corner
+    return 1j * mode.gain * pole * through / (mode.omega * root), pole
+
+
+def _shaper(
+    own: Any, numbers: Numbers, quiet: Any, mode: Mode, normal: Normal, change: Any
+) -> tuple[tuple[Any, Any], Any]:
+    """Amplitudes and times (s) of a move's shaper, and the swing that it is to cancel: 0 unless the servo has settled,
+    frequency and gain are known, and the move begins."""
+    xp, select = numbers.xp, numbers.select
+    swing = own.identifier.phasor(numbers, normal, mode.omega, mode.zeta)
+    unit, pole = _unit(own, numbers, mode)
+    # Through the other modes' shapers, too.
+    step = unit * xp.sum(own.others.amplitudes * xp.exp(-pole * own.others.times)) * change
+    settled = quiet > 8 / (own.servo[0] * own.servo[1]) + 4 / own.identifier.corner
     possible = settled & (abs(step) > 1e-12) & xp.isfinite(mode.gain_std) & xp.isfinite(mode.omega_std)
     rest = -swing / select(possible, step, 1.0)
     size = abs(rest)
-    rest = rest * xp.minimum(1.0, own.correction / xp.maximum(size, 1e-12))
-    return select(possible & xp.isfinite(size), rest, 0.0 * rest)
+    possible = possible & xp.isfinite(size)
+    rest = select(possible, rest * xp.minimum(1.0, own.correction / xp.maximum(size, 1e-12)), 0.0 * rest)
+    amplitudes, times = transition_zvd(numbers, mode.omega, mode.zeta, rest)
+    amplitudes = (amplitudes[:, None] * own.others.amplitudes[None, :]).reshape(-1)
+    times = (times[:, None] + own.others.times[None, :]).reshape(-1)
+    return (amplitudes, times), select(possible, swing, 0.0 * swing)
+
+
+def _planned_anew(own: Any, numbers: Numbers, mode: Mode, both: tuple[Queue, Plan]) -> tuple[Queue, Plan]:
+    """``replanning.replanned`` by the mode as it is now known."""
+    return replanned(own, numbers, *both, mode.omega, mode.zeta, _unit(own, numbers, mode)[0])
+
+
+def _itself(value: Any) -> Any:
+    return value
