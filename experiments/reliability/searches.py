@@ -137,11 +137,12 @@ def report(rows: list[dict[str, Any]]) -> list[str]:
             found = np.array([excess(row) for row in some])
             early = sum(row["converged"] and excess(row) > APART for row in some)
             judged = np.mean([excess(row, "judge") <= CLOSE for row in some])
+            withheld = sum(not row["converged"] and excess(row) <= CLOSE for row in some)
             zero = sum(min(row["value"], row["judge"]) <= ZERO * row["bare"] for row in some)
             time_ratio = sum(row["judge_seconds"] for row in some) / sum(row["seconds"] for row in some)
             cells.append([
                 name, len(some), zero, f"{np.mean(found <= CLOSE):.1%}", f"{np.max(found):.2%}", early,
-                f"{judged:.1%}", f"{time_ratio:.0f}",
+                withheld, f"{judged:.1%}", f"{time_ratio:.0f}",
             ])  # fmt: skip
     head = [
         "kind",
@@ -150,6 +151,7 @@ def report(rows: list[dict[str, Any]]) -> list[str]:
         "within 0.1 %",
         "worst",
         "converged above 0.5 %",
+        "stopped within 0.1 %",
         "judge",
         "time ratio",
     ]
@@ -157,7 +159,8 @@ def report(rows: list[dict[str, Any]]) -> list[str]:
     names = ("kind", "index", "plant", "impulses", "amplitudes", "converged", "value", "judge")
     lines = [
         "*within 0.1 %*: share of designs that close to the better of search and judge; *worst*: the one furthest off;",
-        "*converged above 0.5 %*: how many say so and are further off; *judge*: the judge's own share.",
+        "*converged above 0.5 %*: how many say so and are further off; *stopped within 0.1 %*: how many do not say so",
+        "and are that close; *judge*: the judge's own share.",
         f"What leaves less than {ZERO:g} of the bare command's energy leaves nothing, and is its own judge.", "",
         *markdown.table(head, cells),
     ]  # fmt: skip

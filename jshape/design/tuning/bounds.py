@@ -20,6 +20,9 @@ SPAN = 10.0
 SPREAD = 0.5
 """Standard deviation of the logarithms by which a design is changed at random."""
 
+BESIDE = 0.02
+"""Standard deviation of the way from one impulse to another that is put beside it, of the duration."""
+
 
 class Bounds(eqx.Module):
     """The set of designs that a search considers.
@@ -109,19 +112,27 @@ class Bounds(eqx.Module):
         return self.clip(Point(amplitudes, gaps, point.leaves))
 
     def relocated(self, point: Point, random: np.random.Generator) -> Point:
-        """The design with one or two impulses of each shaper elsewhere, within the bounds."""
+        """The design with one or two impulses of each shaper elsewhere, every other one, on average, beside another
+        impulse, within the bounds."""
         amplitudes, gaps = [], []
         for amplitude, gap in zip(*(np.split(np.asarray(part), self.shapers) for part in point[:2]), strict=True):
             times = np.concatenate([[0.0], np.cumsum(gap)])
             duration = times[-1]
             for moved in random.permutation(len(times))[: random.integers(1, 3)]:
-                times[moved] = duration * random.random()
+                beside = times[random.integers(len(times))] + BESIDE * duration * random.standard_normal()
+                times[moved] = np.clip(beside, 0.0, duration) if random.random() < 0.5 else duration * random.random()
             order = np.argsort(times, kind="stable")
             # The first begins the shaper and the last ends it, whichever they are.
             times[order[0]], times[order[-1]] = 0.0, duration
             amplitudes.append(amplitude[order])
             gaps.append(np.diff(times[order]))
         return self.clip(Point(np.concatenate(amplitudes), np.concatenate(gaps), point.leaves))
+
+    def clustered(self, random: np.random.Generator) -> Point:
+        """A random design within the bounds of which about half of the impulses stand where the one before does."""
+        point = self.random(random)
+        gaps = self.each(lambda row: row * (random.random(len(row)) < 0.5), point.gaps)
+        return self.clip(point._replace(gaps=gaps))
 
     def reversed(self, point: Point) -> Point:
         """The design played backwards, within the bounds: undamped linear plants have equally good ones."""

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import minimize
 
+from jshape._blas import one_thread
 from jshape.design.tuning.evaluate import Linearisation
 from jshape.design.tuning.objective import TAIL, Objective, value_of, weights_of
 
@@ -111,10 +112,11 @@ def minimise_epigraph(
     """Minimise the merit of a smooth model of energies and slacks by SLSQP, from a start within the space, until it
     changes by less than the accuracy."""
     program = _Program(model, space, merit, start)
-    end = minimize(
-        program.objective, program.start, jac=True, bounds=program.bounds, constraints=program.constraints(),
-        method="SLSQP", options=dict(maxiter=iterations, ftol=accuracy),
-    )  # fmt: skip
+    with one_thread():
+        end = minimize(
+            program.objective, program.start, jac=True, bounds=program.bounds, constraints=program.constraints(),
+            method="SLSQP", options=dict(maxiter=iterations, ftol=accuracy),
+        )  # fmt: skip
     x = program.design(end.x)
     return np.clip(x, space.lower, space.upper) if np.all(np.isfinite(x)) else start
 

@@ -13,6 +13,7 @@ symmetric form of Broyden's update.
 import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from typing import NamedTuple
 
 import numpy as np
 
@@ -64,6 +65,12 @@ iterations that one gets before the best of those go on."""
 
 CLOSER = 1e-5
 """The part of the objective by which another design is a better one there."""
+
+AS_GOOD = 1e-3
+"""The part of the objective by which a search may end above the best one and count as having come back to it."""
+
+ENOUGH = 4
+"""Searches from around the best design that say something of how many basins there are."""
 
 
 class Descent:
@@ -226,9 +233,28 @@ class Descent:
             self.optimal = nearly or reached.residual < OPTIMAL
 
 
+class Around(NamedTuple):
+    """What local searches from around the best design say of it.
+
+    Attributes:
+        descents: all searches.
+        back: how many of the last ones from around it ended where the objective is that of the best.
+        begun: how many those were.
+    """
+
+    descents: list[Descent]
+    back: int
+    begun: int
+
+    @property
+    def few(self) -> bool:
+        """Whether so few came back that there are many basins, of which a better one may not have been met."""
+        return self.begun >= ENOUGH and self.back < RETURNED * self.begun
+
+
 def around(
     descents: list[Descent], start: Callable[[Point], Descent], count: int, random: np.random.Generator
-) -> list[Descent]:
+) -> Around:
     """Add so many local searches from around the best design, and again while they find a better one.
 
     Next to a good basin there is often a better one that few starting points meet (iterated local search); and where
@@ -241,30 +267,34 @@ def around(
         count: how many at a time.
         random: where.
     """
+    found = Around(descents, 0, 0)
     for _ in range(AGAIN if count > 0 else 0):
-        best = distinct(descents)[0]
+        best = distinct(found.descents)[0]
         bounds = best.search.problem.bounds
         more = [bounds.reversed(best.point), *(bounds.near(best.point, random) for _ in range(count - 1))]
         more = [start(point) for point in more]
         list(side_by_side(more, AROUND, KNOWN))
-        descents = [*descents, *more]
-        if distinct(descents)[0].merit > best.merit * (1 - CLOSER):
-            back = sum(one.merit <= best.merit * (1 + CLOSER) for one in more)
-            return descents if back >= RETURNED * count else _elsewhere(descents, start, count, random)
-    return descents
+        descents = [*found.descents, *more]
+        least = distinct(descents)[0].merit
+        found = Around(descents, sum(one.merit - least <= AS_GOOD * abs(least) for one in more), count)
+        if least > best.merit * (1 - CLOSER):
+            return found._replace(descents=_elsewhere(descents, start, count, random)) if found.few else found
+    return found
 
 
 def _elsewhere(
     descents: list[Descent], start: Callable[[Point], Descent], count: int, random: np.random.Generator
 ) -> list[Descent]:
-    """Add local searches from where one or two impulses of the best design are elsewhere, while they find better ones.
+    """Add local searches from where one or two impulses of the best design are elsewhere, and from where many coincide,
+    while they find better ones.
 
     Of many such designs those of least merit are begun with that lie apart.
     """
     for _ in range(AGAIN):
         best = distinct(descents)[0]
-        search, chosen = best.search, [best.x]
-        tried = [search.problem.bounds.relocated(best.point, random) for _ in range(RELOCATED * count * (count - 1))]
+        search, chosen, bounds = best.search, [best.x], best.search.problem.bounds
+        tried = [bounds.relocated(best.point, random) for _ in range(RELOCATED * count * (count - 1))]
+        tried += [bounds.clustered(random) for _ in range(len(tried) // 2)]
         for point in sorted(tried, key=lambda one: search.merit(one, LOOSEST)):
             x = search.vector(point)
             if len(chosen) < 2 * count and all(np.abs(x - other).max() > RADIUS for other in chosen):

@@ -20,7 +20,7 @@ from jshape.design.tuning.adam import descend
 from jshape.design.tuning.design_problem import DesignProblem
 from jshape.design.tuning.evaluate import DIVERGED_ENERGY, LOOSEST, Values, evaluate
 from jshape.design.tuning.levenberg_marquardt import in_use, levenberg_marquardt
-from jshape.design.tuning.local_search import KNOWN, Descent, around, distinct, side_by_side
+from jshape.design.tuning.local_search import KNOWN, Around, Descent, around, distinct, side_by_side
 from jshape.design.tuning.objective import objective_name, value_of
 from jshape.design.tuning.scaled_problem import EXCEEDED, OPTIMAL, Optimality, ScaledProblem
 from jshape.design.tuning.scenarios import Point
@@ -80,6 +80,7 @@ class Search:
         self.history: list[float] = []
         self.summary = ""
         self.interrupted = False
+        self.around: Around | None = None
         self.compiling: Future[None] | None = None
 
     @property
@@ -171,7 +172,8 @@ class Search:
                 for _ in side_by_side(descents, most or iterations, KNOWN if most else 0.0):
                     done += 1
                 if (size, most) == rounds[-2]:
-                    descents = around(descents, begin, min(count // 2, int(more) - 1), self.random)
+                    self.around = around(descents, begin, min(count // 2, int(more) - 1), self.random)
+                    descents = self.around.descents
                 for descent in distinct(descents)[:1] if most else descents:
                     self._add(descent.point, descent.optimal)
             if exchanged:
@@ -188,12 +190,15 @@ class Search:
             self.history = np.maximum(self.history, self.best.merit).tolist()
             self.summary = f"{self._value()}, the best of {rounds[0][0]} refined starts out of {count}"
             if self._reached():
-                self.candidates = [self.best._replace(optimal=True)]
+                self.candidates, self.around = [self.best._replace(optimal=True)], None
                 self.summary += f", zero but for rounding beside the bare command's {self._bare:.6g} J"
             elif self.problem.zero_is_optimal:
                 self.summary += "; no shaper with these impulses and this duration was found that leaves none"
         if not self.best.optimal:
             self.summary += f", not optimal after {iterations} iterations"
+        elif (near := self.around) is not None and near.few:
+            self.summary += f"; {near.back} of {near.begun} searches from around the best came back to it: there are "
+            self.summary += "many local optima, and more starts, or another seed, may find a better one"
         self.progress("local search", total, total, self.best.merit)
 
     def _reached(self) -> bool:
@@ -290,7 +295,8 @@ class Search:
         point = Point(amplitudes, gaps, _check.on_device(leaves))
         found = self.judge.values(self.judge.vector(best.point))
         values, slacks = found.energies, found.slacks
-        status = Status.INTERRUPTED if self.interrupted else status_of(values, slacks, best.optimal)
+        few = self.around is not None and self.around.few
+        status = Status.INTERRUPTED if self.interrupted else status_of(values, slacks, best.optimal and not few)
         slack = float(slacks.min(initial=1.0))
         missed = f"; a limit is missed by {-100 * slack:.3g} %" if slack < -EXCEEDED else ""
         balance = self._optimality(best.point, values)

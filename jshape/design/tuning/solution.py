@@ -19,8 +19,10 @@ class Solution(Result):
         shaping: what the metrics take: the shaper, or axis → the shaper of that axis.
         objective: residual energy (J; or the metric asked for): the nominal plant's, or the worst, mean or tail mean
             over the uncertain set, or what the objective's function makes of them.
-        status: ``CONVERGED`` at an optimum, ``STOPPED`` where the iterations ran out before, ``INFEASIBLE`` where a
-            limit is missed, ``DIVERGED`` where a plant diverged, ``INTERRUPTED`` by the user.
+        status: ``CONVERGED`` at an optimum to which searches from around it come back, ``STOPPED`` where the iterations
+            ran out before, or where there are many local optima, of which this is one (see ``optimality``), and a
+            better one may exist, ``INFEASIBLE`` where a limit is missed, ``DIVERGED`` where a plant diverged,
+            ``INTERRUPTED`` by the user.
         message: how the search ended, a sentence.
         history: the objective, with the cost of time if it has one, after each iteration (nominal: of the best start)
             or at each design evaluated (others), the least so far.
