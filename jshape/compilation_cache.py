@@ -123,6 +123,8 @@ def keep_programs(folder: str | Path | None = None) -> None:
     jax.config.update("jax_compilation_cache_dir", str(folder))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
+    # On a full disk, too, a command says its own line alone.
+    warnings.filterwarnings("ignore", "Error writing persistent compilation cache entry")
     _let_jax_see_damage()
     if local:
         _open(Path(folder) / "programs")

@@ -1,11 +1,13 @@
 """Programs kept from one process to the next: the same numbers, found again, and only where they may be."""
 
+import errno
 import hashlib
 import json
 import os
 import subprocess
 import sys
 import time
+import warnings
 import zlib
 
 import equinox as eqx
@@ -333,6 +335,24 @@ def test_a_folder_that_cannot_be_written_to_keeps_nothing(tmp_path, monkeypatch)
     (tmp_path / "file").write_text("")
     programs._open(tmp_path / "file" / "programs")
     assert same(kept(both)(jnp.arange(3.0), 2.0), eqx.filter_jit(both)(jnp.arange(3.0), 2.0))
+
+
+def test_a_disk_that_is_full_is_not_worth_a_word(tmp_path, monkeypatch):
+    """JAX warns of each program that it cannot keep."""
+    settled = jax.config.jax_compilation_cache_dir
+
+    def full(*_, **__):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(programs, "_folder", None)
+    monkeypatch.setattr("jax._src.compilation_cache.put_executable_and_time", full)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            js.keep_programs(tmp_path)
+            assert float(jax.jit(lambda x: 3 * x + 0.123)(2.0)) == 6.123
+    finally:
+        jax.config.update("jax_compilation_cache_dir", settled)
 
 
 def test_where_programs_are_kept(tmp_path, monkeypatch):

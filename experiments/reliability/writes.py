@@ -22,13 +22,16 @@ from typing import NamedTuple
 import numpy as np
 
 from experiments import markdown
-from experiments.reliability.records import vibration
+from experiments.reliability.records import accelerations, vibration
 
 COMMANDS = {
     "identify": ["identify", "record.csv", "--modes", "1", "--out", "out"],
     "export": ["export", "shaper.json", "--format", "c99", "--sample-time", "0.01", "--force", "--out", "out.h"],
     "sweep": ["sweep", "problem.toml", "--metric", "residual_energy", "--store", "store", "--out", "out"],
     "pareto": ["pareto", "problem.toml", "--store", "store", "--out", "out"],
+    "new": ["new", "--plant", "Crane", "crane.toml"],
+    "shape": ["shape", "trajectory.csv", "shaper.json", "--force", "--out", "shaped.csv"],
+    "calibrate": ["calibrate", "raw_data_x.csv", "--out", "out"],
 }
 """What is run."""
 
@@ -128,6 +131,9 @@ def _run(place: Path, arguments: list[str], fault: str, last: int) -> tuple[Path
     shaper = '{"format": "jshape-shaper", "version": 1, "amplitudes": [0.5, 0.5], "times": [0.0, 0.5]}'
     (place / "shaper.json").write_text(shaper, encoding="utf-8")
     (place / "problem.toml").write_text(PROBLEM, encoding="utf-8")
+    (place / "raw_data_x.csv").write_text("\n".join([*accelerations(), ""]), encoding="utf-8")
+    rows = [f"{0.01 * i:.2f},{1 - np.cos(i * np.pi / 30):.6g}" for i in range(31)]
+    (place / "trajectory.csv").write_text("\n".join(["t [s],a [rad]", *rows, ""]), encoding="utf-8")
     run = [sys.executable, "-c", RUNNER, fault, str(last), *arguments]
     root = str(Path(__file__).parents[2])
     paths = os.pathsep.join([root, os.environ.get("PYTHONPATH", "")])
