@@ -261,3 +261,8 @@ def test_the_fuzzer_finds_faults(tmp_path):
     found = fuzz.tried(faulty, 40, np.random.default_rng(0), tmp_path)
     assert {words.split(":")[0] for words in found.faults} == {"KeyError", "a message of 9 characters", "FaultError"}
     assert "| faulty | 40 | 0 |" in fuzz.report({"faulty": found}, 40, 0)
+
+
+def test_a_name_that_no_file_may_have_is_refused():
+    with pytest.raises(ValueError, match="name must have at most 100 characters, not 999"):
+        js.export(SHAPER, "c99", sample_time=0.01, name="x" * 999)

@@ -131,6 +131,12 @@ def test_a_machine_of_a_file_is_data():
         state.from_machine("gantry.urdf", (SHIPPED / "gantry.urdf").read_bytes(), "wheel")
 
 
+def test_a_command_for_an_axis_of_a_plant_that_has_one_is_refused():
+    text = state.begin("ModalPlant").text
+    with pytest.raises(ValueError, match=r"command\.trolley: the studio shows one command of a ModalPlant"):
+        state.from_text(text.replace("[command]", "[command.trolley]"))
+
+
 def test_sliders_end_at_finite_numbers():
     shown = changes.with_value(state.begin("TwoMass"), "plant.m1", 1e308)
     for parameter in state.parameters(state.from_text(shown.text)):

@@ -20,12 +20,18 @@ TEMPLATES = files("jshape.export") / "templates"
 """Texts with ``$names`` to fill in, and the reserved words of each language."""
 
 
+LONGEST = 100
+"""Characters of a name, which is part of a file's, too."""
+
+
 def identifier(name: Any, language: str) -> str:
     """``name``, if a program in that language may call something so.
 
-    *Raises* ``ValueError`` unless it is a letter and then letters, digits and single underscores, and no reserved word
-    (in lower or upper case).
+    *Raises* ``ValueError`` unless it is a letter and then letters, digits and single underscores, at most ``LONGEST``,
+    and no reserved word (in lower or upper case).
     """
+    if isinstance(name, str) and len(name) > LONGEST:
+        raise ValueError(f"name must have at most {LONGEST} characters, not {len(name)}")
     if not isinstance(name, str) or not re.fullmatch(r"[A-Za-z](_?[A-Za-z0-9])*", name):
         raise ValueError(f"name must be a letter followed by letters, digits and single underscores, not {name!r}")
     if name.lower() in (TEMPLATES / f"{language}.reserved").read_text(encoding="utf-8").split():

@@ -193,6 +193,8 @@ def from_draft(draft: Draft, files: Files = ()) -> State:
     delayed = [f"{axis}.delay" for axis, table in tables.items() if isinstance(table, dict) and "delay" in table]
     if unknown := [key for key in tables if key == "synchronised"] + delayed:
         raise ValueError(f"command.{unknown[0]}: the studio does not show it")
+    if tables and "type" not in tables and not (draft.plant.entry and draft.plant.entry.axes):
+        raise ValueError(f"command.{next(iter(tables))}: the studio shows one command of a {kind}, not one for an axis")
     state = _fresh(
         Starter(
             name=kind, title=file.title or kind, plant=kind,
