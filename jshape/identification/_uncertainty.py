@@ -6,9 +6,23 @@ Source: Ljung and Box, Biometrika 65 (1978); Newey and West, Econometrica 55 (19
 import numpy as np
 from scipy.signal import fftconvolve
 from scipy.stats import chi2
+from scipy.stats import t as students
+
+from jshape import _check
 
 LAGS = 50
 """Over how many rows noise may be correlated and the covariance still allows for it, unless more are asked for."""
+
+
+def half_width(level: float, free: float) -> float:
+    """Half of a confidence interval over the standard deviation, by Student's t with ``free`` degrees of freedom.
+
+    Raises:
+        ValueError: unless 0 < level < 1.
+    """
+    if not 0 < level < 1:
+        raise ValueError(f"level must lie between 0 and 1, not {_check.show(level)}")
+    return float(students.ppf((1 + level) / 2, free))
 
 
 def is_white(residuals: np.ndarray) -> bool:

@@ -4,11 +4,9 @@ import dataclasses
 from typing import Any
 
 import numpy as np
-from scipy.stats import t as students
 
-from jshape import _check
 from jshape.identification._motion import Fit, Problem
-from jshape.identification._uncertainty import covariance, is_white
+from jshape.identification._uncertainty import covariance, half_width, is_white
 from jshape.identification.records import RecordError
 from jshape.status import Result, Status
 
@@ -50,9 +48,7 @@ class IdentifiedMotion(Result):
         Raises:
             ValueError: unless 0 < level < 1.
         """
-        if not 0 < level < 1:
-            raise ValueError(f"level must lie between 0 and 1, not {_check.show(level)}")
-        reach = float(students.ppf((1 + level) / 2, self.free))
+        reach = half_width(level, self.free)
         return {
             name: (value - reach * self.std[name], value + reach * self.std[name])
             for name, value in self.parameters.items()

@@ -4,10 +4,9 @@ import abc
 import dataclasses
 
 import numpy as np
-from scipy.stats import t as students
 
-from jshape import _check
 from jshape.identification._projection import AbstractFamily, Fit
+from jshape.identification._uncertainty import half_width
 from jshape.plants import ModalPlant
 from jshape.status import Result, Status
 
@@ -42,9 +41,7 @@ class AbstractIdentified(Result):
         Raises:
             ValueError: unless 0 < level < 1.
         """
-        if not 0 < level < 1:
-            raise ValueError(f"level must lie between 0 and 1, not {_check.show(level)}")
-        reach = float(students.ppf((1 + level) / 2, self.free)) * np.array([[-1.0], [1.0]])
+        reach = half_width(level, self.free) * np.array([[-1.0], [1.0]])
         return self.omega + reach * self.omega_std, np.maximum(self.zeta + reach * self.zeta_std, 0.0)
 
 
