@@ -5,6 +5,7 @@ import re
 import signal
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -148,28 +149,29 @@ def test_a_cluster_loses_a_worker_half_way(whole, tmp_path):
         np.testing.assert_array_equal(found, whole[name])
 
 
+FAULTS = {
+    "both workers are killed": r"client: the cluster tcp://\S+ has had no workers for 10 s; .*",
+    "the scheduler falls silent": r"client: the scheduler tcp://\S+ has not answered for 12 s; .*",
+    "the scheduler is killed": r"client: the connection to the scheduler tcp://\S+ is broken; .* the same call resumes",
+    "the sweep's connections are dropped, and come back": "",
+}
+"""Fault → the line with which the sweep ends; none where it ends as if nothing had happened."""
+
+
 @pytest.fixture(scope="module")
-def undisturbed(tmp_path_factory):
-    """The sweep of the experiment, in one process."""
-    return cluster.undisturbed(tmp_path_factory.mktemp("faults") / "alone")
+def disturbed(tmp_path_factory):
+    """The experiment's sweep with every fault; two at a time, for most of it is waiting."""
+    pytest.importorskip("distributed")
+    place = tmp_path_factory.mktemp("faults")
+    expected = cluster.undisturbed(place / "alone")
+    with ThreadPoolExecutor(2) as pool:
+        cases = [pool.submit(cluster.disturbed, place / name, name, 3, expected, anew=False) for name in FAULTS]
+    return {name: case.result() for name, case in zip(FAULTS, cases, strict=True)}
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("fault", "line"),
-    [
-        ("both workers are killed", r"client: the cluster tcp://\S+ has had no workers for 10 s; .*"),
-        ("the scheduler falls silent", r"client: the scheduler tcp://\S+ has not answered for 12 s; .*"),
-        (
-            "the scheduler is killed",
-            r"client: the connection to the scheduler tcp://\S+ is broken; .* the same call resumes",
-        ),
-        ("the sweep's connections are dropped, and come back", ""),
-    ],
-)
-def test_a_cluster_is_lost_half_way(undisturbed, tmp_path, fault, line):
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_cluster_is_lost_half_way(fault, disturbed):
     """It ends with one line and resumes, or, where the connections come back, as if nothing had happened."""
-    pytest.importorskip("distributed")
-    case = cluster.disturbed(tmp_path / "faulty", fault, 3, undisturbed, anew=False)
-    assert not case.wrong
-    assert re.fullmatch(line, case.line)
+    assert not disturbed[fault].wrong
+    assert re.fullmatch(FAULTS[fault], disturbed[fault].line)
