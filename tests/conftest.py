@@ -44,6 +44,13 @@ LONGEST = (
 )
 """Files that take longest, longest first: begun first, so that no worker is left alone with one at the end."""
 
+SLOWEST = (
+    *("steps", "experiments_papers", "tune_limits", "gallery", "tune_axes", "local_search", "studio_browser", "studio"),
+    *("axes", "sweep_processes", "plants_mujoco_axes", "tune", "identification_files", "plants_mujoco", "envs_gym"),
+    *("cli", "adaptive_loop", "identification_duffing", "readme", "compilation_cache", "identification"),
+)
+"""Likewise in the slow set."""
+
 MOST_MEMORY = 6.0
 """GB of a process beyond which its compiled programs are dropped."""
 
@@ -65,7 +72,8 @@ def pytest_collection_modifyitems(config, items):
     if not hasattr(config, "workerinput"):
         # Without workers files come in the order in which they are named.
         return
-    place = {f"test_{name}.py": i for i, name in enumerate(LONGEST)}
+    first = SLOWEST if config.option.markexpr == "slow" else LONGEST
+    place = {f"test_{name}.py": i for i, name in enumerate(first)}
     items.sort(key=lambda item: place.get(item.path.name, len(place)))
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-HEAD = '<mujoco><option timestep="1e-4" integrator="RK4"><flag contact="disable"/></option><worldbody>'
+HEAD = '<mujoco><option timestep="1e-3" integrator="RK4"><flag contact="disable"/></option><worldbody>'
 
 CRANE = f"""{HEAD}
 <body name="trolley"><joint name="slide" type="slide" axis="1 0 0" range="-0.5 9"/><geom size="0.1" mass="30"/>
@@ -20,7 +20,7 @@ DOUBLE = f"""{HEAD}
   </body>
 </body></worldbody></mujoco>"""
 
-ARM = """<mujoco><compiler angle="radian"/><option timestep="1e-4" integrator="RK4" gravity="0 0 0">
+ARM = """<mujoco><compiler angle="radian"/><option timestep="1e-3" integrator="RK4" gravity="0 0 0">
 <flag contact="disable"/></option><worldbody>
 <body name="base" pos="0.1 0.2 1"><joint name="motor" axis="0 0 1"/><geom size="0.1" mass="1"/>
   <body name="upper"><joint name="shoulder" axis="0 0 1" stiffness="600" damping="0.3" pos="0.02 0 0"/>
@@ -44,7 +44,7 @@ TOWER = f"""{HEAD}
 </body></worldbody></mujoco>"""
 """A jib that slews; a load that swings both ways, on a cable that stretches under it."""
 
-SAGGING = """<mujoco><option timestep="1e-4" integrator="RK4"><flag contact="disable"/></option><worldbody>
+SAGGING = """<mujoco><option timestep="1e-3" integrator="RK4"><flag contact="disable"/></option><worldbody>
 <frame euler="10 20 30"><body name="column" euler="0 90 0"><joint name="lift" axis="0.6 0 0.8"/>
   <geom type="box" size="0.1 0.2 0.3" pos="0.1 0 0" mass="5"/>
   <body name="mast" pos="0.1 0.2 0.3" euler="40 50 60">
@@ -109,7 +109,7 @@ def free_accelerations(mujoco, model, data, driven, push):
     return found, applied[driven]
 
 
-def pushes(command, step=1e-4):
+def pushes(command, step=1e-3):
     """The mean acceleration in each step of a command whose pieces are parabolas, shape (steps,) or (steps, axes)."""
     breaks, coefficients = map(np.asarray, command.pieces())
     assert not np.any(coefficients[..., 3:])
