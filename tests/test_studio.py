@@ -3,6 +3,7 @@
 import asyncio
 import base64
 import dataclasses
+import itertools
 import json
 import os
 import signal
@@ -25,13 +26,18 @@ from jshape.export import FORMATS
 from jshape.problems import catalogue, limits
 from jshape.problems.problem import load
 from jshape.problems.reading import read, shipped
-from jshape.studio import changes, charts, curves, episodes, link, own_code, results, state, takeaway
+from jshape.studio import changes, charts, curves, drawings, episodes, link, own_code, results, state, takeaway, words
 from jshape.studio.guard import MOST, MOST_UPLOADED, Guard
 from jshape.studio.live import Live
 from jshape.studio.panels import learn
 from jshape.studio.panels.printer import file_name
 from jshape.studio.panels.shaper import ENERGY, SHAPERS
 from jshape.studio.work import Work
+
+
+def every(shown):
+    """The results of a page's state, one after the other."""
+    return itertools.chain.from_iterable(curves.stages(shown))
 
 
 def drafted(folder, text):
@@ -175,7 +181,7 @@ def test_files_of_machines_are_bounded_and_name_no_other(content, words):
 def test_a_machine_of_a_file_swings_as_the_problem_of_its_own_file():
     """What the page computes of a dropped file is what the library computes of the file."""
     shown = changes.with_impulses(state.from_machine("crane.xml", MACHINE), [0.5, 0.5], [0.0, 1.5])
-    found = {type(result): result for result in curves.stages(shown)}
+    found = {type(result): result for result in every(shown)}
     plant = js.plants.from_mjcf(SHIPPED / "double_pendulum_crane.xml", {"slide": "axis"})
     left = js.residual_energy(plant, js.Shaper([0.5, 0.5], [0.0, 1.5]), js.Trapezoid(1.0, 0.5, 0.5))
     assert found[results.Numbers].shaped == pytest.approx(float(left), rel=1e-9)
@@ -209,7 +215,7 @@ def test_an_episode_under_two_strategies():
             memory, shaper = policy.act(memory, observation, params, now)
             now, observation, _, _, _, info = move(key, now, shaper, params)
             assert row["residuals"][i] == pytest.approx(float(info.residual), rel=2e-3, abs=1e-6)
-    drawn = charts.episode(found, ["A", "B"])
+    drawn = drawings.episode(found, ["A", "B"])
     assert drawn["titles"] == ["A", "B"]
     assert len(charts.residuals(found, ["A", "B"])["series"][1]["data"]) == 3
 
@@ -260,7 +266,7 @@ def test_the_strategies_that_the_page_names_are_those_that_there_are():
     from jshape_envs.baselines import BASELINES
 
     assert set(learn.STRATEGIES) == {*BASELINES, "trained", "guarded"}
-    assert set(learn.ENVIRONMENTS) == set(ENVIRONMENTS)
+    assert set(words.ENVIRONMENTS) == set(ENVIRONMENTS)
     assert all(set(learn.PRESETS) == set(each.presets) for each in ENVIRONMENTS.values())
 
 
@@ -300,7 +306,7 @@ def test_code_runs_where_it_is_allowed(monkeypatch):
     assert state.from_text(shown.text).text == shown.text
     shown = changes.with_value(shown, "plant.m", 2.5)
     assert {p.path: p.value for p in state.parameters(shown)}["plant.m"] == 2.5
-    left = next(result for result in curves.stages(shown) if isinstance(result, results.Numbers))
+    left = next(result for result in every(shown) if isinstance(result, results.Numbers))
     problem = state.problem(shown.text)
     assert float(problem.plant.m) == 2.5
     assert left.unshaped == pytest.approx(float(js.residual_energy(problem.plant, None, problem.distance)), rel=1e-9)
@@ -360,7 +366,7 @@ def test_curves_of_several_axes():
     shown = changes.with_impulses(changes.with_own(state.begin("BridgeCrane"), True), [0.5, 0.5], [0.0, 2.0])
     shown = changes.with_uncertainty(shown, "cable_length", None)
     shown = changes.with_axis(shown, "bridge")
-    found = {type(result): result for result in curves.stages(shown)}
+    found = {type(result): result for result in every(shown)}
     problem = state.problem(shown.text)
     shapers = {"trolley": js.Shaper([0.5, 0.5], [0.0, 2.0]), "bridge": js.Shaper(shown.amplitudes, shown.times)}
     left = js.residual_energy(problem.plant, shapers, problem.distance)
@@ -381,7 +387,7 @@ def test_curves_of_several_axes():
 def test_drawings_of_several_axes(plant):
     """At rest before and after the move the parts are where the geometry says."""
     shown = changes.with_uncertainty(state.begin(plant), next(iter(state.begin(plant).starter.uncertain)), None)
-    moves = next(curves.stages(shown))
+    moves = next(every(shown))
     first = moves.scene["places"]["shaped"][0]
     expected = {
         "TowerCrane": [[0, 0], [15, 0], [15, 0]],
@@ -390,7 +396,7 @@ def test_drawings_of_several_axes(plant):
     }
     np.testing.assert_allclose(first, expected[plant], atol=1e-9)
     if plant == "TowerCrane":
-        trolley = next(curves.stages(changes.with_axis(shown, "trolley"))).position
+        trolley = next(every(changes.with_axis(shown, "trolley"))).position
         assert trolley["command"][[0, -1]] == pytest.approx([15.0, 25.0])
         driven = moves.scene["places"]["shaped"][-1, 1]
         np.testing.assert_allclose(driven, 25 * np.array([np.cos(np.radians(40)), np.sin(np.radians(40))]), atol=1e-6)
@@ -512,9 +518,9 @@ def test_links_are_data_and_bounded(words):
 def test_a_design_to_compare_has_the_numbers_that_it_had():
     """What is drawn of a pinned design is what was drawn of it before another took its place."""
     shown = changes.with_impulses(state.begin("TwoMass"), [0.3, 0.7], [0.0, 0.6])
-    before = {type(result): result for result in curves.stages(shown)}
+    before = {type(result): result for result in every(shown)}
     later = changes.with_impulses(changes.with_pin(shown), [0.5, 0.5], [0.0, 0.9])
-    (pinned,) = [result for result in curves.stages(later) if isinstance(result, results.Pinned)]
+    (pinned,) = [result for result in every(later) if isinstance(result, results.Pinned)]
     assert pinned.numbers == before[results.Numbers]
     np.testing.assert_array_equal(pinned.moves.position["shaped"], before[results.Moves].position["shaped"])
     ends = [found.values["shaped"][[0, -1]] for found in (pinned.sensitivity, before[results.Sensitivity])]
@@ -529,7 +535,7 @@ def test_curves_of_the_duffing_pair():
     """Without a shaper the undamped pair swings by the whole distance; with the energy shaper nothing is left."""
     shown = state.begin("TwoMass")
     shown = changes.with_impulses(shown, *takeaway.closed_form(shown, "energy 2-impulse"))
-    found = {type(result): result for result in curves.stages(shown)}
+    found = {type(result): result for result in every(shown)}
     moves, numbers = found[results.Moves], found[results.Numbers]
     sensitivity, linear = found[results.Sensitivity], found[results.Linear]
     assert moves.warning == ""
@@ -540,7 +546,18 @@ def test_curves_of_the_duffing_pair():
     # Energy of the spring k1 x²/2 + k3 x⁴/4 at 1 m.
     assert numbers.unshaped == pytest.approx(10 / 2 + 100 / 4)
     assert numbers.shaped < 1e-12
-    assert len(sensitivity.at) == curves.PLANTS
+    assert len(sensitivity.at) == curves.PLANTS == 1000
+    # Along the move: without a shaper all of it from the step on, with one nothing after the last impulse.
+    np.testing.assert_allclose(moves.energy["unshaped"][1:], 30.0, rtol=1e-9)
+    assert np.max(moves.energy["shaped"][after]) < 1e-9
+    ends = found[results.Ends]
+    np.testing.assert_allclose(ends.at, [0.8, 1.2])
+    for name, mass in (("low", 0.8), ("high", 1.2)):
+        # By another integrator, of adaptive steps.
+        plant = js.plants.TwoMass(spring=js.plants.Duffing(10.0, 100.0), m2=mass)
+        run = js.simulate(plant, 1.0, curves.shaper_of(shown), horizon=moves.times[-1], samples=len(moves.times))
+        payload = np.interp(moves.scene["times"], run.times, run.payload)
+        np.testing.assert_allclose(ends.places[name][:, 1, 0], payload, atol=1e-6)
     assert not sensitivity.draft
     np.testing.assert_allclose(sensitivity.values["unshaped"], 1.0, atol=1e-9)
     nearest = np.argsort(np.abs(sensitivity.at - 1.0))[:2]
@@ -554,13 +571,35 @@ def test_curves_of_the_duffing_pair():
     np.testing.assert_allclose(linear.modes, [np.sqrt(10.0) / (2 * np.pi)])
 
 
+def test_the_spectrum_of_a_lasting_vibration_is_its_amplitude():
+    """3 mm at 2 Hz are 3 mm high at 2 Hz, and nothing is far from there."""
+    times = np.linspace(0, 10, 401)
+    bent = {"shaped": 3 * np.cos(4 * np.pi * times + 0.3)}
+    moves = results.Moves(times, bent, bent, bent, "m", "mm", {}, "")
+    (found,) = curves.spectrum(moves, 2 * np.pi * np.array([0.5, 2.0, 3.5])).values()
+    np.testing.assert_allclose(found, [0, 3, 0], atol=0.01)
+
+
+def test_energy_is_drawn_against_what_moves():
+    """Against position; of an axis that rests against time."""
+    at = np.array([0.0, 1.0, 2.0])
+    runs = {"shaped": at / 2, "unshaped": at}
+    moves = results.Moves(at, runs, runs, {"shaped": at**2, "unshaped": at}, "m", "mm", {}, "")
+    drawn = charts.energy(moves)
+    assert drawn["series"][0]["data"] == [[0.0, 0.0], [0.5, 1.0], [1.0, 4.0]]
+    assert drawn["title"]["text"] == words.ENERGY_AGAINST_POSITION
+    rests = dataclasses.replace(moves, position=dict.fromkeys(runs, 0 * at))
+    assert charts.energy(rests)["series"][0]["data"] == [[0.0, 0.0], [1.0, 1.0], [2.0, 4.0]]
+    assert charts.energy(rests)["title"]["text"] == words.ENERGY_AGAINST_TIME
+
+
 def test_a_shaper_that_cannot_be_is_an_error():
     shown = changes.with_impulses(state.begin("TwoMass"), [0.5, 0.6], [0.0, 1.0])
     with pytest.raises(ValueError, match="amplitudes must sum to 1"):
-        next(curves.stages(shown))
+        next(every(shown))
     broken = changes.with_value(state.begin("TwoMass"), "plant.m2", -1.0)
     with pytest.raises(ValueError, match=r"plant\.m2: must be greater than 0, not"):
-        next(curves.stages(broken))
+        next(every(broken))
 
 
 def test_a_draft_says_so_and_is_not_given_away():
@@ -630,9 +669,10 @@ def test_closed_forms_by_name():
 
 def test_csv_of_the_curves():
     at = np.array([0.0, 1.0])
-    moves = results.Moves(at, {"shaped": at}, {"shaped": 2 * at}, "m", "mm", {}, "")
+    moves = results.Moves(at, {"shaped": at}, {"shaped": 2 * at}, {"shaped": 3 * at}, "m", "mm", {}, "")
     assert takeaway.moves_csv(moves).splitlines() == [
-        "time (s),\"position, shaped (m)\",\"deflection, shaped (mm)\"", "0.0,0.0,0.0", "1.0,1.0,2.0"
+        "time (s),\"position, shaped (m)\",\"deflection, shaped (mm)\",\"energy, shaped (J)\"",
+        "0.0,0.0,0.0,0.0", "1.0,1.0,2.0,3.0",
     ]  # fmt: skip
 
 
@@ -854,14 +894,14 @@ def test_the_extra_is_named_where_it_is_missing(monkeypatch):
 
 def test_mistakes_at_the_prompt():
     pytest.importorskip("nicegui")
-    for arguments, words in [
+    for arguments, said in [
         (["--port", "70000"], "--port must lie between 0 and 65535, not 70000"),
         (["nowhere.toml"], "nowhere.toml: no such file"),
         (["own_plant"], "the studio runs no code of a problem file's own"),
     ]:
         result = CliRunner().invoke(app, ["studio", *arguments])
         assert result.exit_code == 2
-        assert words in " ".join(result.output.split())
+        assert said in " ".join(result.output.split())
 
 
 def test_a_stop_at_once_is_quiet(capfd):

@@ -110,12 +110,23 @@ def page_of(address: str, browser: Any, width: int = 1280, height: int = 800, da
         context.close()
 
 
-def computed(page: Any, seconds: float = 200.0) -> str:
-    """The page's summary, once everything is computed."""
+def changes_of(page: Any) -> int:
+    """How many changes of its state the page has taken up."""
+    return int(page.evaluate("document.querySelector('.studio-main')?.dataset.change ?? 0"))
+
+
+def computed(page: Any, after: int = -1, seconds: float = 200.0) -> str:
+    """The page's summary, once everything is computed.
+
+    Args:
+        page: of the studio.
+        after: how many changes there were before the one whose curves are waited for.
+        seconds: that it may take.
+    """
     page.wait_for_function(
-        """() => { const words = document.querySelector('[data-testid=summary]')?.innerText ?? 'computing';
-        const busy = document.querySelector('.studio-busy');
-        return !words.startsWith('computing') && busy.classList.contains('hidden'); }""",
+        """(after) => { const main = document.querySelector(".studio-main");
+        return main?.ariaBusy === "false" && Number(main.dataset.change) > after; }""",
+        arg=after,
         timeout=1000 * seconds,
     )
     return page.locator("[data-testid=summary]").inner_text()
@@ -125,10 +136,13 @@ def choose(page: Any, plant: str) -> None:
     """Choose another machine."""
     from jshape.studio.state import plants
 
-    page.get_by_role("combobox", name="machine").click()
+    before, machine = changes_of(page), page.get_by_role("combobox", name="machine")
+    if machine.input_value() == plants()[plant]:
+        return
+    machine.click()
     page.get_by_role("option", name=plants()[plant]).click()
-    page.wait_for_timeout(1000)
-    computed(page)
+    # The machine, and its simplest shaper.
+    computed(page, before + 1)
 
 
 def measured(page: Any, slider: str) -> dict[str, list[float]]:

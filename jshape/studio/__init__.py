@@ -4,10 +4,10 @@ It has no mathematics of its own. ``state`` is what a page shows, which is a pro
 where its machine is described in one) and the impulses of a shaper, ``changes`` what makes another of it; ``curves``
 computes the ``results`` that are drawn of it, ``live`` lets the newest state win. ``work`` does the ``tasks`` that take
 long (tune, the Pareto front, a printer, ``episodes``) in a process of its own; ``guard`` decides who may talk to the
-server, ``own_code`` whether problem files may name code. ``tab``, ``page``, ``panels``, ``charts``, ``scene.js`` and
-``drag.js`` are what the browser shows, ``takeaway`` is what can be saved and ``link`` what an address carries. The page
-is there before JAX, which a worker loads: what needs it is imported where it is called. Nothing of this is imported by
-any other command.
+server, ``own_code`` whether problem files may name code. ``tab``, ``page``, ``panels``, ``charts``, ``drawings`` and
+three scripts are what the browser shows, ``words`` is all English on it, ``takeaway`` what can be saved and ``link``
+what an address carries. The page is there before JAX, which a worker loads: what needs it is imported where it is
+called. Nothing of this is imported by any other command.
 
 The library of the page was chosen by one prototype in each of three: a slider that changes a curve of 1,000 points in a
 headless Chromium, 60 key presses, from the key to the first frame with the new value (x86-64, two cores):

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from jshape.studio import words
 from jshape.studio.results import Linear, Moves, Numbers, Pinned, Sensitivity
 from jshape.studio.state import State
 
@@ -102,8 +103,10 @@ def colours(dark: bool, upright: int = 1) -> dict[str, Any]:
         "axisLine": {"lineStyle": {"color": text}},
     }
     box = {"backgroundColor": "#2a2a2a" if dark else "#ffffff", "textStyle": {"color": text}}
-    words = {"textStyle": {"color": text}}
-    return {"title": words, "legend": words, "tooltip": box, "xAxis": [axis], "yAxis": [axis] * upright}
+    said = {"textStyle": {"color": text}}
+    # Of the page: what is saved has it, too.
+    paper = {"backgroundColor": "#121212" if dark else "#ffffff"}
+    return paper | {"title": said, "legend": said, "tooltip": box, "xAxis": [axis], "yAxis": [axis] * upright}
 
 
 def merged(given: dict[str, Any], look: dict[str, Any]) -> dict[str, Any]:
@@ -115,12 +118,12 @@ def merged(given: dict[str, Any], look: dict[str, Any]) -> dict[str, Any]:
     return kept
 
 
-def points(across: np.ndarray, up: np.ndarray) -> list[list[float | None]]:
+def points(across: np.ndarray, up: np.ndarray, most: int = DENSE) -> list[list[float | None]]:
     """A curve as pairs, each number to a millionth of the greatest; what is not finite is a gap.
 
-    Of more than ``DENSE`` points every second one, or third, from the last one back.
+    Of more than ``most`` points every second one, or third, from the last one back.
     """
-    pairs = np.column_stack([rounded(across), rounded(up)])[:: -(1 + (len(across) - 1) // DENSE)][::-1]
+    pairs = np.column_stack([rounded(across), rounded(up)])[:: -(1 + (len(across) - 1) // most)][::-1]
     found = pairs.tolist()
     for i, j in np.argwhere(~np.isfinite(pairs)).tolist():
         found[i][j] = None
@@ -139,7 +142,7 @@ def shortened(value: float) -> float | None:
     return float(f"{value:.5g}") if math.isfinite(value) else None
 
 
-def line(name: str, across: np.ndarray, up: np.ndarray, look: dict[str, Any]) -> dict[str, Any]:
+def line(name: str, across: np.ndarray, up: np.ndarray, look: dict[str, Any], most: int = DENSE) -> dict[str, Any]:
     """A curve of a chart.
 
     Args:
@@ -147,8 +150,9 @@ def line(name: str, across: np.ndarray, up: np.ndarray, look: dict[str, Any]) ->
         across: values along the horizontal axis.
         up: along the vertical one.
         look: of the line.
+        most: points of it.
     """
-    data = points(across, up)
+    data = points(across, up, most)
     colour = {"itemStyle": {"color": look["color"]}, "lineStyle": look}
     return {"type": "line", "name": name, "showSymbol": False, "data": data, **colour}
 
@@ -157,7 +161,7 @@ def position(moves: Moves, others: Sequence[Pinned] = ()) -> dict[str, Any]:
     """The response: where payload and command are over time; ``others`` are designs to compare."""
     lines = [line(name, moves.times, values, LOOK[name]) for name, values in moves.position.items()]
     lines += [line(*_of(i, each), each.moves.position["shaped"], PINS[i]) for i, each in enumerate(others)]
-    return {"series": lines, "yAxis": {"name": f"position ({moves.unit})"}, "xAxis": _span(moves.times)}
+    return {"series": lines, "yAxis": {"name": words.POSITION.format(unit=moves.unit)}, "xAxis": _span(moves.times)}
 
 
 def _of(index: int, pinned: Pinned) -> tuple[str, np.ndarray]:
@@ -169,7 +173,33 @@ def deflection(moves: Moves, others: Sequence[Pinned] = ()) -> dict[str, Any]:
     """The sway: how far the flexible part is bent over time; ``others`` are designs to compare."""
     lines = [line(name, moves.times, values, LOOK[name]) for name, values in moves.deflection.items()]
     lines += [line(*_of(i, each), each.moves.deflection["shaped"], PINS[i]) for i, each in enumerate(others)]
-    return {"series": lines, "yAxis": {"name": f"deflection ({moves.bent})"}, "xAxis": _span(moves.times)}
+    across, up = _span(moves.times) | {"name": words.TIME}, {"name": words.DEFLECTION.format(unit=moves.bent)}
+    return {"title": {"text": words.SWAY}, "series": lines, "xAxis": across, "yAxis": up}
+
+
+def energy(moves: Moves, others: Sequence[Pinned] = ()) -> dict[str, Any]:
+    """The vibration's energy against position along the move, or against time where the axis that is shown rests.
+
+    Args:
+        moves: the responses.
+        others: designs to compare.
+    """
+    rests = np.ptp(moves.position["shaped"]) == 0
+    lines = [
+        line(name, moves.times if rests else moves.position[name], values, LOOK[name])
+        for name, values in moves.energy.items()
+    ]
+    for i, each in enumerate(others):
+        name, times = _of(i, each)
+        shown = times if rests else each.moves.position["shaped"]
+        lines.append(line(name, shown, each.moves.energy["shaped"], PINS[i]))
+    along = words.TIME if rests else words.POSITION.format(unit=moves.unit)
+    return {
+        "title": {"text": words.ENERGY_AGAINST_TIME if rests else words.ENERGY_AGAINST_POSITION},
+        "series": lines,
+        "xAxis": {"name": along, "min": "dataMin", "max": "dataMax"},
+        "yAxis": {"name": words.ENERGY_UNIT},
+    }
 
 
 def vibration(found: Linear, others: Sequence[Pinned] = ()) -> dict[str, Any]:
@@ -187,25 +217,58 @@ def vibration(found: Linear, others: Sequence[Pinned] = ()) -> dict[str, Any]:
         zeta, values = next(iter(each.linear.values.items()))
         name = f"{_of(i, each)[0]}, ζ = {zeta:.3g}"
         lines.append(line(name, each.linear.frequencies, 100 * values, PINS[i]))
+    return _over_frequencies(found, lines) | {
+        "title": {"text": words.VIBRATION_TITLE},
+        "yAxis": {"min": 0, "name": words.VIBRATION_UNIT},
+    }
+
+
+def spectrum_of(found: Linear, others: Sequence[Pinned] = ()) -> dict[str, Any]:
+    """The spectrum of the response; the plant's modes are marked.
+
+    Args:
+        found: of the shaper that is changed.
+        others: designs to compare.
+    """
+    lines = [line(name, found.frequencies, values, LOOK[name]) for name, values in found.spectrum.items()]
+    for i, each in enumerate(others):
+        lines.append(line(_of(i, each)[0], each.linear.frequencies, each.linear.spectrum["shaped"], PINS[i]))
+    return _over_frequencies(found, lines) | {
+        "title": {"text": words.SPECTRUM_TITLE},
+        "yAxis": {"min": 0, "name": words.AMPLITUDE_OF.format(unit=found.bent)},
+    }
+
+
+def _over_frequencies(found: Linear, lines: list[dict[str, Any]]) -> dict[str, Any]:
+    """Curves over the frequency, the plant's modes marked."""
     marks = [{"xAxis": shortened(mode)} for mode in found.modes]
-    style = {"symbol": "none", "silent": True, "lineStyle": {"color": "#888"}, "label": MARK | {"formatter": "mode"}}
+    style = {
+        "symbol": "none",
+        "silent": True,
+        "lineStyle": {"color": "#888"},
+        "label": MARK | {"formatter": words.MODE},
+    }
     lines[0]["markLine"] = {**style, "data": marks}
-    return {"series": lines, "xAxis": {**_span(found.frequencies), "min": 0}, "yAxis": {"min": 0}}
+    return {"series": lines, "xAxis": {**_span(found.frequencies), "min": 0}}
 
 
 def sensitivity(found: Sensitivity | None, others: Sequence[Pinned] = ()) -> dict[str, Any]:
     """Residual energies over the uncertain set, of designs to compare, too; empty where nothing is uncertain."""
     if found is None:
-        return {"series": [], "title": {"text": "Sensitivity: mark something ±"}}
+        return {"series": [], "title": {"text": words.SENSITIVITY_OF_NOTHING}}
     share = found.quantity == "residual vibration"
-    lines = [line(name, found.at, values * (100 if share else 1), LOOK[name]) for name, values in found.values.items()]
+    # All of them, into which one may zoom.
+    lines = [
+        line(name, found.at, values * (100 if share else 1), LOOK[name], len(values))
+        for name, values in found.values.items()
+    ]
     for i, each in enumerate(others):
         if (own := each.sensitivity) is not None:
             lines.append(line(_of(i, each)[0], own.at, own.values["shaped"] * (100 if share else 1), PINS[i]))
-    words = "Sensitivity (draft)" if found.draft else f"Sensitivity over {len(found.at)} plants"
+    title = words.SENSITIVITY_DRAFT if found.draft else words.SENSITIVITY_OVER.format(count=len(found.at))
     up = f"{found.quantity} ({'%' if share else 'J'})"
     names = {"xAxis": {**_span(found.at), "name": found.leaf}, "yAxis": {"name": up}}
-    return {"series": lines, "title": {"text": words}, **names}
+    return {"series": lines, "title": {"text": title}, **names}
 
 
 def impulses(state: State, dragged: bool = False) -> dict[str, Any]:
@@ -246,8 +309,8 @@ def spectrum_chart(axis: str) -> dict[str, Any]:
     Args:
         axis: of the printer.
     """
-    made = chart(f"Axis {axis}: spectrum, and what shapers leave", "frequency (Hz)", "density over its greatest")
-    right = made["yAxis"] | {"name": "vibration left (%)", "splitLine": {"show": False}, "min": 0, "max": 105}
+    made = chart(words.PRINTER_CHART.format(axis=axis), words.FREQUENCY, words.DENSITY)
+    right = made["yAxis"] | {"name": words.VIBRATION_LEFT, "splitLine": {"show": False}, "min": 0, "max": 105}
     left = made["yAxis"] | {"min": 0, "max": 1.05}
     return made | {"yAxis": [left, right], "grid": made["grid"] | {"right": 58, "top": 84}}
 
@@ -263,7 +326,7 @@ def spectrum(found: dict[str, Any]) -> dict[str, Any]:
         look = {"color": ("#8a8a8a", "#5f7d95", "#a08060")[min(i, 2)], "width": 1}
         lines.append(line(name, np.asarray(across), np.asarray(up), look) | {"areaStyle": {"opacity": 0.3}})
     name, across, up = found["after"]
-    after = line(f"after {name}", np.asarray(across), np.asarray(up), {"color": "#B0622A", "width": 1})
+    after = line(words.AFTER.format(name=name), np.asarray(across), np.asarray(up), {"color": "#B0622A", "width": 1})
     lines.append(after | {"areaStyle": {"opacity": 0.5}})
     for (name, across, up), colour in zip(found["left"], (OTHERS[0], *OTHERS[2:]), strict=True):
         look = {"color": colour, "width": 2 if name in ("klipper_tuned", "tuned") else 1.2}
@@ -282,7 +345,7 @@ def spectrum(found: dict[str, Any]) -> dict[str, Any]:
 
 def residuals_chart() -> dict[str, Any]:
     """A chart without bars for what each move of an episode leaves."""
-    made = chart("", "move", "left, %")
+    made = chart("", words.MOVE, words.LEFT_OF_MOVE)
     made["xAxis"] |= {"type": "category", "scale": False, "axisLabel": {"color": TEXT}}
     made["legend"] |= {"top": 4, "right": 0}
     made["grid"] |= {"top": 28, "right": 12}
@@ -307,7 +370,7 @@ def residuals(found: dict[str, Any], titles: Sequence[str]) -> dict[str, Any]:
 
 def front_chart() -> dict[str, Any]:
     """A chart without points for a Pareto front."""
-    made = chart("", "duration (s)", "left, J")
+    made = chart("", words.FRONT_DURATION, words.FRONT_LEFT)
     made["yAxis"] |= {"type": "log", "axisLabel": {"color": TEXT, "fontSize": 10}}
     made["legend"] |= {"top": 4, "right": 0}
     made["grid"] |= {"top": 28, "right": 12}
@@ -334,7 +397,7 @@ def front(found: dict[str, Any]) -> dict[str, Any]:
         for name, (at, value) in found["closed_forms"].items()
     ]
     look = {"symbol": "diamond", "symbolSize": 9, "itemStyle": {"color": "#8a8a8a"}}
-    return {"series": [*series, {"type": "scatter", "name": "closed forms", "data": closed, **look}]}
+    return {"series": [*series, {"type": "scatter", "name": words.FRONT_CLOSED_FORMS, "data": closed, **look}]}
 
 
 def _span(values: np.ndarray) -> dict[str, Any]:
@@ -344,48 +407,8 @@ def _span(values: np.ndarray) -> dict[str, Any]:
 def summary(found: Numbers) -> str:
     """What is left, in a line."""
     if not (math.isfinite(found.shaped) and math.isfinite(found.unshaped)):
-        return "the plant diverged: it has left the region from which it returns to rest"
-    share = f" ({found.shaped / found.unshaped:.3g} of the unshaped {found.unshaped:.4g} J)" if found.unshaped else ""
-    return f"residual energy {found.shaped:.4g} J{share} · shaper {found.duration:.4g} s · move {found.move_time:.4g} s"
-
-
-def scene(moves: Moves) -> dict[str, Any]:
-    """The drawing that moves, with and without the shaper."""
-    return drawing(moves.scene["kind"], moves.scene["times"], moves.scene["places"])
-
-
-def episode(found: dict[str, Any], titles: Sequence[str]) -> dict[str, Any]:
-    """The drawing of an episode under two strategies beside each other.
-
-    Args:
-        found: of ``episodes.episode``.
-        titles: of both.
-    """
-    first, second = map(np.asarray, found["places"])
-    places = {"unshaped": first, "shaped": second}
-    return drawing(found["kind"], np.asarray(found["times"]), places) | {"titles": list(titles)}
-
-
-def drawing(kind: str, times: np.ndarray, given: dict[str, np.ndarray]) -> dict[str, Any]:
-    """Where the parts of a machine are in every frame, and what of the plane is seen.
-
-    Args:
-        kind: as of ``reports.places.Motion``.
-        times: of the frames, s.
-        given: name → places of the parts.
-    """
-    places = {name: np.round(values, 5) for name, values in given.items()}
-    seen = np.concatenate([np.nan_to_num(values).reshape(-1, 2) for values in places.values()])
-    (left, low), (right, top) = seen.min(axis=0).tolist(), seen.max(axis=0).tolist()
-    wide, gap = max(right - left, 1e-6), 0.0
-    if kind == "link":
-        view = [-1.25, 1.25, -1.25, 1.25]
-    elif kind == "masses":
-        # Apart by more than the spring is ever compressed.
-        gap = wide / 4 + max(float(np.max(values[:, 0, 0] - values[:, 1, 0])) for values in places.values())
-        view = [left - 0.12 * wide, right + gap + 0.12 * wide, -0.05 * wide, 0.3 * wide]
-    else:
-        edge = 0.1 * max(wide, top - low)
-        view = [left - edge, right + edge, low - edge, top + edge]
-    frames = {name: np.nan_to_num(values).tolist() for name, values in places.items()}
-    return {"kind": kind, "times": times.round(4).tolist(), "places": frames, "view": view, "gap": gap}
+        return words.DIVERGED
+    numbers, share = vars(found), ""
+    if found.unshaped:
+        share = words.SHARE.format(share=found.shaped / found.unshaped, unshaped=found.unshaped)
+    return words.LEAVES.format(share=share, **numbers)

@@ -1,8 +1,9 @@
 """What a page draws of a state: computed by jshape's public functions, in stages, so that the newest state wins.
 
-``stages(state)`` yields results one after the other; who draws them may stop between two of them. While a slider
-moves, the sensitivity of plants that take long is drawn for fewer plants and at a larger tolerance, and says that it is
-a draft; the last stage computes it for all of them at the tolerance of every other command.
+``stages(state)`` yields results, those together that are to be drawn in one picture; who draws them may stop between
+two stages. While a slider
+moves, the sensitivity is drawn for fewer plants; where they take long at a larger tolerance, too, and it says that it
+is a draft. Once the slider rests the last stages compute it for all plants at the tolerance of every other command.
 """
 
 import dataclasses
@@ -20,17 +21,20 @@ from jshape.reports.responses import shown_until
 from jshape.shaper import Shaper
 from jshape.simulation.simulate import Response, natural_frequencies, simulate
 from jshape.simulation.steps import TOLERANCE
-from jshape.studio.results import Linear, Moves, Numbers, Pinned, Result, Sensitivity
+from jshape.studio.results import Ends, Linear, Moves, Numbers, Pinned, Result, Sensitivity
 from jshape.studio.state import Files, Pin, State, problem
 from jshape.sweeps.evaluate import side_by_side, study
-from jshape.sweeps.leaves import leaf
+from jshape.sweeps.leaves import changed, check_over
 from jshape.vibration import percentage_vibration
 
-PLANTS = 200
-"""Of the uncertain set, in the sensitivity curve."""
+PLANTS = 1000
+"""Of the uncertain set, in the sensitivity curve of a page that rests."""
+
+MOVING = 200
+"""Plants while a slider moves, and of each step of the curve after that."""
 
 CHUNK = 50
-"""Plants of each step of the curve after a draft."""
+"""The same, of plants that take long."""
 
 DRAFTED = 32
 """Plants of a draft."""
@@ -43,6 +47,9 @@ SAMPLES = 401
 
 FRAMES = 120
 """Of the drawing that moves."""
+
+FREQUENCIES = 200
+"""At which V and the spectrum of the response are computed."""
 
 ZETAS = (0.0, 0.05, 0.1)
 """Damping ratios for which V is drawn over the frequency."""
@@ -111,17 +118,15 @@ def _bare(count: int) -> Shaper:
     return Shaper([1.0], [0.0]).pad(count)
 
 
-def stages(state: State) -> Iterator[Result]:
-    """The results of a state, what is drawn first comes first.
-
-    ``None`` stands for a step of which nothing is drawn.
+def stages(state: State) -> Iterator[tuple[Result, ...]]:
+    """The results of a state by stages, what is drawn first comes first; of some nothing is drawn.
 
     Raises:
         ValueError: for a machine or a shaper that cannot be.
     """
     yield from _own(state)
     for pin in state.pins:
-        yield pinned(state.text, pin, state.files)
+        yield (pinned(state.text, pin, state.files),)
 
 
 @functools.lru_cache(maxsize=64)
@@ -135,35 +140,35 @@ def pinned(text: str, pin: Pin, files: Files = ()) -> Pinned:
     """
     asked, frequencies = _problem(text, files)
     both = pair(shapers_of(pin))
-    # As many plants as in the curve of the page's own shaper, for which there is a program already.
-    plants = PLANTS if _brief(asked.plant) else CHUNK
+    # As many plants as in a step of the curve of the page's own shaper, for which there is a program already.
+    plants = MOVING if _brief(asked.plant) else CHUNK
     over = sensitivity(asked, both, plants, TOLERANCE) if asked.over else None
-    parts = (
-        moves(asked, both, frequencies, pin.axis),
-        linear(asked.plant, both.along(pin.axis), frequencies),
-        over,
-        numbers(asked, both),
-    )
-    return Pinned(pin, text, *parts)
+    moved = moves(asked, both, frequencies, pin.axis)
+    return Pinned(pin, text, moved, linear(asked, both, frequencies, moved, pin.axis), over, numbers(asked, both))
 
 
-def _own(state: State) -> Iterator[Result]:
+def _own(state: State) -> Iterator[tuple[Result, ...]]:
     """The results of the shaper that is changed."""
     asked, frequencies = _problem(state.text, state.files)
     both = pair(shapers_of(state))
     brief = _brief(asked.plant)
-    yield moves(asked, both, frequencies, state.axis)
-    if asked.over:
-        yield sensitivity(asked, both, *((PLANTS, TOLERANCE) if brief else (DRAFTED, DRAFT)))
-    yield linear(asked.plant, both.along(state.axis), frequencies)
-    yield numbers(asked, both)
-    if not asked.over or brief:
+    moved = moves(asked, both, frequencies, state.axis)
+    if asked.over and brief:
+        yield moved, sensitivity(asked, both, MOVING, TOLERANCE)
+    else:
+        yield (moved,)
+        if asked.over:
+            yield (sensitivity(asked, both, DRAFTED, DRAFT),)
+    yield (linear(asked, both, frequencies, moved, state.axis),)
+    yield (numbers(asked, both),)
+    if not asked.over:
         return
-    parts = []
-    for begin in range(0, PLANTS, CHUNK):
-        parts.append(sensitivity(asked, both, PLANTS, TOLERANCE, slice(begin, begin + CHUNK)))
-        yield None
-    yield _joined(parts)
+    yield (ends(asked, both, moved),)
+    parts, step = [], MOVING if brief else CHUNK
+    for begin in range(0, PLANTS, step):
+        parts.append(sensitivity(asked, both, PLANTS, TOLERANCE, slice(begin, begin + step)))
+        yield ()
+    yield (_joined(parts),)
 
 
 def _brief(plant: AbstractPlant) -> bool:
@@ -204,11 +209,12 @@ def moves(asked: Problem, both: Pair, frequencies: np.ndarray, axis: str = "") -
         command = driven * along(runs["shaped"].command)
         position["command"] = command + (position["shaped"][0] - command[0])
     frames = np.linspace(0.0, horizon, FRAMES)
-    kind, places = _places(asked, runs, frames)
+    kind, places = _places(plant, asked.files, runs, frames)
     return Moves(
         times=np.asarray(runs["shaped"].times, float),
         position=position,
         deflection={name: bent_along(plant, run, at)[0] for name, run in runs.items()},
+        energy={name: np.asarray(run.energy, float) for name, run in runs.items()},
         unit="°" if turns else "m",
         bent=bent_along(plant, runs["shaped"], at)[1],
         scene={"kind": kind, "times": frames, "places": places},
@@ -216,14 +222,36 @@ def moves(asked: Problem, both: Pair, frequencies: np.ndarray, axis: str = "") -
     )
 
 
-def _places(asked: Problem, runs: dict[str, Response], frames: np.ndarray) -> tuple[str, dict[str, np.ndarray]]:
+def ends(asked: Problem, both: Pair, moved: Moves) -> Ends:
+    """The shaped move at both ends of the first uncertain leaf, as it is drawn.
+
+    Args:
+        asked: the problem, in which something is uncertain.
+        both: with and without a shaper.
+        moved: the responses of the nominal plant.
+    """
+    name, given = next(iter(asked.over.items()))
+    move = as_command(asked.distance)
+    frames, horizon = moved.scene["times"], float(moved.times[-1])
+    at = np.asarray(check_over(asked.plant, {name: [np.min(given), np.max(given)]}, True, move)[name], float)
+    places = {}
+    for word, value in zip(("low", "high"), at, strict=True):
+        plant, its_move = changed(asked.plant, move, {name: value})
+        run = simulate(plant, its_move, both.shaped, horizon=horizon, samples=SAMPLES, method="fixed")
+        places[word] = _places(plant, asked.files, {"shaped": run}, frames)[1]["shaped"]
+    return Ends(asked.labels[name], at, places)
+
+
+def _places(
+    plant: AbstractPlant, files: dict[str, bytes], runs: dict[str, Response], frames: np.ndarray
+) -> tuple[str, dict[str, np.ndarray]]:
     """The kind of drawing, and by name where the parts are in every frame; lines between the bodies of a file."""
-    if not asked.files:
-        motions = {name: motion_of(asked.plant, run, frames) for name, run in runs.items()}
+    if not files:
+        motions = {name: motion_of(plant, run, frames) for name, run in runs.items()}
         return motions["shaped"].kind, {name: motion.places for name, motion in motions.items()}
     from jshape.reports.rendered import Scene
 
-    seen = Scene(asked.plant, next(iter(asked.files.values())).decode(), runs, frames)
+    seen = Scene(plant, next(iter(files.values())).decode(), runs, frames)
     lines = {name: [seen.lines(name, frame) for frame in range(len(frames))] for name in runs}
     return "bodies", {name: np.array(each).reshape(len(frames), -1, 2) for name, each in lines.items()}
 
@@ -239,22 +267,44 @@ def numbers(asked: Problem, both: Pair) -> Numbers:
     return Numbers(left, bare, both.duration, both.duration + float(as_command(asked.distance).duration))
 
 
-def linear(plant: AbstractPlant, shaper: Shaper, frequencies: np.ndarray) -> Linear:
-    """V(ω, ζ) of a shaper about the natural frequencies of a plant.
+def linear(asked: Problem, both: Pair, frequencies: np.ndarray, moved: Moves, axis: str = "") -> Linear:
+    """V(ω, ζ) of a shaper about the natural frequencies of a plant, and the spectrum of its deflection there.
 
     Args:
-        plant: the plant, whose own damping ratios are drawn where it has some.
-        shaper: the shaper.
-        frequencies: its natural frequencies, rad/s.
+        asked: the problem, whose plant's own damping ratios are drawn where it has some.
+        both: with and without a shaper.
+        frequencies: the plant's natural ones, rad/s.
+        moved: the responses.
+        axis: of several, whose shaper it is.
     """
+    plant, shaper = asked.plant, both.along(axis)
     modes = frequencies[np.isfinite(frequencies) & (frequencies > 0)]
     if not len(modes):
         modes = np.array([2 * np.pi / (float(shaper.duration) or 1.0)])
-    omega = np.linspace(0.2 * modes.min(), 1.6 * modes.max(), 300)
+    omega = np.linspace(0.2 * modes.min(), 1.6 * modes.max(), FREQUENCIES)
     own = [float(zeta) for zeta in np.atleast_1d(np.asarray(plant.zeta))] if isinstance(plant, ModalPlant) else []
     zetas = sorted({*own, *ZETAS})
     values = np.asarray(percentage_vibration(shaper, omega[None, :], np.array(zetas)[:, None]))
-    return Linear(omega / (2 * np.pi), dict(zip(zetas, values, strict=True)), (modes / (2 * np.pi)).tolist())
+    return Linear(
+        omega / (2 * np.pi),
+        dict(zip(zetas, values, strict=True)),
+        (modes / (2 * np.pi)).tolist(),
+        spectrum(moved, omega),
+        moved.bent,
+    )
+
+
+def spectrum(moved: Moves, omega: np.ndarray) -> dict[str, np.ndarray]:
+    """Amplitudes of the deflections at some frequencies, under Hann's window over the whole response.
+
+    Args:
+        moved: the responses.
+        omega: the frequencies, rad/s.
+    """
+    window = np.hanning(len(moved.times))
+    # Twice, for the half at negative frequencies: a lasting vibration of 1 mm is 1 mm high.
+    waves = 2 / window.sum() * window * np.exp(-1j * np.outer(omega, moved.times))
+    return {name: np.abs(waves @ (values - np.mean(values))) for name, values in moved.deflection.items()}
 
 
 def sensitivity(asked: Problem, both: Pair, plants: int, tolerance: float, part: slice = slice(None)) -> Sensitivity:
@@ -267,12 +317,12 @@ def sensitivity(asked: Problem, both: Pair, plants: int, tolerance: float, part:
         tolerance: relative to the greatest energy of each move.
         part: of those plants, which alone are computed.
     """
-    name, ends = next(iter(asked.over.items()))
-    over = {name: np.linspace(np.min(ends), np.max(ends), plants)[part]}
+    name, given = next(iter(asked.over.items()))
+    over = {name: np.linspace(np.min(given), np.max(given), plants)[part]}
     metric = "residual_vibration" if isinstance(asked.plant, AbstractOscillator) else "residual_energy"
     cut = study(asked.plant, [both.shaped, both.bare], asked.distance, over, (metric,))
     found = side_by_side(cut.evaluation, cut.points, len(over[name]), True, tolerance)[0]
-    at = over[name] * float(leaf(asked.plant, name))
+    at = cut.points[name]
     return Sensitivity(
         asked.labels[name],
         at,

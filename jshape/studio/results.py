@@ -16,6 +16,7 @@ class Moves:
         times: s.
         position: name → values in ``unit``: the command as it was given and as it is shaped, and the payloads.
         deflection: name → values in ``bent``.
+        energy: name → energy above that of rest at the input of that instant, J.
         unit: of the positions.
         bent: of the deflections.
         scene: what the drawing shows: ``kind``, ``times`` and for each name the ``places`` of its parts.
@@ -25,10 +26,26 @@ class Moves:
     times: np.ndarray
     position: dict[str, np.ndarray]
     deflection: dict[str, np.ndarray]
+    energy: dict[str, np.ndarray]
     unit: str
     bent: str
     scene: dict[str, Any]
     warning: str
+
+
+@dataclasses.dataclass(frozen=True)
+class Ends:
+    """The shaped move of the machine at both ends of its first uncertain leaf, light and heavy.
+
+    Attributes:
+        leaf: its dotted path, with the unit if it is known.
+        at: its values at both ends.
+        places: ``"low"`` and ``"high"`` → the places of the parts in the frames of ``Moves.scene``.
+    """
+
+    leaf: str
+    at: np.ndarray
+    places: dict[str, np.ndarray]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -50,17 +67,21 @@ class Numbers:
 
 @dataclasses.dataclass(frozen=True)
 class Linear:
-    """The linear residual vibration V(ω, ζ).
+    """The linear residual vibration V(ω, ζ), and the spectrum of the response beside it.
 
     Attributes:
         frequencies: Hz.
         values: damping ratio → V, fractions.
         modes: natural frequencies of the plant, Hz.
+        spectrum: name → amplitudes of the deflection in ``bent``.
+        bent: unit of the deflection.
     """
 
     frequencies: np.ndarray
     values: dict[float, np.ndarray]
     modes: list[float]
+    spectrum: dict[str, np.ndarray]
+    bent: str
 
 
 @dataclasses.dataclass(frozen=True)
@@ -103,4 +124,4 @@ class Pinned:
     numbers: Numbers
 
 
-Result = Moves | Numbers | Linear | Sensitivity | Pinned | None
+Result = Moves | Ends | Numbers | Linear | Sensitivity | Pinned

@@ -1,14 +1,21 @@
 // The drawing of the machine that moves. Python sends where the parts are in every frame; this only draws them, in true
-// time, thirty pictures a second: one move as a shadow behind the other, or both beside each other.
+// time, thirty pictures a second: one move as a shadow behind the other, or both beside each other. What is uncertain is
+// drawn at both of its ends, too: small at the low one, large at the high one.
 "use strict";
 class JshapeScene {
   PAUSE = 1000 / 30 - 4;
+  // Milliseconds after a slider's movement, when the curves come first, and between two pictures then.
+  MOVING = 200;
+  SELDOM = 100;
   drawn = 0;
+  moved = -Infinity;
   data = null;
   at = 0;
   playing = !matchMedia("(prefers-reduced-motion: reduce)").matches;
   last = null;
-  colours = { unshaped: "#b9855f", shaped: "#0072b2", dark: "#444", line: "#999" };
+  colours = { unshaped: "#b9855f", shaped: "#0072b2", low: "#009e73", high: "#a65a8e", dark: "#444", line: "#999" };
+  sizes = { low: 0.6, high: 1.4 };
+  size = 1;
 
   constructor(name) {
     this.name = name;
@@ -29,13 +36,13 @@ class JshapeScene {
   }
   toggle(button) {
     this.playing = !this.playing;
-    button.textContent = this.playing ? "Pause" : "Play";
+    button.textContent = this.playing ? button.dataset.pause : button.dataset.play;
   }
   scrub(share) {
     if (!this.data) return;
     this.at = share * this.data.times[this.data.times.length - 1];
     this.playing = false;
-    this.part("play").textContent = "Play";
+    this.part("play").textContent = this.part("play").dataset.play;
     this.draw();
   }
   step(now) {
@@ -43,7 +50,8 @@ class JshapeScene {
     if (this.playing && this.last !== null) {
       // A second of rest between two rounds.
       this.at = (this.at + (now - this.last) / 1000) % (end + 1);
-      if (now - this.drawn >= this.PAUSE) { this.drawn = now; this.draw(); }
+      const pause = now - this.moved < this.MOVING ? this.SELDOM : this.PAUSE;
+      if (now - this.drawn >= pause) { this.drawn = now; this.draw(); }
     }
     this.last = now;
     requestAnimationFrame((later) => this.step(later));
@@ -69,11 +77,13 @@ class JshapeScene {
       pen.strokeStyle = this.colours.line;
       if ((kind === "crane" || kind === "masses") && (halves || i === 0)) this.path(pen, [[x0, y(0)], [x0 + w, y(0)]]);
       if (halves) this.title(pen, this.data.titles[i], x0 + 4, y0 + 14);
-      else pen.globalAlpha = name === "shaped" ? 1 : 0.55;
+      else pen.globalAlpha = name === "shaped" || name === "low" ? 1 : 0.55;
+      this.size = this.sizes[name] ?? 1;
       this[kind](pen, places[name][frame], x, y, this.colours[name], places[name]);
     });
     pen.globalAlpha = 1;
-    this.part("time").textContent = `${time.toFixed(1)} s of ${end.toFixed(1)} s`;
+    if (this.data.note) this.title(pen, this.data.note, 4, 14);
+    this.part("time").textContent = `${time.toFixed(1)} / ${end.toFixed(1)} s`;
     const slider = this.part("at");
     if (document.activeElement !== slider || this.playing) slider.value = String(Math.round((1000 * time) / end));
   }
@@ -105,7 +115,7 @@ class JshapeScene {
   disc(pen, a, b, radius, colour) {
     pen.fillStyle = colour;
     pen.beginPath();
-    pen.arc(a, b, radius, 0, 2 * Math.PI);
+    pen.arc(a, b, radius * this.size, 0, 2 * Math.PI);
     pen.fill();
   }
   crane(pen, now, x, y, colour) {
@@ -160,7 +170,7 @@ class JshapeScene {
     pen.fillStyle = this.colours.dark;
     pen.fillRect(base - 14, floor - 36, 28, 36);
     pen.fillStyle = colour;
-    pen.fillRect(load - 22, floor - 46, 44, 46);
+    pen.fillRect(load - 22 * this.size, floor - 46 * this.size, 44 * this.size, 46 * this.size);
   }
   link(pen, [motor, tip], x, y, colour, all) {
     const goal = all[all.length - 1][0];

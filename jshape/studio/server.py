@@ -4,14 +4,15 @@ import asyncio
 import contextlib
 import secrets
 import socket
+import sys
 import threading
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
 from nicegui import app, background_tasks, ui
 
-from jshape.studio import takeaway
+from jshape.studio import takeaway, words
 from jshape.studio.changes import with_one_for_all
 from jshape.studio.guard import MOST, Guard
 from jshape.studio.link import unpacked
@@ -21,7 +22,7 @@ from jshape.studio.tab import Tab
 
 HOST = "127.0.0.1"
 
-TITLE = "jshape studio"
+SCRIPTS = ("scene.js", "drag.js", "quiet.js")
 
 
 def serve(state: State, port: int, show: bool, say: Callable[[str], None], prepare: Callable[[], None]) -> None:
@@ -37,31 +38,19 @@ def serve(state: State, port: int, show: bool, say: Callable[[str], None], prepa
     port, token = port or _free_port(), secrets.token_urlsafe(24)
     # One thread: computing uses all cores by itself, and two compilations at once would only take longer.
     worker = ThreadPoolExecutor(1, thread_name_prefix="curves")
+    # The page answers while it computes: Python's own 5 ms would come with every message.
+    sys.setswitchinterval(5e-4)
     listening = threading.Event()
     # Not before: loading JAX would hold up the page.
     worker.submit(listening.wait)
     worker.submit(prepare)
     first = worker.submit(_first, state)
-    scripts = [Path(__file__).with_name(name).read_text(encoding="utf-8") for name in ("scene.js", "drag.js")]
+    scripts = "\n".join(Path(__file__).with_name(name).read_text(encoding="utf-8") for name in SCRIPTS)
 
     @ui.page("/")
     async def page() -> None:
-        for script in scripts:
-            ui.add_head_html(f"<script>{script}</script>")
-        await ui.context.client.connected()
-        begin, wrong = _begun()
-        tab = Tab(begin or state, worker)
-        if (dark := app.storage.tab.get("dark")) is None:
-            dark = await ui.run_javascript("matchMedia('(prefers-color-scheme: dark)').matches", timeout=10.0)
-        tab.dark = bool(dark)
-        build(tab)
-        if wrong:
-            # Curves that follow would take a warning above them away.
-            ui.notify(wrong, type="negative", timeout=0, close_button="Close")
-        await tab.start()
-        simplest = await asyncio.wrap_future(first)
-        # Unless something was touched meanwhile.
-        tab.change(lambda now: simplest if now is state else now, impulses=True)
+        ui.add_head_html(f"<script>{scripts}</script>")
+        await _open(state, worker, first)
 
     app.add_middleware(Guard, token=token, port=port)
 
@@ -79,7 +68,7 @@ def serve(state: State, port: int, show: bool, say: Callable[[str], None], prepa
     ui.run(
         host=HOST,
         port=port,
-        title=TITLE,
+        title=words.TITLE,
         show=f"/?token={token}" if show else False,
         reload=False,
         # It would look for its classes in every change of the page; the few that are used here are in ``page.css``.
@@ -93,6 +82,33 @@ def serve(state: State, port: int, show: bool, say: Callable[[str], None], prepa
         ws_per_message_deflate=False,
         timeout_graceful_shutdown=2,
     )
+
+
+async def _open(state: State, worker: ThreadPoolExecutor, first: Future[State]) -> None:
+    """Lay out a tab once its browser is there, and show the state with which it begins.
+
+    Args:
+        state: with which every new tab begins.
+        worker: that computes for all pages.
+        first: the same state with its simplest shaper.
+    """
+    await ui.context.client.connected()
+    if not ui.context.client.has_socket_connection:
+        # Who asked for the page without a browser, or has gone again.
+        return
+    begin, wrong = _begun()
+    tab = Tab(begin or state, worker)
+    if (dark := app.storage.tab.get("dark")) is None:
+        dark = await ui.run_javascript("matchMedia('(prefers-color-scheme: dark)').matches", timeout=10.0)
+    tab.dark = bool(dark)
+    build(tab)
+    if wrong:
+        # Curves that follow would take a warning above them away.
+        ui.notify(wrong, type="negative", timeout=0, close_button=words.CLOSE)
+    await tab.start()
+    simplest = await asyncio.wrap_future(first)
+    # Unless something was touched meanwhile.
+    tab.change(lambda now: simplest if now is state else now, impulses=True)
 
 
 async def _answers(port: int) -> None:

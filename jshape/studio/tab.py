@@ -9,7 +9,7 @@ from typing import Any
 
 from nicegui import Client, app, ui
 
-from jshape.studio import charts, results
+from jshape.studio import charts, drawings, results, words
 from jshape.studio.changes import with_amplitude, with_time
 from jshape.studio.live import Live
 from jshape.studio.state import Pin, State
@@ -24,16 +24,29 @@ MADE = """return new Promise((done) => {
 })"""
 
 
+SVG = """const { echarts } = await import("nicegui-echart"), shown = getElement(ID).chart;
+const size = { width: shown.getWidth() || 640, height: shown.getHeight() || 400 };
+const made = echarts.init(null, null, { renderer: "svg", ssr: true, ...size });
+made.setOption({ ...shown.getOption(), toolbox: [] });
+const text = made.renderToSVGString();
+made.dispose();
+return text;"""
+"""The chart of an element as it is shown, drawn once more as SVG."""
+
+
 FARTHEST = 1e6
 """Time (s) and amplitude to which a bar can be dragged."""
 
+
+VIEWS = {"deflection": (words.SWAY, words.ENERGY), "vibration": (words.VIBRATION, words.SPECTRUM)}
+"""Of a chart that shows one thing or another, the names of both."""
 
 PATIENCE = 0.25
 """Until it is shown that something is being computed, s: most changes take less, and every change of the page takes
 the browser some milliseconds."""
 
 
-def _stages(state: State) -> Iterator[results.Result]:
+def _stages(state: State) -> Iterator[tuple[results.Result, ...]]:
     """``curves.stages``, which is imported where it runs: JAX takes longer than the page."""
     from jshape.studio import curves
 
@@ -47,7 +60,8 @@ class Tab:
         state: what the tab shows.
         works: its processes.
         moves: the responses that are drawn, if they are of this state.
-        linear: likewise, V(ω, ζ).
+        ends: likewise, the machine at both ends of what is uncertain.
+        linear: likewise, V(ω, ζ) and the spectrum.
         sensitivity: likewise, the sensitivity.
         pinned: likewise, the designs to compare.
         dragged: whether a bar of the impulses is being dragged.
@@ -56,6 +70,7 @@ class Tab:
         turned: called when another axis is shown.
         painted: charts that are not in ``charts``.
         dark: whether the page is.
+        views: chart → which of both things it shows.
         compared: called when designs to compare are others, or computed.
         begun: called once the browser has made the charts.
         printed: called when a printer's shapers are chosen.
@@ -69,7 +84,10 @@ class Tab:
         self.sensitivity: results.Sensitivity | None = None
         self.live = Live(_stages, worker, self._show, self._failed, self._rest)
         self._waiting: asyncio.TimerHandle | None = None
+        self._changes = 0
+        self._scripts: list[str] = []
         self.charts: dict[str, ui.echart] = {}
+        self.ends: results.Ends | None = None
         self.linear: results.Linear | None = None
         self.pinned: dict[Pin, results.Pinned] = {}
         self.dragged = False
@@ -84,6 +102,7 @@ class Tab:
         self.learned: list[Callable[[], None]] = []
         self.client: Client = ui.context.client
         self.kept = app.storage.tab
+        self.views: dict[str, str] = {name: first for name, (first, _) in VIEWS.items()} | self.kept.get("views", {})
         self.client.on_delete(self._closed)
 
     @property
@@ -101,7 +120,7 @@ class Tab:
         made = [chart.id for chart in self.charts.values()]
         await self.client.run_javascript(MADE.replace("MADE", json.dumps(made)), timeout=30.0)
         self.draw("impulses", charts.impulses(self.state))
-        self.client.run_javascript(f"jshapeDrag.attach({self.charts['impulses'].id})")
+        self.run(f"jshapeDrag.attach({self.charts['impulses'].id})")
         for begin in self.begun:
             begin()
         self.paint(self.dark)
@@ -143,18 +162,41 @@ class Tab:
 
     def want(self) -> None:
         """Compute the curves of the state as it is now."""
-        self.moves = self.sensitivity = self.linear = None
+        self.moves = self.ends = self.sensitivity = self.linear = None
         self._wait()
         self.live.want(self.state)
 
     def draw(self, name: str, option: dict[str, Any]) -> None:
         """Change a chart: its curves are replaced, all else stays."""
         replaced = {"replaceMerge": ["series"]} if "series" in option else {}
-        self.charts[name].run_chart_method("setOption", option, replaced)
+        # Not by ``run_chart_method``, whose code is read twice for what it returns.
+        given = f"{json.dumps(option)}, {json.dumps(replaced)}"
+        self.run(f"getElement({self.charts[name].id}).chart.setOption({given})")
 
-    def clear(self, words: str) -> None:
+    def run(self, script: str) -> None:
+        """Have the browser run a script, together with the others of this turn, so that one picture shows them all."""
+        if not self._scripts:
+            asyncio.get_running_loop().call_soon(self._send)
+        self._scripts.append(script)
+
+    def _send(self) -> None:
+        scripts, self._scripts = self._scripts, []
+        self.client.run_javascript(";\n".join(scripts))
+
+    def turn(self, name: str, view: str) -> None:
+        """Have a chart show another of its two things, all of it."""
+        self.views[name] = view
+        self.kept["views"] = self.views
+        self.draw(name, {"dataZoom": [{"start": 0, "end": 100}]})
+        self._draw_rest()
+
+    async def svg(self, name: str) -> str:
+        """A chart as it is shown, as SVG."""
+        return await self.client.run_javascript(SVG.replace("ID", str(self.charts[name].id)), timeout=10.0)
+
+    def clear(self, said: str) -> None:
         """Take away the numbers and curves of another machine, and of a state that has none."""
-        self.summary.set_text(words)
+        self.summary.set_text(said)
         for name in ("position", "deflection", "sensitivity", "vibration"):
             self.draw(name, {"series": []})
 
@@ -164,19 +206,22 @@ class Tab:
         for name in self.charts:
             self.draw(name, charts.colours(dark, 2 if name.startswith("printer") else 1))
         for chart in self.painted:
-            for part, look in charts.colours(dark).items():
-                given = chart.options.get(part, {})
-                chart.options[part] = charts.merged(given, look[0] if isinstance(look, list) else look)
+            look = {part: one[0] if isinstance(one, list) else one for part, one in charts.colours(dark).items()}
+            chart.options.update(charts.merged(chart.options, look))
             chart.update()
-        self.client.run_javascript(f"jshapeScene.paint({json.dumps(dark)}), jshapeEpisode.paint({json.dumps(dark)})")
+        self.run(f"jshapeScene.paint({json.dumps(dark)}), jshapeEpisode.paint({json.dumps(dark)})")
 
-    def warn(self, words: str) -> None:
-        """Say what is wrong above the charts; nothing, where the words are empty."""
-        self.warning.set_text(words)
-        self.warning.set_visibility(bool(words))
+    def warn(self, said: str) -> None:
+        """Say what is wrong above the charts; nothing, where it is empty."""
+        self.warning.set_text(said)
+        self.warning.set_visibility(bool(said))
 
-    def _show(self, result: results.Result) -> None:
-        """Draw a result."""
+    def _show(self, stage: tuple[results.Result, ...]) -> None:
+        """Draw the results of a stage."""
+        for result in stage:
+            self._show_one(result)
+
+    def _show_one(self, result: results.Result) -> None:
         if isinstance(result, results.Moves):
             self.moves = result
             self.warn(result.warning)
@@ -189,6 +234,9 @@ class Tab:
         elif isinstance(result, results.Sensitivity):
             self.sensitivity = result
             self.draw("sensitivity", charts.sensitivity(result, self._others()))
+        elif isinstance(result, results.Ends):
+            self.ends = result
+            self._draw_scene()
         elif isinstance(result, results.Numbers):
             self.summary.set_text(charts.summary(result))
         elif isinstance(result, results.Pinned):
@@ -196,6 +244,8 @@ class Tab:
 
     def _wait(self) -> None:
         """Show that something is being computed, unless it is soon done."""
+        self._changes += 1
+        self._say_busy()
         if self._waiting is None:
             self._waiting = asyncio.get_running_loop().call_later(PATIENCE, self.busy.set_visibility, True)
 
@@ -205,6 +255,11 @@ class Tab:
             self._waiting.cancel()
         self._waiting = None
         self.busy.set_visibility(False)
+        self._say_busy(False)
+
+    def _say_busy(self, busy: bool = True) -> None:
+        """Say, to who does not see it, whether curves are being computed, and of which change of the page."""
+        self.run(f"jshapeBusy({json.dumps(busy)}, {self._changes})")
 
     def _others(self) -> list[results.Pinned]:
         """The designs to compare that are computed for the machine as it is."""
@@ -212,13 +267,21 @@ class Tab:
 
     def _draw_rest(self) -> None:
         """Draw what follows response and sensitivity, which are looked at while a slider moves."""
+        others = self._others()
         if self.moves is not None:
-            self.draw("deflection", charts.deflection(self.moves, self._others()))
-            self.client.run_javascript(f"jshapeScene.set({json.dumps(charts.scene(self.moves))})")
+            sway = self.views["deflection"] == words.SWAY
+            self.draw("deflection", (charts.deflection if sway else charts.energy)(self.moves, others))
+            self._draw_scene()
         if self.linear is not None:
-            self.draw("vibration", charts.vibration(self.linear, self._others()))
+            spectrum = self.views["vibration"] == words.SPECTRUM
+            self.draw("vibration", (charts.spectrum_of if spectrum else charts.vibration)(self.linear, others))
         if not self.state.starter.uncertain:
             self.draw("sensitivity", charts.sensitivity(None))
+
+    def _draw_scene(self) -> None:
+        """Have the machine move."""
+        if self.moves is not None:
+            self.run(f"jshapeScene.set({json.dumps(drawings.scene(self.moves, self.ends))})")
 
     def compare(self) -> None:
         """Draw the designs to compare again."""
@@ -238,12 +301,12 @@ class Tab:
 
     def _failed(self, error: Exception) -> None:
         """Say why a state has no curves; those of the state before go."""
-        self.clear("no result")
+        self.clear(words.NO_RESULT)
         if isinstance(error, ValueError):
             self.warn(str(error))
             return
         LOG.error("a page's curves", exc_info=error)
-        self.warn(f"this could not be computed: {type(error).__name__}; details are in the terminal")
+        self.warn(words.NOT_COMPUTED.format(kind=type(error).__name__))
 
     def _closed(self) -> None:
         self.live.stop()

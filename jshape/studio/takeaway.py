@@ -119,6 +119,7 @@ def moves_csv(moves: Moves | None) -> str:
     columns = {"time (s)": moves.times}
     columns |= {f"position, {name} ({moves.unit})": values for name, values in moves.position.items()}
     columns |= {f"deflection, {name} ({moves.bent})": values for name, values in moves.deflection.items()}
+    columns |= {f"energy, {name} (J)": values for name, values in moves.energy.items()}
     return _csv(columns)
 
 

@@ -86,6 +86,24 @@ def pareto(asked: dict[str, Any], progress: Progress) -> dict[str, Any]:
     }
 
 
+def identify(asked: dict[str, Any], progress: Progress) -> dict[str, Any]:
+    """Find the modes of a machine in a record of it.
+
+    Args:
+        asked: ``file`` in the folder in which the process runs, ``kind`` and ``inputs`` of ``js.identify_csv``.
+        progress: of ``js.identify_csv``.
+
+    Returns:
+        ``text`` of a problem file with that machine, and a ``message``.
+    """
+    from jshape.identification.files import problem
+    from jshape.identification.from_csv import identify_csv
+
+    name = str(asked["file"])
+    found = identify_csv(name, kind=asked["kind"], inputs=asked["inputs"] or None, progress=progress)
+    return {"text": problem(found, name), "message": "; ".join([found.message.split(":")[0], *found.notes])}
+
+
 def calibrate(asked: dict[str, Any], progress: Progress) -> dict[str, Any]:
     """Choose shapers for a printer.
 
@@ -181,6 +199,7 @@ def run(task: str, asked: dict[str, Any], progress: Progress) -> dict[str, Any]:
 TASKS: dict[str, Callable[[dict[str, Any], Progress], dict[str, Any]]] = {
     "tune": tune,
     "pareto": pareto,
+    "identify": identify,
     "calibrate": calibrate,
     "episode": episode,
     "leaderboard": leaderboard,

@@ -2,12 +2,13 @@
 
 from nicegui import events, ui
 
+from jshape.studio import words
 from jshape.studio.panels import learn, machine, printer, saved, shaper
 from jshape.studio.tab import Tab
 
 PANELS = {
-    "Machine": machine.build, "Shaper": shaper.build, "Take away": saved.build, "Printer": printer.build,
-    "Learn": learn.build,
+    words.MACHINE: machine.build, words.SHAPER: shaper.build, words.AWAY: saved.build, words.PRINTER: printer.build,
+    words.LEARN: learn.build,
 }  # fmt: skip
 
 
@@ -16,7 +17,7 @@ DRAW = "requestAnimationFrame(() => { jshapeScene.draw(); jshapeEpisode.draw(); 
 
 def build(tab: Tab) -> ui.tabs:
     """The panels; what is returned says which one is open."""
-    opened = str(tab.kept.get("panel", "Machine"))
+    opened = str(tab.kept.get("panel", words.MACHINE))
     with ui.tabs().classes("w-full").props("dense align=justify no-caps") as tabs:
         for name in PANELS:
             ui.tab(name)

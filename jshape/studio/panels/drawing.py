@@ -2,6 +2,8 @@
 
 from nicegui import ui
 
+from jshape.studio import words
+
 
 def drawing(name: str, meaning: str) -> None:
     """The drawing and its controls, one below the other.
@@ -13,8 +15,9 @@ def drawing(name: str, meaning: str) -> None:
     script = f"jshape{name.capitalize()}"
     canvas = f'<canvas id="{name}" style="width:100%;height:100%" role="img" aria-label="{meaning}"></canvas>'
     controls = f"""<div class="studio-controls">
-<button id="{name}-play" onclick="{script}.toggle(this)">Pause</button>
-<input id="{name}-at" type="range" min="0" max="1000" value="0" aria-label="time of the drawing"
+<button id="{name}-play" onclick="{script}.toggle(this)" data-play="{words.PLAY}" data-pause="{words.PAUSE}"
+>{words.PAUSE}</button>
+<input id="{name}-at" type="range" min="0" max="1000" value="0" aria-label="{words.TIME_OF_DRAWING}"
   oninput="{script}.scrub(this.value / 1000)"><span id="{name}-time"></span></div>"""
     ui.html(canvas, sanitize=False).style("flex:1;min-height:0")
     ui.html(controls, sanitize=False)

@@ -5,7 +5,7 @@ from typing import Any
 
 from nicegui import ui
 
-from jshape.studio import charts
+from jshape.studio import charts, drawings, words
 from jshape.studio.panels import running
 from jshape.studio.panels.drawing import drawing
 from jshape.studio.tab import Tab
@@ -16,39 +16,23 @@ STRATEGIES = (
 )  # fmt: skip
 """Of all environments, as ``jshape_envs.strategies`` names them; the energy shaper is for masses on a spring."""
 
-ENVIRONMENTS = {
-    "CranePayload": "Crane, bob of unknown mass",
-    "DuffingPayload": "Payload on a nonlinear spring",
-    "FlexibleLinkPayload": "Flexible link with coins",
-    "HoistingCrane": "Crane that hoists",
-}
-
 PRESETS = ("easy", "paper", "hard", "out-of-distribution")
-
-COLUMNS = {
-    "policy": "strategy", "residual": "left (%)", "move_time": "move (s)", "recovery": "moves until recovered",
-    "recovered": "within two moves (%)", "regret": "regret (1000 ×)",
-}  # fmt: skip
-
-LEGEND = (
-    "Left: energy after a move, of the bare move's; recovered: less than 5 % left after the payload has changed; "
-    "regret: cost of a move beyond the oracle's. A click on a heading sorts. More episodes: jshape evaluate."
-)
 
 
 def build(tab: Tab) -> None:
     """What is watched, what is judged, and the buttons that begin."""
-    ui.label("Moves of a machine whose payload changes unannounced").classes("text-sm text-weight-bold")
-    where = ui.select(ENVIRONMENTS, value="CranePayload", label="environment").classes("w-full").props("dense")
-    preset = ui.select(list(PRESETS), value="paper", label="preset").classes("w-full").props("dense")
+    ui.label(words.LEARN_TITLE).classes("text-sm text-weight-bold")
+    where = ui.select(words.ENVIRONMENTS, value="CranePayload", label=words.ENVIRONMENT)
+    where.classes("w-full").props("dense")
+    preset = ui.select(list(PRESETS), value="paper", label=words.PRESET).classes("w-full").props("dense")
     with ui.row().classes("w-full no-wrap gap-2"):
         both = [
-            ui.select(list(STRATEGIES), value=value, label=f"strategy {letter}").props("dense").style("flex:1")
-            for letter, value in (("A", "zv"), ("B", "trained"))
+            ui.select(list(STRATEGIES), value=value, label=label).props("dense").style("flex:1")
+            for label, value in zip(words.STRATEGY_EACH, ("zv", "trained"), strict=True)
         ]
     with ui.row().classes("w-full no-wrap gap-2"):
-        moves = ui.number("moves", value=6, min=1, max=12, precision=0).props("dense").style("flex:1")
-        seed = ui.number("seed", value=0, min=0, max=10**6, precision=0).props("dense").style("flex:1")
+        moves = ui.number(words.MOVES, value=6, min=1, max=12, precision=0).props("dense").style("flex:1")
+        seed = ui.number(words.SEED, value=0, min=0, max=10**6, precision=0).props("dense").style("flex:1")
 
     def ask() -> tuple[dict[str, Any], None]:
         chosen = {"environment": where.value, "preset": preset.value}
@@ -56,13 +40,13 @@ def build(tab: Tab) -> None:
 
     def show(found: dict[str, Any]) -> str:
         _seen(tab, "episode", found | {"titles": [one.value for one in both]})
-        return f"done: {len(found['moves'])} moves are beside this"
+        return words.WATCHED.format(count=len(found["moves"]))
 
-    running.row(tab, "episode", "Watch", ask, show, unit="")
-    ui.label("Leaderboard of this environment and preset").classes("text-sm text-weight-bold q-mt-md")
+    running.row(tab, "episode", words.WATCH, ask, show, unit="")
+    ui.label(words.LEADERBOARD).classes("text-sm text-weight-bold q-mt-md")
     with ui.row().classes("w-full no-wrap gap-2"):
-        episodes = ui.number("episodes", value=8, min=1, max=64, precision=0).props("dense").style("flex:1")
-        seeds = ui.number("seeds", value=2, min=1, max=5, precision=0).props("dense").style("flex:1")
+        episodes = ui.number(words.EPISODES, value=8, min=1, max=64, precision=0).props("dense").style("flex:1")
+        seeds = ui.number(words.SEEDS, value=2, min=1, max=5, precision=0).props("dense").style("flex:1")
 
     def ask_all() -> tuple[dict[str, Any], None]:
         chosen = {"environment": where.value, "preset": preset.value}
@@ -72,7 +56,7 @@ def build(tab: Tab) -> None:
         _seen(tab, "leaderboard", found)
         return found["message"]
 
-    running.row(tab, "leaderboard", "Judge all", ask_all, show_all, unit=" is the least regret")
+    running.row(tab, "leaderboard", words.JUDGE, ask_all, show_all, unit=words.LEAST_REGRET)
 
 
 def _seen(tab: Tab, name: str, found: dict[str, Any]) -> None:
@@ -84,10 +68,10 @@ def _seen(tab: Tab, name: str, found: dict[str, Any]) -> None:
 
 def view(tab: Tab) -> None:
     """The episode, what each move leaves, and the leaderboard."""
-    hint = ui.label("Choose two strategies on the left, then watch them, or judge all.").classes("q-pa-md")
+    hint = ui.label(words.LEARN_HINT).classes("q-pa-md")
     with ui.element("div").classes("w-full q-pa-sm") as watched:
         with ui.element("div").classes("cell studio-episode").style("display:flex;flex-direction:column"):
-            drawing("episode", "The machine in an episode under strategy A and under strategy B")
+            drawing("episode", words.EPISODE_MEANS)
         chart = ui.echart(charts.residuals_chart()).classes("w-full").style("height:230px")
         chart.props("data-testid=chart-residuals")
         tab.painted.append(chart)
@@ -101,11 +85,11 @@ def view(tab: Tab) -> None:
                 "sortable": True,
                 "align": "left" if key == "policy" else "right",
             }
-            for key, label in COLUMNS.items()
+            for key, label in words.LEARN_COLUMNS.items()
         ]
         table = ui.table(rows=[], columns=columns, row_key="policy").classes("w-full")
         table.props("dense flat data-testid=leaderboard-table")
-        ui.label(LEGEND).classes("text-xs")
+        ui.label(words.LEARN_LEGEND).classes("text-xs")
 
     def show() -> None:
         episode, board = tab.kept.get("episode"), tab.kept.get("leaderboard")
@@ -117,12 +101,12 @@ def view(tab: Tab) -> None:
             chart.options.update(charts.residuals(episode, titles))
             chart.options["xAxis"] = charts.residuals_chart()["xAxis"] | chart.options["xAxis"]
             chart.update()
-            named = [f"{letter}: {words}" for letter, words in zip("AB", titles, strict=True)]
-            tab.client.run_javascript(f"jshapeEpisode.set({json.dumps(charts.episode(episode, named))})")
+            named = [f"{letter}: {title}" for letter, title in zip("AB", titles, strict=True)]
+            tab.client.run_javascript(f"jshapeEpisode.set({json.dumps(drawings.episode(episode, named))})")
         if board is not None:
             asked = board["asked"]
-            where = f"{ENVIRONMENTS[asked['environment']]}, {asked['preset']}"
-            title.set_text(f"{where}: {asked['seeds']:g} × {asked['episodes']:g} episodes")
+            where = words.ENVIRONMENTS[asked["environment"]]
+            title.set_text(words.LEADERBOARD_OF.format(**asked | {"environment": where}))
             table.rows = [{k: _cell(x) for k, x in row.items()} for row in board["rows"]]
 
     tab.learned.append(show)

@@ -1,16 +1,18 @@
 """The machine: which one, and a slider for each of its parameters."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from typing import Any
 
 from nicegui import events, ui
 
 from jshape.problems import limits
-from jshape.studio import changes, machine_file, state, takeaway
+from jshape.studio import changes, machine_file, state, takeaway, words
+from jshape.studio.guard import MOST_UPLOADED
+from jshape.studio.panels import record
 from jshape.studio.panels.printer import file_name
 from jshape.studio.panels.shaper import closed_form
-from jshape.studio.panels.slider import Slider
+from jshape.studio.panels.slider import Number, Slider
 from jshape.studio.state import Parameter, State
 from jshape.studio.tab import Tab
 
@@ -24,7 +26,7 @@ def build(tab: Tab) -> None:
             _parameter(tab, parameter)
 
     async def begin(made: Callable[[], State]) -> None:
-        tab.clear("computing …")
+        tab.clear(words.COMPUTING)
         tab.change(lambda _: made(), impulses=True)
         sliders.refresh()
         for renew in tab.renewed:
@@ -39,6 +41,9 @@ def build(tab: Tab) -> None:
     async def loaded(event: events.UploadEventArguments) -> None:
         upload.reset()
         name = file_name(event.file.name)
+        if name.lower().endswith(".csv"):
+            await measured(name, event)
+            return
         try:
             if event.file.size() > limits.SIZE:
                 raise ValueError(f"a file must have at most {limits.SIZE} bytes, not {event.file.size()}")
@@ -46,38 +51,45 @@ def build(tab: Tab) -> None:
         except ValueError as error:
             tab.warn(str(error) if str(error).startswith(name) else f"{name}: {error}")
             return
+        await show(given)
+
+    async def show(given: State) -> None:
         await begin(lambda: given)
         choose.set_value(given.starter.plant if given.starter.plant in known and not given.files else None)
 
-    @ui.refreshable
-    def driven() -> None:
-        if tab.state.files:
-            (name, text), (now, *_) = tab.state.files[0], tab.state.starter.values["driven"]
-            names = [joint.name for joint in machine_file.joints(text)]
-            joint = ui.select(names, value=now, label=f"joint of {name} that follows the command").classes("w-full")
-            joint.props("dense data-testid=driven")
-            joint.on_value_change(lambda event: begin(lambda: state.from_machine(name, text.encode(), event.value)))
-
     plant = tab.state.starter.plant
     known = state.plants()
-    choose = ui.select(known, value=plant if plant in known else None, label="machine").classes("w-full")
+    choose = ui.select(known, value=plant if plant in known else None, label=words.WHICH_MACHINE).classes("w-full")
     choose.props("dense")
     choose.on_value_change(chosen)
     upload = ui.upload(
-        label="or a file: problem, MJCF, URDF", on_upload=loaded, auto_upload=True,
-        max_file_size=limits.SIZE, max_files=1,
-    ).classes("w-full").props('accept=".toml,.xml,.mjcf,.urdf" flat bordered dense')  # fmt: skip
-    upload.on(
-        "rejected", lambda: tab.warn(f"a file must have at most {limits.SIZE} bytes and end in .toml, .xml or .urdf")
-    )
-    driven()
+        label=words.OR_A_FILE, on_upload=loaded, auto_upload=True,
+        max_file_size=MOST_UPLOADED, max_files=1,
+    ).classes("w-full").props('accept=".toml,.xml,.mjcf,.urdf,.csv" flat bordered dense')  # fmt: skip
+    upload.on("rejected", lambda: tab.warn(words.REJECTED_FILE.format(most=MOST_UPLOADED)))
+    measured = record.build(tab, show)
+    _driven(tab, begin)
+    ui.label(words.UNCERTAIN).classes("text-xs q-mt-sm opacity-80")
+    sliders()
+
+
+def _driven(tab: Tab, begin: Callable[[Callable[[], State]], Awaitable[None]]) -> None:
+    """Which joint of a machine from a file follows the command."""
+
+    @ui.refreshable
+    def choose() -> None:
+        if tab.state.files:
+            (name, text), (now, *_) = tab.state.files[0], tab.state.starter.values["driven"]
+            names = [joint.name for joint in machine_file.joints(text)]
+            joint = ui.select(names, value=now, label=words.DRIVEN.format(name=name)).classes("w-full")
+            joint.props("dense data-testid=driven")
+            joint.on_value_change(lambda event: begin(lambda: state.from_machine(name, text.encode(), event.value)))
 
     def again() -> None:
-        driven.refresh()
+        choose.refresh()
 
+    choose()
     tab.renewed.append(again)
-    ui.label("± marks a number as uncertain, in percent").classes("text-xs q-mt-sm opacity-80")
-    sliders()
 
 
 def _state(name: str, content: bytes, now: State) -> State:
@@ -98,22 +110,20 @@ def _state(name: str, content: bytes, now: State) -> State:
 def _parameter(tab: Tab, parameter: Parameter) -> None:
     """A slider, a number beside it, and a mark for what is uncertain."""
     path, leaf = parameter.path, parameter.leaf
-    words = path.removeprefix("plant.").removeprefix("command.").replace("_", " ")
+    name = path.removeprefix("plant.").removeprefix("command.").replace("_", " ")
     with ui.row().classes("w-full no-wrap items-center gap-2"):
-        label = ui.label(words).classes("text-sm").style("flex:1")
-        label.tooltip(parameter.meaning or words)
+        label = ui.label(name).classes("text-sm").style("flex:1")
+        label.tooltip(parameter.meaning or name)
         number = (
-            ui.number(value=_rounded(parameter.value), suffix=parameter.unit)
-            .classes("studio-number")
-            .style("width:124px")
+            Number(value=_rounded(parameter.value), suffix=parameter.unit).classes("studio-number").style("width:124px")
         )
-        number.props(f'dense outlined aria-label="{words}" debounce=300')
+        number.props(f'dense outlined aria-label="{name}" debounce=300')
         share = (
             ui.number(value=_share(parameter), min=0, max=99, prefix="±", suffix="%")
             .classes("studio-number")
             .style("width:82px")
         )
-        share.props(f'dense outlined aria-label="{words}: uncertain by" placeholder="–" debounce=300')
+        share.props(f'dense outlined aria-label="{words.UNCERTAIN_BY.format(leaf=name)}" placeholder="–" debounce=300')
         share.set_visibility(leaf is not None)
         if parameter.fixed:
             number.disable()
@@ -122,12 +132,12 @@ def _parameter(tab: Tab, parameter: Parameter) -> None:
         return
     step = (parameter.high - parameter.low) / 200
     slider = Slider(min=parameter.low, max=parameter.high, step=step, value=parameter.value).classes("w-full")
-    slider.props(f'dense aria-label="{words}" data-testid="slider-{path}"')
+    slider.props(f'dense aria-label="{name}" data-testid="slider-{path}"')
 
     def moved(event: Any) -> None:
         value = _rounded(float(event.value))
         if value != number.value:
-            number.set_value(value)
+            number.follow(value)
 
     def given(event: Any) -> None:
         if event.value is None or not math.isfinite(event.value):

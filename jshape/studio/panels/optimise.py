@@ -4,7 +4,7 @@ from typing import Any
 
 from nicegui import ui
 
-from jshape.studio import changes, charts, own_code
+from jshape.studio import changes, charts, own_code, words
 from jshape.studio.panels import running
 from jshape.studio.state import Pin, State
 from jshape.studio.tab import Tab
@@ -14,18 +14,19 @@ def tune(tab: Tab) -> None:
     """Tune in a process, with progress and a stop."""
     best: list[tuple[int, float]] = []
     with ui.row().classes("w-full no-wrap gap-2"):
-        count = ui.number("impulses", min=2, max=16, precision=0).props("dense").style("width:80px")
-        kind = ui.select(["positive", "bounded", "unity", "free"], label="amplitudes").props("dense")
+        count = ui.number(words.COUNT, min=2, max=16, precision=0).props("dense").style("width:80px")
+        kind = ui.select(["positive", "bounded", "unity", "free"], label=words.AMPLITUDES).props("dense")
         kind.style("width:110px")
-        duration = ui.number("duration, s", min=0, format="%.5g").props("dense").style("flex:1")
+        duration = ui.number(words.DURATION, min=0, format="%.5g").props("dense").style("flex:1")
 
     def renew() -> None:
         design = tab.state.starter.design
         count.set_value(design.get("impulses", 3))
         kind.set_value(design.get("amplitudes", "positive"))
         length = design.get("duration")
-        ends = f"{length[0]} to {length[1]}" if isinstance(length, list) else "free"
-        duration.set_value(None if isinstance(length, list) else length)
+        between = isinstance(length, list)
+        duration.set_value(None if between else length)
+        ends = words.DURATIONS_BETWEEN.format(low=length[0], high=length[1]) if between else words.DURATION_FREE
         duration.props["placeholder"] = ends
 
     def ask() -> tuple[dict[str, Any], None]:
@@ -49,8 +50,8 @@ def tune(tab: Tab) -> None:
 
     renew()
     tab.renewed.append(renew)
-    running.row(tab, "tune", "Tune", ask, show, during)
-    shown = ui.echart(charts.chart("", "step", "best, J") | {"legend": {"show": False}, "toolbox": {}})
+    running.row(tab, "tune", words.TUNE, ask, show, during)
+    shown = ui.echart(charts.chart("", words.STEP, words.BEST) | {"legend": {"show": False}, "toolbox": {}})
     tab.painted.append(shown)
     shown.classes("w-full").style("height:150px;min-height:150px").set_visibility(False)
 
@@ -59,8 +60,8 @@ def pareto(tab: Tab) -> None:
     """Compute the front in a process; a point that is clicked on becomes the page's shaper."""
     points: dict[str, dict[str, Any]] = {}
     with ui.row().classes("w-full no-wrap gap-2"):
-        most = ui.number("impulses up to", value=3, min=2, max=8, precision=0).props("dense").style("flex:1")
-        count = ui.number("durations", value=8, min=2, max=40, precision=0).props("dense").style("flex:1")
+        most = ui.number(words.COUNT_UP_TO, value=3, min=2, max=8, precision=0).props("dense").style("flex:1")
+        count = ui.number(words.DURATIONS, value=8, min=2, max=40, precision=0).props("dense").style("flex:1")
 
     def ask() -> tuple[dict[str, Any], None]:
         numbers = list(range(2, int(most.value or 3) + 1))
@@ -69,16 +70,15 @@ def pareto(tab: Tab) -> None:
     def show(found: dict[str, Any]) -> str:
         tab.kept["front"] = found
         drawn(found)
-        return f"{found['message']}; click on a point, or choose it"
+        return words.FRONT_DONE.format(message=found["message"])
 
     def drawn(found: dict[str, Any]) -> None:
         points.clear()
         for name, front in found["designs"].items():
             for i, point in enumerate(front):
                 points[f"{name} {i}"] = point
-        words = {key: f"{key.rpartition(' ')[0]}, {p['duration']:.3g} s: {p['objective']:.3g} J"
-                 for key, p in points.items()}  # fmt: skip
-        choose.set_options(words, value=None)
+        named = {key: words.FRONT_POINT.format(name=key.rpartition(" ")[0], **point) for key, point in points.items()}
+        choose.set_options(named, value=None)
         chart.set_visibility(True)
         choose.set_visibility(True)
         # By its options, which a chart takes up that the browser makes later, when its panel is opened.
@@ -100,12 +100,12 @@ def pareto(tab: Tab) -> None:
         chart.set_visibility(False)
         choose.set_visibility(False)
 
-    running.row(tab, "pareto", "Compute", ask, show)
+    running.row(tab, "pareto", words.COMPUTE, ask, show)
     chart = ui.echart(charts.front_chart()).classes("w-full").style("height:230px;min-height:230px")
     chart.props("data-testid=chart-front")
     tab.painted.append(chart)
     chart.on_point_click(lambda event: take(f"{event.series_name} {event.data_index}"))
-    choose = ui.select({}, label="a point of the front").classes("w-full").props("dense data-testid=front")
+    choose = ui.select({}, label=words.FRONT_CHOOSE).classes("w-full").props("dense data-testid=front")
     choose.on_value_change(lambda event: take(event.value))
     chart.set_visibility(False)
     choose.set_visibility(False)

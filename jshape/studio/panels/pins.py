@@ -4,7 +4,7 @@ import functools
 
 from nicegui import ui
 
-from jshape.studio import changes
+from jshape.studio import changes, words
 from jshape.studio.charts import PINS
 from jshape.studio.results import Sensitivity
 from jshape.studio.state import Pin
@@ -34,14 +34,14 @@ def build(tab: Tab) -> None:
             with ui.row().classes("w-full no-wrap items-center gap-2").props("data-testid=pin"):
                 ui.element("div").style(f"width:22px;border-top:3px dashed {look['color']}")
                 ui.label(f"{pin.name}{_left(tab, pin)}").classes("text-xs").style("flex:1")
-                taken = ui.button("take", on_click=functools.partial(take, pin))
-                taken.props(f'dense flat no-caps size=sm aria-label="take {pin.name}"')
+                taken = ui.button(words.TAKE, on_click=functools.partial(take, pin))
+                taken.props(f'dense flat no-caps size=sm aria-label="{words.TAKE_PIN.format(name=pin.name)}"')
                 gone = ui.button(icon="close", on_click=functools.partial(remove, pin.name))
-                gone.props(f'dense flat size=sm aria-label="remove {pin.name}"')
+                gone.props(f'dense flat size=sm aria-label="{words.REMOVE_PIN.format(name=pin.name)}"')
 
     with ui.row().classes("w-full items-center q-mt-md"):
-        ui.label("Compare").classes("text-sm text-weight-bold")
-        ui.button("Pin this design", on_click=pin).props("dense outline no-caps data-testid=pin-it").classes("px-3")
+        ui.label(words.COMPARE).classes("text-sm text-weight-bold")
+        ui.button(words.PIN, on_click=pin).props("dense outline no-caps data-testid=pin-it").classes("px-3")
     rows()
 
     def again() -> None:
@@ -55,8 +55,9 @@ def _left(tab: Tab, pin: Pin) -> str:
     if pin not in tab.pinned:
         return ""
     found = tab.pinned[pin]
-    worst = "" if found.sensitivity is None else f", at worst {_worst(found.sensitivity)}"
-    return f" · leaves {found.numbers.shaped:.3g} J{worst}"
+    over = found.sensitivity
+    worst = "" if over is None else words.PIN_AT_WORST.format(worst=_worst(over))
+    return words.PIN_LEAVES.format(energy=found.numbers.shaped, worst=worst)
 
 
 def _worst(found: Sensitivity) -> str:

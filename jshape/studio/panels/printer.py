@@ -8,7 +8,7 @@ from typing import Any
 
 from nicegui import events, ui
 
-from jshape.studio import charts
+from jshape.studio import charts, words
 from jshape.studio.guard import MOST_UPLOADED
 from jshape.studio.panels import running
 from jshape.studio.tab import Tab
@@ -16,19 +16,7 @@ from jshape.studio.tab import Tab
 MOST_FILES = 8
 """Of a printer's records at once."""
 
-VERSIONS = {"current": "current", "2024": "December 2024"}
-
 AXES = ("x", "y")
-
-COLUMNS = {
-    "name": "shaper", "frequency": "Hz", "vibration": "left (%)", "smoothing": "blur (mm)", "max_accel": "max_accel",
-    "duration": "ms",
-}  # fmt: skip
-
-LEGEND = (
-    "* Klipper's choice; left: of the measured vibration; blur: Klipper's smoothing of corners; max_accel: the "
-    "greatest acceleration, mm/s²; ms: the shaper's duration. Dashed: Klipper's shapers; solid: tuned ones."
-)
 
 
 def file_name(given: str) -> str:
@@ -56,10 +44,12 @@ def build(tab: Tab) -> None:
         for name in axes:
             with ui.row().classes("w-full no-wrap items-center gap-2"):
                 ui.label(name).classes("text-sm ellipsis").style("flex:1").tooltip(name)
-                which = ui.toggle(list(AXES), value=axes[name]).props(f'dense no-caps aria-label="axis of {name}"')
+                which = ui.toggle(list(AXES), value=axes[name]).props(
+                    f'dense no-caps aria-label="{words.AXIS_OF_FILE.format(name=name)}"'
+                )
                 which.on_value_change(lambda event, name=name: axes.update({name: event.value}))
                 remove = ui.button(icon="close", on_click=functools.partial(without, name))
-                remove.props(f'dense flat size=sm aria-label="remove {name}"')
+                remove.props(f'dense flat size=sm aria-label="{words.REMOVE_FILE.format(name=name)}"')
 
     async def dropped(event: events.UploadEventArguments) -> None:
         name = file_name(event.file.name)
@@ -85,45 +75,48 @@ def build(tab: Tab) -> None:
         tab.kept["printer"] = found
         for each in tab.printed:
             each(found)
-        return "done: choices and lines to paste are beside this"
+        return words.PRINTER_DONE
 
-    ui.label("A printer's shaper from its accelerometer").classes("text-sm text-weight-bold")
-    words = "Klipper's raw_data_*.csv or resonances_*.csv; several of an axis are loads that share a shaper"
-    ui.label(words).classes("text-xs")
+    ui.label(words.PRINTER_TITLE).classes("text-sm text-weight-bold")
+    ui.label(words.PRINTER_FILES).classes("text-xs")
     upload = ui.upload(
-        label="drop CSV files, or +", on_upload=dropped, auto_upload=True, multiple=True, max_file_size=MOST_UPLOADED
+        label=words.DROP_CSV, on_upload=dropped, auto_upload=True, multiple=True, max_file_size=MOST_UPLOADED
     ).classes("w-full").props('accept=".csv" flat bordered dense data-testid=records')  # fmt: skip
-    upload.on("rejected", lambda: tab.warn(f"a record must have at most {MOST_UPLOADED} bytes"))
+    upload.on("rejected", lambda: tab.warn(words.REJECTED_RECORD.format(most=MOST_UPLOADED)))
     rows()
     with ui.row().classes("w-full no-wrap gap-2"):
-        version = ui.select(VERSIONS, value="current", label="Klipper").props("dense").style("flex:1")
-        zeta = ui.number("damping ratio", value=0.1, min=0.001, max=0.3, step=0.01).props("dense").style("width:96px")
-        corner = ui.number("corner, mm/s", value=5.0, min=0).props("dense").style("width:96px")
-    running.row(tab, "calibrate", "Choose a shaper", ask, show, unit="")
+        version = ui.select(words.KLIPPER_VERSIONS, value="current", label=words.KLIPPER).props("dense").style("flex:1")
+        zeta = (
+            ui.number(words.DAMPING_RATIO, value=0.1, min=0.001, max=0.3, step=0.01).props("dense").style("width:96px")
+        )
+        corner = ui.number(words.CORNER, value=5.0, min=0).props("dense").style("width:96px")
+    running.row(tab, "calibrate", words.CHOOSE_SHAPER, ask, show, unit="")
 
 
 def view(tab: Tab) -> None:
     """What was found: for each axis one picture, both choices and why, and the table; then the lines to paste."""
-    hint = ui.label("Drop the records of your printer on the left, then choose a shaper.").classes("q-pa-md")
+    hint = ui.label(words.PRINTER_HINT).classes("q-pa-md")
     cells: dict[str, Any] = {}
     with ui.element("div").classes("studio-printer"):
         for axis in AXES:
             with ui.column().classes("studio-axis gap-1").props(f"data-testid=axis-{axis}") as cell:
                 picture = ui.echart(charts.spectrum_chart(axis)).classes("w-full").style("height:330px")
                 picture.props(f"data-testid=chart-printer-{axis}")
-                words = ui.column().classes("gap-0 text-sm q-px-sm")
+                said = ui.column().classes("gap-0 text-sm q-px-sm")
                 table = ui.table(
                     rows=[], row_key="name",
                     columns=[{"name": key, "field": key, "label": label, "align": "left" if key == "name" else "right"}
-                             for key, label in COLUMNS.items()],
+                             for key, label in words.PRINTER_COLUMNS.items()],
                 ).classes("w-full").props("dense flat")  # fmt: skip
             cell.set_visibility(False)
             tab.charts[f"printer-{axis}"] = picture
-            cells[axis] = cell, words, table
+            cells[axis] = cell, said, table
     with ui.column().classes("w-full q-pa-sm gap-1") as block:
         with ui.row().classes("items-center gap-3"):
-            ui.label("Lines for printer.cfg").classes("text-sm text-weight-bold")
-            ui.button("Copy", on_click=lambda: ui.clipboard.write(text.content)).props("dense no-caps").classes("px-3")
+            ui.label(words.PASTE).classes("text-sm text-weight-bold")
+            ui.button(words.COPY, on_click=lambda: ui.clipboard.write(text.content)).props("dense no-caps").classes(
+                "px-3"
+            )
         text = ui.code("", language="ini").classes("w-full text-xs").props("data-testid=paste")
     block.set_visibility(False)
 
@@ -131,12 +124,12 @@ def view(tab: Tab) -> None:
         hint.set_visibility(False)
         block.set_visibility(True)
         text.set_content(found["paste"])
-        for axis, (cell, words, table) in cells.items():
+        for axis, (cell, said, table) in cells.items():
             one = found["axes"].get(axis)
             cell.set_visibility(one is not None)
             if one is not None:
                 tab.draw(f"printer-{axis}", charts.spectrum(one))
-                _said(words, one)
+                _said(said, one)
                 table.rows = [_cells(row) for row in one["rows"]]
 
     tab.printed.append(show)
@@ -144,15 +137,15 @@ def view(tab: Tab) -> None:
         tab.begun.append(lambda: show(kept))
 
 
-def _said(words: ui.column, found: dict[str, Any]) -> None:
+def _said(place: ui.column, found: dict[str, Any]) -> None:
     """Both choices, and why."""
-    words.clear()
-    with words:
-        ui.label(f"Klipper's choice: {found['klipper']}")
-        ui.label(f"Ours for stock firmware: {found['stock']}").classes("text-weight-bold")
+    place.clear()
+    with place:
+        ui.label(words.KLIPPERS_CHOICE.format(choice=found["klipper"]))
+        ui.label(words.OURS.format(choice=found["stock"])).classes("text-weight-bold")
         for line in found["why"]:
             ui.label(line)
-        ui.label(LEGEND).classes("text-xs")
+        ui.label(words.PRINTER_LEGEND).classes("text-xs")
 
 
 def _cells(row: dict[str, Any]) -> dict[str, str]:

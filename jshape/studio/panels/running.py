@@ -6,6 +6,7 @@ from typing import Any
 
 from nicegui import ui
 
+from jshape.studio import words
 from jshape.studio.tab import Tab
 from jshape.studio.work import Work
 
@@ -16,7 +17,7 @@ Ask = Callable[[], tuple[dict[str, Any], Path | None]]
 def row(
     tab: Tab,
     task: str,
-    words: str,
+    name: str,
     ask: Ask,
     show: Callable[[dict[str, Any]], str],
     during: Callable[[dict[str, Any]], None] | None = None,
@@ -27,7 +28,7 @@ def row(
     Args:
         tab: whose process it is.
         task: of ``tasks``.
-        words: on the button that starts it.
+        name: on the button that starts it.
         ask: called when it is started; a ``ValueError`` is said in the line.
         show: called with the answer; returns what the line says.
         during: called with each progress.
@@ -36,21 +37,22 @@ def row(
     work = Work()
     tab.works.append(work)
     with ui.row().classes("w-full items-center gap-2"):
-        start = ui.button(words).props(f"dense no-caps data-testid={task}").classes("px-4")
-        stop = ui.button("Stop").props(f"dense outline no-caps data-testid=stop-{task}").classes("px-4")
+        start = ui.button(name).props(f"dense no-caps data-testid={task}").classes("px-4")
+        stop = ui.button(words.STOP).props(f"dense outline no-caps data-testid=stop-{task}").classes("px-4")
         stop.set_enabled(False)
     said = ui.label("").classes("text-xs w-full").props(f'data-testid=said-{task} aria-live="polite"')
 
     def progress(now: dict[str, Any]) -> None:
         line = f"{now['stage']} {now['done']}/{now['total']}" if now["total"] else now["stage"]
-        said.set_text(line if now["best"] is None else f"{line}, best {now['best']:.4g}{unit}")
+        best = now["best"]
+        said.set_text(line if best is None else words.BEST_SO_FAR.format(line=line, best=best, unit=unit))
         if during is not None:
             during(now)
 
     async def run() -> None:
         start.set_enabled(False)
         stop.set_enabled(True)
-        said.set_text("the process starts …")
+        said.set_text(words.STARTS)
         try:
             asked, folder = ask()
             said.set_text(show(await work.run(task, asked, progress, folder)))
@@ -61,7 +63,7 @@ def row(
             stop.set_enabled(False)
 
     async def halt() -> None:
-        said.set_text("stopping …")
+        said.set_text(words.STOPPING)
         await work.stop()
 
     start.on_click(run)

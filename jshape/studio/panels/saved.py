@@ -6,7 +6,7 @@ from typing import Any
 
 from nicegui import ui
 
-from jshape.studio import link, state, takeaway
+from jshape.studio import link, state, takeaway, words
 from jshape.studio.tab import Tab
 
 
@@ -22,7 +22,7 @@ def build(tab: Tab) -> None:
         asked = takeaway.needed(chosen.value)
         # What may stay empty is out of the way of who needs the usual file.
         for name in sorted(asked, key=lambda name: not asked[name]):
-            label = {"sample_time": "sample time, s", "modes": "modes: omega,zeta; … (rad/s, –)"}.get(name, name)
+            label = words.OPTIONS.get(name, name)
             fields[name] = ui.input(label, value=asked[name]).classes("w-full").props("dense")
             if not asked[name]:
                 fields[name].bind_visibility_from(more, "value")
@@ -34,20 +34,19 @@ def build(tab: Tab) -> None:
     def preview() -> None:
         try:
             _, content = shaper()
-            text.set_content(content.decode()[:8000] if chosen.value not in ("fmu", "numpy", "scipy") else "(binary)")
+            text.set_content(content.decode()[:8000] if chosen.value not in ("fmu", "numpy", "scipy") else words.BINARY)
         except ValueError as error:
             tab.warn(str(error))
 
     names = {name: f"{name}: {form.what}" for name, form in FORMATS.items()}
-    chosen = ui.select(names, value="structured_text", label="format of the shaper").classes("w-full").props("dense")
+    chosen = ui.select(names, value="structured_text", label=words.FORMAT).classes("w-full").props("dense")
     chosen.on_value_change(options.refresh)
-    more = ui.switch("options that may stay empty").props("dense").classes("text-sm q-mt-sm")
+    more = ui.switch(words.EMPTY_OPTIONS).props("dense").classes("text-sm q-mt-sm")
     options()
     with ui.row():
-        ui.button("Download", on_click=lambda: _save(tab, shaper)).props("dense no-caps data-testid=export").classes(
-            "px-3"
-        )
-        ui.button("Show", on_click=preview).props("dense outline no-caps").classes("px-3")
+        save = ui.button(words.DOWNLOAD, on_click=lambda: _save(tab, shaper)).classes("px-3")
+        save.props("dense no-caps data-testid=export")
+        ui.button(words.SHOW, on_click=preview).props("dense outline no-caps").classes("px-3")
     ui.separator().classes("q-my-sm")
     address = _files(tab)
     text = ui.code("", language="text").classes("w-full text-xs")
@@ -85,22 +84,29 @@ def _files(tab: Tab) -> list[Callable[[str], Any]]:
         return tab.state.files[0]
 
     files: dict[str, Callable[[], tuple[str, bytes | str]]] = {
-        "Problem file": lambda: (state.FILE, tab.state.text),
-        "Machine file": machine,
-        "Python script": lambda: ("studio.py", takeaway.script(tab.state)),
-        "Responses, CSV": lambda: ("responses.csv", takeaway.moves_csv(tab.moves)),
-        "Sensitivity, CSV": lambda: ("sensitivity.csv", takeaway.sensitivity_csv(tab.sensitivity)),
+        words.PROBLEM_FILE: lambda: (state.FILE, tab.state.text),
+        words.MACHINE_FILE: machine,
+        words.SCRIPT: lambda: ("studio.py", takeaway.script(tab.state)),
+        words.RESPONSES_CSV: lambda: ("responses.csv", takeaway.moves_csv(tab.moves)),
+        words.SENSITIVITY_CSV: lambda: ("sensitivity.csv", takeaway.sensitivity_csv(tab.sensitivity)),
     }
     with ui.row().classes("gap-2"):
-        ui.button("Copy link", on_click=copy).props("dense outline no-caps data-testid=link").classes("px-2")
-        for words, made in files.items():
-            button = ui.button(words, on_click=functools.partial(_save, tab, made))
+        ui.button(words.COPY_LINK, on_click=copy).props("dense outline no-caps data-testid=link").classes("px-2")
+        for name, made in files.items():
+            button = ui.button(name, on_click=functools.partial(_save, tab, made))
             button.props("dense outline no-caps").classes("px-2")
-            if words == "Machine file":
+            if name == words.MACHINE_FILE:
                 button.set_visibility(bool(tab.state.files))
                 tab.renewed.append(functools.partial(_show_where_needed, tab, button))
-    ui.label("A link carries machine, move and shapers; jshape studio LINK opens it.").classes("text-xs opacity-80")
-    ui.label("jshape tune problem.toml gives the numbers of Tune").classes("text-xs opacity-80")
+    with ui.row().classes("w-full no-wrap items-center gap-2"):
+        chosen = ui.select(words.CHARTS, value="position", label=words.CHART_SHOWN).props("dense").style("flex:1")
+
+        async def draw() -> None:
+            ui.download.content(await tab.svg(chosen.value), f"{chosen.value}.svg")
+
+        ui.button(words.SVG, on_click=draw).props("dense outline no-caps data-testid=svg").classes("px-2")
+    ui.label(words.LINK_CARRIES).classes("text-xs opacity-80")
+    ui.label(words.TUNE_GIVES).classes("text-xs opacity-80")
     return shown
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from nicegui import ui
 
-from jshape.studio import changes, takeaway
+from jshape.studio import changes, takeaway, words
 from jshape.studio.panels import optimise, pins
 from jshape.studio.panels.slider import Slider
 from jshape.studio.state import State
@@ -20,22 +20,21 @@ ENERGY = ("energy 2-impulse", "energy 3-impulse", "energy 4-impulse", "energy fa
 
 def build(tab: Tab) -> None:
     """Closed forms, the impulses, and tuning."""
-    ui.label("Closed forms").classes("text-sm text-weight-bold")
+    ui.label(words.CLOSED_FORMS).classes("text-sm text-weight-bold")
     with ui.row().classes("gap-1"):
         for name in (*SHAPERS, *ENERGY):
             made = ui.button(name.removeprefix("linear "), on_click=functools.partial(closed_form, tab, name))
             made.props("dense outline no-caps size=sm").classes("px-2")
     with ui.row().classes("w-full items-center q-mt-md"):
-        ui.label("Impulses: amplitude, and time in s").classes("text-sm text-weight-bold")
-        ui.button("add", on_click=lambda: tab.change(changes.with_one_more, impulses=True)).props("dense flat no-caps")
-        ui.button("remove", on_click=lambda: tab.change(changes.with_one_less, impulses=True)).props(
-            "dense flat no-caps"
-        )
+        ui.label(words.EACH_IMPULSE).classes("text-sm text-weight-bold")
+        for name, make in ((words.ADD, changes.with_one_more), (words.REMOVE, changes.with_one_less)):
+            button = ui.button(name, on_click=functools.partial(tab.change, make, impulses=True))
+            button.props("dense flat no-caps")
     _impulses(tab)
     pins.build(tab)
-    ui.label("Tune: least residual energy").classes("text-sm text-weight-bold q-mt-md")
+    ui.label(words.TUNE_TITLE).classes("text-sm text-weight-bold q-mt-md")
     optimise.tune(tab)
-    ui.label("Pareto front: what duration buys").classes("text-sm text-weight-bold q-mt-md")
+    ui.label(words.FRONT_TITLE).classes("text-sm text-weight-bold q-mt-md")
     optimise.pareto(tab)
 
 
@@ -51,10 +50,11 @@ def _impulses(tab: Tab) -> None:
         for i, (amplitude, time) in enumerate(zip(tab.state.amplitudes, tab.state.times, strict=True)):
             with ui.row().classes("w-full no-wrap items-center gap-2"):
                 ends = min(-1.0, amplitude), max(1.5, amplitude)
+                named = words.AMPLITUDE_NUMBER.format(number=i + 1), words.TIME_NUMBER.format(number=i + 1)
                 first = Slider(min=ends[0], max=ends[1], step=0.005, value=amplitude).style("flex:1")
-                first.props(f'dense aria-label="amplitude {i + 1}" data-testid="amplitude-{i}"')
+                first.props(f'dense aria-label="{named[0]}" data-testid="amplitude-{i}"')
                 second = Slider(min=0.0, max=longest, step=longest / 300, value=time).style("flex:1")
-                second.props(f'dense aria-label="time {i + 1}" data-testid="time-{i}"')
+                second.props(f'dense aria-label="{named[1]}" data-testid="time-{i}"')
                 second.set_enabled(i > 0)
                 label = ui.label(_impulse(tab.state, i)).classes("text-xs").style("width:104px")
             first.on_value_change(lambda event, i=i: moved(changes.with_amplitude, i, event))
@@ -82,7 +82,7 @@ def _impulses(tab: Tab) -> None:
 
 
 def _impulse(shown: State, index: int) -> str:
-    return f"{shown.amplitudes[index]:.4g} at {shown.times[index]:.4g} s"
+    return words.IMPULSE.format(amplitude=shown.amplitudes[index], time=shown.times[index])
 
 
 async def closed_form(tab: Tab, name: str, every: bool = False) -> None:
