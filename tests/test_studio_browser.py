@@ -643,7 +643,7 @@ def test_both_ends_of_what_is_uncertain_are_drawn(studio):
     with opened(studio) as page:
         page.wait_for_function("jshapeScene.data.note")
         assert page.evaluate("Object.keys(jshapeScene.data.places)") == ["high", "unshaped", "shaped", "low"]
-        assert re.search(r"small 0\.8.*, large 1\.2", page.evaluate("jshapeScene.data.note"))
+        assert re.search(r"small 0\.8.*, large 1\.2", page.locator("#scene-note").inner_text())
 
 
 def test_a_chart_as_svg(studio, tmp_path):

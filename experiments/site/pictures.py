@@ -5,7 +5,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from experiments.benchmarks.studio import browsing, choose, chromium, computed, page_of, serving
+from experiments.benchmarks.studio import browsing, changes_of, choose, chromium, computed, page_of, serving
+from jshape.studio import words
 
 PICTURE = re.compile(r"!\[[^\]]*\]\(studio/(\w+)\.png\)\n+")
 """A picture of the page, with the line's end."""
@@ -15,13 +16,19 @@ def machine(page: Any) -> None:
     choose(page, "Crane")
 
 
+def energy(page: Any) -> None:
+    choose(page, "DoublePendulumCrane")
+    for chart, view in (("deflection", words.ENERGY), ("vibration", words.SPECTRUM)):
+        page.locator(f"[data-testid=view-{chart}]").get_by_role("button", name=view).click()
+
+
 def shaper(page: Any) -> None:
     choose(page, "Crane")
     page.get_by_role("tab", name="Shaper").click()
     page.locator("[data-testid=pin-it]").click()
+    before = changes_of(page)
     page.get_by_role("button", name="ZVD", exact=True).click()
-    page.wait_for_timeout(1000)
-    computed(page)
+    computed(page, before)
 
 
 def dark(page: Any) -> None:
@@ -52,8 +59,8 @@ def learn(page: Any) -> None:
 
 
 STEPS: dict[str, Callable[[Any], None]] = {
-    "machine": machine, "shaper": shaper, "away": away, "dark": dark, "printer": printer, "learn": learn,
-    "phone": machine,
+    "machine": machine, "energy": energy, "shaper": shaper, "away": away, "dark": dark, "printer": printer,
+    "learn": learn, "phone": machine,
 }  # fmt: skip
 """What is done on the page before each picture."""
 
@@ -75,6 +82,7 @@ def illustrate(document: Path) -> None:
             size = {"width": 390, "height": 844} if name == "phone" else {}
             with page_of(address, browser, **size) as page:
                 STEPS[name](page)
+                page.evaluate("scrollTo(0, 0)")
                 page.wait_for_timeout(1500)
                 page.screenshot(path=folder / f"{name}.png")
 

@@ -65,7 +65,7 @@ def chart(title: str, across: str, up: str) -> dict[str, Any]:
         "legend": {
             "top": 21,
             "left": 0,
-            "right": 92,
+            "right": 112,
             "itemWidth": 20,
             "itemGap": 7,
             "icon": "path://M0,4h26v2h-26z",

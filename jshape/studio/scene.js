@@ -31,6 +31,8 @@ class JshapeScene {
 
   set(data) {
     this.data = data;
+    const note = this.part("note");
+    if (note) note.textContent = data.note ?? "";
     if (!this.running) { this.running = true; requestAnimationFrame((now) => this.step(now)); }
     if (!this.playing) this.draw();
   }
@@ -82,7 +84,6 @@ class JshapeScene {
       this[kind](pen, places[name][frame], x, y, this.colours[name], places[name]);
     });
     pen.globalAlpha = 1;
-    if (this.data.note) this.title(pen, this.data.note, 4, 14);
     this.part("time").textContent = `${time.toFixed(1)} / ${end.toFixed(1)} s`;
     const slider = this.part("at");
     if (document.activeElement !== slider || this.playing) slider.value = String(Math.round((1000 * time) / end));

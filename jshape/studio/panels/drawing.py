@@ -19,5 +19,7 @@ def drawing(name: str, meaning: str) -> None:
 >{words.PAUSE}</button>
 <input id="{name}-at" type="range" min="0" max="1000" value="0" aria-label="{words.TIME_OF_DRAWING}"
   oninput="{script}.scrub(this.value / 1000)"><span id="{name}-time"></span></div>"""
+    # Of what is uncertain; its height stays while there is nothing to say.
+    ui.html(f'<div id="{name}-note" class="text-xs" style="min-height:16px"></div>', sanitize=False)
     ui.html(canvas, sanitize=False).style("flex:1;min-height:0")
     ui.html(controls, sanitize=False)

@@ -121,7 +121,7 @@ def _parameter(tab: Tab, parameter: Parameter) -> None:
         share = (
             ui.number(value=_share(parameter), min=0, max=99, prefix="±", suffix="%")
             .classes("studio-number")
-            .style("width:82px")
+            .style("width:94px")
         )
         share.props(f'dense outlined aria-label="{words.UNCERTAIN_BY.format(leaf=name)}" placeholder="–" debounce=300')
         share.set_visibility(leaf is not None)
