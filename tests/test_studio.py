@@ -37,7 +37,8 @@ from jshape.studio.work import Work
 
 def every(shown):
     """The results of a page's state, one after the other."""
-    return itertools.chain.from_iterable(curves.stages(shown))
+    stages = (stage for stage in curves.stages(shown) if isinstance(stage, tuple))
+    return itertools.chain.from_iterable(stages)
 
 
 def drafted(folder, text):
@@ -704,6 +705,28 @@ def test_the_newest_state_wins():
     assert begun == [0, 49]
     assert shown == [(49, 0), (49, 1)]
     assert rested == [2]
+
+
+def test_a_pause_ends_with_what_is_newer():
+    shown = []
+
+    def stages(wanted):
+        yield (wanted, "first")
+        yield 30.0 if wanted == "old" else 0.01
+        yield (wanted, "second")
+
+    async def drag():
+        with ThreadPoolExecutor(1) as worker:
+            live = Live(stages, worker, shown.append, shown.append, lambda: None)
+            live.want("old")
+            while not shown:
+                await asyncio.sleep(0.005)
+            live.want("new")
+            while not live.done:
+                await asyncio.sleep(0.005)
+
+    asyncio.run(asyncio.wait_for(drag(), 10))
+    assert shown == [("old", "first"), ("new", "first"), ("new", "second")]
 
 
 def test_an_error_does_not_end_a_page():

@@ -42,6 +42,9 @@ DRAFTED = 32
 DRAFT = 1e-5
 """Tolerance of a draft, relative to the greatest energy of the move."""
 
+PICTURE = 0.04
+"""Pause in which the browser draws what is looked at while a slider moves, s: on two cores it needs both."""
+
 SAMPLES = 401
 """Of a response."""
 
@@ -118,8 +121,10 @@ def _bare(count: int) -> Shaper:
     return Shaper([1.0], [0.0]).pad(count)
 
 
-def stages(state: State) -> Iterator[tuple[Result, ...]]:
+def stages(state: State) -> Iterator[tuple[Result, ...] | float]:
     """The results of a state by stages, what is drawn first comes first; of some nothing is drawn.
+
+    A number is a pause, s.
 
     Raises:
         ValueError: for a machine or a shaper that cannot be.
@@ -147,7 +152,7 @@ def pinned(text: str, pin: Pin, files: Files = ()) -> Pinned:
     return Pinned(pin, text, moved, linear(asked, both, frequencies, moved, pin.axis), over, numbers(asked, both))
 
 
-def _own(state: State) -> Iterator[tuple[Result, ...]]:
+def _own(state: State) -> Iterator[tuple[Result, ...] | float]:
     """The results of the shaper that is changed."""
     asked, frequencies = _problem(state.text, state.files)
     both = pair(shapers_of(state))
@@ -159,6 +164,7 @@ def _own(state: State) -> Iterator[tuple[Result, ...]]:
         yield (moved,)
         if asked.over:
             yield (sensitivity(asked, both, DRAFTED, DRAFT),)
+    yield PICTURE
     yield (linear(asked, both, frequencies, moved, state.axis),)
     yield (numbers(asked, both),)
     if not asked.over:

@@ -46,7 +46,7 @@ PATIENCE = 0.25
 the browser some milliseconds."""
 
 
-def _stages(state: State) -> Iterator[tuple[results.Result, ...]]:
+def _stages(state: State) -> Iterator[tuple[results.Result, ...] | float]:
     """``curves.stages``, which is imported where it runs: JAX takes longer than the page."""
     from jshape.studio import curves
 
