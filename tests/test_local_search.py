@@ -227,6 +227,20 @@ def test_what_counts_as_many_local_optima():
     assert Around([], 0, 4).few
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("objective", "duration"), [("worst", 1.0), ("cvar", (0.5, 1.0))])
+def test_zero_is_the_least_energy_of_any_objective(objective, duration):
+    """Three impulses leave one plant at rest, however often it is named: that is an optimum, not a search that ran out
+    of iterations. Judge: zero."""
+    plant = js.plants.TwoMass(1.0, 1.0, js.plants.Duffing(10.0, 100.0))
+    found = js.tune(plant, 1.0, 3, duration, over={"m2": [1.0, 1.0]}, objective=objective, starts=4)
+    assert found.converged, found.message
+    # Rounding beside the 30 J that the bare step leaves.
+    assert found.objective <= 4 * np.finfo(float).eps * 30
+    assert found.optimality == 0
+    assert found.active["multiplier"].sum() == pytest.approx(1)
+
+
 def test_impulses_that_are_put_elsewhere_stay_within_the_bounds():
     """Judge: the rules themselves. Some stand where another one does, or all but there."""
     random, one = np.random.default_rng(0), js.Shaper([1.0, -1.0, 1.0, -1.0, 1.0], [0.0, 0.2, 0.5, 0.7, 1.0])

@@ -9,6 +9,7 @@ CODE = """
 import warnings
 import jax.numpy as jnp
 import jshape as js
+from scipy.integrate import solve_ivp
 
 duffing = js.plants.Duffing(10.0, 100.0)
 plant = js.plants.TwoMass(spring=duffing)
@@ -30,6 +31,21 @@ assert close(run.energy[-1], 0.6609251897300579, 1e-3)
 tuned = js.tune(plant, 1.0, impulses=2)
 assert tuned.converged, tuned.message
 assert close(tuned.shaper.times[1], 0.591240537428156, 1e-4)
+
+worst = js.tune(plant, 1.0, 2, 0.6, over={"m2": [0.8, 1.0, 1.2]}, objective="worst", starts=2)
+first, second = map(float, worst.shaper.amplitudes)
+
+
+def left(m2):
+    # By DOP853 in double precision.
+    slope = lambda t, y: [y[1], -(10 * (y[0] - first) + 100 * (y[0] - first) ** 3) / m2]
+    x, v = solve_ivp(slope, (0, float(worst.shaper.times[1])), [0, 0], "DOP853", rtol=1e-12, atol=1e-14).y[:, -1]
+    z = x - first - second
+    return m2 * v**2 / 2 + 5 * z**2 + 25 * z**4
+
+
+apart = abs(worst.objective - max(map(left, (0.8, 1.0, 1.2))))
+assert apart <= worst.error < 1e-4 and worst.error > 0, (apart, worst.error)
 """
 
 

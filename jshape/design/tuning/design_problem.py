@@ -54,10 +54,15 @@ class DesignProblem:
 
     @property
     def zero_is_optimal(self) -> bool:
-        """Whether only the nominal plant's residual energy counts, which cannot fall below zero."""
-        open_ended = self.bounds.fixed_duration or self.bounds.shortest == 0
+        """Whether only residual energies count, which cannot fall below zero."""
         plain = self.scenarios.metric is None and not self.scenarios.limits.any and self.time_cost == 0
-        return self.objective == "nominal" and plain and open_ended
+        return isinstance(self.objective, str) and plain
+
+    @property
+    def has_roots(self) -> bool:
+        """Whether the nominal plant's residual energy alone counts, of which Levenberg–Marquardt finds zeros."""
+        open_ended = self.bounds.fixed_duration or self.bounds.shortest == 0
+        return self.objective == "nominal" and self.zero_is_optimal and open_ended
 
     def total(self, energies: Float[np.ndarray, " plants"], point: Point) -> float:
         """The objective with the cost of the shaper's duration, J."""

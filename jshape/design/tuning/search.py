@@ -27,7 +27,7 @@ from jshape.design.tuning.scenarios import Point
 from jshape.design.tuning.solution import Solution
 from jshape.simulation.schedule import schedule
 from jshape.simulation.simulate import initial
-from jshape.simulation.steps import TOLERANCE
+from jshape.simulation.steps import TOLERANCE, least_tolerance
 from jshape.status import Status
 
 ROUNDS = ((12, 4), (8, 4), (5, 6), (3, 12), (1, 24), (2, None))
@@ -93,7 +93,7 @@ class Search:
         try:
             if method == "first-order":
                 self._first_order(starts, iterations or 1000)
-            elif not self.problem.zero_is_optimal:
+            elif not self.problem.has_roots:
                 self._descend(starts, iterations or ITERATIONS)
             else:
                 ends = self._nominal(starts, iterations or 40)
@@ -192,7 +192,7 @@ class Search:
             if self._reached():
                 self.candidates, self.around = [self.best._replace(optimal=True)], None
                 self.summary += f", zero but for rounding beside the bare command's {self._bare:.6g} J"
-            elif self.problem.zero_is_optimal:
+            elif self.problem.has_roots:
                 self.summary += "; no shaper with these impulses and this duration was found that leaves none"
         if not self.best.optimal:
             self.summary += f", not optimal after {iterations} iterations"
@@ -216,6 +216,8 @@ class Search:
             found = self.judge.values(self.judge.vector(self.best.point))
             maxima = interval.greatest(self.problem, self.best.point, found, interval.NEGLIGIBLE)
             going = any(one.left and not one.ended for one in descents)
+            if not maxima and self._reached():
+                return
             if not maxima and not going and (not all(one.ended for one in descents) or self._settled()):
                 return
             if maxima:
@@ -284,6 +286,8 @@ class Search:
         """The best candidate's objective, as messages say it."""
         problem, point = self.problem, self.best.point
         value = value_of(problem.objective, self.judge.values(self.judge.vector(point)).energies)
+        if value >= DIVERGED_ENERGY:
+            return f"{objective_name(problem.objective)} unknown: a plant diverges, or its move takes too many steps"
         unit = "" if problem.scenarios.metric is not None or callable(problem.objective) else " J"
         cost = f" and {problem.time_cost * point.gaps.sum():.6g} for its time" if problem.time_cost else ""
         return f"{objective_name(problem.objective)} {value:.6g}{unit}{cost}"
@@ -322,9 +326,9 @@ class Search:
         )
 
     def _optimality(self, point: Point, values: np.ndarray) -> Optimality:
-        if self.problem.zero_is_optimal and float(values[0]) <= self._rounding and self.best.optimal:
+        if self.problem.zero_is_optimal and self.best.optimal and float(values.max()) <= self._rounding:
             # Zero is the least energy there is; the slope of rounding says no more.
-            return Optimality(np.ones(1), 0.0, 0.0)
+            return Optimality(np.full(len(values), 1 / len(values)), 0.0, 0.0)
         if self.interrupted and self.compiling is not None and not self.compiling.done():
             # Who interrupts does not wait for derivatives.
             return Optimality(np.zeros(len(values)), np.nan, np.nan)
@@ -375,6 +379,8 @@ def error_of(problem: DesignProblem, point: Point, found: Values) -> float:
 
     Where rounding keeps that from being met, the greatest of the energies' own estimates.
     """
+    if least_tolerance(jnp.result_type(float)) > TOLERANCE / 10:
+        return float(np.max(found.errors))
     again = np.asarray(evaluate(problem.scenarios, point, np.float64(TOLERANCE / 10)).energies)
     if np.any((again >= DIVERGED_ENERGY) & (found.energies < DIVERGED_ENERGY)):
         return float(np.max(found.errors))
