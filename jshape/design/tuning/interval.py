@@ -18,7 +18,7 @@ from jshape.design.tuning.evaluate import LOOSEST, Values, evaluate
 from jshape.design.tuning.scenarios import Point
 from jshape.simulation.simulate import natural_frequencies
 from jshape.simulation.steps import TOLERANCE
-from jshape.sweeps.leaves import MOVE, with_leaves
+from jshape.sweeps.leaves import MOVE, grid, with_leaves
 
 MOST_PLACES = 64
 """Plants that are added to a set, at most, but for as many as there are variables."""
@@ -111,10 +111,12 @@ def greatest(problem: DesignProblem, point: Point, found: Values, excess: float 
     Returns:
         The maxima, the greatest first.
     """
-    worst, finer = float(np.max(found.energies)), problem.finer_samples()
+    worst = float(np.max(found.energies))
+    # A value that is given twice counts once.
+    axes = {name: np.unique(values) for name, values in problem.finer_samples().items()}
+    finer = {name: np.asarray(values) for name, values in grid(axes).items()}
     tolerance = np.clip(SCANNED * worst / max(float(np.max(found.greatest)), 1e-300), TOLERANCE, LOOSEST)
     energies = energies_of(problem, point, finer, tolerance)
-    axes = {name: np.unique(values) for name, values in finer.items()}
     table = energies.reshape([len(axis) for axis in axes.values()])
     padded = np.pad(table, 1, constant_values=-np.inf)
     inside = (slice(1, -1),) * table.ndim
