@@ -26,7 +26,20 @@ from jshape.export import FORMATS
 from jshape.problems import catalogue, limits
 from jshape.problems.problem import load
 from jshape.problems.reading import read, shipped
-from jshape.studio import changes, charts, curves, drawings, episodes, link, own_code, results, state, takeaway, words
+from jshape.studio import (
+    changes,
+    charts,
+    curves,
+    drawings,
+    episodes,
+    link,
+    own_code,
+    panel_charts,
+    results,
+    state,
+    takeaway,
+    words,
+)
 from jshape.studio.guard import MOST, MOST_UPLOADED, Guard
 from jshape.studio.live import Live
 from jshape.studio.panels import learn
@@ -218,7 +231,7 @@ def test_an_episode_under_two_strategies():
             assert row["residuals"][i] == pytest.approx(float(info.residual), rel=2e-3, abs=1e-6)
     drawn = drawings.episode(found, ["A", "B"])
     assert drawn["titles"] == ["A", "B"]
-    assert len(charts.residuals(found, ["A", "B"])["series"][1]["data"]) == 3
+    assert len(panel_charts.residuals(found, ["A", "B"])["series"][1]["data"]) == 3
 
 
 @pytest.mark.parametrize(
@@ -882,7 +895,7 @@ def test_a_printer_is_calibrated_as_by_the_command(tmp_path):
     assert chosen == [record["recommended"]]
     # Frequencies with which the record was made.
     np.testing.assert_allclose(found["axes"]["x"]["modes"][:2], [61, 93], rtol=0.03)
-    drawn = charts.spectrum(found["axes"]["x"])["series"]
+    drawn = panel_charts.spectrum(found["axes"]["x"])["series"]
     assert [line["name"] for line in drawn if line.get("yAxisIndex")] == [one[0] for one in found["axes"]["x"]["left"]]
     with pytest.raises(ValueError, match=r"^nothing\.csv: cannot be read"):
         asyncio.run(Work().run("calibrate", asked | {"files": {"x": ["nothing.csv"]}}, seen.append, tmp_path))
@@ -978,7 +991,7 @@ def test_a_front_holds_what_simulation_says():
             values = problem.over["m2"]
             left = [js.residual_energy(replaced(problem.plant, m2=m2), shaper, 1.0) for m2 in values]
             assert max(map(float, left)) == pytest.approx(point["objective"], rel=1e-6)
-    drawn = charts.front(found)["series"]
+    drawn = panel_charts.front(found)["series"]
     assert [line["name"] for line in drawn] == ["2 positive", "3 positive", "closed forms"]
     assert all(value > 0 for line in drawn[:2] for _, value in line["data"])
 

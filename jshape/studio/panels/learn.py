@@ -5,7 +5,7 @@ from typing import Any
 
 from nicegui import ui
 
-from jshape.studio import charts, drawings, words
+from jshape.studio import drawings, panel_charts, words
 from jshape.studio.panels import running
 from jshape.studio.panels.drawing import drawing
 from jshape.studio.tab import Tab
@@ -72,7 +72,7 @@ def view(tab: Tab) -> None:
     with ui.element("div").classes("w-full q-pa-sm") as watched:
         with ui.element("div").classes("cell studio-episode").style("display:flex;flex-direction:column"):
             drawing("episode", words.EPISODE_MEANS)
-        chart = ui.echart(charts.residuals_chart()).classes("w-full").style("height:230px")
+        chart = ui.echart(panel_charts.residuals_chart()).classes("w-full").style("height:230px")
         chart.props("data-testid=chart-residuals")
         tab.painted.append(chart)
     with ui.column().classes("w-full q-pa-sm gap-1") as judged:
@@ -98,8 +98,8 @@ def view(tab: Tab) -> None:
         judged.set_visibility(board is not None)
         if episode is not None:
             titles = episode["titles"]
-            chart.options.update(charts.residuals(episode, titles))
-            chart.options["xAxis"] = charts.residuals_chart()["xAxis"] | chart.options["xAxis"]
+            chart.options.update(panel_charts.residuals(episode, titles))
+            chart.options["xAxis"] = panel_charts.residuals_chart()["xAxis"] | chart.options["xAxis"]
             chart.update()
             named = [f"{letter}: {title}" for letter, title in zip("AB", titles, strict=True)]
             tab.client.run_javascript(f"jshapeEpisode.set({json.dumps(drawings.episode(episode, named))})")

@@ -4,7 +4,7 @@ from typing import Any
 
 from nicegui import ui
 
-from jshape.studio import changes, charts, own_code, words
+from jshape.studio import changes, charts, own_code, panel_charts, words
 from jshape.studio.panels import running
 from jshape.studio.state import Pin, State
 from jshape.studio.tab import Tab
@@ -38,7 +38,7 @@ def tune(tab: Tab) -> None:
     def during(now: dict[str, Any]) -> None:
         if now["best"] is not None:
             best.append((len(best), now["best"]))
-            shown.run_chart_method("setOption", charts.history(best))
+            shown.run_chart_method("setOption", panel_charts.history(best))
 
     def show(found: dict[str, Any]) -> str:
         shapers = found["shapers"]
@@ -82,7 +82,7 @@ def pareto(tab: Tab) -> None:
         chart.set_visibility(True)
         choose.set_visibility(True)
         # By its options, which a chart takes up that the browser makes later, when its panel is opened.
-        chart.options.update(charts.front(found))
+        chart.options.update(panel_charts.front(found))
         chart.update()
 
     def take(key: str | None) -> None:
@@ -101,7 +101,7 @@ def pareto(tab: Tab) -> None:
         choose.set_visibility(False)
 
     running.row(tab, "pareto", words.COMPUTE, ask, show)
-    chart = ui.echart(charts.front_chart()).classes("w-full").style("height:230px;min-height:230px")
+    chart = ui.echart(panel_charts.front_chart()).classes("w-full").style("height:230px;min-height:230px")
     chart.props("data-testid=chart-front")
     tab.painted.append(chart)
     chart.on_point_click(lambda event: take(f"{event.series_name} {event.data_index}"))

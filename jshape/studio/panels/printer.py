@@ -8,7 +8,7 @@ from typing import Any
 
 from nicegui import events, ui
 
-from jshape.studio import charts, words
+from jshape.studio import panel_charts, words
 from jshape.studio.guard import MOST_UPLOADED
 from jshape.studio.panels import running
 from jshape.studio.tab import Tab
@@ -100,7 +100,7 @@ def view(tab: Tab) -> None:
     with ui.element("div").classes("studio-printer"):
         for axis in AXES:
             with ui.column().classes("studio-axis gap-1").props(f"data-testid=axis-{axis}") as cell:
-                picture = ui.echart(charts.spectrum_chart(axis)).classes("w-full").style("height:330px")
+                picture = ui.echart(panel_charts.spectrum_chart(axis)).classes("w-full").style("height:330px")
                 picture.props(f"data-testid=chart-printer-{axis}")
                 said = ui.column().classes("gap-0 text-sm q-px-sm")
                 table = ui.table(
@@ -128,7 +128,7 @@ def view(tab: Tab) -> None:
             one = found["axes"].get(axis)
             cell.set_visibility(one is not None)
             if one is not None:
-                tab.draw(f"printer-{axis}", charts.spectrum(one))
+                tab.draw(f"printer-{axis}", panel_charts.spectrum(one))
                 _said(said, one)
                 table.rows = [_cells(row) for row in one["rows"]]
 
