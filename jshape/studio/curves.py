@@ -1,9 +1,9 @@
 """What a page draws of a state: computed by jshape's public functions, in stages, so that the newest state wins.
 
 ``stages(state)`` yields results, those together that are to be drawn in one picture; who draws them may stop between
-two stages. While a slider
-moves, the sensitivity is drawn for fewer plants; where they take long at a larger tolerance, too, and it says that it
-is a draft. Once the slider rests the last stages compute it for all plants at the tolerance of every other command.
+two stages. While a slider moves, the sensitivity is drawn for fewer plants; where they take long at a larger tolerance,
+too, and it says that it is a draft. Once the slider rests the last stages compute it for all plants at the tolerance of
+every other command.
 """
 
 import dataclasses
