@@ -261,6 +261,22 @@ def test_progress_and_interruption(plant):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("when", [1, 2, 20])
+def test_a_best_value_that_was_shown_is_kept(when, plant):
+    """Also where the starts are still being ranked."""
+    shown = []
+
+    def follow(stage, done, total, best):
+        shown.append(best)
+        if len(shown) == when:
+            raise KeyboardInterrupt
+
+    solution = robustly(plant, progress=follow, starts=32)
+    assert solution.status is js.Status.INTERRUPTED
+    assert solution.objective <= shown[when - 1] * (1 + 1e-3)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("objective", ["nominal", "worst"])
 def test_an_interrupt_before_the_first_candidate_passes(objective, plant, monkeypatch):
     def interrupt(*_):

@@ -153,8 +153,7 @@ class Search:
             self.progress("local search", done, total, self.history[-1])
 
         self.judge.report = report
-        ranked = sorted(starts, key=lambda start: self.judge.merit(start, LOOSEST))
-        self._add(ranked[0], False)
+        ranked = self._ranked(starts)
         descents: list[Descent] = []
         try:
             # Here, so that two threads do not compile the same program twice.
@@ -200,6 +199,24 @@ class Search:
             self.summary += f"; {near.back} of {near.begun} searches from around the best came back to it: there are "
             self.summary += "many local optima, and more starts, or another seed, may find a better one"
         self.progress("local search", total, total, self.best.merit)
+
+    def _ranked(self, starts: list[Point]) -> list[Point]:
+        """The starts from the best to the worst; the best of those that an interrupt lets through is a candidate."""
+        merits: list[float] = []
+        before = len(self.history)
+
+        def merit(start: Point) -> float:
+            return self.judge.merit(start, LOOSEST)
+
+        try:
+            for start in starts:
+                merits.append(merit(start))
+        finally:
+            if len(self.history) > before:
+                # An interrupt may come with the report of a value, which is known then.
+                known = [*merits, *map(merit, starts[len(merits) : len(merits) + 1])]
+                self._add(starts[int(np.argmin(known))], False)
+        return [starts[i] for i in np.argsort(merits, kind="stable")]
 
     def _reached(self) -> bool:
         """Whether the best candidate leaves nothing but rounding, where that is the optimum."""
