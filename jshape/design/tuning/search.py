@@ -211,12 +211,15 @@ class Search:
         try:
             for start in starts:
                 merits.append(merit(start))
-        finally:
-            if len(self.history) > before:
+        except KeyboardInterrupt:
+            if merits or len(self.history) > before:
                 # An interrupt may come with the report of a value, which is known then.
                 known = [*merits, *map(merit, starts[len(merits) : len(merits) + 1])]
                 self._add(starts[int(np.argmin(known))], False)
-        return [starts[i] for i in np.argsort(merits, kind="stable")]
+            raise
+        ranked = [starts[i] for i in np.argsort(merits, kind="stable")]
+        self._add(ranked[0], False)
+        return ranked
 
     def _reached(self) -> bool:
         """Whether the best candidate leaves nothing but rounding, where that is the optimum."""
