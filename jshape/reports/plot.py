@@ -111,8 +111,9 @@ def pareto(dataset: "xr.Dataset", *, ax: Axes | None = None, style: Any = None) 
             # Named are those that no other closed form beats in less time.
             if value < best:
                 best = value
-                # Above the point, where no front is.
+                # Above the point; where a front is, too, it is faint behind the name.
                 near: Any = dict(textcoords="offset points", fontsize=6, va="bottom", color="0.3")
+                near["bbox"] = dict(facecolor=axis.get_facecolor(), alpha=0.8, linewidth=0, pad=0.5)
                 near |= dict(xytext=(-3, 3), ha="right") if at > 0.6 * longest else dict(xytext=(3, 3), ha="left")
                 axis.annotate(plain(name), (at, value), **near)
         objective = f"{dataset['objective'].attrs['long_name']} (J)"
