@@ -25,7 +25,10 @@ def main(path: str) -> None:
         "three impulses by energy, 1.64 s": three,
         "three impulses, tuned for the worst case, 1.64 s": tuned.shaper,
     }
-    run = lambda plant, shaper: js.simulate(plant, 1.0, shaper.pad(3), horizon=4.0, samples=161)
+
+    def run(plant, shaper):
+        return js.simulate(plant, 1.0, shaper.pad(3), horizon=4.0, samples=161)
+
     ends = [with_leaves(plant, {"m2": m2}) for m2 in (0.8, 1.2)]
     nominal = {name: run(plant, shaper) for name, shaper in shapers.items()}
     extremes = {name: [run(end, shaper) for end in ends] for name, shaper in shapers.items()}

@@ -305,7 +305,10 @@ def _rise_time(plant: AbstractPlant, plan: Schedule, along: Trajectory, levels: 
     def risen(along: Trajectory, target: Scalar, distance: Scalar) -> Scalar:
         begin = target - distance
         progress, slope = (along.value - begin) / distance, along.slope / distance
-        reach = lambda level: first_above(progress - level, slope, along)
+
+        def reach(level):
+            return first_above(progress - level, slope, along)
+
         end = reach(high)
         first = jnp.where(low > 0, reach(low), 0.0)
         return jnp.where(jnp.isfinite(end), end - jnp.where(jnp.isfinite(first), first, 0.0), jnp.inf)

@@ -55,6 +55,7 @@ def test_shape_of_a_front(both, plant):
     assert float(sweep.residual_energy.max()) == pytest.approx(float(values[1, -1]), rel=1e-9)
     # The closed forms stand beside it, none below it at its own duration.
     assert float(both.closed_objective.sel(closed_form="energy fast 3-impulse")) == pytest.approx(0.1668038, rel=1e-5)
+    assert int(both.closed_impulses.sel(closed_form="energy fast 3-impulse")) == 3
     for name in ("energy 2-impulse", "energy fast 3-impulse"):
         point = both.sel(closed_form=name)
         at = values.sel(design="3 positive").interp(duration=min(float(point.closed_duration) + 1e-4, TIMES[-1]))

@@ -102,7 +102,10 @@ def two_mass() -> list[str]:
 def crane() -> list[str]:
     task, sensor = HoistingMoves(), NoisySensor(0.002, 0.001)
     nominal, rest = task.nominal(), jnp.zeros(2)
-    at = lambda known, share: task.omega(nominal, known, share)
+
+    def at(known, share):
+        return task.omega(nominal, known, share)
+
     prior: Any = dict(spread=0.6, drift=0.6)
     strategies = {
         "ZV at the start length": Rule(lambda known: js.design.linear.zv(at(known, 0.0))),

@@ -188,9 +188,10 @@ def many() -> list[dict[str, Any]]:
         if not isinstance(identifier, DampedSinusoids)
     }
     for name, strategy in strategies(TIME).items():
-        move = lambda state, k, own=strategy: own.step(
-            state, reference[k[0]] * k[1], Readings(*(readings[k[0]] * k[1]))
-        )
+
+        def move(state, k, own=strategy):
+            return own.step(state, reference[k[0]] * k[1], Readings(*(readings[k[0]] * k[1])))
+
         steps[name] = strategy.start(reference[0]), move
     rows = []
     for name, (start, step) in steps.items():
@@ -223,7 +224,10 @@ def drift(block: int = 1_000_000, blocks: int = 100) -> list[dict[str, Any]]:
             textbook[i] = abs(found[-1])
         if done in (1, 10, 100):
             exact = abs(dft @ last)
-            error = lambda values, exact=exact: float(np.max(abs(values - exact)) / np.max(exact))
+
+            def error(values, exact=exact):
+                return float(np.max(abs(values - exact)) / np.max(exact))
+
             ours = error(np.asarray(identifier.spectrum(state)[1]))
             rows.append(dict(samples=done * block, ours=ours, textbook=error(textbook)))
             print(rows[-1])

@@ -189,7 +189,10 @@ def _exact(power: float) -> Callable[[Row], tuple[np.ndarray, np.ndarray]]:
 
     def exact(rows: Row) -> tuple[np.ndarray, np.ndarray]:
         mass, k = rows["mass"], rows["k1"] / rows["level"] ** (power - 1)
-        energy = lambda q, v: mass * v**2 / 2 + k * np.abs(q) ** (power + 1) * a
+
+        def energy(q, v):
+            return mass * v**2 / 2 + k * np.abs(q) ** (power + 1) * a
+
         (x, v), level, greatest = rows["state"].T, np.cumsum(rows["amplitudes"], axis=1), np.zeros(len(mass))
         for i, duration in enumerate(np.diff(rows["times"], axis=1).T):
             q = x - level[:, i]

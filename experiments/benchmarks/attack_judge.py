@@ -45,11 +45,16 @@ def judge(case: Case, rtol: Any) -> Verdict:
     plant = with_arrays(plant)
     plan, state = schedule(plant, command, shaper), initial(plant, state)
     field = field_of(plant)
-    inputs = lambda segment, local: inputs_at(plant, segment.coefficients, segment.age + local)
+
+    def inputs(segment, local):
+        return inputs_at(plant, segment.coefficients, segment.age + local)
 
     def advance_segment(carry, segment):
         y, largest, fine = carry
-        slope = lambda t, y: field(t, y, segment)
+
+        def slope(t, y):
+            return field(t, y, segment)
+
         begin = plant.residual_energy(y, inputs(segment, 0.0))
 
         def step(inside):
@@ -70,14 +75,20 @@ def judge(case: Case, rtol: Any) -> Verdict:
             good = (error < 1) & jnp.all(jnp.isfinite(new))
             factor = jnp.clip(0.9 * jnp.maximum(error, 1e-20) ** (-1 / 8), 0.2, 8.0)
             factor = jnp.where(jnp.isfinite(error) & jnp.all(jnp.isfinite(new)), factor, 0.1)
-            pick = lambda a, b: jnp.where(good, a, b)
+
+            def pick(a, b):
+                return jnp.where(good, a, b)
+
             after = pick(t + h, t)
             after = jnp.where(good & (h >= segment.duration - t), segment.duration, after)
             stuck = (h < 1e-14 * segment.duration) | (count > MOST_STEPS)
             return after, h * factor, pick(new, y), pick(sizes, largest), count + 1, ~stuck
 
         inside = (jnp.zeros(()), segment.duration * 1e-2, y, largest, jnp.zeros((), jnp.int32), fine)
-        going = lambda inside: (inside[0] < segment.duration) & inside[5]
+
+        def going(inside):
+            return (inside[0] < segment.duration) & inside[5]
+
         t, _, y, largest, _, still = jax.lax.while_loop(going, step, inside)
         fine = fine & (still | (t >= segment.duration))
         end = plant.residual_energy(y, inputs(segment, segment.duration))

@@ -76,7 +76,9 @@ class Row(NamedTuple):
 
 def cases() -> Iterator[tuple[str, int, int, Callable[..., Any], np.ndarray]]:
     """The growing quantities and their ranges, plants, the energy of a mass and of parameters, and these."""
-    two = lambda mass: js.plants.TwoMass(m2=mass, spring=js.plants.Duffing(10, 100))
+
+    def two(mass):
+        return js.plants.TwoMass(m2=mass, spring=js.plants.Duffing(10, 100))
 
     def shaped(make, mass, x):
         return js.residual_energy(make(mass), js.Shaper(jnp.append(x, 1 - jnp.sum(x)), even(len(x) + 1)), 1.0)
@@ -87,7 +89,10 @@ def cases() -> Iterator[tuple[str, int, int, Callable[..., Any], np.ndarray]]:
         amplitudes = np.full(impulses - 1, 1 / impulses)
         yield "impulses", impulses, PLANTS, lambda m, x: shaped(two, m, x), amplitudes
     for masses in (1, 2, 4, 8):
-        chain = lambda mass, masses=masses: Chain(mass, masses)
+
+        def chain(mass, masses=masses):
+            return Chain(mass, masses)
+
         yield "states", 2 * masses, PLANTS, lambda m, x, c=chain: shaped(c, m, x), np.array([0.25, 0.5])
     for segments in (1, 2, 4, 8, 16, 32, 64):
         times = DURATION * np.arange(segments + 1) / segments

@@ -234,20 +234,28 @@ def gradient_row(states: int, constant: bool, steps: int | None) -> dict[str, An
     """One row, for a number of states, the masses constants of the programs or arguments of theirs."""
     masses, point = jnp.linspace(0.6, 1.4, 1000), (jnp.asarray(AMPLITUDES), jnp.asarray(TIMES))
     if states == 2:
-        ours = lambda r, a, t: energy(r, a, t, steps)
-        theirs = lambda solver, adjoint: lambda r, a, t: _diffrax_energy(r, a, t, 1e-8, solver, adjoint)
+
+        def ours(r, a, t):
+            return energy(r, a, t, steps)
+
+        def theirs(solver, adjoint):
+            return lambda r, a, t: _diffrax_energy(r, a, t, 1e-8, solver, adjoint)
     else:
         omega = jnp.asarray([4.0, 6.0, 8.0, 10.0][: states // 2])
-        ours = lambda r, a, t: js.residual_energy(
-            js.plants.ModalPlant(omega * r, 0.01), js.Shaper(a, t), 1.0, steps=steps
-        )
+
+        def ours(r, a, t):
+            return js.residual_energy(js.plants.ModalPlant(omega * r, 0.01), js.Shaper(a, t), 1.0, steps=steps)
+
         theirs = functools.partial(_diffrax_modal, omega)
     programs: dict[str, Callable[..., Any]] = {
         "value": _mean(ours, masses, constant),
         "gradient": _mean(ours, masses, constant, lambda f: jax.value_and_grad(f, argnums=(0, 1))),
     }
     for name, (adjoint, solver, derive) in ADJOINTS.items():
-        both = lambda f, derive=derive: derive(f, argnums=(0, 1))
+
+        def both(f, derive=derive):
+            return derive(f, argnums=(0, 1))
+
         programs[f"diffrax {name}"] = _mean(theirs(solver, adjoint), masses, constant, both)
     if states == 2:
         programs["heyoka"] = lambda a, t: heyoka_gradient(np.asarray(masses), np.asarray(a), np.asarray(t), 1e-9)
@@ -294,7 +302,10 @@ def _diffrax_modal(omega, solver, adjoint):
 
 def _mean(energy, masses, constant: bool, derive=lambda f: f):
     """The compiled mean of ``energy(mass, amplitudes, times)``, derived, as a function of amplitudes and times."""
-    mean = lambda m: derive(lambda a, t: jnp.mean(jax.vmap(lambda r: energy(r, a, t))(m)))
+
+    def mean(m):
+        return derive(lambda a, t: jnp.mean(jax.vmap(lambda r: energy(r, a, t))(m)))
+
     if constant:
         return jax.jit(mean(masses))
     return functools.partial(jax.jit(lambda m, a, t: mean(m)(a, t)), masses)
@@ -330,7 +341,10 @@ def one_design() -> dict[str, Any]:
     ours = jax.jit(jax.value_and_grad(cost), static_argnums=1)
     point = np.array([0.7, 2.2])
     exact = ours(point, 256)
-    error = lambda value, slope: max(abs(float(value) - float(exact[0])), float(np.max(np.abs(slope - exact[1]))))
+
+    def error(value, slope):
+        return max(abs(float(value) - float(exact[0])), float(np.max(np.abs(slope - exact[1]))))
+
     wanted = error(*ours(point, 8))
     steps, peer = 32, casadi_function(32)
     while error(peer(point)[0], np.array(peer(point)[1])[:, 0]) > wanted and steps < 4096:

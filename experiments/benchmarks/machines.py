@@ -60,7 +60,10 @@ class Machine(NamedTuple):
 def _crane(lengths: tuple[float, float], masses: tuple[float, float], move: Any, impulses: int, duration: Any) -> Any:
     """A double pendulum: hook cable and slings (m), hook and payload (kg)."""
     parameters = (*lengths, *masses)
-    plant = lambda plants: plants.DoublePendulumCrane(*parameters)
+
+    def plant(plants):
+        return plants.DoublePendulumCrane(*parameters)
+
     return Machine(
         plant, (move,), impulses, duration, "payload_mass", SPREAD, "double pendulum", parameters, 3, 0.01
     )  # fmt: skip
@@ -68,7 +71,10 @@ def _crane(lengths: tuple[float, float], masses: tuple[float, float], move: Any,
 
 def _link(omega: list[float], zeta: float, duration: Any) -> Any:
     """Modes of equal parts at the payload, the first one's frequency uncertain; times short beside a crane's."""
-    plant = lambda plants: plants.ModalPlant(omega, zeta)
+
+    def plant(plants):
+        return plants.ModalPlant(omega, zeta)
+
     n, names = len(omega), {2: "two modes", 4: "four modes"}
     parameters = (*omega, *[zeta] * n, *[1 / n] * n)
     return Machine(plant, ((1.0, 2.0, 10.0),), 4, duration, "omega.0", NEAR, names[n], parameters, 0, 0.002)

@@ -61,7 +61,10 @@ def measure(derivatives: bool = False, shapers: int = 1, decade: bool = False, o
         given = dict(over={"omega.0": np.random.default_rng(0).permutation(np.geomspace(1, 10, DECADE))})
     if not ordered:
         chunks.FEW = 10**9
-    run = lambda: js.sweep(plant, named, 1.0, metric="residual_energy", derivatives=derivatives, **given)
+
+    def run():
+        return js.sweep(plant, named, 1.0, metric="residual_energy", derivatives=derivatives, **given)
+
     begin = time.perf_counter()
     run()
     middle = time.perf_counter()

@@ -62,9 +62,16 @@ def dry_friction(random: np.random.Generator) -> tuple[Truth, Any]:
 def late_base(random: np.random.Generator) -> tuple[Truth, Any]:
     truth = drawn(random) | {"delay": random.uniform(0.005, 0.08)}
     omega, phase = random.uniform(2, 8, 3), random.uniform(0, 2 * np.pi, 3)
-    place = lambda t: 0.1 * np.sum(np.sin(np.multiply.outer(t, omega) + phase) - np.sin(phase), axis=-1)
-    speed = lambda t: 0.1 * np.sum(omega * np.cos(omega * t + phase))
-    late = lambda t: (place(t - truth["delay"]), speed(t - truth["delay"])) if t > truth["delay"] else (0.0, 0.0)
+
+    def place(t):
+        return 0.1 * np.sum(np.sin(np.multiply.outer(t, omega) + phase) - np.sin(phase), axis=-1)
+
+    def speed(t):
+        return 0.1 * np.sum(omega * np.cos(omega * t + phase))
+
+    def late(t):
+        return (place(t - truth["delay"]), speed(t - truth["delay"])) if t > truth["delay"] else (0.0, 0.0)
+
     values = moved(truth, random, 1.2, 0.0, late)
     return truth, js.identify_duffing(TIMES, values, mass=1.2, inputs=place(TIMES), delay=True, between="spline")
 

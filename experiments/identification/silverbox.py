@@ -51,7 +51,10 @@ class Circuit(NamedTuple):
         fine = CubicSpline(np.arange(len(self.voltage)) / RATE, self.voltage)
         inputs = fine(0.5 * step * np.arange(2 * FINER * (count - 1) + 1)).tolist()
         mass, c, k1, k3 = (self.parameters[name] for name in TRUE)
-        force = lambda u, y, v: (u - c * v - (k1 + k3 * y * y) * y) / mass
+
+        def force(u, y, v):
+            return (u - c * v - (k1 + k3 * y * y) * y) / mass
+
         (y, v), found = map(float, start), [float(start[0])]
         for i in range(FINER * (count - 1)):
             begin, middle, end = inputs[2 * i : 2 * i + 3]

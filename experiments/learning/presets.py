@@ -171,7 +171,10 @@ def report(record: dict[str, Any]) -> str:
     labels = ["unshaped", "fixed linear", "fixed energy", "linear oracle", "nonlinear oracle"]
     chosen, lines = labels[1:4], []
     for what, title in (("cost", "Mean cost of a move"), ("residual", "Mean normalised residual energy")):
-        cell = lambda score, what=what: f"{score[what]:.4f} ± {score[what + '_interval']:.4f}"
+
+        def cell(score, what=what):
+            return f"{score[what]:.4f} ± {score[what + '_interval']:.4f}"
+
         lines += [
             *table([title, *labels], [[name, *(cell(row[k]) for k in labels)] for name, row in record.items()]),
             "",

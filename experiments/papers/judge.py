@@ -73,7 +73,10 @@ def after(
 
 def alone(shaper: js.Shaper, omega: float, zeta: float = 0.0) -> float:
     """V of a mode alone, x'' + 2ζωx' + ω²x = ω²u."""
-    mode = lambda t, y, u: [y[1], omega**2 * (u - y[0]) - 2 * zeta * omega * y[1]]
+
+    def mode(t, y, u):
+        return [y[1], omega**2 * (u - y[0]) - 2 * zeta * omega * y[1]]
+
     x, speed = after(mode, [0.0, 0.0], shaper.times, shaper.amplitudes, float(shaper.duration))[0]
     return float(abs(speed - omega * complex(-zeta, -np.sqrt(1 - zeta**2)) * (x - 1)) / omega)
 

@@ -17,8 +17,13 @@ def pictures(
 ) -> list[Picture]:
     """Every figure but the diagrams, Figs. 2, 3 and 7."""
     family = {"α = 0.50": found["3-impulse"], "α = 1.00": found["2-impulse"], **found}
-    of = lambda leaf, names: {name: (RATIOS, prv[leaf][name]) for name in names}
-    run = lambda name: js.simulate(PLANT, 1.0, found[name].pad(LONGEST), horizon=6.0, samples=401)
+
+    def of(leaf, names):
+        return {name: (RATIOS, prv[leaf][name]) for name in names}
+
+    def run(name):
+        return js.simulate(PLANT, 1.0, found[name].pad(LONGEST), horizon=6.0, samples=401)
+
     responses = {name: run(name) for name in ("linear ZVD", *PRESENTED)}
     alphas = {"α = 0.50": (RATIOS, prv["m2"]["3-impulse"])}
     alphas |= of("m2", ("α = 0.55", "α = 0.60", "α = 0.65", "α = 0.70"))

@@ -18,7 +18,10 @@ def pictures(paper: js.Shaper, robust: js.Shaper, rounded: js.Shaper, run: repor
     """``robust``: jshape's fixed shaper, ``rounded``: the same on the clock of the experiment, ``run``."""
     given = run.problem.adapt
     both = {name: run.traces[name] for name in ("I", "I-D-E")}
-    spectra = lambda surface: figures.spectrogram(both, given.sample_time, given.points, given.bands, surface)
+
+    def spectra(surface):
+        return figures.spectrogram(both, given.sample_time, given.points, given.bands, surface)
+
     schedule, cases = run.schedule, ("I-D-E", "I-D", "I", "state-aware")
     true = np.array([modes(float(coins)) for coins in schedule.loads])
     tip = fixed(rounded, np.asarray(schedule.reference), np.asarray(schedule.loads)[np.asarray(schedule.which)])["tip"]

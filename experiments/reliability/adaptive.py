@@ -130,7 +130,10 @@ def runner(strategy: Any) -> Callable[..., dict[str, jax.Array]]:
         faults, which, amplitude, key = loop
         reference = amplitude * unit.reference
         (trace,) = js.adaptive.run(link, {"": strategy}, reference, which, faults=faults, key=key).values()
-        ends = lambda value: jnp.stack([jnp.min(value, axis=0), jnp.max(value, axis=0)])
+
+        def ends(value):
+            return jnp.stack([jnp.min(value, axis=0), jnp.max(value, axis=0)])
+
         return dict(
             residual=metrics.residual(trace, unit) / amplitude,
             reach=jnp.max(jnp.abs(trace.command)) / amplitude,

@@ -41,7 +41,10 @@ def spoil(record: Any, key: Any) -> Any:
     begin, u = jax.random.randint(place, (), 0, len(record)), jax.random.uniform(size, minval=-1.0, maxval=1.0)
     late, noise = at >= begin, jax.random.normal(draws, record.shape)
     rare = jax.random.bernoulli(few, 0.05, record.shape)
-    either = lambda condition, value: jnp.where(condition, value, record)
+
+    def either(condition, value):
+        return jnp.where(condition, value, record)
+
     found = [
         jnp.full_like(record, jnp.nan), either(late, jnp.nan), either(noise > u, jnp.nan), either(rare, jnp.inf),
         either(rare, 1e300), either(rare, 1e8), either(late, record[begin]), 0.0 * record, -record,

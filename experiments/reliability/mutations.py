@@ -164,7 +164,10 @@ def draw(count: int, seed: int) -> Drawn:
             file = path.relative_to(ROOT).as_posix()
             for fault in faults(path.read_text(encoding="utf-8")):
                 kinds.setdefault(fault.kind, []).append((room, file, fault))
-        order = lambda drawn: place(key(drawn[1], drawn[2].name))
+
+        def order(drawn):
+            return place(key(drawn[1], drawn[2].name))
+
         groups = [sorted(kinds[kind], key=order) for kind in sorted(kinds, key=place)]
         rooms.append(list(in_turn(groups)))
     return list(itertools.islice(in_turn(rooms), count))

@@ -68,7 +68,10 @@ class _Writer:
     def run(self, jaxpr: Any, constants: Any, arguments: list[np.ndarray]) -> list[np.ndarray]:
         """The results of a program: numbers where they are constant, else arrays of names."""
         values = dict(zip([*jaxpr.constvars, *jaxpr.invars], [*map(np.asarray, constants), *arguments], strict=True))
-        read = lambda atom: np.asarray(atom.val) if hasattr(atom, "val") else values[atom]
+
+        def read(atom):
+            return np.asarray(atom.val) if hasattr(atom, "val") else values[atom]
+
         for equation in jaxpr.eqns:
             found = self.operation(equation, [read(atom) for atom in equation.invars])
             values |= dict(zip(equation.outvars, found, strict=True))

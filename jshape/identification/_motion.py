@@ -7,7 +7,7 @@ record has of its own.
 
 import dataclasses
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import equinox as eqx
 import jax
@@ -269,8 +269,10 @@ def _least_squares(
         cut = [(w * r[:rows], w * s[:rows]) for (r, s), w in zip(parts, weights, strict=True)]
         return np.concatenate([r for r, _ in cut]), np.concatenate([s for _, s in cut])
 
-    jacobian: Any = lambda p: compared(p)[1]
+    def jacobian(p):
+        return compared(p)[1]
+
     return least_squares(
-        lambda p: compared(p)[0], p, jacobian, bounds=(lower, np.inf), x_scale="jac",
+        lambda p: compared(p)[0], p, cast(Any, jacobian), bounds=(lower, np.inf), x_scale="jac",
         ftol=1e-12, xtol=1e-12, gtol=1e-15, max_nfev=100,
     )  # fmt: skip

@@ -9,7 +9,7 @@ Source: Golub and Pereyra, SIAM J. Numer. Anal. 10 (1973), the derivative of a p
 
 import abc
 import dataclasses
-from typing import Any, ClassVar
+from typing import Any, ClassVar, cast
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -162,10 +162,13 @@ def _refined(family: AbstractFamily, omega: np.ndarray, zeta: np.ndarray, noise:
     if count:
         lower, upper = np.repeat([family.lowest, 0.0], count), np.repeat([family.highest, STEEPEST], count)
         projected: Any = last_result(lambda x: project(family, x[:count], x[count:], noise))
-        jacobian: Any = lambda x: projected(x)[3]
+
+        def jacobian(x):
+            return projected(x)[3]
+
         start = np.clip(np.concatenate([omega, zeta]), lower + 1e-9 * upper, upper * (1 - 1e-9))
         found = least_squares(
-            lambda x: projected(x)[0].ravel(), start, jacobian, bounds=(lower, upper),
+            lambda x: projected(x)[0].ravel(), start, cast(Any, jacobian), bounds=(lower, upper),
             x_scale="jac", ftol=1e-10, xtol=1e-10, gtol=1e-12, max_nfev=60,
         )  # fmt: skip
         omega, zeta, converged = found.x[:count], found.x[count:], found.status > 0

@@ -97,7 +97,10 @@ def _start(data: Data, mass: float) -> dict[str, float]:
     times, force, x = data.times, data.coefficients[:, 0], data.values
     speed = np.asarray(savgol_filter(x, 7, 2, 1, delta=float(times[1])))
     direction = np.tanh(speed / max(_WIDTH * float(np.max(np.abs(speed))), 1e-300))
-    integral = lambda y: cumulative_trapezoid(y, times, initial=0.0)
+
+    def integral(y):
+        return cumulative_trapezoid(y, times, initial=0.0)
+
     columns = [x, integral(x), integral(integral(direction)), times**2 / 2, times, np.ones_like(x)]
     sizes = np.array([np.linalg.norm(column) for column in columns])
     solution = np.linalg.lstsq(np.stack(columns, axis=1) / sizes, integral(integral(force)), rcond=None)[0] / sizes

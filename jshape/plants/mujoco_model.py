@@ -251,7 +251,10 @@ def refuse(model: Model, driven: Mapping[str, str]) -> None:
 
 def _obstacles(model: Model, driven: Mapping[str, str]) -> Iterator[str]:
     disabled, bits = model.opt.disableflags, engine().mjtDisableBit
-    on = lambda flag: not disabled & (flag | bits.mjDSBL_CONSTRAINT)
+
+    def on(flag):
+        return not disabled & (flag | bits.mjDSBL_CONSTRAINT)
+
     for name in names(model, "tendon"):
         yield f"tendon {name!r} is not simulated: remove it, and what acts on it"
     if on(bits.mjDSBL_EQUALITY):

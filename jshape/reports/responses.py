@@ -55,7 +55,10 @@ def responses(
     axes = moving(plant, move)
     for i, axis in [(plant.axes.index(axis), axis) for axis in axes] or [(0, "")]:
         turns, drive = turning[i], plant.drives(i)[0]
-        along = lambda drawn, i=i: _along(plant, drawn, i)
+
+        def along(drawn, i=i):
+            return _along(plant, drawn, i)
+
         moved = {"displacement": "motor" if turns else "base", "force": ""}.get(drive, "tank" if liquid else "trolley")
         label = f"{axis} {'angle (°)' if turns else 'position (m)'}".strip()
         _, unit, words = bent_along(plant, next(iter(nominal.values())), i)

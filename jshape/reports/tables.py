@@ -148,8 +148,10 @@ def show_front(problem: "Problem", front: "xr.Dataset") -> None:
     rows = [(f"{time:.4f}", ["" if x != x else number(x) for x in row]) for time, row in objectives.iterrows()]
     show_table(console, "duration (s)", list(objectives.columns), rows, title)
     for name in front["closed_form"].values:
-        value, time = (float(front[key].sel(closed_form=name)) for key in ("closed_objective", "closed_duration"))
-        say(console, f"{name}: {number(value)} J in {time:.4f} s")
+        closed = front.sel(closed_form=name)
+        value, count, time = (float(closed[f"closed_{key}"]) for key in ("objective", "impulses", "duration"))
+        impulses = f", {count:.0f} impulses" if count > 1 else ""
+        say(console, f"{name}: {number(value)} J in {time:.4f} s{impulses}")
 
 
 def number(value: float) -> str:

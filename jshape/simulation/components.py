@@ -121,7 +121,10 @@ def parts_of(vector: Array) -> list[Array]:
 def _run(jaxpr: core.Jaxpr, given: list[Any]) -> list[Any]:
     """The results of a traced program; what is known by component is an array of objects, there and here."""
     known: dict[Any, Any] = dict(zip([*jaxpr.constvars, *jaxpr.invars], given, strict=True))
-    read = lambda variable: variable.val if isinstance(variable, core.Literal) else known[variable]
+
+    def read(variable):
+        return variable.val if isinstance(variable, core.Literal) else known[variable]
+
     for equation in jaxpr.eqns:
         name, parameters = equation.primitive.name, equation.params
         inputs = list(map(read, equation.invars))

@@ -75,7 +75,9 @@ def runge_kutta_step(
     if field.size > _WRITTEN_OUT:
         return _looped(tableau, functools.partial(field, field.captured), state, step)
     rates = {i: j for i, j in field.same.items() if j not in field.same}
-    whole = lambda state, step, values: _stages(tableau, {}, functools.partial(field, values), state, step, fenced=True)
+
+    def whole(state, step, values):
+        return _stages(tableau, {}, functools.partial(field, values), state, step, fenced=True)
 
     @jax.custom_jvp
     def advance(state, step, values):
@@ -92,7 +94,9 @@ def runge_kutta_step(
             given = iter(given)
             return whole(*tree.unflatten([next(given) if m else x for m, x in zip(moving, leaves, strict=True)]))
 
-        some = lambda values: [x for m, x in zip(moving, values, strict=True) if m]
+        def some(values):
+            return [x for m, x in zip(moving, values, strict=True) if m]
+
         result, tangent = jax.jvp(of_moving, some(leaves), some(along))
         if passes and field.size > _DIFFERENTIATED:
             state, step, values = primals
@@ -109,7 +113,10 @@ def _stages(tableau, rates: dict[int, int], slope, state: State, step: Scalar, f
     """The step and its error, stage by stage. ``rates``: states without stages of their own, and which one each one's
     rate is; ``slope(c, components)``: the derivative's components; ``fenced``: whether XLA leaves stages apart."""
     count = len(tableau.c) + 1
-    pad = lambda weights: np.pad(weights, (0, count - len(weights)))
+
+    def pad(weights):
+        return np.pad(weights, (0, count - len(weights)))
+
     rows = np.stack([pad(row) for row in [np.zeros(0), *tableau.a_lower]])
     begin, slopes = parts_of(state), []
 
@@ -133,7 +140,10 @@ def _stages(tableau, rates: dict[int, int], slope, state: State, step: Scalar, f
 def _looped(tableau, slope, state: State, step: Scalar) -> tuple[State, State]:
     """The same step and error by a loop over its stages, whose body is compiled once."""
     count = len(tableau.c) + 1
-    pad = lambda weights: jnp.asarray(np.pad(weights, (0, count - len(weights))), state.dtype)
+
+    def pad(weights):
+        return jnp.asarray(np.pad(weights, (0, count - len(weights))), state.dtype)
+
     rows = jnp.stack([pad(row) for row in [np.zeros(0), *tableau.a_lower]])
 
     def stage(slopes: Array, item: tuple[Array, Array, Array]) -> tuple[Array, None]:
@@ -195,14 +205,20 @@ def integrate(
     def advance(carry, item):
         state, error = carry
         step, begin, values = item
-        slope = lambda fraction, y: field((begin + fraction) * step, y, values)
+
+        def slope(fraction, y):
+            return field((begin + fraction) * step, y, values)
+
         after, local = runge_kutta_step(tableau, slope, jnp.stack(state), step)
         error = tuple(e + jnp.abs(local[i]) for i, e in enumerate(error))
         after = tuple(after)
         return (after, error), (after if save else None)
 
     dtype = jnp.result_type(state, durations)
-    repeat = lambda x: jnp.repeat(x, steps, axis=0)
+
+    def repeat(x):
+        return jnp.repeat(x, steps, axis=0)
+
     index = jnp.tile(jnp.arange(steps, dtype=dtype), len(durations))
     items = (repeat((durations / steps).astype(dtype)), index, jax.tree.map(repeat, data))
     begin = tuple(state.astype(dtype))

@@ -238,7 +238,10 @@ def _jacobians(plant: AbstractPlant, plan: Schedule) -> Float[Array, "places sta
     start, end = plant.zero_inputs(), plan.final_inputs(plant)
     time = jnp.zeros_like(plan.breaks[0])
     places = [(plant.rest_state(start), start), (plant.rest_state(start), end), (plant.rest_state(end), start)]
-    jacobian = lambda state, inputs: jax.jacfwd(lambda y: plant.vector_field(time, y, inputs))(state)
+
+    def jacobian(state, inputs):
+        return jax.jacfwd(lambda y: plant.vector_field(time, y, inputs))(state)
+
     return jnp.stack([jacobian(*place) for place in places])
 
 

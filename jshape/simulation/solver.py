@@ -34,7 +34,10 @@ class WrittenOut(diffrax.AbstractAdaptiveSolver):
     def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
         del solver_state, made_jump
         step = terms.contr(t0, t1)
-        slope = lambda fraction, y: terms.vf(t0 + fraction * step, y, args)
+
+        def slope(fraction, y):
+            return terms.vf(t0 + fraction * step, y, args)
+
         y1, error = runge_kutta_step(tableau_of(self.method), slope, y0, step)
         ends = jnp.stack([step * slope(jnp.zeros_like(step), y0), step * slope(jnp.ones_like(step), y1)])
         return y1, error, dict(y0=y0, y1=y1, k=ends), None, diffrax.RESULTS.successful

@@ -8,6 +8,7 @@ more run with the numbers that the pilot found, in a loop that can be differenti
 Under ``vmap`` the numbers are one set for the whole batch, so that every branch and loop stays a real one.
 """
 
+import functools
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -148,7 +149,9 @@ def replay(plant: AbstractPlant, segments: Segments, state: State, steps: Int[Ar
 
         @jax.checkpoint
         def advance(state, index):
-            slope = lambda fraction, y: field((index.astype(step.dtype) + fraction) * step, y, segment)
+            def slope(fraction, y):
+                return field((index.astype(step.dtype) + fraction) * step, y, segment)
+
             return tuple(runge_kutta_step(tableau, slope, jnp.stack(state), step, passes=True)[0])
 
         def advance_step(state, index):
@@ -156,7 +159,9 @@ def replay(plant: AbstractPlant, segments: Segments, state: State, steps: Int[Ar
             return tuple(jnp.where(index < count, a, b) for a, b in zip(after, state, strict=True)), None
 
         def block(state, first):
-            run = lambda state: jax.lax.scan(advance_step, state, first + jnp.arange(_BLOCK))[0]
+            def run(state):
+                return jax.lax.scan(advance_step, state, first + jnp.arange(_BLOCK))[0]
+
             return jax.lax.cond(first < count, run, lambda state: state, state), None
 
         @jax.checkpoint
@@ -164,7 +169,9 @@ def replay(plant: AbstractPlant, segments: Segments, state: State, steps: Int[Ar
             return jax.lax.scan(block, state, first + _BLOCK * jnp.arange(_BLOCKS))[0]
 
         def chunk(state, first):
-            run = lambda state: blocks(state, first)
+            def run(state):
+                return blocks(state, first)
+
             return jax.lax.cond(first < count, run, lambda state: state, state), None
 
         state, _ = jax.lax.scan(chunk, state, _BLOCK * _BLOCKS * jnp.arange(_CHUNKS))
@@ -183,7 +190,9 @@ def replay_forward(plant: AbstractPlant, segments: Segments, state: State, steps
         step = segment.duration / count.astype(segment.duration.dtype)
 
         def advance(index, state):
-            slope = lambda fraction, y: field((index.astype(step.dtype) + fraction) * step, y, segment)
+            def slope(fraction, y):
+                return field((index.astype(step.dtype) + fraction) * step, y, segment)
+
             return tuple(runge_kutta_step(tableau, slope, jnp.stack(state), step)[0])
 
         return jax.lax.fori_loop(0, count, advance, state), None
@@ -242,7 +251,10 @@ def _run(
 
             def advance(inside):
                 index, state, error, resolved = inside
-                slope = lambda fraction, y: field((index.astype(dtype) + fraction) * step, y, segment)
+
+                def slope(fraction, y):
+                    return field((index.astype(dtype) + fraction) * step, y, segment)
+
                 after, local = map(parts_of, runge_kutta_step(tableau, slope, jnp.stack(state), step))
                 # A step whose error is a good part of its change, or not finite, is not resolved; the state stays.
                 # By components: on stacked states a step takes twice as long.
@@ -350,7 +362,7 @@ def _attempt(plant, segments: Segments, plan: Schedule, state: State, tolerance:
     run = _run(plant, segments, state, last.steps, last.most, last.met | last.spent)
     energies = jnp.append(run.energies, plant.residual_energy(run.ends[-1], end_inputs))
     scale = jnp.max(jnp.where(jnp.isfinite(energies), jnp.abs(energies), 0.0))
-    measure = lambda changes: _in_energy(plant, plan.coefficients[1:], run.ends, changes, scale)
+    measure = functools.partial(_in_energy, plant, plan.coefficients[1:], run.ends, scale=scale)
     estimates = jnp.nan_to_num(measure(run.errors), nan=jnp.inf)
     estimate, difference = jnp.sum(estimates), jnp.max(measure(run.ends - last.ends))
     error, slower = _error(last, run.steps, estimates, difference)
@@ -396,7 +408,10 @@ def _attempt(plant, segments: Segments, plan: Schedule, state: State, tolerance:
     steps = _batch_maximum(jnp.where(done, 0.0, wanted)).astype(jnp.int32)
     most = jnp.where(_batch_maximum((~done & run.resolved).astype(dtype)) > 0, last.most, MOST_STEPS)
     go_on = (_batch_maximum((~done).astype(dtype)) > 0) & (last.runs + 1 < _RUNS)
-    kept = lambda old, new: jnp.where(last.met, old, new)
+
+    def kept(old, new):
+        return jnp.where(last.met, old, new)
+
     return _Pilot(
         jnp.maximum(steps, run.steps), most, run.steps, run.ends, estimates, fine, kept(last.diverged, diverged),
         kept(last.error, error), kept(last.scale, scale), last.met | met, kept(last.end, run.ends[-1]),
@@ -414,7 +429,10 @@ def _pilot(plant, segments: Segments, plan: Schedule, state: State, tolerance: S
         first, jnp.asarray(_TOGETHER, jnp.int32), first, jnp.zeros((count, len(state)), dtype), jnp.zeros(count, dtype),
         no, no, nothing, nothing, no, state, first, no, no, no, none, nothing, none, jnp.asarray(True),
     )  # fmt: skip
-    attempt = lambda last: _attempt(plant, segments, plan, state, tolerance, last)
+
+    def attempt(last):
+        return _attempt(plant, segments, plan, state, tolerance, last)
+
     last = jax.lax.while_loop(lambda last: last.go_on, attempt, start)
     end = jnp.where(last.met, last.end, jnp.nan)
     # One set of numbers for the batch, without those of branches that are flagged anyway.

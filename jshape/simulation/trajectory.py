@@ -103,7 +103,10 @@ def along_each_axis(measure: Callable[..., Array], along: Trajectory, *rows: Arr
     """``measure(trajectory, *rows)``; of several axes, that of each, with its own entry of the rows."""
     if along.value.ndim == 2:
         return measure(along, *rows)
-    parts = lambda along: (along.value, along.slope)
+
+    def parts(along):
+        return (along.value, along.slope)
+
     axes = zip(*(jnp.moveaxis(x, -1, 0) for x in parts(along)), *rows, strict=True)
     found = [measure(eqx.tree_at(parts, along, (value, slope)), *row) for value, slope, *row in axes]
     return jnp.stack(found)

@@ -208,7 +208,10 @@ def moves(asked: Problem, both: Pair, frequencies: np.ndarray, axis: str = "") -
     turns = plant.axis_unit(at) == "rad"
     size = 180 / np.pi if turns else 1.0
     driven = 180 / np.pi if plant.command_unit(at) == "rad" else 1.0
-    along = lambda values: np.asarray(values, float).reshape(len(values), -1)[:, at]
+
+    def along(values):
+        return np.asarray(values, float).reshape(len(values), -1)[:, at]
+
     position = {name: size * along(run.payload) for name, run in runs.items()}
     if plant.command_unit(at) == plant.axis_unit(at):
         # From where the payload hangs at first: the trolley of a tower crane begins at its radius.

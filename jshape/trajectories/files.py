@@ -110,7 +110,10 @@ def _from_csv(text: str) -> Trajectory:
             numbers[i, j] = value
     names = [name.strip() for name in header] if header else [f"column {j + 1}" for j in range(width)]
     unit = axis_unit(names[0], False)
-    where = lambda i: f"line {lines[begin + i][0]}: "
+
+    def where(i):
+        return f"line {lines[begin + i][0]}: "
+
     times = _times(numbers[:, 0] * unit, where)
     parted = [UNIT.fullmatch(name) for name in names[1:]]
     units = [found[2].strip() if found else "" for found in parted]

@@ -135,7 +135,10 @@ def certified(amplitudes: Any, times: Any, lines: Sequence[Line], tolerance: flo
         # |F|, |F'| and |F''| never pass the moments, as no pole lies in the right half plane.
         speed, bend = line.radius or 1.0, line.radius or 0.0
         curvature = 2 * ((moments[1] * speed) ** 2 + moments[0] * (moments[2] * speed**2 + moments[1] * bend))
-        square = lambda s, line=line: np.abs(transform(amplitudes, times, line.poles(s))) ** 2
+
+        def square(s, line=line):
+            return np.abs(transform(amplitudes, times, line.poles(s))) ** 2
+
         # An error e of V is one of 2 V e in V².
         slack = tolerance * max(best, 1e-2)
         best = max(best, upper_bound(square, line.low, line.high, curvature, best**2, slack) ** 0.5)

@@ -45,7 +45,10 @@ class Dual:
 
     def least(self, duration: float, kind: Kind, tolerance: float = 1e-13) -> float:
         """A lower bound on the vibration of any shaper of that kind, up to that long."""
-        f = lambda t: self.f(t, duration)
+
+        def f(t):
+            return self.f(t, duration)
+
         if kind.name == "unity":
             # ∫ f du = f(T) − ∫ f' u dt for a command 0 ≤ u ≤ 1 that ends at 1.
             return float(f(duration)) - self._total_rise(duration, tolerance)

@@ -104,7 +104,10 @@ def peaks(problem: BangBangProblem, amplitudes: Real, times: Real) -> list[tuple
     """The maxima of every band's vibration over what is allowed, ends of the band included."""
     found = []
     for band in problem.bands:
-        negative = lambda omega, band=band: -band.ratio(omega, problem.final, amplitudes, times)
+
+        def negative(omega, band=band):
+            return -band.ratio(omega, problem.final, amplitudes, times)
+
         omega = band.grid(times[-1], 201)
         values = -negative(omega)
         before, after = np.append(-np.inf, values[:-1]), np.append(values[1:], -np.inf)

@@ -209,8 +209,13 @@ def _curvature(scenarios: Scenarios, point: Point, end: Array, slopes: Array) ->
         return _no_curvature(slopes.shape[1])
     plant, plan, _ = _move(scenarios, point)
     inputs, after = plan.final_inputs(plant), plan.breaks[-1]
-    field = lambda y: plant.vector_field(after, y, inputs)
-    energy = lambda y: plant.residual_energy(y, inputs)
+
+    def field(y):
+        return plant.vector_field(after, y, inputs)
+
+    def energy(y):
+        return plant.residual_energy(y, inputs)
+
     values, vectors = jnp.linalg.eigh(jnp.nan_to_num(jax.hessian(energy)(end)))
     # The root that is symmetric, which is continuous along a search.
     roots = jnp.sqrt(jnp.maximum(values, 0.0))[None]
@@ -224,7 +229,10 @@ def _curvature(scenarios: Scenarios, point: Point, end: Array, slopes: Array) ->
         later = jax.grad(lambda x: _move(scenarios, unravel(x))[1].breaks[-1])(flat)
     else:
         later = jnp.zeros_like(flat).at[_gaps(point, 0)].set(1.0)
-    along = lambda row: _bend(row, point, matrix, field(end), later, slopes)
+
+    def along(row):
+        return _bend(row, point, matrix, field(end), later, slopes)
+
     bends, root_bends = along(gradient), jax.vmap(along)(root)
     return tuple(map(jnp.nan_to_num, (bends, inverse @ gradient, root @ slopes, root_bends)))
 
@@ -289,7 +297,10 @@ def _every_plant(scenarios: Scenarios, function: Callable[..., Any], *rows: Any)
     """
     if not scenarios.samples:
         return jax.tree.map(lambda x: x[None], function(scenarios, *jax.tree.map(lambda x: x[0], rows)))
-    along = lambda values, rows: function(scenarios.at(values), *rows)
+
+    def along(values, rows):
+        return function(scenarios.at(values), *rows)
+
     return jax.vmap(along)(dict(scenarios.samples), rows)
 
 

@@ -93,7 +93,8 @@ def pareto(
         ``optimality`` (see ``Solution``), ``status`` (values of ``Status``), ``converged``, ``shaper_duration`` (s),
         and ``amplitude`` and ``time`` (s) over ``impulse``, filled up with NaN, where each axis has a shaper of its own
         over ``axis``, too. Over ``closed_form``:
-        ``closed_objective`` (J) and ``closed_duration`` (s). The objective does not rise with the duration.
+        ``closed_objective`` (J), ``closed_duration`` (s) and ``closed_impulses``, how many there are. The objective
+        does not rise with the duration.
 
     Raises:
         ValueError: for arguments that make no sense, as ``tune`` does.
@@ -165,7 +166,10 @@ def _front(
         bounds = judge.problem.bounds
         # Here, so that two threads do not compile the same program twice.
         judge.linearise(judge.vector(bounds.clip([*neighbours, *fresh][0])))
-        descend = lambda point: Descent(ScaledProblem(judge.problem), bounds.clip(point), iterations)
+
+        def descend(point):
+            return Descent(ScaledProblem(judge.problem), bounds.clip(point), iterations)
+
         descents = [descend(point) for point in sorted(fresh, key=judge.merit)[: ROUNDS[0][0]]]
         for size, most in ROUNDS:
             descents = distinct(descents)[:size] + ([] if most else [descend(point) for point in neighbours])
@@ -218,8 +222,8 @@ def _row(problem: DesignProblem, candidate: Candidate, most: int) -> np.ndarray:
     return np.append([value, finer, judge.optimality(point).residual, status, duration], shapers)
 
 
-def _closed(problem: DesignProblem, distance: Any) -> list[tuple[str, float, float]]:
-    """Name, duration (s) and objective (J) of every closed form that applies."""
+def _closed(problem: DesignProblem, distance: Any) -> list[tuple[str, int, float, float]]:
+    """Name, count of impulses, duration (s) and objective (J) of every closed form that applies."""
     scenarios, bounds = problem.scenarios, problem.bounds
     shapers, _ = closed_forms(scenarios.plant, distance)
     longest = max(len(shaper.times) for shaper in shapers.values())
@@ -229,7 +233,8 @@ def _closed(problem: DesignProblem, distance: Any) -> list[tuple[str, float, flo
         amplitudes, gaps = padded.amplitudes, np.diff(padded.times)
         point = Point(np.tile(amplitudes, bounds.shapers), np.tile(gaps, bounds.shapers), jnp.zeros(0))
         energies = np.asarray(evaluate(scenarios, point, np.float64(TOLERANCE)).energies)
-        found.append((name, float(shaper.duration), value_of(problem.objective, energies)))
+        value = value_of(problem.objective, energies)
+        found.append((name, len(shaper.times), float(shaper.duration), value))
     return found
 
 
@@ -250,7 +255,7 @@ def _dataset(
     designs: Mapping[str, tuple[int, str]],
     times: np.ndarray,
     objective: Objective,
-    closed: list[tuple[str, float, float]],
+    closed: list[tuple[str, int, float, float]],
     groups: tuple[tuple[str, ...], ...],
 ) -> xr.Dataset:
     """Rows of numbers (see ``_row``) as a dataset with names and units."""
@@ -271,7 +276,8 @@ def _dataset(
         "amplitude": (each, amplitude, dict(units="1", long_name="amplitude")),
         "time": (each, time, dict(units="s", long_name="time of the impulse")),
         "closed_objective": ("closed_form", [value for *_, value in closed], energy),
-        "closed_duration": ("closed_form", [time for _, time, _ in closed], dict(units="s", long_name="duration")),
+        "closed_duration": ("closed_form", [time for *_, time, _ in closed], dict(units="s", long_name="duration")),
+        "closed_impulses": ("closed_form", [count for _, count, *_ in closed], dict(long_name="number of impulses")),
     }
     coordinates = {
         "design": list(designs),

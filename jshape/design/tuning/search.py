@@ -152,6 +152,10 @@ class Search:
             self.history.append(min([value, *self.history[-1:]]))
             self.progress("local search", done, total, self.history[-1])
 
+        def begin(start: Point) -> Descent:
+            # Each in a search of its own: two run side by side.
+            return Descent(ScaledProblem(self.problem, report=report), start, iterations)
+
         self.judge.report = report
         ranked = self._ranked(starts)
         descents: list[Descent] = []
@@ -159,8 +163,6 @@ class Search:
             # Here, so that two threads do not compile the same program twice.
             wait([self.compiling])
             self.judge.linearise(self.judge.vector(ranked[0]))
-            # Each in a search of its own: two run side by side.
-            begin = lambda start: Descent(ScaledProblem(self.problem, report=report), start, iterations)
             descents = [begin(start) for start in ranked[: rounds[0][0]]]
             exchanged = self.problem.objective == "worst" and bool(self.problem.scenarios.samples)
             # Where plants will be added, the last ones are not refined to the end before.
