@@ -6,7 +6,8 @@ size. It needs no plant and no simulation::
     js.percentage_vibration(shaper, omega, zeta)   # V, a fraction
     js.insensitivity(shaper, omega)                # width of the band in which V stays at or under 5 %, over omega
 
-``transform`` is the one place in which V is computed; designs, calibration and exports call it.
+``transform`` is the one place in which V is computed; designs, calibration and exports call it. ``spectrum`` is the
+same sum over a record, whose samples are its impulses.
 """
 
 from typing import Any
@@ -56,6 +57,25 @@ def transform(amplitudes: Any, times: Any, poles: Any) -> Any:
         poles: complex, rad/s, of any shape.
     """
     return phasors(times, poles) @ amplitudes
+
+
+def spectrum(times: np.ndarray, values: np.ndarray, omega: np.ndarray) -> np.ndarray:
+    """The amplitude spectrum of a record under Hann's window: a lasting vibration is as high there as its amplitude.
+
+    Args:
+        times: evenly spaced, s, shape (rows,).
+        values: of the record, in any unit, shape (rows,); their weighted mean is taken out.
+        omega: frequencies, rad/s, of any shape.
+
+    Returns:
+        Amplitudes in the unit of the values, of omega's shape.
+
+    Source: Harris (1978), the Hann window and its coherent gain.
+    """
+    window = np.hanning(len(times))
+    # Twice, for the half at negative frequencies.
+    weights = 2 * window / window.sum()
+    return np.abs(transform(weights * (values - np.average(values, weights=window)), times, 1j * omega))
 
 
 def percentage_vibration(shaper: Shaper, omega: Any, zeta: Any = 0.0) -> Float[Array, "..."]:

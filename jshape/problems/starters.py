@@ -89,8 +89,7 @@ def text(starter: Starter, entry: Entry | None = None) -> str:
     """
     entry = catalogue.plants()[starter.plant] if entry is None else entry
     unit = entry.command_unit()
-    title = starter.title[0].upper() + starter.title[1:]
-    head = [f"title = {_toml(title)}"]
+    head = [f"title = {_toml(starter.title)}"]
     blocks: list[list[str]] = []
     if "distance" not in starter.move or "type" in starter.move:
         blocks.append(head)

@@ -25,7 +25,7 @@ from jshape.studio.results import Ends, Linear, Moves, Numbers, Pinned, Result, 
 from jshape.studio.state import Files, Pin, State, problem
 from jshape.sweeps.evaluate import side_by_side, study
 from jshape.sweeps.leaves import changed, check_over
-from jshape.vibration import percentage_vibration
+from jshape.vibration import percentage_vibration, spectrum
 
 PLANTS = 1000
 """Of the uncertain set, in the sensitivity curve of a page that rests."""
@@ -298,22 +298,9 @@ def linear(asked: Problem, both: Pair, frequencies: np.ndarray, moved: Moves, ax
         omega / (2 * np.pi),
         dict(zip(zetas, values, strict=True)),
         (modes / (2 * np.pi)).tolist(),
-        spectrum(moved, omega),
+        {name: np.asarray(spectrum(moved.times, bent, omega)) for name, bent in moved.deflection.items()},
         moved.bent,
     )
-
-
-def spectrum(moved: Moves, omega: np.ndarray) -> dict[str, np.ndarray]:
-    """Amplitudes of the deflections at some frequencies, under Hann's window over the whole response.
-
-    Args:
-        moved: the responses.
-        omega: the frequencies, rad/s.
-    """
-    window = np.hanning(len(moved.times))
-    # Twice, for the half at negative frequencies: a lasting vibration of 1 mm is 1 mm high.
-    waves = 2 / window.sum() * window * np.exp(-1j * np.outer(omega, moved.times))
-    return {name: np.abs(waves @ (values - np.mean(values))) for name, values in moved.deflection.items()}
 
 
 def sensitivity(asked: Problem, both: Pair, plants: int, tolerance: float, part: slice = slice(None)) -> Sensitivity:

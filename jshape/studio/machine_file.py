@@ -104,7 +104,7 @@ def starter(name: str, text: str, driven: str | None = None) -> Starter:
     size = ("30 deg", "30 deg/s", "60 deg/s²") if turns else ("1 m", "0.5 m/s", "0.5 m/s²")
     move = {"type": "Trapezoid"} | dict(zip(("distance", "speed", "acceleration"), size, strict=True))
     return find(kind)._replace(
-        name=kind, title=f"machine described in {name}", move=move, uncertain={}, design={"impulses": 3},
+        name=kind, title=f"Machine described in {name}", move=move, uncertain={}, design={"impulses": 3},
         values={"file": name, "driven": {chosen.name: "axis"}},
     )  # fmt: skip
 

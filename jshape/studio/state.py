@@ -124,8 +124,7 @@ class Parameter:
 
 def plants() -> dict[str, str]:
     """The plants that a page can show, with their titles: those that need no file of their own."""
-    shown = [each for each in starters.STARTERS if each.plant not in catalogue.READERS]
-    return {each.plant: f"{each.title[0].upper()}{each.title[1:]}" for each in shown}
+    return {each.plant: each.title for each in starters.STARTERS if each.plant not in catalogue.READERS}
 
 
 def begin(plant: str) -> State:
@@ -195,15 +194,7 @@ def from_draft(draft: Draft, files: Files = ()) -> State:
         raise ValueError(f"command.{unknown[0]}: the studio does not show it")
     if tables and "type" not in tables and not (draft.plant.entry and draft.plant.entry.axes):
         raise ValueError(f"command.{next(iter(tables))}: the studio shows one command of a {kind}, not one for an axis")
-    state = _fresh(
-        Starter(
-            name=kind, title=file.title or kind, plant=kind,
-            values={key: value for key, value in file.plant.items() if key != "type"},
-            move={"distance": file.distance} if file.command is None else file.command,
-            uncertain={leaf: spread.model_dump(exclude_none=True) for leaf, spread in file.uncertainty.items()},
-            design=file.design.model_dump(exclude_unset=True),
-        )
-    )  # fmt: skip
+    state = _fresh(_starter(draft))
     if kind in catalogue.READERS:
         state = dataclasses.replace(state, files=files)
     with _draft(state.text, state.files) as written:
@@ -211,7 +202,20 @@ def from_draft(draft: Draft, files: Files = ()) -> State:
         kept = _same(draft.plant, again.plant) and _same(draft.command, again.command) and draft.over == again.over
         if not kept or again.file.distance != file.distance or _design(again) != _design(draft):
             raise ValueError(f"{draft.path.name}: the studio could not write this problem again as it is")
-    return state
+        # With the defaults that it did not name, as it is when its page is shared.
+        return dataclasses.replace(state, starter=_starter(again))
+
+
+def _starter(draft: Draft) -> Starter:
+    """A problem file that was read, as a machine to begin from."""
+    file, kind = draft.file, draft.plant.kind
+    return Starter(
+        name=kind, title=file.title or kind, plant=kind,
+        values={key: value for key, value in file.plant.items() if key != "type"},
+        move={"distance": file.distance} if file.command is None else file.command,
+        uncertain={leaf: spread.model_dump(exclude_none=True) for leaf, spread in file.uncertainty.items()},
+        design=file.design.model_dump(exclude_unset=True),
+    )  # fmt: skip
 
 
 def _same(given: Any, written: Any) -> bool:
