@@ -207,8 +207,8 @@ def test_bad_params_are_told_by_name(arguments, name):
 
 def test_payloads_have_their_units():
     units = {name: parameters(name).machine.payload_unit() for name in ENVIRONMENTS}
-    # The link's load is counted in a unit of its own, coins.
-    assert units == {"DuffingPayload": "kg", "CranePayload": "kg", "FlexibleLinkPayload": "", "HoistingCrane": "m"}
+    expected = {"DuffingPayload": "kg", "CranePayload": "kg", "FlexibleLinkPayload": "coins", "HoistingCrane": "m"}
+    assert units == expected
 
 
 def test_machines_that_make_no_sense_are_told():

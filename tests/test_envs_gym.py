@@ -232,8 +232,11 @@ def test_pictures_show_machine_payload_and_tracks(name):
     assert after.shape == before.shape == (480, 640, 3)
     assert after.dtype == np.uint8
     assert (after != before).any()
-    # The payload's colour is somewhere in the upper half.
+    # The payload's colour is somewhere in the upper half, and the machine fills its panel.
     assert (np.abs(after[:280].astype(int) - [0, 114, 178]).sum(axis=-1) < 30).sum() > 50
+    panel = after[35:, :310] if name == "FlexibleLinkPayload" else after[35:255]
+    drawn = np.argwhere((panel < 250).any(axis=-1))
+    assert np.ptp(drawn, axis=0).max() > 180
     env.close()
 
 

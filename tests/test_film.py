@@ -330,10 +330,14 @@ def test_an_episode_beside_the_same_moves_without_a_shaper(tmp_path, monkeypatch
 
     monkeypatch.chdir(tmp_path)
     params, kept = parameters("CranePayload"), []
-    monkeypatch.setattr(episodes, "film_of_motions", lambda plant, motions, interval: kept.append(motions))
-    episodes.episode_film(params, baseline("zvd", params), "zvd", 3)
+    monkeypatch.setattr(
+        episodes, "film_of_motions", lambda plant, motions, interval, captions: kept.extend([motions, captions])
+    )
+    episodes.episode_film(params, baseline("zvd", params), "zvd", 3, payloads=(0.1, 0.3))
     monkeypatch.undo()
-    bare, shaped = kept[0]["unshaped"], kept[0]["zvd"]
+    bare, shaped, captions = kept[0]["unshaped"], kept[0]["zvd"], kept[1]
+    assert len(captions) == len(shaped.places)
+    assert [line.split("payload ")[1] for line in dict.fromkeys(captions)] == ["0.1 kg", "0.1 kg", "0.3 kg"]
     assert bare.places.shape == shaped.places.shape
     # Each move begins where both are: there the payloads meet, and nowhere else for long.
     apart = np.abs(bare.places[:, -1] - shaped.places[:, -1]).max(axis=1)
@@ -347,6 +351,9 @@ def test_an_episode_beside_the_same_moves_without_a_shaper(tmp_path, monkeypatch
         (["CranePayload", "--policy", "nonsense"], "nonsense"),
         (["Nothing", "--policy", "zvd"], "environment must be one of"),
         (["CranePayload", "--policy", "zvd", "--moves", "0"], "moves must be"),
+        (["CranePayload", "--policy", "zvd", "--moves", "1", "--payload", "0.1", "--payload", "0.3"], "at most 1"),
+        (["CranePayload", "--policy", "zvd", "--payload", "nan"], "payloads must be finite"),
+        (["paper_001", "--payload", "0.3"], "--payload: is for"),
     ]:
         result = run(app, ["animate", *given])
         assert result.exit_code == 2, result.output

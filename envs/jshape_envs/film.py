@@ -1,6 +1,7 @@
 """Films of an episode: the same moves of a machine without a shaper, and with those that a policy chooses."""
 
-from collections.abc import Iterator
+import dataclasses
+from collections.abc import Iterator, Sequence
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
@@ -23,7 +24,13 @@ SAMPLES = 241
 
 
 def episode_film(
-    params: Params, policy: AbstractPolicy, name: str, moves: int = 6, seed: int = 0, interval: int = 100
+    params: Params,
+    policy: AbstractPolicy,
+    name: str,
+    moves: int = 6,
+    seed: int = 0,
+    interval: int = 100,
+    payloads: Sequence[float] = (),
 ) -> animation.FuncAnimation:
     """The first moves of an episode in true time: beside each the same one without a shaper, from the same beginning.
 
@@ -34,15 +41,17 @@ def episode_film(
         moves: how many, at most; an episode ends where the plant diverges.
         seed: of the episode.
         interval: between two pictures, ms.
+        payloads: as of ``watched_moves``.
 
     Raises:
-        ValueError: for a number of moves that is not positive.
+        ValueError: as ``watched_moves``.
     """
     parts: dict[str, list[Motion]] = {"unshaped": [], name: []}
-    watched = list(watched_moves(params, policy, moves, seed))
-    for each in watched:
+    watched, captions = list(watched_moves(params, policy, moves, seed, payloads)), []
+    for number, each in enumerate(watched, 1):
         for label, run in zip(parts, (each.unshaped, each.shaped), strict=True):
             parts[label].append(motion_of(each.plant, run, np.arange(0.0, run.times[-1], interval / 1000)))
+        captions += [f"move {number}: {described(each, params)}"] * len(parts[name][-1].places)
     motions = {
         label: Motion(
             each[0].kind,
@@ -51,7 +60,14 @@ def episode_film(
         )
         for label, each in parts.items()
     }
-    return film_of_motions(watched[-1].plant, motions, interval)
+    return film_of_motions(watched[-1].plant, motions, interval, captions)
+
+
+def described(move: Any, params: Params) -> str:
+    """The distance and the payload of a move, which has them as attributes, with their units."""
+    unit = params.machine.plant(move.payload, jnp.zeros((), jnp.int32)).axis_unit()
+    payload = f"{float(move.payload):.3g} {params.machine.payload_unit()}".rstrip()
+    return f"{float(move.distance):+.2f} {unit}, payload {payload}"
 
 
 class WatchedMove(NamedTuple):
@@ -74,7 +90,9 @@ class WatchedMove(NamedTuple):
     residual: float
 
 
-def watched_moves(params: Params, policy: AbstractPolicy, moves: int, seed: int = 0) -> Iterator[WatchedMove]:
+def watched_moves(
+    params: Params, policy: AbstractPolicy, moves: int, seed: int = 0, payloads: Sequence[float] = ()
+) -> Iterator[WatchedMove]:
     """The first moves of an episode, which ends where the plant diverges.
 
     Payloads and distances depend on the seed alone, so that two policies can be watched side by side.
@@ -84,14 +102,24 @@ def watched_moves(params: Params, policy: AbstractPolicy, moves: int, seed: int 
         policy: chooses the shapers.
         moves: how many, at most.
         seed: of the episode.
+        payloads: that follow one another, each for about as many moves, unannounced; drawn by chance unless given.
 
     Raises:
-        ValueError: for a number of moves that is not positive.
+        ValueError: for a number of moves that is not positive, more payloads than moves, one that the plant cannot
+            have, and payloads for an environment whose payload is observed.
     """
     first, *keys = jax.random.split(jax.random.key(seed), _check.count(moves, "moves") + 1)
+    if payloads and (len(payloads) > moves or params.context != "hidden"):
+        raise ValueError(f"payloads must be hidden and at most {moves}, one a move, not {len(payloads)}")
+    for payload in payloads:
+        _check.finite(payload, "payloads")
+        params.machine.plant(jnp.asarray(payload), jnp.zeros((), jnp.int32))
     state, observation = reset(first, params)
     memory = policy.init(params)
-    for key in keys:
+    for number, key in enumerate(keys):
+        if payloads:
+            payload = payloads[number * len(payloads) // moves]
+            state = dataclasses.replace(state, payload=jnp.full_like(state.payload, payload))
         before = state
         memory, state, observation, ended, plant, runs, residual = _next(
             key, policy, memory, state, observation, params

@@ -21,9 +21,14 @@ from jshape.reports.film import Put, view_of
 from jshape.reports.places import motion_of
 from jshape.reports.style import COLOURS, STYLE
 from jshape.shaper import Shaper
-from jshape_envs.film import as_response, watched
+from jshape_envs.film import as_response, described, watched
 
 FPS = 30
+SIZE = 6.4, 4.8
+"""Of the figure, inches of 100 pixels."""
+ABOVE = (0.0, 0.46, 1.0, 0.48), (0.1, 0.1, 0.87, 0.28)
+BESIDE = (0.01, 0.02, 0.5, 0.91), (0.62, 0.11, 0.35, 0.74)
+"""Left, bottom, width and height of the machine and of the curves, as shares of the figure."""
 
 
 class Renderer:
@@ -38,7 +43,7 @@ class Renderer:
         self.params = params
         with mpl.rc_context(STYLE | {"figure.constrained_layout.use": False}):
             self.figure = _window() if window else Figure()
-            self.figure.set_size_inches(6.4, 4.8)
+            self.figure.set_size_inches(*SIZE)
             self.figure.set_dpi(100)
             if not window:
                 FigureCanvasAgg(self.figure)
@@ -50,24 +55,26 @@ class Renderer:
         given = jnp.zeros(self.params.action.size) if action is None else action
         plant, shaper, watched_move, residual = _watch(state, given.astype(self.params.period.dtype), self.params)
         run = as_response(watched_move)
-        end = 0.0 if action is None else float(run.times[-1])
-        self.times = np.append(np.arange(0.0, end, 1 / FPS), end)
-        motion = motion_of(plant, run, self.times)
+        end = float(run.times[-1])
+        whole = np.append(np.arange(0.0, end, 1 / FPS), end)
+        self.times = whole[:1] if action is None else whole
+        # The view is that of the whole move, also before it.
+        motion = motion_of(plant, run, whole)
         outcome = "next" if action is None else f"residual energy {100 * float(residual):.2f} %"
-        unit, distance = plant.axis_unit(), float(state.distance)
-        payload = f"{float(state.payload):.3g} {self.params.machine.payload_unit()}".rstrip()
-        words = f"move {int(state.moves) + 1}: {distance:+.2f} {unit}, payload {payload}; {outcome}"
         with mpl.rc_context(STYLE | {"figure.constrained_layout.use": False}):
             self.figure.clear()
-            above = self.figure.add_axes((0.09, 0.44, 0.88, 0.5))
-            draw, view = view_of([motion], way=(-float(self.params.track), float(self.params.track)))
-            above.set_axis_off()
-            above.set(xlim=view[0], ylim=view[1], aspect="equal")
-            self.puts = [draw(above, motion.places, view, COLOURS[0])]
-            below = self.figure.add_axes((0.09, 0.1, 0.88, 0.28))
+            machine, curves = BESIDE if motion.kind in ("link", "above") else ABOVE
+            drawing, below = self.figure.add_axes(machine), self.figure.add_axes(curves)
+            draw, view = view_of([motion])
+            view = (*filling(view[:2], SIZE[0] * machine[2] / (SIZE[1] * machine[3])), *view[2:])
+            drawing.set_axis_off()
+            drawing.set(xlim=view[0], ylim=view[1], aspect="equal")
+            self.puts = [draw(drawing, motion.places, view, COLOURS[0])]
+            unit = plant.axis_unit()
             below.set(xlabel="time (s)", ylabel="angle (rad)" if unit == "rad" else f"position ({unit})")
             self.puts.append(_positions(below, run, [] if action is None else shaper.times, self.times))
-            self.figure.text(0.09, 0.955, words, fontsize=9)
+            words = f"move {int(state.moves) + 1}: {described(state, self.params)}; {outcome}"
+            self.figure.text(0.02, 0.955, words, fontsize=9)
 
     def still(self) -> np.ndarray:
         """The whole move in one picture, height × width × 3, uint8."""
@@ -103,16 +110,28 @@ class Renderer:
         return np.array(canvas.buffer_rgba())[..., :3] if hasattr(canvas, "buffer_rgba") else np.zeros(0)
 
 
+def filling(view: tuple[Any, ...], shape: float) -> list[tuple[float, float]]:
+    """The view made wider or higher, to both sides, until it fills a panel.
+
+    Args:
+        view: limits of both axes, m.
+        shape: width of the panel over its height.
+    """
+    width, height = (float(np.ptp(ends)) for ends in view)
+    wanted = max(width, height * shape), max(height, width / shape)
+    return [(np.mean(ends) - size / 2, np.mean(ends) + size / 2) for ends, size in zip(view, wanted, strict=True)]
+
+
 def _positions(axes: Axes, run: Any, impulses: Any, times: np.ndarray) -> Put:
     """Command and payload along the first axis until now, and when the impulses come."""
     command, payload = (np.reshape(values, (len(run.times), -1))[:, 0] for values in (run.command, run.payload))
     (commanded,) = axes.step([], [], where="post", color="0.35", linewidth=1.0, label="command")
     (reached,) = axes.plot([], [], color=COLOURS[0], linewidth=1.6, label="payload")
     low, high = (of(np.concatenate([command, payload])) for of in (np.nanmin, np.nanmax))
-    ends = low - 0.1 * (high - low) - 1e-3, high + 0.35 * (high - low) + 1e-3
+    ends = low - 0.1 * (high - low) - 1e-3, high + 0.1 * (high - low) + 1e-3
     axes.vlines(impulses, *ends, color=COLOURS[1], linewidth=0.8, linestyle=":", label="impulses")
-    axes.set(xlim=(0.0, max(times[-1], 1e-3)), ylim=ends)
-    axes.legend(loc="upper left", ncols=3)
+    axes.set(xlim=(0.0, run.times[-1]), ylim=ends)
+    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2, ncols=3)
     now = axes.axvline(0.0, color="0.7", linewidth=0.8)
 
     def put(frame: int) -> None:

@@ -29,11 +29,18 @@ def animate(
     policy: Annotated[
         str | None,
         typer.Option(
-            help="PROBLEM is then an environment: a baseline's name, 'trained' (the policy that comes with jshape) or "
-            "a policy's file (.npz), which chooses the shapers of an episode's moves."
+            help="PROBLEM is then an environment: a baseline's name, 'trained' (the policy that comes with jshape), "
+            "'guarded' (the same with a guard) or a policy's file (.npz), which chooses the shapers of the moves."
         ),
     ] = None,
     moves: Annotated[int, typer.Option(help="Of the episode, with --policy.")] = 6,
+    payload: Annotated[
+        list[float],
+        typer.Option(
+            help="With --policy: payloads that follow one another, unannounced, each for as many moves; several times, "
+            "--payload 0.1 --payload 0.3. Drawn by chance unless given."
+        ),
+    ] = [],  # noqa: B006
     speed: Annotated[float, typer.Option(help="At which it is played: 1 is true time, 0.1 ten times slower.")] = 1.0,
     force: Annotated[bool, typer.Option("--force", help="Write over a film that exists.")] = False,
 ) -> None:
@@ -43,8 +50,10 @@ def animate(
     if policy is not None:
         if shaper is not None or speed != 1:
             raise ValueError("--policy: takes neither --shaper nor --speed")
-        _episode(str(problem), _free(out or Path(f"{problem}.gif"), force), policy, moves)
+        _episode(str(problem), _free(out or Path(f"{problem}.gif"), force), policy, moves, payload)
         return
+    if payload:
+        raise ValueError("--payload: is for the moves of an episode, with --policy")
     draft = read(problem)
     path = _free(out or Path(f"{draft.path.stem}.gif"), force)
     loaded = made(draft)
@@ -85,26 +94,24 @@ def _free(path: Path, force: bool) -> Path:
     return path
 
 
-def _episode(environment: str, path: Path, policy: str, moves: int) -> None:
+def _episode(environment: str, path: Path, policy: str, moves: int, payloads: list[float]) -> None:
     """Write the film of an episode."""
     need_environments()
     prepare_jax()
     from jshape_envs.evaluate import named_policy
     from jshape_envs.film import episode_film
     from jshape_envs.parameters import parameters
-    from jshape_envs.policy import shipped_policy
+    from jshape_envs.strategies import strategy
 
     from jshape.reports.film import check_film, save_film
 
     check_film(path)
     params = parameters(environment)
-    shipped = shipped_policy(environment)
-    if policy == "trained" and shipped is None:
-        raise ValueError(f"--policy: no trained policy comes with jshape for {environment}")
     with progress_line() as (step, progress):
         step("episode")
-        chosen = named_policy(str(shipped) if policy == "trained" else policy, params)
-        made = episode_film(params, chosen, Path(policy).stem, moves)
+        from_file = policy.endswith(".npz")
+        chosen = named_policy(policy, params) if from_file else strategy(policy, environment, params)
+        made = episode_film(params, chosen, Path(policy).stem, moves, payloads=payloads)
         save_film(made, path, lambda done, total: progress("frames", done, total, math.inf))
     typer.echo(f"{path}: {moves} moves of {environment} by {policy}, beside the same ones without a shaper")
 

@@ -18,7 +18,7 @@ from jshape._check import Argument, Checked, not_negative, positive
 from jshape._types import Scalar
 from jshape.axes import Axes
 from jshape.command import AbstractCommand, PiecewisePolynomial, Step, Trapezoid
-from jshape.plants import AbstractPlant, HoistingCrane, Trolley
+from jshape.plants import AbstractPlant, FlexibleLink, HoistingCrane, TabulatedLink, Trolley
 from jshape.plants.springs import as_leaf
 from jshape.simulation.schedule import schedule
 from jshape.sweeps.leaves import leaf, with_leaves
@@ -142,6 +142,8 @@ class Machine(AbstractMachine):
     def payload_unit(self) -> str:
         from jshape.problems import catalogue
 
+        if isinstance(self.nominal, FlexibleLink) and isinstance(self.nominal.link, TabulatedLink):
+            return "coins"
         entry = catalogue.plants().get(type(self.nominal).__name__)
         key = entry.keys.get(self.payload) if entry else None
         return (key.unit if key else None) or ""

@@ -1,7 +1,7 @@
 """Films of a move: the machine without a shaper beside the same machine with one, in true time."""
 
 import tempfile
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -88,7 +88,12 @@ def film(
 
 
 def film_of_motions(
-    plant: "AbstractPlant", motions: Mapping[str, Motion], interval: int, *, style: Any = None
+    plant: "AbstractPlant",
+    motions: Mapping[str, Motion],
+    interval: int,
+    captions: Sequence[str] = (),
+    *,
+    style: Any = None,
 ) -> animation.FuncAnimation:
     """The machine in motion, as ``film``, of motions whose frames are known already.
 
@@ -96,11 +101,15 @@ def film_of_motions(
         plant: of all motions; what differs from one frame to the next (its cable's length) is in them.
         motions: name → motion, all with as many frames.
         interval: between two frames, ms.
+        captions: a line of text at the top of each frame, if there are any.
         style: as of ``film``.
     """
     frames = len(next(iter(motions.values())).places)
     with using(style):
         figure, puts = _drawn(plant, motions, interval / 1000 * np.arange(frames))
+    if captions:
+        caption = figure.text(0.99, 0.99, captions[0], fontsize=8, ha="right", va="top", color="0.3")
+        puts.append(lambda frame: caption.set_text(captions[frame]))
     return _animated(figure, puts, frames, interval)
 
 
@@ -220,26 +229,24 @@ def _rendered(plant: "AbstractPlant", scene: Scene, bent: Any, times: np.ndarray
     return _composed(plant, view, bent, times, shown)
 
 
-def view_of(
-    motions: Iterable[Motion], way: tuple[float, float] | None = None
-) -> tuple[Callable[..., Put], tuple[Any, ...]]:
+def view_of(motions: Iterable[Motion]) -> tuple[Callable[..., Put], tuple[Any, ...]]:
     """The drawing of a machine, and its view.
 
     Args:
         motions: of one machine.
-        way: positions, m, that are seen in any case; no others than those of the motions unless given.
 
     Returns:
         A function of the axes, a motion's places, the view and a colour, which draws and gives what puts the parts
         where they are in a frame; and the view, the limits of both axes, of masses also their distance at rest.
     """
     motions = list(motions)
-    kind = motions[0].kind
+    kind, places = motions[0].kind, np.concatenate([motion.places.reshape(-1, 2) for motion in motions])
     if kind == "link":
-        return _link, ((-1.2, 1.2), (-1.2, 1.2))
-    places = np.concatenate([motion.places.reshape(-1, 2) for motion in motions])
-    places = np.concatenate([places, [(position, 0.0) for position in way]]) if way else places
+        angles = places.reshape(-1, 1)
+        places = np.concatenate([np.hstack([np.cos(angles), np.sin(angles)]), [(0.0, 0.0)]])
     (left, bottom), (right, top) = np.nanmin(places, axis=0), np.nanmax(places, axis=0)
+    if kind == "link":
+        return _link, ((left - 0.2, right + 0.2), (bottom - 0.2, top + 0.2))
     if kind != "masses":
         edge = 0.06 * max(right - left, top - bottom)
         return {"crane": _crane, "tank": _tank, "above": _above}[kind], (
