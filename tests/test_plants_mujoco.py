@@ -345,6 +345,11 @@ def test_a_urdf_with_springs_of_ours():
     text = URDF.replace('"continuous"', '"revolute"').replace("<dynamics", '<limit lower="-1" upper="1"/><dynamics')
     with pytest.raises(ValueError, match=r'joint .bend. has limits.*in a URDF, type="continuous"'):
         js.plants.from_urdf(text, {"rail": "x"})
+    sliding = text.replace('"revolute"', '"prismatic"')
+    with pytest.raises(ValueError, match=r"joint .bend. has limits.*in a URDF, remove lower and upper"):
+        js.plants.from_urdf(sliding, {"rail": "x"})
+    without = sliding.replace('lower="-1" upper="1"', "")
+    assert js.plants.from_urdf(without, {"rail": "x"}, stiffness={"bend": 9.0}).tree.free == ("bend",)
 
 
 def test_another_machine_is_refused(monkeypatch):

@@ -325,6 +325,20 @@ def test_mutated_files(written):
     assert 100 < refused < 400
 
 
+def test_its_figure_joins_points_as_their_velocities_say(written, tmp_path, monkeypatch):
+    """A move over one second with two points at rest: the smooth cubic t²(3 − 2t), and no straight line."""
+    drawn, joints = [], plot.joints
+    monkeypatch.setattr(plot, "joints", lambda *given: drawn.extend(given[:2]) or joints(*given))
+    points = [dict(positions=[x], velocities=[0], time_from_start=dict(sec=x, nanosec=0)) for x in (0, 1)]
+    path = written(dict(joint_names=["a"], points=points), "two.json")
+    js.export(js.Shaper([0.5, 0.5], [0.0, 0.5]), "json", tmp_path / "shaper.json")
+    assert run(app, ["shape", str(path), str(tmp_path / "shaper.json"), "--sample-time", "0.25"]).exit_code == 0
+    for (times, positions), delays in zip(drawn, ([0.0], [0.0, 0.5]), strict=True):
+        cubic = np.mean([s**2 * (3 - 2 * s) for s in (np.clip(times - delay, 0.0, 1.0) for delay in delays)], axis=0)
+        assert np.max(np.diff(times)) < 0.2
+        np.testing.assert_allclose(positions[:, 0], cubic, atol=1e-12)
+
+
 def test_its_figure():
     axes = plot.joints((AT, motion(AT)[:, :, 0]), (AT + 0.1, motion(AT)[:, :, 0]), ["shoulder (rad)", "_elbow"])
     assert [axis.get_title(loc="left") for axis in axes[:, 0]] == ["shoulder (rad)", " _elbow"]

@@ -56,8 +56,7 @@ def shape(
         raise ValueError(f"{trajectory}: {error}") from None
     write_trajectory(path, effect.trajectory)
     labels = [f"{name} ({unit})" if unit else name for name, unit in zip(given.names, given.units, strict=True)]
-    before, after = ((each.times, each.states[:, :, 0]) for each in (given, effect.trajectory))
-    plot.save(plot.joints(before, after, labels), drawing)
+    plot.save(plot.joints(shaping.curve(given), shaping.curve(effect.trajectory), labels), drawing)
     _show(given, effect, files, step)
     typer.echo(f"{path}: written, drawn in {drawing.name}")
 

@@ -291,10 +291,8 @@ def _joints(model: Model, driven: Mapping[str, str], on: Any) -> Iterator[str]:
         if name in driven:
             continue
         if model.jnt_limited[i] and on(bits.mjDSBL_LIMIT):
-            yield (
-                f'joint {name!r} has limits, which are not simulated: write limited="false" (in a URDF, '
-                'type="continuous")'
-            )
+            urdf = 'type="continuous"' if kind == HINGE else "remove lower and upper"
+            yield f'joint {name!r} has limits, which are not simulated: write limited="false" (in a URDF, {urdf})'
         if model.dof_frictionloss[dof] and on(bits.mjDSBL_FRICTIONLOSS):
             yield f"joint {name!r} has dry friction, which is not simulated: remove frictionloss (in a URDF, friction)"
         if model.jnt_plasticadr[i] >= 0 or model.jnt_springyield[i] > 0:

@@ -126,6 +126,14 @@ def shape(trajectory: Trajectory, shapers: Mapping[str, Shaper], step: float) ->
 
 
 @np.errstate(all="ignore")
+def curve(trajectory: Trajectory) -> tuple[Float[np.ndarray, " times"], Float[np.ndarray, "times joints"]]:
+    """Times (s) and positions of a trajectory, also between its points where these have velocities."""
+    times = trajectory.times
+    if trajectory.states.shape[2] > 1:
+        times = np.append(np.linspace(times[:-1], times[1:], BETWEEN, endpoint=False, axis=1).ravel(), times[-1])
+    return times, shaped_states(trajectory, {}, times)[:, :, 0]
+
+
 def shaped_states(trajectory: Trajectory, shapers: Mapping[str, Shaper], at: Float[np.ndarray, " times"]) -> States:
     """Positions and, where the trajectory has them, velocities and accelerations of all joints at any times (s)."""
     first, orders = trajectory.states[0], trajectory.states.shape[2]
