@@ -10,7 +10,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from jshape.reports.style import COLOURS, STYLE, WIDTH, columns
+from jshape.reports.style import COLOURS, STYLE, WIDTH, columns, looks
 
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 
@@ -28,16 +28,16 @@ def recovery(found: xr.Dataset, variable: str, label: str, factor: float = 1.0, 
     with mpl.rc_context(STYLE):
         rows = -(-found.sizes["strategy"] // 2)
         figure, axis = plt.subplots(figsize=(WIDTH, 2.3 + 0.2 * rows))
-        for i, name in enumerate(found.strategy.values):
+        names = list(map(str, found.strategy.values))
+        for i, (name, look) in enumerate(looks(names).items()):
             part = factor * found[variable].sel(strategy=name)
-            line: dict[str, Any] = dict(color=COLOURS[i % len(COLOURS)], marker=MARKERS[i % len(MARKERS)], markersize=3)
+            line: dict[str, Any] = dict(color=look["color"], marker=MARKERS[i % len(MARKERS)], markersize=3)
             axis.plot(found.move, part.median("schedule"), label=name, **line)
             line["markersize"] = 2
             axis.plot(found.move, part.quantile(quantile, "schedule"), linestyle=":", **line)
         axis.axvline(0.5, color="0.5", linewidth=0.6)
         axis.set(yscale="log", xlabel="move after the change", ylabel=label)
         axis.set_title(f"median; dotted: {100 * quantile:g} % quantile", loc="right")
-        names = list(map(str, found.strategy.values))
         figure.legend(loc="outside upper center", ncols=columns(names), columnspacing=1.2)
         return figure
 

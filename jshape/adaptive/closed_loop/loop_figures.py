@@ -10,15 +10,15 @@ from matplotlib.figure import Figure
 
 from jshape.adaptive.closed_loop.loop import Trace
 from jshape.adaptive.closed_loop.schedules import Schedule
-from jshape.reports.style import COLOURS, STYLE, WIDTH
+from jshape.reports.style import STYLE, WIDTH, looks
 
 EVERY = 1.0
 """Between two spectra, s."""
 
 
 def _colours(traces: Mapping[str, Any]) -> dict[str, str]:
-    """One colour for each run, the same in every figure."""
-    return {name: COLOURS[i % len(COLOURS)] for i, name in enumerate(traces)}
+    """One colour for each run, the same in every figure; the unshaped one is grey."""
+    return {name: look["color"] for name, look in looks(traces).items()}
 
 
 def spectra(
@@ -72,11 +72,12 @@ def spectrogram(
                     axis.plot_surface(
                         time[None, :], omega[:, None], magnitude.T, cmap="viridis", vmax=top, rcount=60, ccount=120
                     )
-                    axis.set(zlim=(0, top), zlabel=f"|A$_{letter}$|")
+                    axis.set(zlim=(0, top), zlabel=f"|A$_{letter}$| (m/s²)")
                 else:
                     axis.pcolormesh(time, omega, magnitude.T, vmin=0, vmax=top, rasterized=True)
                     axis.grid(False)
-                axis.set_title(f"{name}: {'tip' if column == 0 else 'middle'}", loc="left")
+                # In perspective there is room for it above the surface, and none above the axes.
+                axis.set_title(f"{name}: {'tip' if column == 0 else 'middle'}", loc="left", pad=-8 if surface else None)
                 axis.set_ylabel("ω (rad/s)")
                 if surface or row == len(traces) - 1:
                     axis.set_xlabel("time (s)")
@@ -97,7 +98,7 @@ def adaptation(traces: Mapping[str, Trace], schedule: Schedule, true: Any, sampl
     colours = _colours(traces)
     traces = {name: trace for name, trace in traces.items() if trace.omega.shape[1]}
     with mpl.rc_context(STYLE):
-        figure, axes = plt.subplots(2, 2, figsize=(2 * WIDTH, 3.4), sharex=True)
+        figure, axes = plt.subplots(2, 2, figsize=(2 * WIDTH, 3.6), sharex=True)
         time = np.arange(len(schedule.which)) * sample_time
         for mode in range(2):
             axes[0, mode].plot(time, np.asarray(true)[np.asarray(schedule.which), mode], color="0.6", label="true")
@@ -108,7 +109,7 @@ def adaptation(traces: Mapping[str, Trace], schedule: Schedule, true: Any, sampl
             axes[0, mode].set_title(f"mode {mode + 1}", loc="left")
             axes[0, mode].set_ylabel("ω (rad/s)")
             axes[1, mode].set(ylabel="ζ", xlabel="time (s)")
-        axes[0, 1].legend(loc="best")
+        figure.legend(*axes[0, 1].get_legend_handles_labels(), ncols=1 + len(traces), loc="outside upper center")
         return figure
 
 
