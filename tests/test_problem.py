@@ -107,6 +107,12 @@ WRONG = {
     "half a band": ("low = 0.8, ", "", 14, "uncertainty.m2: give both low and high"),
     "nothing uncertain": ("m2 = { low = 0.8, high = 1.2 }", "", 18, "needs an [uncertainty] table"),
     "negative duration": ("impulses = 3", "duration = -1.0", 17, "design.duration: input should be greater than 0"),
+    "limit of an axis": (
+        "impulses = 3",
+        "speed_limit = { slew = -1.0 }",
+        17,
+        "design.speed_limit.slew: input should be greater than 0",
+    ),
 }
 
 

@@ -16,7 +16,7 @@ from jshape.problems import catalogue, limits
 from jshape.problems.catalogue import LISTS, WORDS, Entry, Key, suggestion
 from jshape.problems.lines import Lines, ProblemError
 from jshape.problems.machine_files import machine_files, units_of_file
-from jshape.problems.mistakes import keys_of, message_of
+from jshape.problems.mistakes import first_of, keys_of, message_of
 from jshape.problems.schema import File, Range
 from jshape.problems.units import Units, in_units, lengths, quantity, question
 
@@ -149,7 +149,7 @@ def read(name: str | Path, text: str | None = None) -> Draft:
     try:
         file = File.model_validate(raw)
     except ValidationError as error:
-        first = error.errors()[0]
+        first = first_of(error.errors())
         raise lines.error(keys_of(raw, first["loc"]), message_of(first)) from None
     if file.distance == 0:
         raise lines.error(["distance"], "must not be 0: there is nothing to shape")
