@@ -1,5 +1,6 @@
 """``experiments/rivals``: what the rivals are made of, beside answers found apart; and the small version of the run."""
 
+import dataclasses
 import json
 
 import jax
@@ -11,10 +12,10 @@ from scipy.interpolate import PPoly
 from scipy.linalg import eigh
 
 import jshape as js
-from experiments.rivals import collocation, filters, front, ramps
+from experiments.rivals import bound, collocation, filters, front, ramps
 from experiments.rivals.__main__ import main
 from experiments.rivals.machines import Axis, machines
-from experiments.rivals.motions import from_accelerations, trapezoid
+from experiments.rivals.motions import as_pieces, from_accelerations, trapezoid
 from jshape.plants.trolley import peaks
 
 AXIS = Axis("", 8.0, 1.5, 0.5)
@@ -119,6 +120,26 @@ def test_notch_takes_the_mode_away(overhead):
 def test_constant_accelerations_as_a_motion():
     motion = from_accelerations(np.array([1.0, 2.0, 1.0]), np.array([0.5, 0.0, -0.5]), 1.5)
     np.testing.assert_allclose(by_scipy(motion)([0.0, 1.0, 2.0, 3.5, 9.0]), [0.0, 0.25, 0.75, 1.4375, 1.5])
+
+
+@pytest.mark.parametrize("distance", [0.35, 8.0])
+def test_on_off_shapers_keep_the_limits(distance):
+    """Random ones; a short move that is not slowed for them passes the greatest acceleration."""
+    axis, random, duration, found = dataclasses.replace(AXIS, distance=distance), np.random.default_rng(1), 2.0, []
+    for _ in range(8):
+        shaper = js.Shaper([1, -1, 1, -1, 1], np.sort(np.append(random.uniform(0, duration, 3), [0, duration])))
+        found.append([peaks(as_pieces(shaper.shape(trapezoid(axis, slowed)))) for slowed in (duration, 0.0)])
+    speed, acceleration = np.max(found, axis=(0, 1)) if distance == 8.0 else np.max(found, axis=0)[0]
+    assert speed <= 1.5 * (1 + 1e-12)
+    assert acceleration == pytest.approx(0.5, rel=1e-9)
+    assert distance == 8.0 or np.max(found, axis=0)[1, 1] > 0.9
+
+
+def test_bound_of_all_shapers_is_reached_by_the_shortest_on_off_one():
+    """Impulses 1, −1, 1 a sixth of the period apart are the shortest of unit magnitude that leave nothing."""
+    omega, period = np.array([2.0]), np.pi
+    assert bound.least_residual(omega, np.ones(1), period / 3, 41) == pytest.approx(0.0, abs=1e-9)
+    assert bound.least_residual(omega, np.ones(1), 0.9 * period / 3, 41) > 0.05
 
 
 def test_front_is_what_no_faster_design_betters():

@@ -1,7 +1,6 @@
 """All rivals on all machines, in one run that resumes: ``python -m experiments.rivals [--quick] [--out FOLDER]``."""
 
 import argparse
-import functools
 import time
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,7 @@ from experiments.learning.record import keep, read
 from experiments.rivals import collocation, filters, ramps, shapers, tuned
 from experiments.rivals.judge import JUDGED, Judged, by_scipy, judge
 from experiments.rivals.machines import Machine, machines
-from experiments.rivals.motions import each_axis, trapezoid
+from experiments.rivals.motions import bare_energy
 from experiments.rivals.report import write
 from experiments.rivals.rival import Design, Rival
 
@@ -70,7 +69,7 @@ def _words(row: dict[str, Any]) -> str:
 
 def measured(machine: Machine, rival: Rival, count: int) -> dict[str, Any]:
     """A row: what the rival leaves, and what it takes."""
-    bare = _bare(machine, count)
+    bare = bare_energy(machine, count)
     wall, processor_time = time.perf_counter(), time.process_time()
     row: dict[str, Any] = dict(family=rival.family, again=rival.again)
     try:
@@ -92,19 +91,12 @@ def measured(machine: Machine, rival: Rival, count: int) -> dict[str, Any]:
         difference=(checked - float(found.energies[worst])) / bare,
         pieces=max(len(one.breaks) for one in motion.values()),
     )
-    return row if rival.family == "collocation" else row | dict(later=_later(machine, design, count))
+    return row if rival.again else row | _later(machine, design, count, found.excess)
 
 
 def _since(wall: float, processor_time: float) -> dict[str, float]:
     """Times that a design has taken, s."""
     return dict(cpu=time.process_time() - processor_time, wall=time.perf_counter() - wall)
-
-
-@functools.cache
-def _bare(machine: Machine, count: int, share: float = 1.0) -> float:
-    """The bare trapezoid's residual energy in the worst case, J, on a move that is so many times as long."""
-    other = machine.moving(share)
-    return float(np.max(judge(other, each_axis(other, trapezoid), count).energies))
 
 
 def _amplitude(energy: Any, bare: float) -> float:
@@ -121,14 +113,20 @@ def _swing(machine: Machine, found: Judged) -> dict[str, float]:
     return dict(sway_nominal=nominal, sway_worst=max(sways), deflection=machine.deflection(found.peaks))
 
 
-def _later(machine: Machine, design: Design, count: int) -> float:
-    """The worst of other moves: √(E/E_bare), E_bare being that move's own."""
-    worst = []
+def _later(machine: Machine, design: Design, count: int, excess: float) -> dict[str, float]:
+    """The worst of other moves: √(E/E_bare), E_bare being that move's own; by how much any of them, or this one, passes
+    a limit; and the processor time that a command of theirs takes, s, with nothing left to compile."""
+    worst, seconds = [], []
     for share in tuned.LATER:
         other = machine.moving(share)
-        energies = judge(other, design(other), count).energies
-        worst.append(_amplitude(np.max(energies), _bare(machine, count, share)))
-    return max(worst)
+        design(other)
+        begin = time.process_time()
+        motion = design(other)
+        seconds.append(time.process_time() - begin)
+        found = judge(other, motion, count)
+        worst.append(_amplitude(np.max(found.energies), bare_energy(machine, count, share)))
+        excess = max(excess, found.excess)
+    return dict(later=max(worst), excess=excess, later_cpu=max(seconds))
 
 
 if __name__ == "__main__":

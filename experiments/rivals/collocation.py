@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from experiments.rivals.judge import Motion, judge
+from experiments.rivals.judge import JUDGED, Motion
 from experiments.rivals.machines import Axis, Machine
-from experiments.rivals.motions import each_axis, from_accelerations, trapezoid
+from experiments.rivals.motions import bare_energy, from_accelerations, trapezoid
 from experiments.rivals.rival import Design, Rival
 
 INTERVALS = 60
@@ -82,11 +82,6 @@ IPOPT = {"print_level": 0, "sb": "yes", "tol": 1e-9, "mu_strategy": "adaptive", 
 OPTIONS = {"expand": True, "print_time": False, "ipopt": IPOPT}
 
 
-def bare_energy(machine: Machine) -> float:
-    """The bare trapezoid's residual energy in the worst case, J."""
-    return float(np.max(judge(machine, each_axis(machine, trapezoid)).energies))
-
-
 class _Program:
     """The nonlinear program: its unknowns, where they begin, and their limits.
 
@@ -97,7 +92,7 @@ class _Program:
     def __init__(self, ca: Any, machine: Machine, payloads: int, bound: float, intervals: int):
         self.ca, self.machine, self.intervals = ca, machine, intervals
         self.leaves = machine.leaves(payloads) if payloads > 1 else np.array([machine.nominal])
-        self.energy = bound**2 * bare_energy(machine) if bound else 0.0
+        self.energy = bound**2 * bare_energy(machine, JUDGED) if bound else 0.0
         self.unknowns: list[Any] = []
         self._start: list[np.ndarray] = []
         self._low: list[np.ndarray] = []

@@ -18,6 +18,7 @@ LINES = {
     "tuned per axis": ("-", COLOURS[4]),
     "tuned for several moves": ("--", COLOURS[4]),
     "tuned on-off": ("--", COLOURS[0]),
+    "tuned on-off, arriving together": ("-.", COLOURS[0]),
     "tuned on speed ramps": ("-", COLOURS[2]),
     "specified insensitivity": (":", COLOURS[3]),
 }

@@ -8,7 +8,7 @@ import numpy as np
 FAMILIES = (
     *("bare", "closed forms", "matched ramps", "filters", "collocation"),
     *("specified insensitivity", "tuned", "tuned per axis", "tuned for several moves"),
-    *("tuned on-off", "tuned on speed ramps"),
+    *("tuned on-off", "tuned on-off, arriving together", "tuned on speed ramps"),
 )
 """In the order of the tables."""
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from experiments.markdown import table
+from experiments.rivals import bound
 from experiments.rivals.collocation import INTERVALS
 from experiments.rivals.figure import draw
 from experiments.rivals.front import at_residual, at_time, is_ours, rows_of
@@ -29,8 +30,9 @@ payloads.
 - *later moves*: the worst residual of the same design on moves 0.35, 0.6 and 1.5 times as long, each over its own bare
   trapezoid's. Collocation's motion holds for one move alone and must be computed again. A shaper that is tuned for
   this move (*tuned*, alone or *per axis*, *on-off*, *on speed ramps*) works on later ones as well as this column says;
-  *tuned for several moves*, a shaper for each axis, on-off where it is as long as ZV, is for the shortest and the
-  longest of the later moves of every axis at once (leaves of the command in `over`), by the greatest energy in J.
+  *tuned for several moves*, an on-off shaper for each axis, is for this move and all of the later ones at once (the
+  distance is a leaf of the command in `over`, residual over bare energy the `metric`), on trapezoids of all axes that
+  begin and end together.
 - *computed*: processor time of the design, and the time that passed, on a machine with other work. Of every kind of
   jshape's designs the first in the table includes compiling, which later ones of the same kind share.
 - *time*: of the whole move. A filter's response never ends: its move is done when command and speed are within a
@@ -38,8 +40,9 @@ payloads.
 - Collocation: {intervals} intervals of constant acceleration, Radau's rule with three points, begun at a slower
   trapezoid; *finer* has twice as many, which says what the grid costs. *At rest*: all five payloads are; *3%*: rest is
   relaxed to that residual of each of the five; between them it may be more.
-- SI: `js.design.insensitive`, the least V over the band of the payloads. *On-off*: amplitudes 1, −1, …, 1. SI and
-  *tuned* shapers are so many times as long as ZV.
+- SI: `js.design.insensitive`, the least V over the band of the payloads. *On-off*: amplitudes 1, −1, …, 1; a move that
+  takes less than the shaper at its greatest speed is slowed until its limits are kept. *Arriving together*: the shaper
+  of an axis that arrives earlier lasts longer. SI and *tuned* shapers are so many times as long as ZV.
 """
 
 
@@ -154,6 +157,7 @@ def _short(value: float) -> str:
 def _collocation(record: dict[str, Any]) -> list[str]:
     """Over five payloads, jshape's time at the same worst residual, and the times to compute."""
     cells, slower, ratios, costs, count = [], [], [], [], 0
+    again = [row["later_cpu"] for row in record.values() if "later_cpu" in row and is_ours(row)]
     for name, machine in machines().items():
         rows = rows_of(record, name)
         for rival, row in rows.items():
@@ -180,10 +184,25 @@ def _collocation(record: dict[str, Any]) -> list[str]:
         "jshape's time at the same worst residual is read off its front, between two designs by straight lines in the "
         "logarithm.\n*Computed* is processor time; jshape's is that of the slower of both designs."
     )
-    return [words, "", *table(head, cells), "", *_verdict(count, slower, ratios, costs)]
+    return [words, "", *table(head, cells), "", *_verdict(count, slower, ratios, costs, again), *_limit(record)]
 
 
-def _verdict(count: int, slower: list[float], ratios: list[float], costs: list[float]) -> list[str]:
+def _limit(record: dict[str, Any]) -> list[str]:
+    """What no shaper on the trapezoid can leave the overhead crane in a tenth more than collocation takes for rest."""
+    row = record.get("overhead: collocation, five payloads at rest", {"message": "not run"})
+    if "message" in row:
+        return []
+    time = 1.1 * row["time"]
+    least = bound.of_crane(machines()["overhead"], time)
+    return [
+        f"At rest, the overhead crane: in {time:.2f} s, a tenth more than collocation takes, no shaper on the "
+        "trapezoid whose partial sums stay between 0 and 1, as those of positive and of on-off ones do, leaves less "
+        f"than {_percent(least)} % of the linear crane in the worst case (a linear program over {bound.TIMES} times of "
+        f"impulses); collocation leaves {_percent(row['worst'])} %.",
+    ]
+
+
+def _verdict(count: int, slower: list[float], ratios: list[float], costs: list[float], again: list[float]) -> list[str]:
     """Both goals beside time-optimal control."""
     if not slower:
         return ["jshape's front reaches none of these residuals."]
@@ -199,7 +218,20 @@ def _verdict(count: int, slower: list[float], ratios: list[float], costs: list[f
         f"A hundredth of collocation's {min(costs):.2g} to {max(costs):.2g} s is {10 * min(costs):.2g} to "
         f"{10 * max(costs):.2g} ms. {LINEARISATIONS}",
         "So this search cannot be as quick; what is quicker is not to search again: a shaper serves for later moves as "
-        "well as the column says, and then takes no computing, while collocation is to be solved for each of them.",
+        "well as the column says, while collocation is to be solved for each of them.",
+        *_kept(costs, again),
+    ]
+
+
+def _kept(costs: list[float], again: list[float]) -> list[str]:
+    """What a later move takes with a shaper that is kept; nothing where it was not measured."""
+    if not again:
+        return []
+    middle = float(np.median(again))
+    return [
+        f"A later move's command by a kept shaper takes {1e3 * min(again):.2g} to {1e3 * max(again):.2g} ms, "
+        f"{1e3 * middle:.2g} in the median of {len(again)} designs: {min(costs) / middle:.0f} to "
+        f"{max(costs) / middle:.0f} times less than collocation.",
     ]
 
 

@@ -31,7 +31,8 @@ def rivals(machine: Machine) -> list[Rival]:
 
 def shaping(shaper: js.Shaper) -> Design:
     """The trapezoid of every axis through one shaper."""
-    return lambda machine: each_axis(machine, lambda axis: as_pieces(shaper.shape(trapezoid(axis))))
+    on_off = float(shaper.duration) if np.any(np.asarray(shaper.amplitudes) < 0) else 0.0
+    return lambda machine: each_axis(machine, lambda axis: as_pieces(shaper.shape(trapezoid(axis, on_off))))
 
 
 def _closed_form(kind: str) -> Callable[[Machine], Design]:
