@@ -12,7 +12,7 @@ import tempfile
 import threading
 import zipfile
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, BinaryIO
 from unicodedata import category
@@ -48,8 +48,9 @@ def check_writable(folder: Path) -> None:
             with tempfile.TemporaryFile(dir=folder) as file:
                 file.write(bytes(4096))
         finally:
-            for each in made:
-                if each.exists():
+            # Not what another process has written into meanwhile.
+            with suppress(OSError):
+                for each in made:
                     each.rmdir()
     except OSError as error:
         raise ValueError(f"{folder}: cannot be written to: {_reason(error)}") from None

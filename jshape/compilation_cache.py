@@ -123,9 +123,10 @@ def keep_programs(folder: str | Path | None = None) -> None:
     jax.config.update("jax_compilation_cache_dir", str(folder))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
-    # On a full disk, too, a command says its own line alone.
-    warnings.filterwarnings("ignore", "Error writing persistent compilation cache entry")
+    # On a full disk, too, and where an entry was damaged, a command says its own line alone.
+    warnings.filterwarnings("ignore", "Error (reading|writing) persistent compilation cache entry")
     _let_jax_see_damage()
+    _let_jax_write_whole()
     if local:
         _open(Path(folder) / "programs")
 
@@ -151,6 +152,29 @@ def _let_jax_see_damage() -> None:
     for name in ("zstd", "zstandard"):
         if getattr(compilation_cache, name, None) is not None:
             setattr(compilation_cache, name, None)
+
+
+def _let_jax_write_whole() -> None:
+    """Have JAX write what it keeps whole, in the place of a damaged entry, too.
+
+    A full disk and a process that is killed would leave half of one, which it does not write over: every later process
+    would compile that program.
+    """
+    from jax._src import lru_cache
+
+    put = lru_cache.LRUCache.put
+    if put.__module__ == __name__:
+        return
+
+    def put_whole(cache: Any, key: str, value: bytes) -> None:
+        if cache.eviction_enabled or "://" in str(cache.path):
+            # Its user limits what is kept, or it is no folder: JAX's own way.
+            put(cache, key, value)
+            return
+        with whole(Path(cache.path) / f"{key}-cache") as file:
+            file.write(value)
+
+    lru_cache.LRUCache.put = put_whole
 
 
 def _users_cache() -> Path:

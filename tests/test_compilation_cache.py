@@ -337,22 +337,48 @@ def test_a_folder_that_cannot_be_written_to_keeps_nothing(tmp_path, monkeypatch)
     assert same(kept(both)(jnp.arange(3.0), 2.0), eqx.filter_jit(both)(jnp.arange(3.0), 2.0))
 
 
-def test_a_disk_that_is_full_is_not_worth_a_word(tmp_path, monkeypatch):
-    """JAX warns of each program that it cannot keep."""
+@pytest.mark.parametrize("what", ["put_executable_and_time", "get_executable_and_time"])
+def test_a_disk_that_is_full_or_damaged_is_not_worth_a_word(what, tmp_path, monkeypatch):
+    """JAX warns of each program that it cannot keep, and of each that it cannot read."""
     settled = jax.config.jax_compilation_cache_dir
 
     def full(*_, **__):
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(programs, "_folder", None)
-    monkeypatch.setattr("jax._src.compilation_cache.put_executable_and_time", full)
+    monkeypatch.setattr(f"jax._src.compilation_cache.{what}", full)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             js.keep_programs(tmp_path)
-            assert float(jax.jit(lambda x: 3 * x + 0.123)(2.0)) == 6.123
+            assert float(jax.jit(lambda x: 3 * x + len(what))(2.0)) == 6 + len(what)
     finally:
         jax.config.update("jax_compilation_cache_dir", settled)
+
+
+def test_what_jax_keeps_is_whole_and_takes_the_place_of_what_is_damaged(tmp_path, monkeypatch):
+    lru_cache = pytest.importorskip("jax._src.lru_cache")
+    settled = jax.config.jax_compilation_cache_dir
+    monkeypatch.setattr(programs, "_folder", None)
+    try:
+        for _ in range(2):
+            js.keep_programs(tmp_path / "kept")
+        cache = lru_cache.LRUCache(str(tmp_path / "entries"), max_size=-1)
+        cache.put("name", b"a program")
+        (entry,) = (tmp_path / "entries").iterdir()
+        entry.write_bytes(b"a pro")
+        cache.put("name", b"a program")
+        assert cache.get("name") == b"a program"
+        monkeypatch.setattr("jshape._files.os.replace", full_disk)
+        with pytest.raises(OSError, match="No space left"):
+            cache.put("other", b"another program")
+        assert [*(tmp_path / "entries").iterdir()] == [entry]
+    finally:
+        jax.config.update("jax_compilation_cache_dir", settled)
+
+
+def full_disk(*_):
+    raise OSError(errno.ENOSPC, "No space left on device")
 
 
 def test_where_programs_are_kept(tmp_path, monkeypatch):

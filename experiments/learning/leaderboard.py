@@ -1,7 +1,7 @@
-"""Every baseline and every shipped policy on every environment and preset, hidden payload: leaderboard.md beside it.
+"""Every strategy of every environment on every preset, hidden payload: leaderboard.md beside it.
 
-    python -m experiments.learning.leaderboard                       # an hour or two on two cores
-    python -m experiments.learning.leaderboard DuffingPayload        # one environment
+    python -m experiments.learning.leaderboard                                     # an hour or two on two cores
+    python -m experiments.learning.leaderboard DuffingPayload --only guarded       # one environment, one strategy
 
 What is done is kept in leaderboard.json: interrupted, it goes on from there; ``--again NAME`` judges a policy anew
 (``trained``: the shipped ones). A policy that was trained on ``paper`` is judged on every preset as it is.
@@ -17,9 +17,8 @@ import jax
 jax.config.update("jax_enable_x64", True)
 
 from jshape_envs import ENVIRONMENTS, parameters  # noqa: E402
-from jshape_envs.baselines import applicable  # noqa: E402
-from jshape_envs.evaluate import evaluate, named_policy, summary  # noqa: E402
-from jshape_envs.policy import shipped_policy  # noqa: E402
+from jshape_envs.evaluate import evaluate, summary  # noqa: E402
+from jshape_envs.strategies import strategies, strategy  # noqa: E402
 
 from experiments.learning.record import keep, read  # noqa: E402
 from experiments.markdown import table  # noqa: E402
@@ -36,6 +35,9 @@ Written by `python -m experiments.learning.leaderboard`: hidden payload, {episod
 *Residual*: energy left over the greatest of the bare move; *recovered*: moves until one leaves less than 5 % after the
 payload has changed, and the changes in which one of the first two does; *regret*: cost of a move beyond the oracle's
 from rest. The oracle itself pays some, because what one move leaves the next begins with; the full oracle sees that.
+Trainers of others (PPO, SAC) are judged by their learning curves, with the same moves or with fewer: `learning.md`.
+
+{missing}
 """
 
 
@@ -43,22 +45,23 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("names", nargs="*", default=list(ENVIRONMENTS))
     parser.add_argument("--again", action="append", default=[])
+    parser.add_argument("--only", action="append", default=[])
     chosen = parser.parse_args()
     for name in chosen.names:
         for preset in ENVIRONMENTS[name].presets:
-            judge(name, preset, chosen.again)
+            judge(name, preset, chosen.again, chosen.only)
             # Too many programs would not fit into the system's table of memory maps.
             jax.clear_caches()
             (HERE / "leaderboard.md").write_text(report(read(RECORD)), encoding="utf-8")
 
 
-def judge(name: str, preset: str, again: list[str]) -> None:
-    params, trained = parameters(name, preset), shipped_policy(name)
-    for policy in [*applicable(params), *(["trained"] if trained else [])]:
+def judge(name: str, preset: str, again: list[str], only: list[str]) -> None:
+    params = parameters(name, preset)
+    for policy in only or strategies(name, params):
         if policy in read(RECORD).get(f"{name} {preset}", {}) and policy not in again:
             continue
         begin = time.process_time()
-        made = named_policy(str(trained) if policy == "trained" else policy, params)
+        made = strategy(policy, name, params)
         row = {key: list(value) for key, value in summary(evaluate(made, params, EPISODES, SEEDS)).items()}
         rows = read(RECORD).get(f"{name} {preset}", {})
         keep(RECORD, f"{name} {preset}", rows | {policy: row})
@@ -69,10 +72,8 @@ def judge(name: str, preset: str, again: list[str]) -> None:
 
 def report(record: dict[str, Any]) -> str:
     """The whole page: a table for each environment and preset, the least regret at the top."""
-    parts, head = (
-        [HEAD.format(episodes=EPISODES, seeds=SEEDS)],
-        ["policy", *(title.replace("\n", " ") for title, _ in COLUMNS.values())],
-    )
+    head = ["policy", *(title.replace("\n", " ") for title, _ in COLUMNS.values())]
+    parts = [HEAD.format(episodes=EPISODES, seeds=SEEDS, missing=missing(record))]
     for where, rows in record.items():
         ordered = sorted(rows.items(), key=lambda item: item[1]["regret"][0])
         scores = [[cell(row[name], factor) for name, (_, factor) in COLUMNS.items()] for _, row in ordered]
@@ -81,11 +82,23 @@ def report(record: dict[str, Any]) -> str:
     return "\n".join(parts) + "\n"
 
 
+def missing(record: dict[str, Any]) -> str:
+    """The rows that have not been run."""
+    words = []
+    for name, environment in ENVIRONMENTS.items():
+        wanted = strategies(name, parameters(name))
+        for preset in environment.presets:
+            rest = [policy for policy in wanted if policy not in record.get(f"{name} {preset}", {})]
+            shown = "everything" if len(rest) == len(wanted) else ", ".join(rest)
+            words += [f"{name} {preset}: {shown}"] if rest else []
+    return f"Not run yet: {'; '.join(words)}." if words else "Every strategy has been run on every preset."
+
+
 def verdict(rows: dict[str, Any]) -> str:
     """Whether the trained policy beats every baseline, by intervals that do not overlap."""
     if "trained" not in rows:
         return ""
-    apart = ("trained", "oracle", "full-oracle")
+    apart = ("trained", "guarded", "oracle", "full-oracle")
     others = {policy: row["regret"] for policy, row in rows.items() if policy not in apart}
     trained, best = rows["trained"]["regret"], min(others, key=lambda policy: others[policy][0])
     words = "as good as" if trained[1] <= others[best][2] and others[best][1] <= trained[2] else "worse than"

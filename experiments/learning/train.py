@@ -35,6 +35,7 @@ from jshape.reports.style import COLOURS, STYLE
 
 HERE = Path(__file__).parent
 RECORD, PPO = HERE / "learning.json", HERE / "ppo.json"
+OTHERS = [HERE / f"{trainer}.json" for trainer in ("jax-sac", "sac", "jax-ppo")]
 CHECKPOINTS = Path("out/learning")
 MOVES, SEEDS = 100_000, 5
 SHIPPED = [(name, "hidden") for name in ENVIRONMENTS] + [("DuffingPayload", "observed"), ("CranePayload", "observed")]
@@ -143,6 +144,7 @@ def report() -> None:
         "",
         "Mean over seeds, least and greatest in brackets. Processor time: of all cores, compilation included.",
         "Residuals: of the same episodes. The oracle's shapers are for rest; moves begin with what the last one left.",
+        f"Not run: {'; '.join(not_run())}; recurrent PPO on any environment.",
     ]
     (HERE / "learning.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
     mpl.rcParams["svg.hashsalt"] = "jshape"
@@ -157,13 +159,20 @@ def report() -> None:
 
 def other_trainers() -> Iterator[tuple[str, ...]]:
     """Results of ``experiments.learning.trainers`` besides PPO on all environments, a row for each."""
-    for path in sorted(HERE.glob("*sac.json")) + sorted(HERE.glob("jax-ppo.json")):
+    for path in OTHERS:
         record = read(path)
         for name in sorted({key.rpartition(" ")[0] for key in record}):
             runs = rows(record, name)
             spent = np.mean([r["processor_seconds"] for r in runs])
             rewards = spread([r["reward"][-1] for r in runs])
             yield f"{path.stem}, {name}", f"{runs[0]['moves'][-1]:,}", rewards, f"{spent:.0f}"
+
+
+def not_run() -> Iterator[str]:
+    """The other trainers with the environments that they have not been run on."""
+    for path in OTHERS:
+        missing = [name for name in ENVIRONMENTS if not rows(read(path), name)]
+        yield f"{path.stem} on {', '.join(missing)}"
 
 
 def rows(record: dict[str, Any], name: str) -> list[dict[str, Any]]:

@@ -1,12 +1,14 @@
 """Faults in every write: a full disk, a file that grows too large, a read-only folder, a process that is killed.
 
-    python -m experiments.reliability.writes      # writes writes.md beside itself; some minutes
+    python -m experiments.reliability.writes      # writes writes.md beside itself; half an hour
+    python -m experiments.reliability.writes --commands adapt train     # these alone, printed
 
 Each command is run anew for each of its first eight files, with that write failing. It must end with one line and
 status 2 (where it is killed: with nothing said), every file that is there must be complete, and the same command, given
 again, must end as if nothing had happened.
 """
 
+import argparse
 import errno
 import json
 import os
@@ -15,7 +17,7 @@ import subprocess
 import sys
 import tempfile
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -32,6 +34,17 @@ COMMANDS = {
     "new": ["new", "--plant", "Crane", "crane.toml"],
     "shape": ["shape", "trajectory.csv", "shaper.json", "--force", "--out", "shaped.csv"],
     "calibrate": ["calibrate", "raw_data_x.csv", "--out", "out"],
+    "tune": ["tune", "problem.toml", "--out", "out"],
+    "adapt": ["adapt", "link.toml", "--out", "out"],
+    "train": [
+        *("train", "CranePayload", "--moves", "16", "--environments", "2", "--window", "4", "--hidden", "4"),
+        *("--out", "out"),
+    ],
+    "evaluate": ["evaluate", "CranePayload", "--policy", "zv", "--episodes", "1", "--seeds", "2", "--out", "out"],
+    "animate": ["animate", "problem.toml", "--shaper", "shaper.json", "--speed", "10", "--force", "--out", "film.gif"],
+    "animate, an episode": [
+        *("animate", "CranePayload", "--policy", "zv", "--moves", "1", "--force", "--out", "film.gif"),
+    ],
 }
 """What is run."""
 
@@ -48,10 +61,41 @@ zeta = [0.05]
 [uncertainty]
 "omega.0" = { low = 0.9, high = 1.1, count = 5 }
 
+[design]
+impulses = 2
+starts = 1
+
 [pareto]
 impulses = [2]
 durations = 2
 starts = 1
+"""
+
+LINK = """\
+distance = 0.5
+
+[plant]
+type = "FlexibleLink"
+load = 10.0
+zeta = [0.017, 0.019]
+servo_omega = 40.0
+servo_zeta = 0.9
+
+[plant.link]
+type = "TabulatedLink"
+loads = [0.0, 10.0, 20.0]
+omega = [[8.5, 7.3, 5.7], [74.0, 70.0, 66.0]]
+length = 0.6096
+
+[adapt]
+cases = ["unshaped", "I"]
+duration = 80.0
+changes = [[0.0, 20.0], [40.5, 10.0]]
+omega = [9.0, 70.0]
+zeta = [0.017, 0.019]
+bands = [[4.0, 14.0], [50.0, 105.0]]
+points = 300
+schedules = 1
 """
 
 RUNNER = """\
@@ -95,21 +139,28 @@ class Case(NamedTuple):
 
 
 def main() -> None:
-    found = list(cases())
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--commands", nargs="+", choices=[*COMMANDS], default=[*COMMANDS], help="these alone")
+    chosen = parser.parse_args().commands
+    found = list(cases(chosen))
     rows = []
-    for command in COMMANDS:
+    for command in chosen:
         for fault in (*ERRORS, "killed"):
-            chosen = [case for case in found if (case.command, case.fault) == (command, fault)]
-            wrong = "; ".join(f"{case.writes}: {case.wrong}" for case in chosen if case.wrong)
-            rows.append([command, fault, len(chosen), wrong or "none"])
+            some = [case for case in found if (case.command, case.fault) == (command, fault)]
+            wrong = "; ".join(f"{case.writes}: {case.wrong}" for case in some if case.wrong)
+            rows.append([command, fault, len(some), wrong or "none"])
     head = ["command", "fault", "writes that failed, one by one", "of these with a half file, no line, or another end"]
-    command = "python -m experiments.reliability.writes"
-    markdown.write_beside(__file__, "Faults in every write", command, markdown.table(head, rows))
+    if set(chosen) == set(COMMANDS):
+        command = "python -m experiments.reliability.writes"
+        markdown.write_beside(__file__, "Faults in every write", command, markdown.table(head, rows))
+    else:
+        print("\n".join(markdown.table(head, rows)))
 
 
-def cases() -> Iterator[Case]:
-    """Every command with every write failing in every way, until it writes no more."""
-    for command, arguments in COMMANDS.items():
+def cases(commands: Iterable[str]) -> Iterator[Case]:
+    """These commands with every write failing in every way, until each writes no more."""
+    for command in commands:
+        arguments = COMMANDS[command]
         with tempfile.TemporaryDirectory() as folder:
             expected = _names(_run(Path(folder), arguments, "0", 10**6)[0])
         for fault, code in {**ERRORS, "killed": None}.items():
@@ -131,6 +182,7 @@ def _run(place: Path, arguments: list[str], fault: str, last: int) -> tuple[Path
     shaper = '{"format": "jshape-shaper", "version": 1, "amplitudes": [0.5, 0.5], "times": [0.0, 0.5]}'
     (place / "shaper.json").write_text(shaper, encoding="utf-8")
     (place / "problem.toml").write_text(PROBLEM, encoding="utf-8")
+    (place / "link.toml").write_text(LINK, encoding="utf-8")
     (place / "raw_data_x.csv").write_text("\n".join([*accelerations(), ""]), encoding="utf-8")
     rows = [f"{0.01 * i:.2f},{1 - np.cos(i * np.pi / 30):.6g}" for i in range(31)]
     (place / "trajectory.csv").write_text("\n".join(["t [s],a [rad]", *rows, ""]), encoding="utf-8")
@@ -183,7 +235,7 @@ def whole(path: Path) -> bool:
                 list(arrays.values())
     except Exception:
         return False
-    ends = {".png": b"IEND\xaeB`\x82", ".pdf": b"%%EOF\n", ".csv": b"\n", ".txt": b"\n", ".h": b"\n"}
+    ends = {".gif": b"\x3b", ".png": b"IEND\xaeB`\x82", ".pdf": b"%%EOF\n", ".csv": b"\n", ".txt": b"\n", ".h": b"\n"}
     return content.startswith(b"CDF") if path.suffix == ".nc" else content.endswith(ends.get(path.suffix, b""))
 
 
