@@ -426,6 +426,9 @@ def test_uncertainty_and_its_objective():
     shown = changes.with_uncertainty(state.begin("Crane"), "cable_length", None)
     assert shown.starter.uncertain == {}
     assert state.problem(shown.text).objective == "nominal"
+    both = changes.with_uncertainty(changes.with_uncertainty(shown, "damping", 0.1), "payload_mass", 0.3)
+    # What was marked last is drawn.
+    assert list(both.starter.uncertain) == ["payload_mass", "damping"]
     marked = changes.with_uncertainty(shown, "payload_mass", 0.3)
     found = state.problem(marked.text)
     assert found.objective == "worst"
@@ -617,6 +620,20 @@ def test_a_draft_says_so_and_is_not_given_away():
         takeaway.sensitivity_csv(None)
     with pytest.raises(ValueError, match="are being computed"):
         takeaway.moves_csv(None)
+
+
+def test_what_a_shaper_leaves_can_be_read_beside_what_none_leaves():
+    """A curve a hundred times as low is not flat: the axis ends above it, and the summary says its greatest value."""
+    at, low = np.array([0.8, 1.0, 1.2]), np.array([0.02, 0.0, 0.05])
+    found = results.Sensitivity("mass (kg)", at, {"shaped": low, "unshaped": 1 + low}, "residual vibration", False)
+    drawn = charts.sensitivity(found)
+    assert drawn["yAxis"]["max"] == pytest.approx(5.5)
+    assert [each["name"] for each in drawn["series"]] == ["shaped", "unshaped (above)"]
+    assert "at worst 5 % vibration" in charts.summary(results.Numbers(0.1, 1.0, 1.0, 2.0), found)
+    near = dataclasses.replace(found, values={"shaped": low, "unshaped": 5 * low}, quantity="residual energy")
+    assert charts.sensitivity(near)["yAxis"]["max"] is None
+    assert "at worst 0.05 J" in charts.summary(results.Numbers(0.1, 1.0, 1.0, 2.0), near)
+    assert "worst" not in charts.summary(results.Numbers(0.1, 1.0, 1.0, 2.0), dataclasses.replace(near, draft=True))
 
 
 def test_what_diverged_is_said():

@@ -38,7 +38,7 @@ def _placed(values: Any, keys: list[str], value: Any) -> Any:
 
 
 def with_uncertainty(state: State, leaf: str, share: float | None) -> State:
-    """The state with a leaf that is uncertain by ± a share of its nominal value, or certain.
+    """The state with a leaf that is uncertain by ± a share of its nominal value, before all others, or certain.
 
     Args:
         state: before.
@@ -52,7 +52,8 @@ def with_uncertainty(state: State, leaf: str, share: float | None) -> State:
         raise ValueError(f"share must lie between 0 and 1, not {share!r}")
     rest = {name: spread for name, spread in state.starter.uncertain.items() if name != leaf}
     if share is not None:
-        rest[leaf] = {"low": round(1 - share, 6), "high": round(1 + share, 6), "count": PLANTS}
+        # The first one is that over which the sensitivity is drawn.
+        rest = {leaf: {"low": round(1 - share, 6), "high": round(1 + share, 6), "count": PLANTS}} | rest
     return _with(state, uncertain=rest, design=_for(state.starter.design, rest))
 
 

@@ -32,6 +32,9 @@ MARK = {"color": "#888", "textBorderWidth": 0}
 HANDLE = 12
 """Pixels of the end of a bar that is dragged."""
 
+OFF = 10
+"""The unshaped curve leaves the sensitivity's axis where it is so many times as high as all others."""
+
 DENSE = 210
 """Points of a curve, at most: two pixels apart in a chart of this page. The browser takes as long to draw them as the
 server to compute them."""
@@ -265,10 +268,26 @@ def sensitivity(found: Sensitivity | None, others: Sequence[Pinned] = ()) -> dic
     for i, each in enumerate(others):
         if (own := each.sensitivity) is not None:
             lines.append(line(_of(i, each)[0], own.at, own.values["shaped"] * (100 if share else 1), PINS[i]))
+    above = _shrunk(lines)
     title = words.SENSITIVITY_DRAFT if found.draft else words.SENSITIVITY_OVER.format(count=len(found.at))
     up = f"{found.quantity} ({'%' if share else 'J'})"
-    names = {"xAxis": {**_span(found.at), "name": found.leaf}, "yAxis": {"name": up}}
+    names = {
+        "xAxis": {**_span(found.at), "name": found.leaf},
+        "yAxis": {"name": up, "max": above, "axisLabel": {"showMaxLabel": above is None}},
+    }
     return {"series": lines, "title": {"text": title}, **names}
+
+
+def _shrunk(lines: list[dict[str, Any]]) -> float | None:
+    """The top of an axis on which the others would be a flat line below the unshaped curve, which then leaves it."""
+    tops = {each["name"]: max((y for _, y in each["data"] if y is not None), default=0.0) for each in lines}
+    top = max((value for name, value in tops.items() if name != "unshaped"), default=0.0)
+    if not 0 < OFF * top < tops["unshaped"]:
+        return None
+    for each in lines:
+        if each["name"] == "unshaped":
+            each["name"] = words.ABOVE.format(name=each["name"])
+    return shortened(1.1 * top)
 
 
 def impulses(state: State, dragged: bool = False) -> dict[str, Any]:
@@ -300,11 +319,25 @@ def _span(values: np.ndarray) -> dict[str, Any]:
     return {"min": shortened(float(values[0])), "max": shortened(float(values[-1]))}
 
 
-def summary(found: Numbers) -> str:
-    """What is left, in a line."""
+def worst(found: Sensitivity | None) -> str:
+    """The greatest that is left over the uncertain set, in words; empty for a draft, and where nothing is uncertain."""
+    if found is None or found.draft:
+        return ""
+    most = float(np.max(found.values["shaped"]))
+    share = found.quantity == "residual vibration"
+    return (words.VIBRATION_AT_WORST if share else words.ENERGY_AT_WORST).format(most=100 * most if share else most)
+
+
+def summary(found: Numbers, over: Sensitivity | None = None) -> str:
+    """What is left, in a line.
+
+    Args:
+        found: of the nominal plant.
+        over: of the uncertain set.
+    """
     if not (math.isfinite(found.shaped) and math.isfinite(found.unshaped)):
         return words.DIVERGED
     numbers, share = vars(found), ""
     if found.unshaped:
         share = words.SHARE.format(share=found.shaped / found.unshaped, unshaped=found.unshaped)
-    return words.LEAVES.format(share=share, **numbers)
+    return words.LEAVES.format(share=share, worst=worst(over), **numbers)

@@ -9,6 +9,14 @@ from jshape.studio import words
 from jshape.studio.charts import LOOK, MARK, OTHERS, TEXT, chart, line, shortened
 
 
+def history_chart() -> dict[str, Any]:
+    """A low chart without a curve for the best objective while a shaper is tuned."""
+    made = chart("", words.STEP, words.BEST)
+    made["yAxis"] |= {"type": "log", "axisLabel": {"color": TEXT, "fontSize": 10, "hideOverlap": True}}
+    made["grid"] |= {"top": 10, "right": 12}
+    return made | {"legend": {"show": False}, "toolbox": {}}
+
+
 def history(best: list[tuple[int, float]]) -> dict[str, Any]:
     """The best objective while a shaper is tuned: step, J."""
     pairs = [[step, shortened(value)] for step, value in best if value > 0]

@@ -63,6 +63,7 @@ class Tab:
         ends: likewise, the machine at both ends of what is uncertain.
         linear: likewise, V(ω, ζ) and the spectrum.
         sensitivity: likewise, the sensitivity.
+        numbers: likewise, what is left of the nominal plant.
         pinned: likewise, the designs to compare.
         dragged: whether a bar of the impulses is being dragged.
         followers: called when the impulses are others.
@@ -89,6 +90,7 @@ class Tab:
         self.charts: dict[str, ui.echart] = {}
         self.ends: results.Ends | None = None
         self.linear: results.Linear | None = None
+        self.numbers: results.Numbers | None = None
         self.pinned: dict[Pin, results.Pinned] = {}
         self.dragged = False
         self.followers: list[Callable[[], None]] = []
@@ -162,7 +164,7 @@ class Tab:
 
     def want(self) -> None:
         """Compute the curves of the state as it is now."""
-        self.moves = self.ends = self.sensitivity = self.linear = None
+        self.moves = self.ends = self.sensitivity = self.linear = self.numbers = None
         self._wait()
         self.live.want(self.state)
 
@@ -206,10 +208,18 @@ class Tab:
         for name in self.charts:
             self.draw(name, charts.colours(dark, 2 if name.startswith("printer") else 1))
         for chart in self.painted:
-            look = {part: one[0] if isinstance(one, list) else one for part, one in charts.colours(dark).items()}
-            chart.options.update(charts.merged(chart.options, look))
-            chart.update()
+            self._paint(chart)
         self.run(f"jshapeScene.paint({json.dumps(dark)}), jshapeEpisode.paint({json.dumps(dark)})")
+
+    def add(self, chart: ui.echart) -> None:
+        """Paint a chart that is not in ``charts``, now and with the page: a panel is built when it is opened."""
+        self.painted.append(chart)
+        self._paint(chart)
+
+    def _paint(self, chart: ui.echart) -> None:
+        look = {part: one[0] if isinstance(one, list) else one for part, one in charts.colours(self.dark).items()}
+        chart.options.update(charts.merged(chart.options, look))
+        chart.update()
 
     def warn(self, said: str) -> None:
         """Say what is wrong above the charts; nothing, where it is empty."""
@@ -233,14 +243,21 @@ class Tab:
             self._draw_rest()
         elif isinstance(result, results.Sensitivity):
             self.sensitivity = result
+            self._sum_up()
             self.draw("sensitivity", charts.sensitivity(result, self._others()))
         elif isinstance(result, results.Ends):
             self.ends = result
             self._draw_scene()
         elif isinstance(result, results.Numbers):
-            self.summary.set_text(charts.summary(result))
+            self.numbers = result
+            self._sum_up()
         elif isinstance(result, results.Pinned):
             self._compare(result)
+
+    def _sum_up(self) -> None:
+        """Say what is left of the nominal plant and, once it is known, of the uncertain ones."""
+        if self.numbers is not None:
+            self.summary.set_text(charts.summary(self.numbers, self.sensitivity))
 
     def _wait(self) -> None:
         """Show that something is being computed, unless it is soon done."""

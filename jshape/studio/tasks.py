@@ -185,15 +185,14 @@ def _problem(asked: dict[str, Any]) -> "Problem":
     return problem(asked["text"], tuple((name, text) for name, text in asked.get("files", ())))
 
 
-def run(task: str, asked: dict[str, Any], progress: Progress) -> dict[str, Any]:
-    """Do a task of ``TASKS``, with JAX as every command has it."""
+def prepare() -> None:
+    """Load JAX, as every command has it."""
     import jax
 
     from jshape.compilation_cache import keep_programs
 
     jax.config.update("jax_enable_x64", True)
     keep_programs()
-    return TASKS[task](asked, progress)
 
 
 TASKS: dict[str, Callable[[dict[str, Any], Progress], dict[str, Any]]] = {

@@ -7,6 +7,7 @@ when its input does, so that none is left behind. The tasks are the functions of
 
 import asyncio
 import contextlib
+import gc
 import json
 import math
 import os
@@ -16,6 +17,7 @@ import sys
 import threading
 from collections.abc import Callable
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 PATIENCE = 30.0
@@ -96,7 +98,7 @@ class Work:
             return
         self._stopped = True
         if not self._begun:
-            # Python itself has not started yet, and would write its complaint into the terminal.
+            # It loads its libraries: there is nothing to keep.
             process.kill()
             return
         process.send_signal(signal.SIGINT if os.name == "posix" else signal.SIGTERM)
@@ -113,20 +115,32 @@ class Work:
 
 def main() -> None:
     """Read what is asked, do it, and write the answer."""
-    # A shell that starts the studio in the background has its processes ignore interrupts.
-    signal.signal(signal.SIGINT, signal.default_int_handler)
+    # While libraries load: an interrupt within one of them would end the process, with its complaint in the terminal.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     asked = json.loads(sys.stdin.readline())
     threading.Thread(target=_end_with_input, daemon=True).start()
     try:
-        _say({"begun": True})
         from jshape.studio import tasks
 
-        answer = {"answer": tasks.run(sys.argv[1], asked, _progress)}
+        tasks.prepare()
+        signal.signal(signal.SIGINT, _interrupted)
+        _say({"begun": True})
+        answer = {"answer": tasks.TASKS[sys.argv[1]](asked, _progress)}
     except (ValueError, OSError, MemoryError) as error:
         answer = {"error": str(error) or "the memory is full"}
     except KeyboardInterrupt:
         answer = {"error": STOPPED}
+    # It is too late for another one.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     _say(answer)
+
+
+def _interrupted(number: int, frame: FrameType | None) -> None:
+    """Ctrl-C; a moment later where Python collects garbage, which prints every exception and loses it."""
+    if frame is not None and any(frame.f_code is getattr(each, "__code__", None) for each in gc.callbacks):
+        threading.Timer(0.01, signal.raise_signal, [number]).start()
+        return
+    raise KeyboardInterrupt
 
 
 def _progress(stage: str, done: int, total: int, best: float) -> None:

@@ -74,7 +74,7 @@ def view(tab: Tab) -> None:
             drawing("episode", words.EPISODE_MEANS)
         chart = ui.echart(panel_charts.residuals_chart()).classes("w-full").style("height:230px")
         chart.props("data-testid=chart-residuals")
-        tab.painted.append(chart)
+        tab.add(chart)
     with ui.column().classes("w-full q-pa-sm gap-1") as judged:
         title = ui.label("").classes("text-sm text-weight-bold")
         columns = [

@@ -114,9 +114,8 @@ def _parameter(tab: Tab, parameter: Parameter) -> None:
     with ui.row().classes("w-full no-wrap items-center gap-2"):
         label = ui.label(name).classes("text-sm").style("flex:1")
         label.tooltip(parameter.meaning or name)
-        number = (
-            Number(value=_rounded(parameter.value), suffix=parameter.unit).classes("studio-number").style("width:124px")
-        )
+        number = Number(value=_rounded(parameter.value), suffix=parameter.unit).classes("studio-number")
+        number.style("width:124px" if leaf is not None else "width:150px")
         number.props(f'dense outlined aria-label="{name}" debounce=300')
         share = (
             ui.number(value=_share(parameter), min=0, max=99, prefix="±", suffix="%")

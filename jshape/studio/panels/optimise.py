@@ -4,7 +4,7 @@ from typing import Any
 
 from nicegui import ui
 
-from jshape.studio import changes, charts, own_code, panel_charts, words
+from jshape.studio import changes, own_code, panel_charts, words
 from jshape.studio.panels import running
 from jshape.studio.state import Pin, State
 from jshape.studio.tab import Tab
@@ -51,8 +51,8 @@ def tune(tab: Tab) -> None:
     renew()
     tab.renewed.append(renew)
     running.row(tab, "tune", words.TUNE, ask, show, during)
-    shown = ui.echart(charts.chart("", words.STEP, words.BEST) | {"legend": {"show": False}, "toolbox": {}})
-    tab.painted.append(shown)
+    shown = ui.echart(panel_charts.history_chart())
+    tab.add(shown)
     shown.classes("w-full").style("height:150px;min-height:150px").set_visibility(False)
 
 
@@ -103,7 +103,7 @@ def pareto(tab: Tab) -> None:
     running.row(tab, "pareto", words.COMPUTE, ask, show)
     chart = ui.echart(panel_charts.front_chart()).classes("w-full").style("height:230px;min-height:230px")
     chart.props("data-testid=chart-front")
-    tab.painted.append(chart)
+    tab.add(chart)
     chart.on_point_click(lambda event: take(f"{event.series_name} {event.data_index}"))
     choose = ui.select({}, label=words.FRONT_CHOOSE).classes("w-full").props("dense data-testid=front")
     choose.on_value_change(lambda event: take(event.value))

@@ -5,8 +5,7 @@ import functools
 from nicegui import ui
 
 from jshape.studio import changes, words
-from jshape.studio.charts import PINS
-from jshape.studio.results import Sensitivity
+from jshape.studio.charts import PINS, worst
 from jshape.studio.state import Pin
 from jshape.studio.tab import Tab
 
@@ -55,12 +54,4 @@ def _left(tab: Tab, pin: Pin) -> str:
     if pin not in tab.pinned:
         return ""
     found = tab.pinned[pin]
-    over = found.sensitivity
-    worst = "" if over is None else words.PIN_AT_WORST.format(worst=_worst(over))
-    return words.PIN_LEAVES.format(energy=found.numbers.shaped, worst=worst)
-
-
-def _worst(found: Sensitivity) -> str:
-    """The greatest residual energy over the uncertain set."""
-    most = max(found.values["shaped"])
-    return f"{100 * most:.3g} %" if found.quantity == "residual vibration" else f"{most:.3g} J"
+    return words.PIN_LEAVES.format(energy=found.numbers.shaped, worst=worst(found.sensitivity))
