@@ -166,12 +166,12 @@ def _let_jax_write_whole() -> None:
     if put.__module__ == __name__:
         return
 
-    def put_whole(cache: Any, key: str, value: bytes) -> None:
-        if cache.eviction_enabled or "://" in str(cache.path):
+    def put_whole(self: Any, key: str, value: bytes) -> None:
+        if self.eviction_enabled or "://" in str(self.path):
             # Its user limits what is kept, or it is no folder: JAX's own way.
-            put(cache, key, value)
+            put(self, key, value)
             return
-        with whole(Path(cache.path) / f"{key}-cache") as file:
+        with whole(Path(self.path) / f"{key}-cache") as file:
             file.write(value)
 
     lru_cache.LRUCache.put = put_whole
