@@ -36,8 +36,6 @@ Written by `python -m experiments.learning.leaderboard`: hidden payload, {episod
 payload has changed, and the changes in which one of the first two does; *regret*: cost of a move beyond the oracle's
 from rest. The oracle itself pays some, because what one move leaves the next begins with; the full oracle sees that.
 Trainers of others (PPO, SAC) are judged by their learning curves, with the same moves or with fewer: `learning.md`.
-
-{missing}
 """
 
 
@@ -73,25 +71,27 @@ def judge(name: str, preset: str, again: list[str], only: list[str]) -> None:
 def report(record: dict[str, Any]) -> str:
     """The whole page: a table for each environment and preset, the least regret at the top."""
     head = ["policy", *(title.replace("\n", " ") for title, _ in COLUMNS.values())]
-    parts = [HEAD.format(episodes=EPISODES, seeds=SEEDS, missing=missing(record))]
+    parts = [HEAD.format(episodes=EPISODES, seeds=SEEDS)]
     for where, rows in record.items():
         ordered = sorted(rows.items(), key=lambda item: item[1]["regret"][0])
         scores = [[cell(row[name], factor) for name, (_, factor) in COLUMNS.items()] for _, row in ordered]
         lines = table(head, [(policy, *cells) for (policy, _), cells in zip(ordered, scores, strict=True)])
         parts += [f"\n## {where}\n", *lines, verdict(rows)]
+    if rest := missing(record):
+        parts += ["", "## Not run yet", "", *table(["environment and preset", "policies"], rest)]
     return "\n".join(parts) + "\n"
 
 
-def missing(record: dict[str, Any]) -> str:
-    """The rows that have not been run."""
-    words = []
+def missing(record: dict[str, Any]) -> list[list[str]]:
+    """The environments and presets on which policies have not been run, and which."""
+    found = []
     for name, environment in ENVIRONMENTS.items():
         wanted = strategies(name, parameters(name))
         for preset in environment.presets:
             rest = [policy for policy in wanted if policy not in record.get(f"{name} {preset}", {})]
-            shown = "everything" if len(rest) == len(wanted) else ", ".join(rest)
-            words += [f"{name} {preset}: {shown}"] if rest else []
-    return f"Not run yet: {'; '.join(words)}." if words else "Every strategy has been run on every preset."
+            shown = "all" if len(rest) == len(wanted) else ", ".join(rest)
+            found += [[f"{name} {preset}", shown]] if rest else []
+    return found
 
 
 def verdict(rows: dict[str, Any]) -> str:
