@@ -1,18 +1,21 @@
 """The guard and the families of shift: its bound beside sums by hand, what it does with policies good and bad."""
 
 import dataclasses
+import json
+from pathlib import Path
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jshape_envs import Params, parameters, reset
+from jshape_envs import ENVIRONMENTS, Params, parameters, reset
 from jshape_envs.baselines import Fixed, FixedPayload, fixed_linear
 from jshape_envs.baselines.posterior import no_hedge
 from jshape_envs.evaluate import episode_costs
 from jshape_envs.families import DECLARED, FAMILIES, HELD_OUT, Declared, Dropouts
 from jshape_envs.guard import CALIBRATION_SEED, COUNTED, DEBTS, calibrated, guarded, log_likelihood, measured_residual
+from jshape_envs.strategies import strategy
 
 import jshape as js
 from jshape.moves import move
@@ -189,6 +192,15 @@ def test_calibration_takes_the_least_debt_that_few_episodes_pay_for(link):
     families = {"none": DECLARED["none"], "known": known}
     assert float(calibrated(guard, link, families, share=0.2, episodes=8).debt) == pytest.approx(wanted)
     assert float(calibrated(guard, link, {"none": DECLARED["none"]}, share=0.99, episodes=8).debt) == DEBTS[0]
+
+
+def test_shipped_guards_begin_with_the_debt_that_was_calibrated(monkeypatch):
+    record = json.loads((Path(__file__).parents[1] / "experiments/learning/never_worse.json").read_text())
+    given = []
+    monkeypatch.setattr("jshape_envs.strategies.guarded", lambda params, policy, debt: given.append(debt) or policy)
+    for name in ENVIRONMENTS:
+        strategy("guarded", name, parameters(name))
+    assert given == [record[f"{name} debt"] for name in ENVIRONMENTS]
 
 
 def test_wrong_numbers_are_refused(link):

@@ -15,7 +15,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, PRNGKeyArray
+from jaxtyping import Array, Float, Key
 from scipy import stats
 
 from jshape import _check
@@ -125,12 +125,14 @@ def evaluate(
 
 @eqx.filter_jit
 def _rollouts(
-    keys: PRNGKeyArray, policy: AbstractPolicy, params: Params, moves: int
+    keys: Key[Array, " episodes"], policy: AbstractPolicy, params: Params, moves: int
 ) -> tuple[Float[Array, "episodes moves"], Info]:
     return jax.vmap(lambda key: rollout(key, policy, params, moves))(keys)
 
 
-def episode_costs(keys: PRNGKeyArray, policy: AbstractPolicy, params: Params) -> tuple[np.ndarray, np.ndarray]:
+def episode_costs(
+    keys: Key[Array, " episodes"], policy: AbstractPolicy, params: Params
+) -> tuple[np.ndarray, np.ndarray]:
     """The mean cost of a move and its mean regret, an entry for the key of each episode.
 
     The same keys make the same payloads and moves for every policy, so that policies can be compared by episodes.

@@ -47,9 +47,9 @@ def evaluate(
     from jshape_envs.baselines import BASELINES, FullOracle, Oracle, applicable
     from jshape_envs.evaluate import evaluate, named_policy, summary
     from jshape_envs.families import FAMILIES, Declared
-    from jshape_envs.guard import guarded
     from jshape_envs.parameters import parameters
     from jshape_envs.policy import shipped_policy
+    from jshape_envs.strategies import strategy
 
     from jshape import _check
     from jshape._files import printable, write_results
@@ -79,8 +79,8 @@ def evaluate(
     with progress_line() as (step, progress):
         for done, name in enumerate(names):
             progress(name, done, len(names), math.inf)
-            made = named_policy(str(shipped) if name in ("trained", "guarded") else name, params)
-            made = guarded(params, made) if name == "guarded" else made
+            ours = name in ("trained", "guarded")
+            made = strategy(name, environment, params) if ours else named_policy(name, params)
             # Oracles know the truth.
             made = made if isinstance(made, Oracle | FullOracle) else Declared(made, params)
             found[name] = summary(evaluate(made, true, episodes, seeds))

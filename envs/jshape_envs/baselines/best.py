@@ -7,7 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, PRNGKeyArray
+from jaxtyping import Array, Float, Key
 
 from jshape.moves import AbstractPolicy, Params, rollout
 from jshape_envs.baselines.observed import frequency_bands, middle, modes_of
@@ -47,7 +47,9 @@ def best_of(candidates: Sequence[Kind], params: Params, episodes: int = 32) -> K
 
 
 @eqx.filter_jit
-def _mean_rewards(keys: PRNGKeyArray, stacked: AbstractPolicy, params: Params) -> Float[Array, " candidates"]:
+def _mean_rewards(
+    keys: Key[Array, " episodes"], stacked: AbstractPolicy, params: Params
+) -> Float[Array, " candidates"]:
     def one(policy: AbstractPolicy) -> Array:
         return jnp.mean(jax.vmap(lambda key: rollout(key, policy, params, MOVES)[0])(keys))
 
