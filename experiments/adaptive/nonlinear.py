@@ -69,9 +69,11 @@ def two_mass() -> list[str]:
         "adapting, with cancelling": Adapting(truth, sensor, **prior),
         "oracle": Oracle(truth),
     }
-    lines = ["## Duffing pair", "", f"![Residual vibration around a change](nonlinear.two_mass.svg) {DRAWN}", ""]
+    lines = ["## Duffing pair", "", "![Residual vibration around a change](nonlinear.two_mass.svg)", "", DRAWN, ""]
     lines += [
-        "![Estimates of one schedule](nonlinear.estimates.svg) Estimates after each move, with two deviations.",
+        "![Estimates of one schedule](nonlinear.estimates.svg)",
+        "",
+        "Estimates after each move, with two standard deviations.",
         "",
     ]
     draw = jax.jit(jax.vmap(lambda key, within: random_payloads(key, truth, within=within), in_axes=(0, None)))
@@ -123,7 +125,7 @@ def crane() -> list[str]:
     figure.savefig(HERE / "nonlinear.crane.svg", metadata={"Date": None})
     ours = traces["adapting, with cancelling"].memory.posterior
     error = np.abs(np.asarray(ours.parameters - moves.after))[:, CHANGE:, 0]
-    lines = ["## Crane while hoisting", "", f"![Residual swing around a change](nonlinear.crane.svg) {DRAWN}", ""]
+    lines = ["## Crane while hoisting", "", "![Residual swing around a change](nonlinear.crane.svg)", "", DRAWN, ""]
     lines += ["Residual swing (°), median / 95 % quantile / largest", ""]
     lines += [*quantiles(found.vibration, 180 / np.pi, "{:.3g}"), "", *rejections(traces, found)]
     lines += [
