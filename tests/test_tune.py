@@ -140,7 +140,7 @@ def solutions(plant):
 def test_worst_case_of_the_papers_plant(solutions, plant, staircase):
     solution = solutions["worst"]
     assert solution.status is js.Status.CONVERGED
-    assert solution.message.startswith("converged: worst case 0.00593977 J, the best of 4 refined starts")
+    assert solution.message.startswith("converged: worst case 0.00593977 J, the best of 4 refined starts out of")
     assert solution.objective == pytest.approx(0.00593987, rel=1e-3)
     assert obeys(solution.shaper, 0, 1, DURATION)
     # Against the paper's shaper of that duration, 0.0413 J in its worst case.

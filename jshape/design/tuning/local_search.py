@@ -11,7 +11,7 @@ symmetric form of Broyden's update.
 """
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
@@ -55,8 +55,9 @@ KNOWN = 1e-7
 PENALTY = 10.0
 """Of a limit that is exceeded by all of itself, in objectives at the design from which the search goes on."""
 
-AROUND, AGAIN = 26, 4
-"""Iterations of a search from around the best design, and how often those are repeated while they find better ones."""
+AROUND, AGAIN, OFTEN = 26, 4, 8
+"""Iterations of a search from around the best design, and how often those are repeated while they find better ones, at
+most, and where evaluations cost next to nothing."""
 
 RELOCATED, FIRST, RETURNED = 3, 6, 0.25
 """Where fewer than this share (the last) of the searches from around the best design come back to it, there are many
@@ -65,6 +66,9 @@ iterations that one gets before the best of those go on."""
 
 CLOSER = 1e-5
 """The part of the objective by which another design is a better one there."""
+
+SURE = 0.75
+"""The share of the searches from around the best design that come back to it, from which it is not looked elsewhere."""
 
 AS_GOOD = 1e-3
 """The part of the objective by which a search may end above the best one and count as having come back to it."""
@@ -234,26 +238,39 @@ class Descent:
 
 
 class Around(NamedTuple):
-    """What local searches from around the best design say of it.
+    """What local searches from around the best design, and from elsewhere, say of it.
 
     Attributes:
         descents: all searches.
         back: how many of the last ones from around it ended where the objective is that of the best.
         begun: how many those were.
+        met: how many of the last ones from elsewhere did.
+        sent: how many those were.
     """
 
     descents: list[Descent]
     back: int
     begun: int
+    met: int = 0
+    sent: int = 0
 
     @property
     def few(self) -> bool:
         """Whether so few came back that there are many basins, of which a better one may not have been met."""
         return self.begun >= ENOUGH and self.back < RETURNED * self.begun
 
+    @property
+    def alone(self) -> bool:
+        """Whether none came from elsewhere: what one search alone has met is one of more basins than were counted."""
+        return self.sent >= ENOUGH and self.met == 0
+
 
 def around(
-    descents: list[Descent], start: Callable[[Point], Descent], count: int, random: np.random.Generator
+    descents: list[Descent],
+    start: Callable[[Point], Descent],
+    count: int,
+    random: np.random.Generator,
+    thorough: bool = False,
 ) -> Around:
     """Add so many local searches from around the best design, and again while they find a better one.
 
@@ -266,9 +283,11 @@ def around(
         start: begins one at a design.
         count: how many at a time.
         random: where.
+        thorough: whether it is looked elsewhere, too, where not nearly all come back to the best design, and oftener.
     """
     found = Around(descents, 0, 0)
-    for _ in range(AGAIN if count > 0 else 0):
+    rounds = (OFTEN if thorough else AGAIN) if count > 0 else 0
+    for i in range(rounds):
         best = distinct(found.descents)[0]
         bounds = best.search.problem.bounds
         more = [bounds.reversed(best.point), *(bounds.near(best.point, random) for _ in range(count - 1))]
@@ -276,37 +295,51 @@ def around(
         list(side_by_side(more, AROUND, KNOWN))
         descents = [*found.descents, *more]
         least = distinct(descents)[0].merit
-        found = Around(descents, sum(one.merit - least <= AS_GOOD * abs(least) for one in more), count)
-        if least > best.merit * (1 - CLOSER):
-            return found._replace(descents=_elsewhere(descents, start, count, random)) if found.few else found
+        found = Around(descents, _as_good(more, least), count)
+        if least <= best.merit * (1 - CLOSER):
+            continue
+        if i + 1 == rounds or not (found.few or (thorough and found.back < SURE * count)):
+            break
+        more = _elsewhere(found.descents, start, count, random)
+        found = found._replace(descents=[*found.descents, *more], met=_as_good(more, least), sent=len(more))
+        if distinct(found.descents)[0].merit > least * (1 - CLOSER):
+            break
     return found
+
+
+def _as_good(descents: list[Descent], least: float) -> int:
+    """How many searches ended where the objective is the least, J."""
+    return sum(one.merit - least <= AS_GOOD * abs(least) for one in descents)
 
 
 def _elsewhere(
     descents: list[Descent], start: Callable[[Point], Descent], count: int, random: np.random.Generator
 ) -> list[Descent]:
-    """Add local searches from where one or two impulses of the best design are elsewhere, and from where many coincide,
-    while they find better ones.
+    """Local searches from where one or two impulses of the best three designs are elsewhere, and from random designs.
 
     Of many such designs those of least merit are begun with that lie apart.
     """
-    for _ in range(AGAIN):
-        best = distinct(descents)[0]
-        search, chosen, bounds = best.search, [best.x], best.search.problem.bounds
-        tried = [bounds.relocated(best.point, random) for _ in range(RELOCATED * count * (count - 1))]
-        tried += [bounds.clustered(random) for _ in range(len(tried) // 2)]
-        for point in sorted(tried, key=lambda one: search.merit(one, LOOSEST)):
-            x = search.vector(point)
-            if len(chosen) < 2 * count and all(np.abs(x - other).max() > RADIUS for other in chosen):
-                chosen.append(x)
-        more = [start(search.point(x)) for x in chosen[1:]]
-        list(side_by_side(more, FIRST, KNOWN))
-        more = distinct(more)[: count // 2]
-        list(side_by_side(more, AROUND, KNOWN))
-        descents = [*descents, *more]
-        if distinct(descents)[0].merit > best.merit * (1 - CLOSER):
-            break
-    return descents
+    known = distinct(descents)[:3]
+    best, number = known[0], RELOCATED * count * (count - 1)
+    search, bounds = best.search, best.search.problem.bounds
+    tried = [bounds.relocated(known[i % len(known)].point, random) for i in range(number)]
+    tried += [(bounds.clustered, bounds.random)[i % 2](random) for i in range(number)]
+    tried = sorted(tried, key=lambda one: search.merit(one, LOOSEST))
+    chosen = apart([best.x, *map(search.vector, tried)], 2 * count)
+    more = [start(search.point(x)) for x in chosen[1:]]
+    list(side_by_side(more, FIRST, KNOWN))
+    more = distinct(more)[: count // 2]
+    list(side_by_side(more, AROUND, KNOWN))
+    return more
+
+
+def apart(designs: Iterable[Vector], most: int) -> list[Vector]:
+    """The first so many of some designs that lie apart from one another."""
+    chosen: list[Vector] = []
+    for x in designs:
+        if len(chosen) < most and all(np.abs(x - other).max() > RADIUS for other in chosen):
+            chosen.append(x)
+    return chosen
 
 
 def distinct(descents: list[Descent]) -> list[Descent]:

@@ -40,6 +40,9 @@ STIFF = 4
 CHEAP = 20_000
 """Segments, states, plants and variables, multiplied, above which there are no more than those."""
 
+CHEAPER = 32
+"""How many times less they cost where the search is more thorough (``local_search.around``)."""
+
 EXCHANGES = 20
 """How often the worst plants between those of the set are looked for, at most."""
 
@@ -71,11 +74,12 @@ class Search:
         problem: what is minimised.
         progress: called along the way.
         seed: of the designs around the best one.
+        most: starting points that are refined, at most; all of them unless given.
     """
 
-    def __init__(self, problem: DesignProblem, progress: Progress, seed: int = 0):
+    def __init__(self, problem: DesignProblem, progress: Progress, seed: int = 0, most: int | None = None):
         self.problem, self.progress, self.random = interval.with_places(problem), progress, np.random.default_rng(seed)
-        self.judge = ScaledProblem(self.problem)
+        self.judge, self.most = ScaledProblem(self.problem), most
         self.candidates: list[Candidate] = []
         self.history: list[float] = []
         self.summary = ""
@@ -90,16 +94,17 @@ class Search:
 
     def run(self, starts: list[Point], method: str, iterations: int | None, sample_time: float | None) -> Solution:
         """Search from the starts by the method that suits the problem, and judge the best design."""
+        most = self.most or len(starts)
         try:
             if method == "first-order":
                 self._first_order(starts, iterations or 1000)
             elif not self.problem.has_roots:
-                self._descend(starts, iterations or ITERATIONS)
+                self._descend(starts, iterations or ITERATIONS, most)
             else:
                 ends = self._nominal(starts, iterations or 40)
                 if not self.best.optimal:
                     # Zero is out of reach, as far as is known: the least energy is looked for.
-                    self._descend(ends + starts, iterations or ITERATIONS)
+                    self._descend(ends + starts, iterations or ITERATIONS, 2 * most)
         except KeyboardInterrupt:
             if not self.candidates:
                 raise
@@ -139,9 +144,9 @@ class Search:
         """Steps in each segment that are enough for each of the designs, shape (designs, segments)."""
         return np.stack([self.judge.values(self.judge.vector(point)).steps for point in points])
 
-    def _descend(self, starts: list[Point], iterations: int) -> None:
-        """Local search from the best of the starts; the best of its ends are refined to the end."""
-        count, done = len(starts), 0
+    def _descend(self, starts: list[Point], iterations: int, count: int) -> None:
+        """Local search from the best of the starts, so many; the best of its ends are refined to the end."""
+        count, done = min(len(starts), count), 0
         # Derivatives, while values are compiled and ranked; what stands in the way is met again below.
         self.compiling = beside(self.judge.compile, starts[0])
         more = max(1.0, CHEAP / self._work(starts[0]))
@@ -157,9 +162,9 @@ class Search:
             return Descent(ScaledProblem(self.problem, report=report), start, iterations)
 
         self.judge.report = report
-        ranked = self._ranked(starts)
         descents: list[Descent] = []
         try:
+            ranked = self._ranked(starts)
             # Here, so that two threads do not compile the same program twice.
             wait([self.compiling])
             self.judge.linearise(self.judge.vector(ranked[0]))
@@ -173,7 +178,8 @@ class Search:
                 for _ in side_by_side(descents, most or iterations, KNOWN if most else 0.0):
                     done += 1
                 if (size, most) == rounds[-2]:
-                    self.around = around(descents, begin, min(count // 2, int(more) - 1), self.random)
+                    others = min(count // 2, int(more) - 1)
+                    self.around = around(descents, begin, others, self.random, more > CHEAPER)
                     descents = self.around.descents
                 for descent in distinct(descents)[:1] if most else descents:
                     self._add(descent.point, descent.optimal)
@@ -187,20 +193,27 @@ class Search:
             raise
         finally:
             self.judge.report = lambda _: None
-            # Values on the set before plants were added to it are no achievement.
-            self.history = np.maximum(self.history, self.best.merit).tolist()
-            self.summary = f"{self._value()}, the best of {rounds[0][0]} refined starts out of {count}"
-            if self._reached():
-                self.candidates, self.around = [self.best._replace(optimal=True)], None
-                self.summary += f", zero but for rounding beside the bare command's {self._bare:.6g} J"
-            elif self.problem.has_roots:
-                self.summary += "; no shaper with these impulses and this duration was found that leaves none"
+            if self.candidates:
+                self._sum_up(rounds[0][0], len(starts))
         if not self.best.optimal:
             self.summary += f", not optimal after {iterations} iterations"
-        elif (near := self.around) is not None and near.few:
-            self.summary += f"; {near.back} of {near.begun} searches from around the best came back to it: there are "
-            self.summary += "many local optima, and more starts, or another seed, may find a better one"
+        elif (near := self.around) is not None and (near.few or near.alone):
+            few = f"{near.back} of {near.begun} searches from around the best came back to it"
+            alone = f"none of {near.sent} searches from elsewhere came to the best"
+            self.summary += f"; {few if near.few else alone}: there are many local optima, and more starts, or another "
+            self.summary += "seed, may find a better one"
         self.progress("local search", total, total, self.best.merit)
+
+    def _sum_up(self, refined: int, tried: int) -> None:
+        """Say what a local search found, from how many of the designs that were tried."""
+        # Values on the set before plants were added to it are no achievement.
+        self.history = np.maximum(self.history, self.best.merit).tolist()
+        self.summary = f"{self._value()}, the best of {refined} refined starts out of {tried}"
+        if self._reached():
+            self.candidates, self.around = [self.best._replace(optimal=True)], None
+            self.summary += f", zero but for rounding beside the bare command's {self._bare:.6g} J"
+        elif self.problem.has_roots:
+            self.summary += "; no shaper with these impulses and this duration was found that leaves none"
 
     def _ranked(self, starts: list[Point]) -> list[Point]:
         """The starts from the best to the worst; the best of those that an interrupt lets through is a candidate."""
@@ -213,14 +226,14 @@ class Search:
         try:
             for start in starts:
                 merits.append(merit(start))
+            ranked = [starts[i] for i in np.argsort(merits, kind="stable")]
+            self._add(ranked[0], False)
         except KeyboardInterrupt:
             if merits or len(self.history) > before:
                 # An interrupt may come with the report of a value, which is known then.
                 known = [*merits, *map(merit, starts[len(merits) : len(merits) + 1])]
                 self._add(starts[int(np.argmin(known))], False)
             raise
-        ranked = [starts[i] for i in np.argsort(merits, kind="stable")]
-        self._add(ranked[0], False)
         return ranked
 
     def _reached(self) -> bool:
@@ -321,7 +334,7 @@ class Search:
         point = Point(amplitudes, gaps, _check.on_device(leaves))
         found = self.judge.values(self.judge.vector(best.point))
         values, slacks = found.energies, found.slacks
-        few = self.around is not None and self.around.few
+        few = self.around is not None and (self.around.few or self.around.alone)
         status = Status.INTERRUPTED if self.interrupted else status_of(values, slacks, best.optimal and not few)
         slack = float(slacks.min(initial=1.0))
         missed = f"; a limit is missed by {-100 * slack:.3g} %" if slack < -EXCEEDED else ""

@@ -19,17 +19,23 @@ from jshape.simulation.simulate import modes
 
 
 def starts(problem: DesignProblem, count: int, seed: int) -> list[Point]:
-    """``count`` starting points within the bounds: the closed forms come first, the random ones last."""
+    """Starting points within the bounds: the closed forms come first, the random ones last.
+
+    Half of ``count`` at least are random. All closed forms with fewer impulses are among them, so that there may be
+    more than ``count``.
+    """
     plant, bounds, command = problem.scenarios.plant, problem.bounds, problem.scenarios.command
     size = 0.0 if plant.axes else float(command.final)
-    shapers = []
-    for impulses in range(bounds.impulses, 1, -1):
+    shapers = _linear(plant, bounds.impulses) + _energy(plant, size, bounds.impulses)
+    padded = []
+    for impulses in range(bounds.impulses - 1, 1, -1):
         fewer = _linear(plant, impulses) + _energy(plant, size, impulses)
         # One that does not last too long is stretched no further than it must be.
-        shapers += [one for one in fewer if impulses == bounds.impulses or float(one.duration) <= bounds.longest]
+        padded += [one for one in fewer if float(one.duration) <= bounds.longest]
     random = np.random.default_rng(seed)
-    closed = [_within(bounds, shaper) for shaper in shapers[: max(count // 2, 1)]]
-    return closed + [bounds.random(random) for _ in range(count - len(closed))]
+    most = max(count // 2, 1)
+    closed = [_within(bounds, shaper) for shaper in shapers[:most] + padded]
+    return closed + [bounds.random(random) for _ in range(count - min(most, len(closed)))]
 
 
 def _within(bounds: Bounds, shaper: Shaper) -> Point:

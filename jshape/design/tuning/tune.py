@@ -76,6 +76,7 @@ def tune(
         objective: ``"nominal"``, ``"worst"``, ``"mean"``, ``"cvar"`` (the mean of the worst tenth), or a function in
             JAX of all plants' energies.
         starts: number of starting points; where evaluations cost little, half as many more lie around the best design.
+            The closed-form shapers of fewer impulses are always among them, in addition where there are few.
         seed: of the random ones among them.
         relative: whether ``over`` holds multiples of nominal values, not absolute ones.
         metric: what takes the residual energy's place, a function in JAX (plant, shaper, command) → scalar.
@@ -116,7 +117,7 @@ def tune(
         digital.check(sample_time, problem.bounds)
     points = starting_points(problem, starts, seed) if start is None else [_begin(problem, start)]
     make_room()
-    search = Search(problem, progress or (lambda stage, done, total, best: None), seed)
+    search = Search(problem, progress or (lambda stage, done, total, best: None), seed, starts)
     return search.run(points, method, iterations, sample_time)
 
 
