@@ -1,5 +1,7 @@
 """Klipper's files: every kind is read; what is wrong is told with file and line, and never taken for right."""
 
+import time
+
 import numpy as np
 import pytest
 from calibration_data import RECORD, record_text, sets_text, spectrum_text
@@ -43,6 +45,15 @@ def test_normalised_spectra_are_left_as_they_are(write):
     ):
         (found,) = calibration.read(write(text))
         np.testing.assert_array_equal(found.density, columns(text)[:, 4])
+
+
+def test_a_first_line_of_many_names_takes_no_longer_than_it_is_long(write):
+    """More than half a minute, once: for each name all before it were looked through."""
+    for first in ("freq", "freq,psd_x,psd_y,psd_z,psd_xyz,shapers:,("):
+        begin = time.process_time()
+        with pytest.raises(ValueError, match=r"data\.csv:"):
+            calibration.read(write(first + ",x" * 100_000 + "\n1,2\n"))
+        assert time.process_time() - begin < 5.0
 
 
 def test_several_sets(write):

@@ -176,3 +176,12 @@ def test_a_plant_of_ones_own_and_its_warning(tmp_path):
     worst = {row["name"]: row["worst_residual_energy"] for row in rows}
     # The linear ZVD of the same duration, designed for the stiffness at rest.
     assert worst["tuned"] < worst["linear ZVD"] / 4
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no device that is always full")
+@pytest.mark.parametrize("arguments", [["tune", "nothing"], ["--nonsense"]])
+def test_a_full_disk_for_messages_changes_no_status(arguments):
+    """It was 1 where a line could not be printed."""
+    with open("/dev/full", "w", encoding="utf-8") as full:
+        done = subprocess.run([sys.executable, "-m", "jshape", *arguments], stderr=full, check=False)
+    assert done.returncode == 2

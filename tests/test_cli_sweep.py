@@ -59,8 +59,11 @@ def test_mistakes(tmp_path):
         'distance = 1.0\n[plant]\ntype = "TwoMass"\nspring = { type = "Duffing", k1 = 10.0, k3 = 100.0 }\n',
         encoding="utf-8",
     )
+    circle = tmp_path / "circle"
+    circle.symlink_to(circle)
     for given, words in [
         ([str(certain)], "nothing is uncertain"),
+        (["paper_001", "--store", str(circle)], "circle: "),
         (["paper_001", "--store", str(out / "store")], "must not lie in the folder of the results"),
         (["paper_001", "--metric", "beauty"], "metric must be one of"),
         (["paper_001", "--samples", "8", "--sampling", "dice"], "sampling must be one of"),

@@ -311,12 +311,33 @@ def called(random: np.random.Generator, folder: Path) -> bool:
 
 def command_line(random: np.random.Generator, folder: Path) -> bool:
     """A command with arbitrary arguments and files."""
+    from experiments.reliability.commands import command
+
+    return _ended(command(random, folder, random.random() < REAL))
+
+
+def odd_files(random: np.random.Generator, folder: Path) -> bool:
+    """A command whose files are odd, in a folder of its own; it ends where it would compute."""
+    from experiments.reliability.odd_files import COMPUTED, odd_command, without_computing
+
+    with tempfile.TemporaryDirectory(dir=folder) as own, without_computing():
+        os.chdir(own)
+        try:
+            return _ended(odd_command(random, Path(own)))
+        except ValueError as error:
+            if COMPUTED in str(error):
+                return True
+            raise
+        finally:
+            os.chdir(folder)
+
+
+def _ended(given: list[str]) -> bool:
+    """Whether a command line was obeyed, and not refused in a line."""
     from typer.testing import CliRunner
 
-    from experiments.reliability.commands import command
     from jshape.cli import app
 
-    given = command(random, folder, random.random() < REAL)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         result = CliRunner().invoke(app, given)
@@ -328,7 +349,7 @@ def command_line(random: np.random.Generator, folder: Path) -> bool:
     if result.exit_code == 2 and len(said) != 1 and "Usage:" not in result.output:
         raise FaultError(f"{' '.join(given)[:120]!r}: {len(said)} lines of error")
     if result.exit_code == 2:
-        raise ValueError("refused")
+        raise ValueError(said[0] if said else "refused")
     return True
 
 
@@ -350,6 +371,7 @@ TARGETS: dict[str, tuple[float, Target]] = {
     "links of a page": (5.0, shared_link),
     "formats of a page": (2.0, taken_away),
     "films of damaged policies": (1.0, filmed_policy),
+    "command line, odd files": (10.0, odd_files),
 }
 """What is tried, and its share of the inputs."""
 

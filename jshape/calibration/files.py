@@ -84,13 +84,17 @@ def _read(path: Path, component: str) -> list[Spectrum]:
 
 def _heading(cells: list[str]) -> list[str]:
     """The names of the columns; commas between a shaper's parameters, as in ``mzv(n=6,t=0.9)(71.2)``, part none."""
-    names: list[str] = []
+    names: list[list[str]] = []
+    shapers, opened = False, 0
     for cell in cells:
-        if "shapers:" in names and names[-1].count("(") > names[-1].count(")"):
-            names[-1] += f",{cell}"
+        if shapers and opened > 0:
+            names[-1].append(cell)
         else:
-            names.append(cell)
-    return names
+            names.append([cell])
+            opened = 0
+        opened += cell.count("(") - cell.count(")")
+        shapers |= cell == "shapers:"
+    return [",".join(parts) for parts in names]
 
 
 def _text(path: Path) -> str:

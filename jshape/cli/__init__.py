@@ -4,9 +4,10 @@ One file a command. Nothing imports JAX before a command runs, so that help come
 64-bit arithmetic and keeps compiled programs in the user's cache folder for the next time.
 """
 
+import os
 import sys
 import threading
-from typing import Annotated, Any
+from typing import Annotated, Any, TextIO, cast
 
 import typer
 
@@ -54,9 +55,40 @@ def _options(
     del version
 
 
+class _Errors:
+    """The error stream, of which what it does not take is dropped: a full disk for its messages ends no command."""
+
+    def __init__(self, stream: TextIO):
+        self._stream = stream
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+    def write(self, words: str) -> int:
+        try:
+            return self._stream.write(words)
+        except OSError:
+            self._drop()
+        return len(words)
+
+    def flush(self) -> None:
+        try:
+            self._stream.flush()
+        except OSError:
+            self._drop()
+
+    def _drop(self) -> None:
+        """All that is still to be said, too: at the end of the process Python would try once more."""
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, self._stream.fileno())
+        os.close(nowhere)
+
+
 def main() -> None:
     """Entry point of the command line; without arguments it shows the help."""
     code: Any = None
+    if sys.stderr is not None:
+        sys.stderr = cast(TextIO, _Errors(sys.stderr))
     try:
         app(sys.argv[1:] or ["--help"])
     except SystemExit as end:

@@ -6,7 +6,6 @@ Nothing here imports JAX before a command runs, so that help comes at once.
 import atexit
 import gc
 import importlib.util
-import io
 import math
 import os
 import sys
@@ -95,7 +94,11 @@ def check_store(store: Path | None, folder: Path) -> None:
     Raises:
         ValueError: for one in the folder of the results.
     """
-    if store is not None and folder.resolve() in (store.resolve(), *store.resolve().parents):
+    if store is None:
+        return
+    # Not Path.resolve(), which raises where links lead in a circle: what opens them says so.
+    place, within = (Path(os.path.realpath(each)) for each in (store, folder))
+    if within in (place, *place.parents):
         raise ValueError(f"--store {store}: must not lie in the folder of the results, {folder}")
 
 
@@ -142,8 +145,9 @@ def explained() -> Iterator[None]:
     What cannot be printed, such as a file's name that is no UTF-8, is printed as escapes.
     """
     for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="backslashreplace")
+        # Not every stream can: a test's, say, or none where it was closed.
+        if reconfigure := getattr(stream, "reconfigure", None):
+            reconfigure(errors="backslashreplace")
     try:
         with prompt_interrupts():
             yield
