@@ -8,12 +8,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jshape._types import Scalar
+from jshape._types import ArrayLike, Scalar
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(64)
 
 
-def bracketed_root(function: Callable[[Scalar], Scalar], lower: Any, upper: Any, rising: bool = True) -> Scalar:
+def bracketed_root(
+    function: Callable[[Scalar], Scalar], lower: ArrayLike, upper: ArrayLike, rising: bool = True
+) -> Scalar:
     """The root of a function in a bracket, to rounding, by bisection.
 
     Differentiable with respect to everything that the function closes over.
@@ -62,7 +64,7 @@ def _differentiable(
     return root
 
 
-def integral(function: Callable[[Scalar], Scalar], lower: Any, upper: Any) -> Scalar:
+def integral(function: Callable[[Scalar], Scalar], lower: ArrayLike, upper: ArrayLike) -> Scalar:
     """The integral of a smooth function by Gauss–Legendre quadrature with 64 points; exact to rounding where smooth."""
     lower, upper = jnp.asarray(lower, dtype=float), jnp.asarray(upper, dtype=float)
     middle, half = (lower + upper) / 2, (upper - lower) / 2

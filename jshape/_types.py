@@ -1,8 +1,9 @@
 """Array aliases with named axes. Units are SI throughout; angles in rad, frequencies in rad/s."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
+import numpy as np
 from jaxtyping import Array, Float
 
 Scalar = Float[Array, ""]
@@ -13,6 +14,9 @@ PerAxis = Float[Array, " *axes"]
 
 Number = Scalar | float
 """A scalar array or a plain number, where a method is called by hand, too."""
+
+ArrayLike = Array | np.ndarray | np.generic | complex | Sequence[Any]
+"""Numbers as users give them: a plain number, an array, a list or a tuple of either. Its shape is checked by hand."""
 
 State = Float[Array, " state"]
 """A plant's state, in the order its own docstring gives."""

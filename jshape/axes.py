@@ -19,7 +19,7 @@ from jaxtyping import Array, Float
 
 from jshape import _check
 from jshape._types import Breaks, Coefficients, Scalar
-from jshape.command import AbstractCommand, as_command, taylor_shift
+from jshape.command import AbstractCommand, Distance, as_command, taylor_shift
 
 
 class Rest(AbstractCommand):
@@ -136,7 +136,7 @@ def for_axes(command: Any, axes: tuple[str, ...], plant: str, name: str = "dista
     return Axes(delay=command.delay, **{axis: given.get(axis, Rest()) for axis in axes})
 
 
-def moving(plant: Any, distance: Any) -> tuple[str, ...]:
+def moving(plant: Any, distance: Distance) -> tuple[str, ...]:
     """The axes of a plant of several that a command moves to another place."""
     if not getattr(plant, "axes", ()):
         return ()

@@ -29,7 +29,7 @@ from jaxtyping import Array, Float
 
 from jshape import _check
 from jshape._check import Argument, Checked, as_array, finite, not_zero, positive
-from jshape._types import Breaks, Coefficients, Impulses, PerAxis, Scalar
+from jshape._types import ArrayLike, Breaks, Coefficients, Impulses, PerAxis, Scalar
 from jshape.compilation_cache import kept
 
 if not TYPE_CHECKING:
@@ -87,6 +87,10 @@ def polynomial(coefficients: Float[Array, "... powers"], t: Array, derivative: i
     for power in range(coefficients.shape[-1] - 1, derivative - 1, -1):
         value = value * t + math.perm(power, derivative) * coefficients[..., power]
     return value
+
+
+Distance = ArrayLike | AbstractCommand
+"""What a move is given by: the distance of a step, m (rad), of several axes one an axis, or a command."""
 
 
 class PiecewisePolynomial(AbstractCommand):
@@ -253,7 +257,7 @@ class Sampled(AbstractCommand):
         return self.times, jnp.stack([self.values, slopes], axis=1)
 
 
-def as_command(distance: Any, name: str = "distance") -> AbstractCommand:
+def as_command(distance: Distance, name: str = "distance") -> AbstractCommand:
     """A number as a step of that size; a command as it is.
 
     Raises:

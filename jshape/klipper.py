@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Array
 
 from jshape import _check
+from jshape._types import ArrayLike
 from jshape.shaper import Shaper
 
 VERSIONS = ("current", "2024")
@@ -69,7 +70,7 @@ def impulses(kind: str, frequency: float, zeta: float = DAMPING, version: str = 
     return amplitudes / amplitudes.sum(), periods / frequency
 
 
-def plain_shape(name: str, zeta: Any, version: str = "current") -> tuple[Any, Any]:
+def plain_shape(name: str, zeta: ArrayLike, version: str = "current") -> tuple[Any, Any]:
     """Amplitudes, not normalised, and times in undamped periods of a shaper without parameters.
 
     Args:

@@ -21,7 +21,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jshape import _check
-from jshape._types import Number, PerAxis, Scalar, State
+from jshape._types import ArrayLike, Number, PerAxis, Scalar, State
+from jshape.command import Distance
 from jshape.compilation_cache import kept
 from jshape.plants import AbstractOscillator, AbstractPlant
 from jshape.shaper import Shaper, Shaping
@@ -52,9 +53,9 @@ from jshape.simulation.trajectory import (
 def residual_energy(
     plant: AbstractPlant,
     shaper: Shaping,
-    distance: Any,
+    distance: Distance,
     *,
-    initial_state: Any = None,
+    initial_state: ArrayLike | None = None,
     steps: int | None = None,
     method: str = "dopri8",
     tolerance: Number | None = None,
@@ -86,9 +87,9 @@ def residual_energy(
 def residual_energy_and_error(
     plant: AbstractPlant,
     shaper: Shaping,
-    distance: Any,
+    distance: Distance,
     *,
-    initial_state: Any = None,
+    initial_state: ArrayLike | None = None,
     steps: int | None = None,
     method: str = "dopri8",
     tolerance: Number | None = None,
@@ -122,9 +123,9 @@ def residual_energy_and_error(
 def residual_vibration(
     plant: AbstractPlant,
     shaper: Shaping,
-    distance: Any,
+    distance: Distance,
     *,
-    initial_state: Any = None,
+    initial_state: ArrayLike | None = None,
     steps: int | None = None,
     tolerance: Number | None = None,
 ) -> PerAxis:
@@ -152,7 +153,7 @@ def residual_vibration(
 
 
 def residual_energy_and_vibration(
-    plant: AbstractPlant, shaper: Shaping, distance: Any, *, tolerance: Number | None = None
+    plant: AbstractPlant, shaper: Shaping, distance: Distance, *, tolerance: Number | None = None
 ) -> tuple[Scalar, PerAxis]:
     """The residual energy, J, and the residual vibration, a fraction, from one simulation of the move.
 
@@ -174,7 +175,9 @@ def _residuals(plant, shaper, distance, initial_state, steps: int | None, tolera
     return energy, vibration
 
 
-def overshoot(plant: AbstractPlant, shaper: Shaping, distance: Any, *, initial_state: Any = None) -> PerAxis:
+def overshoot(
+    plant: AbstractPlant, shaper: Shaping, distance: Distance, *, initial_state: ArrayLike | None = None
+) -> PerAxis:
     """The overshoot: how far the payload passes its destination, over the distance.
 
     Observed from the beginning of the move to two periods of the slowest mode after its end.
@@ -203,7 +206,9 @@ def _overshoot(plant: AbstractPlant, plan: Schedule, along: Trajectory) -> PerAx
     return _over_distance(greatest, plant, plan, along)
 
 
-def peak_deflection(plant: AbstractPlant, shaper: Shaping, distance: Any, *, initial_state: Any = None) -> PerAxis:
+def peak_deflection(
+    plant: AbstractPlant, shaper: Shaping, distance: Distance, *, initial_state: ArrayLike | None = None
+) -> PerAxis:
     """The greatest deflection of the flexible part, either way, from the beginning of the move to a period after it.
 
     Args:
@@ -227,11 +232,11 @@ def _peak(along: Trajectory) -> PerAxis:
 def settling_time(
     plant: AbstractPlant,
     shaper: Shaping,
-    distance: Any,
+    distance: Distance,
     band: float = 0.02,
     *,
     periods: float = 20.0,
-    initial_state: Any = None,
+    initial_state: ArrayLike | None = None,
 ) -> PerAxis:
     """The settling time, after which the payload stays within a band around its destination.
 
@@ -269,11 +274,11 @@ def _settling_time(plant: AbstractPlant, plan: Schedule, along: Trajectory, band
 def rise_time(
     plant: AbstractPlant,
     shaper: Shaping,
-    distance: Any,
+    distance: Distance,
     low: float = 0.1,
     high: float = 0.9,
     *,
-    initial_state: Any = None,
+    initial_state: ArrayLike | None = None,
 ) -> PerAxis:
     """The rise time of the payload, from first reaching ``low`` to first reaching ``high``.
 
@@ -335,7 +340,7 @@ class EnergyProfile(eqx.Module):
         return self.kinetic + self.potential
 
 
-def energy_profile(plant: AbstractPlant, shaper: Shaper, distance: Any, points: int = 129) -> EnergyProfile:
+def energy_profile(plant: AbstractPlant, shaper: Shaper, distance: Distance, points: int = 129) -> EnergyProfile:
     """Kinetic and potential energy T(x2), U(x2) along a move, segment by segment.
 
     Args:

@@ -18,6 +18,7 @@ from jaxtyping import Array, Float
 
 from jshape import _check
 from jshape._roots import safe_sqrt
+from jshape._types import ArrayLike
 from jshape.compilation_cache import kept
 from jshape.shaper import Shaper
 
@@ -32,7 +33,7 @@ def pole(omega: Any, zeta: Any) -> Any:
     return omega * (-zeta + 1j * (1 - zeta**2) ** 0.5)
 
 
-def phasors(times: Any, poles: Any) -> Any:
+def phasors(times: ArrayLike, poles: Any) -> Any:
     """The response of each pole to a unit impulse at each time, observed at the last impulse: exp(s (t_n − t_i)).
 
     Args:
@@ -48,7 +49,7 @@ def phasors(times: Any, poles: Any) -> Any:
     return xp.exp(poles[..., None] * before)
 
 
-def transform(amplitudes: Any, times: Any, poles: Any) -> Any:
+def transform(amplitudes: ArrayLike, times: ArrayLike, poles: Any) -> Any:
     """The shaper's transform Σ A_i exp(s (t_n − t_i)) at each pole; its magnitude is V.
 
     Args:
@@ -78,7 +79,7 @@ def spectrum(times: np.ndarray, values: np.ndarray, omega: np.ndarray) -> np.nda
     return np.abs(transform(weights * (values - np.average(values, weights=window)), times, 1j * omega))
 
 
-def percentage_vibration(shaper: Shaper, omega: Any, zeta: Any = 0.0) -> Float[Array, "..."]:
+def percentage_vibration(shaper: Shaper, omega: ArrayLike, zeta: ArrayLike = 0.0) -> Float[Array, "..."]:
     """The linear residual vibration V(ω, ζ): amplitude after the last impulse over that after a single one, a fraction.
 
     Args:
@@ -104,7 +105,7 @@ def _vibration(shaper: Shaper, omega: Array, zeta: Array) -> Array:
     return safe_sqrt(value.real**2 + value.imag**2)
 
 
-def insensitivity(shaper: Shaper, omega: Any, zeta: Any = 0.0, vibration: float = 0.05) -> float:
+def insensitivity(shaper: Shaper, omega: ArrayLike, zeta: ArrayLike = 0.0, vibration: float = 0.05) -> float:
     """The insensitivity: the width of the band of frequencies in which V stays at or under a limit, over ``omega``.
 
     A curve that touches the limit from below (extra-insensitive shapers) counts as under it. Concrete values only.

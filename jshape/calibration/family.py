@@ -16,7 +16,7 @@ from scipy.optimize import minimize
 
 from jshape import _check
 from jshape._memo import last_result
-from jshape._types import Progress
+from jshape._types import ArrayLike, Progress
 from jshape.calibration.fit import HIGHEST
 from jshape.calibration.score import CEILING, ZETAS, Bins, rate
 from jshape.calibration.smoothing import ACCELERATION, CORNER_SPEED, smoothing_slopes, terms
@@ -75,7 +75,7 @@ class Family(NamedTuple):
         """The shaper's name in Klipper, with its parameters."""
         return named(self.kind, **self.parameters(number))
 
-    def shape(self, number: Any, zeta: Any) -> tuple[Any, Any]:
+    def shape(self, number: Any, zeta: ArrayLike) -> tuple[Any, Any]:
         """Amplitudes, not normalised, and times in undamped periods for number and damping ratio, also complex."""
         return self.formula(zeta, **self.parameters(number))
 
@@ -219,7 +219,7 @@ class _Search:
         self.frequencies = np.round(grid, 2)
         self.most_blur = math.inf if smoothing is None else 1.1 * smoothing
 
-    def impulses(self, family: Family, number: Any, zeta: Any) -> tuple[np.ndarray, np.ndarray]:
+    def impulses(self, family: Family, number: Any, zeta: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
         """Amplitudes, which sum to 1, and times in undamped periods."""
         amplitudes, periods = family.shape(number, zeta)
         return amplitudes / amplitudes.sum(), periods

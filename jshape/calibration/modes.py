@@ -12,6 +12,7 @@ from jaxtyping import Float
 from scipy.optimize import least_squares
 from scipy.signal import find_peaks
 
+from jshape._types import ArrayLike
 from jshape.calibration.score import CEILING
 from jshape.calibration.spectrum import Spectrum
 
@@ -94,7 +95,7 @@ def remaining(amplitudes: Any, times: Any, frequencies: Any, zetas: Any) -> Floa
     return np.hypot(place * np.sqrt(1 - zeta**2), speed + zeta * place)
 
 
-def remaining_of(amplitudes: Any, times: Any, modes: Sequence[Mode]) -> float:
+def remaining_of(amplitudes: ArrayLike, times: ArrayLike, modes: Sequence[Mode]) -> float:
     """``remaining`` of all modes together, by their shares of the power: the root of the remaining share."""
     left = remaining(amplitudes, times, [m.frequency for m in modes], [m.zeta for m in modes])
     return float(np.sqrt(np.sum(np.array([m.share for m in modes]) * left**2)))

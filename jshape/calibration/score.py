@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jshape import _check
+from jshape._types import ArrayLike
 from jshape.calibration.smoothing import CORNER_SPEED, max_accel, smoothing
 from jshape.calibration.spectrum import Spectrum
 from jshape.shaper import Shaper
@@ -118,7 +119,9 @@ class Bins:
                 for factor in factors
             ]
 
-    def vibrations(self, amplitudes: Any, times: Any, stretch: Any = 1.0) -> Float[np.ndarray, "*stretches cases"]:
+    def vibrations(
+        self, amplitudes: ArrayLike, times: ArrayLike, stretch: Any = 1.0
+    ) -> Float[np.ndarray, "*stretches cases"]:
         """The share of the vibration that remains in each case.
 
         Args:
@@ -134,11 +137,13 @@ class Bins:
         ]
         return np.concatenate(left, axis=-1)
 
-    def worst(self, amplitudes: Any, times: Any) -> float:
+    def worst(self, amplitudes: ArrayLike, times: ArrayLike) -> float:
         """The greatest of ``vibrations``."""
         return float(self.vibrations(amplitudes, times).max())
 
-    def slopes(self, amplitudes: Any, times: Any, each: bool = False) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def slopes(
+        self, amplitudes: ArrayLike, times: ArrayLike, each: bool = False
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """``vibrations`` and their derivatives by amplitudes and by times, a row a case.
 
         Args:
@@ -168,7 +173,9 @@ class Bins:
         return value, by_amplitude, by_time
 
 
-def vibration(amplitudes: Any, times: Any, frequencies: Any, zeta: Any) -> Float[np.ndarray, " bins"]:
+def vibration(
+    amplitudes: ArrayLike, times: ArrayLike, frequencies: ArrayLike, zeta: ArrayLike
+) -> Float[np.ndarray, " bins"]:
     """The linear residual vibration V at each frequency, a fraction, by its formula.
 
     Args:
@@ -183,8 +190,8 @@ def vibration(amplitudes: Any, times: Any, frequencies: Any, zeta: Any) -> Float
 
 def rate(
     name: str,
-    amplitudes: Any,
-    times: Any,
+    amplitudes: ArrayLike,
+    times: ArrayLike,
     bins: Bins,
     corner_speed: float = CORNER_SPEED,
     frequency: float | None = None,

@@ -1,9 +1,9 @@
 """Smoothing of a shaper: by how much (mm) it rounds a printed corner, and the acceleration that keeps it small."""
 
-from typing import Any
-
 import numpy as np
 from jaxtyping import Float
+
+from jshape._types import ArrayLike
 
 ACCELERATION = 5000.0
 """mm/s², at which shapers' smoothing is compared."""
@@ -15,7 +15,7 @@ TARGET = 0.12
 """mm: a smoothing that is hardly seen."""
 
 
-def terms(amplitudes: Any, times: Any) -> tuple[float, float, float]:
+def terms(amplitudes: ArrayLike, times: ArrayLike) -> tuple[float, float, float]:
     """Smoothing = max(a · reversal, corner · v + a · turn): the three coefficients (s², s, s²).
 
     Args:
@@ -31,7 +31,7 @@ def terms(amplitudes: Any, times: Any) -> tuple[float, float, float]:
 
 
 def smoothing(
-    amplitudes: Any, times: Any, acceleration: float = ACCELERATION, corner_speed: float = CORNER_SPEED
+    amplitudes: ArrayLike, times: ArrayLike, acceleration: float = ACCELERATION, corner_speed: float = CORNER_SPEED
 ) -> float:
     """The distance of the shaped path from the commanded one, mm, at a reversal or a right angle, whichever is more.
 
@@ -48,7 +48,9 @@ def smoothing(
     return max(acceleration * reversal, corner * corner_speed + acceleration * turn)
 
 
-def max_accel(amplitudes: Any, times: Any, corner_speed: float = CORNER_SPEED, target: float = TARGET) -> float:
+def max_accel(
+    amplitudes: ArrayLike, times: ArrayLike, corner_speed: float = CORNER_SPEED, target: float = TARGET
+) -> float:
     """The largest acceleration that keeps the smoothing small, mm/s²; infinite for a single impulse.
 
     0 where the corner speed alone rounds corners by more.

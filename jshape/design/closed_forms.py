@@ -6,14 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from jshape.command import AbstractCommand
+from jshape.command import AbstractCommand, Distance
 from jshape.design import energy, linear
 from jshape.plants import AbstractOscillator, AbstractPlant
 from jshape.shaper import Shaper
 from jshape.simulation.simulate import modes
 
 
-def closed_forms(plant: AbstractPlant, distance: Any) -> tuple[dict[str, Shaper], dict[str, str]]:
+def closed_forms(plant: AbstractPlant, distance: Distance) -> tuple[dict[str, Shaper], dict[str, str]]:
     """The closed-form shapers of a plant and a move.
 
     Args:

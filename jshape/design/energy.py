@@ -27,6 +27,7 @@ from jaxtyping import Array, Float
 from jshape import _check
 from jshape._roots import bracketed_root, integral
 from jshape._types import Scalar
+from jshape.command import Distance
 from jshape.compilation_cache import kept
 from jshape.design._swing import half_period, time_from_turn
 from jshape.plants import AbstractOscillator
@@ -43,7 +44,7 @@ _STEPS = 64
 """Fixed steps a swing in the exact solution with damping: fewer are enough for rounding."""
 
 
-def two_impulse(plant: AbstractOscillator, distance: Any, *, damping: str = "exact") -> Shaper:
+def two_impulse(plant: AbstractOscillator, distance: Distance, *, damping: str = "exact") -> Shaper:
     """The nonlinear ZV shaper: one swing from start to destination, the fastest without negative impulses.
 
     Args:
@@ -59,7 +60,7 @@ def two_impulse(plant: AbstractOscillator, distance: Any, *, damping: str = "exa
     return _swings(plant, distance, jnp.ones(1), damping)
 
 
-def three_impulse(plant: AbstractOscillator, distance: Any, alpha: Any = 0.5, *, damping: str = "exact") -> Shaper:
+def three_impulse(plant: AbstractOscillator, distance: Distance, alpha: Any = 0.5, *, damping: str = "exact") -> Shaper:
     """The nonlinear ZVD shaper: two swings, with a rest between.
 
     Args:
@@ -76,7 +77,7 @@ def three_impulse(plant: AbstractOscillator, distance: Any, alpha: Any = 0.5, *,
     return _swings(plant, distance, jnp.stack([alpha, 1 - alpha]), damping)
 
 
-def robust(plant: AbstractOscillator, distance: Any, rests: Any = 1, *, damping: str = "exact") -> Shaper:
+def robust(plant: AbstractOscillator, distance: Distance, rests: Any = 1, *, damping: str = "exact") -> Shaper:
     """Swings from rest to rest: k rests on the way make k + 2 impulses.
 
     Args:
@@ -105,7 +106,7 @@ def robust(plant: AbstractOscillator, distance: Any, rests: Any = 1, *, damping:
 
 
 def first_order_robust(
-    plant: AbstractOscillator, distance: Any, impulses: int = 4, *, damping: str = "exact"
+    plant: AbstractOscillator, distance: Distance, impulses: int = 4, *, damping: str = "exact"
 ) -> Shaper:
     """The swings for which the residual of an error in the mass (in all frequencies alike) vanishes to first order.
 
@@ -131,7 +132,7 @@ def first_order_robust(
 
 
 def fast_three_impulse(
-    plant: AbstractOscillator, distance: Any, first: Any = None, *, damping: str = "exact"
+    plant: AbstractOscillator, distance: Distance, first: Any = None, *, damping: str = "exact"
 ) -> Shaper:
     """A second push when the payload is fastest, a last one when it rests at the destination.
 
@@ -154,7 +155,7 @@ def fast_three_impulse(
     return _checked(amplitudes, times, size)
 
 
-def negative(plant: AbstractOscillator, distance: Any, *, damping: str = "exact") -> Shaper:
+def negative(plant: AbstractOscillator, distance: Distance, *, damping: str = "exact") -> Shaper:
     """The unity-magnitude shaper 1, −1, 1: the base goes all the way, comes back to brake the payload, and meets it.
 
     Args:

@@ -11,6 +11,7 @@ import numpy as np
 from scipy.optimize import least_squares, minimize_scalar
 
 from jshape import _check
+from jshape._types import ArrayLike
 from jshape.export.text import about, comment, numbers
 from jshape.klipper import KINDS, ROOM, VERSIONS, ei, highest_zeta, impulses, mzv, named
 from jshape.shaper import Shaper
@@ -56,7 +57,7 @@ def klipper(shaper: Shaper, *, axis: str = "x", firmware: str = "current", toler
     return comment("#", lines) + klipper_section(kind, frequency, zeta, axis)
 
 
-def klipper_section(kind: str, frequency: Any, zeta: Any, axis: str) -> str:
+def klipper_section(kind: str, frequency: Any, zeta: ArrayLike | None, axis: str) -> str:
     """Klipper's ``[input_shaper]`` section of one axis, or of a smooth shaper of Kalico's.
 
     Args:

@@ -15,6 +15,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from jshape._memo import last_result
+from jshape._types import ArrayLike
 from jshape.identification._uncertainty import covariance
 
 STEEPEST = 0.95
@@ -148,7 +149,7 @@ def project(
     return residuals, factors * noise, basis, full, plain
 
 
-def fit(family: AbstractFamily, omega: Any, zeta: Any, noise: np.ndarray) -> Fit:
+def fit(family: AbstractFamily, omega: ArrayLike, zeta: ArrayLike, noise: np.ndarray) -> Fit:
     """Modes refined from a start; ``noise``: a first estimate of each channel's, improved on the way."""
     found = _refined(family, np.asarray(omega, float), np.asarray(zeta, float), noise)
     # With one channel the noise scales everything alike; with several it says how much each one counts.

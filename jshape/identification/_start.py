@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.signal import savgol_filter
 
+from jshape._types import ArrayLike
 from jshape.identification._motion import Data, Law, pieces
 from jshape.identification.records import Record, RecordError, Where, check_record, longest_stretch
 
@@ -26,7 +27,7 @@ class Start(NamedTuple):
     width: float
 
 
-def prepared(times: Any, values: Any, inputs: Any, between: str, where: Where) -> tuple[Record, Data, np.ndarray]:
+def prepared(times: ArrayLike, values: Any, inputs: Any, between: str, where: Where) -> tuple[Record, Data, np.ndarray]:
     """A record, checked, as it is simulated, and its input (0 where there is none).
 
     Args:

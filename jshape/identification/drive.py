@@ -23,6 +23,7 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.signal import savgol_filter
 
 from jshape import _check
+from jshape._types import ArrayLike
 from jshape.identification._motion import NAMES, Data, Problem, fit
 from jshape.identification._start import prepared
 from jshape.identification.motion import IdentifiedMotion, concluded
@@ -56,7 +57,7 @@ class IdentifiedDrive(IdentifiedMotion):
 
 
 def identify_drive(
-    times: Any, values: Any, inputs: Any, *, mass: float = 1.0, between: str = "hold", where: Where = row
+    times: ArrayLike, values: Any, inputs: Any, *, mass: float = 1.0, between: str = "hold", where: Where = row
 ) -> IdentifiedDrive:
     """An axis that a motor pushes, from the motor's force and the measured position.
 

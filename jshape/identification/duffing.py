@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jshape import _check
+from jshape._types import ArrayLike
 from jshape.identification._motion import BETWEEN, Fit, Law, Problem, fit, oscillator
 from jshape.identification._start import prepared, start
 from jshape.identification.motion import HIDDEN, IdentifiedMotion, concluded
@@ -62,7 +63,7 @@ class IdentifiedPayloads(IdentifiedMotion):
 
 
 def identify_duffing(
-    times: Any,
+    times: ArrayLike,
     values: Any,
     *,
     mass: float = 1.0,

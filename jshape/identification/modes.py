@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from jshape import _check
-from jshape._types import Progress
+from jshape._types import ArrayLike, Progress
 from jshape.identification._projection import STEEPEST, AbstractFamily, Fit, fit
 from jshape.identification._search import search
 from jshape.identification._uncertainty import is_white
@@ -29,7 +29,7 @@ KINDS = ("ring-down", "step", "sweep", "spectrum")
 
 
 def identify(
-    times: Any,
+    times: ArrayLike,
     values: Any,
     *,
     kind: str = "ring-down",

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from jshape._types import ArrayLike
 from jshape.axes import moving
 from jshape.command import as_command
 from jshape.plants import AbstractCrane, AbstractPlant, SloshingTank
@@ -73,7 +74,7 @@ def responses(
         yield f"response_{axis}" if axis else "response", values
 
 
-def shown_until(plant: AbstractPlant, duration: float, frequencies: Any = None) -> float:
+def shown_until(plant: AbstractPlant, duration: float, frequencies: ArrayLike | None = None) -> float:
     """Until when a move is drawn, s: one and a half slow periods after the end of a shaped command of that duration.
 
     Args:

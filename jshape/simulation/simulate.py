@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from jshape import _check
-from jshape._types import Inputs, Scalar, State, Times
+from jshape._types import ArrayLike, Inputs, Scalar, State, Times
 from jshape.command import polynomial
 from jshape.compilation_cache import kept
 from jshape.plants import AbstractPlant
@@ -117,7 +117,7 @@ def simulate(
     plant: AbstractPlant,
     command: Any,
     shaper: Shaping = None,
-    initial_state: Any = None,
+    initial_state: ArrayLike | None = None,
     horizon: Any = None,
     samples: int = 500,
     *,
@@ -208,7 +208,7 @@ def steps_for(plant: AbstractPlant, plan: Schedule, method: str = "dopri8", tole
     return steps
 
 
-def initial(plant: AbstractPlant, initial_state: Any = None) -> State:
+def initial(plant: AbstractPlant, initial_state: ArrayLike | None = None) -> State:
     """The state to begin with: the given one, checked, or rest at 0."""
     rest = _rest(plant)
     if initial_state is None:

@@ -3,6 +3,7 @@
 import dataclasses
 from typing import Any
 
+from jshape._types import ArrayLike
 from jshape.studio.own_code import entry
 from jshape.studio.state import MOST_PINS, PLANTS, Pin, State, axes, parameters
 
@@ -110,7 +111,7 @@ def with_own(state: State, own: bool) -> State:
     return _with(dataclasses.replace(state, own=shapers), design=design)
 
 
-def with_one_for_all(state: State, amplitudes: Any, times: Any) -> State:
+def with_one_for_all(state: State, amplitudes: ArrayLike, times: ArrayLike) -> State:
     """The state with another shaper, the same for all axes at first where each has its own."""
     made = with_impulses(state, amplitudes, times)
     return with_own(made, True) if state.own else made

@@ -26,7 +26,7 @@ from jaxtyping import Array, Float
 from jshape import _check, metrics
 from jshape._types import Progress
 from jshape.axes import for_axes
-from jshape.command import AbstractCommand
+from jshape.command import AbstractCommand, Distance
 from jshape.compilation_cache import kept
 from jshape.plants import AbstractOscillator, AbstractPlant
 from jshape.shaper import Shaper, Shaping
@@ -142,7 +142,7 @@ class Study:
 def study(
     plant: AbstractPlant,
     shapers: Iterable[Shaping],
-    distance: Any,
+    distance: Distance,
     over: Mapping[str, Any],
     metrics: tuple[str | Metric, ...],
     *,

@@ -17,6 +17,7 @@ from scipy.stats import bootstrap, sobol_indices
 from jshape import _check
 from jshape._types import Progress
 from jshape.axes import moving
+from jshape.command import Distance
 from jshape.plants import AbstractPlant
 from jshape.shaper import Shaper, Shaping
 from jshape.sweeps.evaluate import Metric, evaluate, study
@@ -29,7 +30,7 @@ QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 def sensitivity_indices(
     plant: AbstractPlant,
     shapers: Shaper | Mapping[str, Shaping],
-    distance: Any,
+    distance: Distance,
     over: Mapping[str, Any],
     metric: str | Metric = "residual_vibration",
     *,

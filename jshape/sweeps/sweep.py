@@ -26,6 +26,7 @@ from jshape import _check
 from jshape._described import described, in_words, printed
 from jshape._types import Progress
 from jshape.axes import moving
+from jshape.command import Distance
 from jshape.plants import AbstractPlant
 from jshape.shaper import Shaper, Shaping
 from jshape.simulation.schedule import schedule
@@ -50,7 +51,7 @@ METRICS = {
 def sweep(
     plant: AbstractPlant,
     shapers: Shaper | Mapping[str, Shaping],
-    distance: Any,
+    distance: Distance,
     over: Mapping[str, Any],
     metric: str | Metric | Sequence[str | Metric] = "residual_vibration",
     *,

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from jshape import _check
-from jshape._types import Scalar
+from jshape._types import ArrayLike, Scalar
 from jshape.adaptive import ExtremumSeeking
 from jshape.adaptive.strategies.extremum_seeking import SeekingState
 from jshape.design.linear import multi_mode
@@ -145,7 +145,9 @@ class FrequencyTracker(AbstractPolicy):
         return omega, multi_mode([(self.scale * w, self.zeta) for w in omega], self.kind)
 
 
-def frequency_tracker(params: Params, kind: str = "zvd", scale: Any = 1.0, zeta: Any = 0.0) -> FrequencyTracker:
+def frequency_tracker(
+    params: Params, kind: str = "zvd", scale: ArrayLike = 1.0, zeta: ArrayLike = 0.0
+) -> FrequencyTracker:
     """A tracker begun with the middle payload; see ``FrequencyTracker``.
 
     Raises:

@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from jshape import _check
+from jshape._types import ArrayLike
 from jshape.adaptive.closed_loop.sampled_link import Readings, SampledLink, Sensors
 from jshape.adaptive.strategies.strategy import AbstractStrategy
 from jshape.quantisation import quantised
@@ -66,7 +67,7 @@ class Trace(NamedTuple):
 def run(
     link: SampledLink,
     strategies: Mapping[str, AbstractStrategy],
-    reference: Any,
+    reference: ArrayLike,
     which: Any,
     *,
     sensors: Sensors | None = None,

@@ -26,6 +26,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jshape import _check
+from jshape._types import ArrayLike
 from jshape.adaptive.arguments import check_band, check_order, check_time
 from jshape.adaptive.formulas import JAX, NUMPY, as_jax, as_lists, like
 from jshape.adaptive.identifiers.estimate import Estimate
@@ -128,13 +129,15 @@ class AdaptiveShaper(eqx.Module):
         """s."""
         return self.cascade.filters.sample_time
 
-    def start(self, reference: Any = 0.0) -> ShaperState:
+    def start(self, reference: ArrayLike = 0.0) -> ShaperState:
         """The state of a machine that has long stood at ``reference``: a pytree of JAX arrays of fixed shapes."""
         _check.finite(reference, "reference")
         reference = _check.scalar(reference, "reference")
         return as_jax(self.cascade.initial(jnp, self.omega, self.zeta, reference))
 
-    def step(self, state: ShaperState, reference: Any, estimate: Estimate | None = None) -> tuple[ShaperState, Shaped]:
+    def step(
+        self, state: ShaperState, reference: ArrayLike, estimate: Estimate | None = None
+    ) -> tuple[ShaperState, Shaped]:
         """The state and the shaped reference after a sample.
 
         Args:
@@ -153,7 +156,7 @@ class AdaptiveShaper(eqx.Module):
         """The same shaper as a plain object for a control loop, at rest at ``reference``."""
         return OnlineShaper(self, reference)
 
-    def shaper(self, omega: Any = None, zeta: Any = None) -> Shaper:
+    def shaper(self, omega: ArrayLike | None = None, zeta: ArrayLike | None = None) -> Shaper:
         """All filters together as they run, tuned to those modes: with times on samples. For concrete values only.
 
         Args:
@@ -163,7 +166,9 @@ class AdaptiveShaper(eqx.Module):
         omega, zeta = self.omega if omega is None else omega, self.zeta if zeta is None else zeta
         return functools.reduce(Shaper.convolve, self.cascade.filters.shapers(omega, zeta))
 
-    def bound(self, omega: Any = None, zeta: Any = None, spacing: float | None = None) -> Float[np.ndarray, " modes"]:
+    def bound(
+        self, omega: ArrayLike | None = None, zeta: ArrayLike | None = None, spacing: float | None = None
+    ) -> Float[np.ndarray, " modes"]:
         """An upper bound of each mode's residual vibration after a step, over a bare step's, whatever estimates come.
 
         ``retune="steady"``: the largest V over all that the mode's own filter can be tuned to, since a step passes taps

@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jshape._types import ArrayLike
 from jshape.adaptive.formulas import JAX, Numbers, as_lists
 from jshape.adaptive.identifiers.estimate import Estimate
 from jshape.adaptive.shapers.taps import Filters
@@ -106,7 +107,7 @@ class Cascade:
     change: float
     length: int
 
-    def initial(self, xp: Any, omega: Any, zeta: Any, reference: Any) -> ShaperState:
+    def initial(self, xp: Any, omega: ArrayLike, zeta: ArrayLike, reference: ArrayLike) -> ShaperState:
         """The state at rest at ``reference``, tuned to those modes; ``xp``: NumPy or ``jax.numpy``."""
         modes = len(self.bands)
         gains, delays = self.filters.taps(xp, omega, zeta)

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jshape import _check
+from jshape._types import ArrayLike
 from jshape.adaptive.arguments import check_time
 from jshape.adaptive.formulas import Numbers
 
@@ -52,12 +53,12 @@ class IncrementShaper:
         """The number of samples in the queue."""
         return int(self.longest / self.sample_time) + 3
 
-    def initial(self, reference: Any) -> Queue:
+    def initial(self, reference: ArrayLike) -> Queue:
         """The queue of a machine at rest at that reference."""
         return Queue(np.zeros(self.size), 0, reference, reference)
 
     def advance(
-        self, numbers: Numbers, queue: Queue, reference: Any, shaper: Callable[[Any], tuple[Any, Any]]
+        self, numbers: Numbers, queue: Queue, reference: ArrayLike, shaper: Callable[[Any], tuple[Any, Any]]
     ) -> Queue:
         """The queue a sample later, with the next sample of the command.
 
@@ -81,7 +82,7 @@ class IncrementShaper:
         command = numbers.select(left > 0, queue.command + coming[0], reference)
         return Queue(xp.concatenate([coming[1:], xp.zeros(1, coming.dtype)]), left, command, reference)
 
-    def replaced(self, numbers: Numbers, queue: Queue, amounts: Any, times: Any) -> Queue:
+    def replaced(self, numbers: Numbers, queue: Queue, amounts: Any, times: ArrayLike) -> Queue:
         """The queue with other increments to come, which should sum to the reference less the command.
 
         Args:

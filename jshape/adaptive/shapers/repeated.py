@@ -6,9 +6,10 @@ import numpy as np
 from jaxtyping import Float
 
 from jshape import _check
+from jshape._types import ArrayLike
 
 
-def repeated(bound: Any, omega: Any, zeta: Any, spacing: float) -> Float[np.ndarray, "..."]:
+def repeated(bound: Any, omega: ArrayLike, zeta: ArrayLike, spacing: float) -> Float[np.ndarray, "..."]:
     """The geometric sum bound · (1 + e^(−ζωT) + e^(−2ζωT) + …): of a step, and of all before it as far as they last.
 
     Vibrations of a linear mode add up, and their envelopes can be in phase; each began at least T after the one before.

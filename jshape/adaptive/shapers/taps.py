@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from jshape._types import ArrayLike
 from jshape.design import linear
 from jshape.shaper import Shaper
 from jshape.vibration import percentage_vibration
@@ -56,7 +57,7 @@ class Filters:
             values = values * scaled[:, None, None] + row[None]
         return values[:, 0], values[:, 1] / omega[:, None]
 
-    def taps(self, xp: Any, omega: Any, zeta: Any) -> tuple[Any, Any]:
+    def taps(self, xp: Any, omega: ArrayLike, zeta: ArrayLike) -> tuple[Any, Any]:
         """Gains and delays (whole samples) of the taps after the first, both (modes, taps), the longest delay last.
 
         The first tap, without delay, has what is missing to a sum of 1. ``xp``: NumPy or ``jax.numpy``.
@@ -77,7 +78,7 @@ class Filters:
         zeta = np.linspace(*self.zeta_bounds, 65)
         return self.taps(np, np.full(len(zeta), omega), zeta)[1]
 
-    def shapers(self, omega: Any, zeta: Any) -> list[Shaper]:
+    def shapers(self, omega: ArrayLike, zeta: ArrayLike) -> list[Shaper]:
         """The filters as they run, one a mode, with their times on samples. For concrete values only."""
         on_samples = self._impulses_on_samples(np.asarray(omega, float), np.asarray(zeta, float))
         return [Shaper(*pair) for pair in zip(*on_samples, strict=True)]

@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from jshape._types import ArrayLike
 from jshape.adaptive.formulas import Numbers
 
 
-def transition_zvd(numbers: Numbers, omega: Any, zeta: Any, rest: Any) -> tuple[Any, Any]:
+def transition_zvd(numbers: Numbers, omega: ArrayLike, zeta: ArrayLike, rest: Any) -> tuple[Any, Any]:
     """Amplitudes and times of five impulses with Σ A = 1, Σ A exp(−p t) = ρ and Σ A t exp(−p t) = 0; p the mode's pole.
 
     Args:

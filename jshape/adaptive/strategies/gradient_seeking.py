@@ -21,9 +21,9 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jshape import _check
 from jshape._check import Argument, Checked, above_one, as_array, choice, positive
-from jshape._types import Scalar, Times
+from jshape._types import ArrayLike, Scalar, Times
 from jshape.adaptive.arguments import check_each
-from jshape.command import AbstractCommand, as_command
+from jshape.command import AbstractCommand, Distance, as_command
 from jshape.compilation_cache import kept
 from jshape.levenberg_marquardt import levenberg_marquardt
 from jshape.plants import AbstractPlant
@@ -127,7 +127,7 @@ class GradientSeeking(Checked):
     def _model(self, logs: Array) -> AbstractPlant:
         return with_leaves(self.plant, dict(zip(self.leaves, self.nominal * jnp.exp(logs), strict=True)))
 
-    def predict(self, logs: Array, shaper: Shaper, distance: Any, initial_state: Any = None) -> Times:
+    def predict(self, logs: Array, shaper: Shaper, distance: Distance, initial_state: ArrayLike | None = None) -> Times:
         """The signal at ``times``.
 
         Args:

@@ -12,6 +12,7 @@ import equinox as eqx
 import numpy as np
 
 from jshape import _check
+from jshape._types import ArrayLike
 from jshape.adaptive.arguments import check_band, check_positive, check_time
 from jshape.adaptive.formulas import NUMPY, Numbers
 from jshape.adaptive.identifiers.estimate import half_period
@@ -139,13 +140,13 @@ class StateAware(AbstractStrategy):
         slowest = 2 * np.pi / self.band[0] / np.sqrt(1 - self.zeta_limit**2)
         self.queue = IncrementShaper(self.sample_time, float(slowest + others.duration))
 
-    def initial(self, reference: Any) -> AwareState:
+    def initial(self, reference: ArrayLike) -> AwareState:
         mode = Mode(self.omega[0], self.zeta[0], self.gain[0], np.inf, self.gain[1])
         plan = no_plan(1 + self.replans, 5 * len(self.others.times))
         return AwareState(Sensor(), Normal(), mode, self.queue.initial(reference), np.inf, 0, plan)
 
     def advance(
-        self: Any, numbers: Numbers, state: AwareState, reference: Any, readings: Readings
+        self: Any, numbers: Numbers, state: AwareState, reference: ArrayLike, readings: Readings
     ) -> tuple[AwareState, Decision]:
         select, xp = numbers.select, numbers.xp
         patience = half_period(self.band, self.sample_time)

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 
-from jshape._types import Scalar
+from jshape._types import ArrayLike, Scalar
 from jshape.adaptive.formulas import JAX, NUMPY, Numbers, as_jax, as_numpy, like, plain
 
 
@@ -49,18 +49,20 @@ class AbstractStrategy(eqx.Module):
     sample_time: eqx.AbstractVar[float]
 
     @abc.abstractmethod
-    def initial(self, reference: Any) -> Any:
+    def initial(self, reference: ArrayLike) -> Any:
         """The state of a machine at rest at ``reference``."""
 
     @abc.abstractmethod
-    def advance(self: Any, numbers: Numbers, state: Any, reference: Any, readings: Readings) -> tuple[Any, Decision]:
+    def advance(
+        self: Any, numbers: Numbers, state: Any, reference: ArrayLike, readings: Readings
+    ) -> tuple[Any, Decision]:
         """The state and the decision after a sample. ``self``: the strategy, or whatever has its fields (``plain``)."""
 
-    def start(self, reference: Any) -> Any:
+    def start(self, reference: ArrayLike) -> Any:
         """The state of a machine at rest at ``reference``: a pytree of JAX arrays of fixed shapes."""
         return as_jax(self.initial(reference))
 
-    def step(self, state: Any, reference: Any, readings: Readings) -> tuple[Any, Decision]:
+    def step(self, state: Any, reference: ArrayLike, readings: Readings) -> tuple[Any, Decision]:
         """The state and the decision after a sample.
 
         Args:
@@ -101,9 +103,11 @@ class Unshaped(AbstractStrategy):
 
     sample_time: float = eqx.field(static=True)
 
-    def initial(self, reference: Any) -> tuple[()]:
+    def initial(self, reference: ArrayLike) -> tuple[()]:
         return ()
 
-    def advance(self: Any, numbers: Numbers, state: Any, reference: Any, readings: Readings) -> tuple[Any, Decision]:
+    def advance(
+        self: Any, numbers: Numbers, state: Any, reference: ArrayLike, readings: Readings
+    ) -> tuple[Any, Decision]:
         nothing = numbers.xp.zeros(0)
         return state, Decision(reference, nothing, nothing, 0)

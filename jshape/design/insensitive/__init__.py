@@ -15,11 +15,11 @@ derivative (``_band``). For concrete numbers only.
 """
 
 import dataclasses
-from typing import Any
 
 import numpy as np
 
 from jshape import _check
+from jshape._types import ArrayLike
 from jshape.design.insensitive._band import certified, region, sampled_vibration
 from jshape.design.insensitive._dual import Kind
 from jshape.design.insensitive._rounding import Rounded as Rounded
@@ -67,9 +67,9 @@ class Specified(Result):
 
 
 def specified(
-    band: Any,
+    band: ArrayLike,
     vibration: float | None = None,
-    zeta: Any = 0.0,
+    zeta: ArrayLike = 0.0,
     amplitudes: str = "positive",
     impulses: int | None = None,
     *,
@@ -110,9 +110,9 @@ def specified(
 
 
 def solve(
-    band: Any,
+    band: ArrayLike,
     vibration: float | None = None,
-    zeta: Any = 0.0,
+    zeta: ArrayLike = 0.0,
     amplitudes: str = "positive",
     impulses: int | None = None,
     *,

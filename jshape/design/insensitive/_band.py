@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Complex, Float
 
 from jshape import _check
+from jshape._types import ArrayLike
 from jshape.vibration import transform
 
 Vector = Float[np.ndarray, "_"]
@@ -82,7 +83,7 @@ class Region:
         return np.concatenate([line.poles(line.grid(duration, density)) for line in self.lines])
 
 
-def region(band: Any, zeta: Any, samples: int | None) -> Region:
+def region(band: ArrayLike, zeta: ArrayLike, samples: int | None) -> Region:
     """The region of poles with frequencies in a band and damping ratios in a range.
 
     Args:
@@ -118,7 +119,7 @@ def region(band: Any, zeta: Any, samples: int | None) -> Region:
     return Region((*rays, *arcs), np.concatenate(at))
 
 
-def certified(amplitudes: Any, times: Any, lines: Sequence[Line], tolerance: float = 1e-12) -> float:
+def certified(amplitudes: ArrayLike, times: ArrayLike, lines: Sequence[Line], tolerance: float = 1e-12) -> float:
     """An upper bound on the largest V along the lines, tight to about the tolerance.
 
     Args:

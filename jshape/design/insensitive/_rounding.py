@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Int
 
 from jshape import _check
+from jshape._types import ArrayLike
 from jshape.design.insensitive._band import Vector, proven_vibration, region
 from jshape.shaper import Shaper
 from jshape.vibration import transform
@@ -38,7 +39,9 @@ class Rounded:
         return self.after - self.before
 
 
-def rounded(shaper: Shaper, sample_time: float, band: Any, zeta: Any = 0.0, *, samples: int | None = None) -> Rounded:
+def rounded(
+    shaper: Shaper, sample_time: float, band: ArrayLike, zeta: ArrayLike = 0.0, *, samples: int | None = None
+) -> Rounded:
     """The shaper with its times on whole multiples of a sample time, chosen so that V over the band is least.
 
     Amplitudes stay as they are, so an on-off shaper stays one. Up to seven impulses, every choice among the two samples

@@ -4,18 +4,16 @@ Times of the solved shapers are phases τ = ω_d t, frequencies are over the des
 on the damping (and the vibration) alone.
 """
 
-from typing import Any
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Complex, Float
 
 from jshape import _check
-from jshape._types import Scalar
+from jshape._types import ArrayLike, Scalar
 
 
-def mode(omega: Any, zeta: Any) -> tuple[Scalar, Scalar]:
+def mode(omega: ArrayLike, zeta: ArrayLike) -> tuple[Scalar, Scalar]:
     """The mode's frequency (rad/s) and damping ratio as arrays of one type, checked."""
     arrays = _check.scalar(omega, "omega"), _check.scalar(zeta, "zeta")
     _check.positive(arrays[0], "omega")

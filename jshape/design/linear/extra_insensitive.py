@@ -13,13 +13,13 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from jshape import _check
-from jshape._types import Impulses, Scalar
+from jshape._types import ArrayLike, Impulses, Scalar
 from jshape.design.linear._mode import damped, decay, follow, mode, parts, when_solved
 from jshape.shaper import Shaper
 from jshape.vibration import phasors, transform
 
 
-def ei(omega: Any, zeta: Any = 0.0, vibration: Any = 0.05) -> Shaper:
+def ei(omega: ArrayLike, zeta: ArrayLike = 0.0, vibration: ArrayLike = 0.05) -> Shaper:
     """The extra-insensitive shaper: three impulses; V is ``vibration`` at the design frequency and 0 on either side.
 
     With damping the maximum between the zeros is kept at the design frequency, so that V does not exceed ``vibration``
@@ -43,7 +43,7 @@ def ei(omega: Any, zeta: Any = 0.0, vibration: Any = 0.05) -> Shaper:
     return _shaper("extra-insensitive", 1, omega, zeta, vibration)
 
 
-def two_hump_ei(omega: Any, zeta: Any = 0.0, vibration: Any = 0.05) -> Shaper:
+def two_hump_ei(omega: ArrayLike, zeta: ArrayLike = 0.0, vibration: ArrayLike = 0.05) -> Shaper:
     """The two-hump extra-insensitive shaper: four impulses; V is 0 at the design frequency, with a hump on either side.
 
     Arguments and errors as ``ei``. Found up to ζ = 0.36 for 5 %, 0.20 for 20 %.
@@ -54,7 +54,7 @@ def two_hump_ei(omega: Any, zeta: Any = 0.0, vibration: Any = 0.05) -> Shaper:
     return _shaper("two-hump extra-insensitive", 2, omega, zeta, vibration)
 
 
-def three_hump_ei(omega: Any, zeta: Any = 0.0, vibration: Any = 0.05) -> Shaper:
+def three_hump_ei(omega: ArrayLike, zeta: ArrayLike = 0.0, vibration: ArrayLike = 0.05) -> Shaper:
     """The three-hump extra-insensitive shaper: five impulses, humps at the design frequency and on either side.
 
     Arguments and errors as ``ei``. Found up to ζ = 0.26 for 5 %, 0.13 for 20 %.

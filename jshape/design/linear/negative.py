@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Array, Bool
 
 from jshape import _check
-from jshape._types import Impulses, Scalar
+from jshape._types import ArrayLike, Impulses, Scalar
 from jshape.design.linear._mode import damped, decay, follow, mode, parts, when_solved
 from jshape.shaper import Shaper
 from jshape.vibration import phasors
@@ -24,7 +24,7 @@ UM_ZVD: tuple[tuple[float, ...], int] = (0.08951255, 0.27672127, 0.27672127, 0.0
 """Gaps over the period without damping, and the order of the zero."""
 
 
-def um_zv(omega: Any, zeta: Any = 0.0) -> Shaper:
+def um_zv(omega: ArrayLike, zeta: ArrayLike = 0.0) -> Shaper:
     """The unity-magnitude ZV shaper: amplitudes 1, −1, 1, at 0, T/6, T/3 without damping.
 
     For machines that can only be switched on and off. Negative impulses may excite modes above the one designed for.
@@ -43,7 +43,7 @@ def um_zv(omega: Any, zeta: Any = 0.0) -> Shaper:
     return _shaper("um_zv", *UM_ZV, omega, zeta, 1.0)
 
 
-def um_zvd(omega: Any, zeta: Any = 0.0) -> Shaper:
+def um_zvd(omega: ArrayLike, zeta: ArrayLike = 0.0) -> Shaper:
     """The unity-magnitude ZVD shaper: amplitudes 1, −1, 1, −1, 1, 0.7325 of a period long.
 
     Arguments and errors as ``um_zv``; V is 0 to second order.
@@ -54,7 +54,7 @@ def um_zvd(omega: Any, zeta: Any = 0.0) -> Shaper:
     return _shaper("um_zvd", *UM_ZVD, omega, zeta, 1.0)
 
 
-def sna_zv(omega: Any, zeta: Any = 0.0, negative: Any = 0.5) -> Shaper:
+def sna_zv(omega: ArrayLike, zeta: ArrayLike = 0.0, negative: Any = 0.5) -> Shaper:
     """The ZV shaper with a specified negative amplitude: A₁, −b, A₃; from a ZV (b towards 0) to a UM-ZV (b = 1).
 
     Without damping 2/ω arccos(b/(1 + b)) long: the greater b, the shorter, but the more it excites modes above. The
@@ -75,7 +75,7 @@ def sna_zv(omega: Any, zeta: Any = 0.0, negative: Any = 0.5) -> Shaper:
     return _shaper("sna_zv", *UM_ZV, omega, zeta, negative)
 
 
-def sna_zvd(omega: Any, zeta: Any = 0.0, negative: Any = 0.5) -> Shaper:
+def sna_zvd(omega: ArrayLike, zeta: ArrayLike = 0.0, negative: Any = 0.5) -> Shaper:
     """The ZVD shaper with a specified negative amplitude: A₁, −b, A₃, −b, A₅; from a ZVD to a UM-ZVD.
 
     Arguments and errors as ``sna_zv``.

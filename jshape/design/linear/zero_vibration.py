@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jshape import _check, klipper
+from jshape._types import ArrayLike
 from jshape.design.linear._mode import damped, decay, mode
 from jshape.shaper import Shaper
 
@@ -41,7 +42,7 @@ def zvd_n(omega: Any, zeta: Any = 0.0, *, order: int) -> Shaper:
     return Shaper(binomials * k**i / (1 + k) ** n, np.pi * i / (omega * root))
 
 
-def zv(omega: Any, zeta: Any = 0.0) -> Shaper:
+def zv(omega: ArrayLike, zeta: ArrayLike = 0.0) -> Shaper:
     """The zero-vibration shaper: two impulses, half a damped period long.
 
     Arguments and errors as ``zvd_n``.
@@ -51,7 +52,7 @@ def zv(omega: Any, zeta: Any = 0.0) -> Shaper:
     return zvd_n(omega, zeta, order=0)
 
 
-def zvd(omega: Any, zeta: Any = 0.0) -> Shaper:
+def zvd(omega: ArrayLike, zeta: ArrayLike = 0.0) -> Shaper:
     """The zero-vibration-and-derivative shaper: three impulses, one damped period long.
 
     Arguments and errors as ``zvd_n``.
@@ -61,7 +62,7 @@ def zvd(omega: Any, zeta: Any = 0.0) -> Shaper:
     return zvd_n(omega, zeta, order=1)
 
 
-def zvdd(omega: Any, zeta: Any = 0.0) -> Shaper:
+def zvdd(omega: ArrayLike, zeta: ArrayLike = 0.0) -> Shaper:
     """The shaper of zero vibration and two derivatives: four impulses, one and a half damped periods long.
 
     Arguments and errors as ``zvd_n``.
@@ -71,7 +72,7 @@ def zvdd(omega: Any, zeta: Any = 0.0) -> Shaper:
     return zvd_n(omega, zeta, order=2)
 
 
-def zvddd(omega: Any, zeta: Any = 0.0) -> Shaper:
+def zvddd(omega: ArrayLike, zeta: ArrayLike = 0.0) -> Shaper:
     """The shaper of zero vibration and three derivatives: five impulses, two damped periods long.
 
     Arguments and errors as ``zvd_n``.
@@ -81,7 +82,7 @@ def zvddd(omega: Any, zeta: Any = 0.0) -> Shaper:
     return zvd_n(omega, zeta, order=3)
 
 
-def mzv(omega: Any, zeta: Any = 0.0, *, n: int = 3, t: Any = 0.75) -> Shaper:
+def mzv(omega: ArrayLike, zeta: ArrayLike = 0.0, *, n: int = 3, t: Any = 0.75) -> Shaper:
     """The modified zero-vibration shaper: n even impulses between a ZV and a ZVD, by default three, 0.75 periods long.
 
     Args:
@@ -104,7 +105,7 @@ def mzv(omega: Any, zeta: Any = 0.0, *, n: int = 3, t: Any = 0.75) -> Shaper:
     return Shaper(amplitudes / jnp.sum(amplitudes), 2 * jnp.pi * periods / omega)
 
 
-def digital_zvd_n(omega: Any, zeta: Any = 0.0, *, sample_time: Any, order: int = 0) -> Shaper:
+def digital_zvd_n(omega: ArrayLike, zeta: ArrayLike = 0.0, *, sample_time: Any, order: int = 0) -> Shaper:
     """The shaper of zero vibration and zero derivatives with every impulse on a sample of a controller.
 
     The second impulse of a ZV is shared between the samples before and after half the damped period so that the mode is

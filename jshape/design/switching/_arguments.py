@@ -5,10 +5,11 @@ from typing import Any
 import numpy as np
 
 from jshape import _check
+from jshape._types import ArrayLike
 from jshape.design.switching._problem import Band, Real
 
 
-def read_modes(omega: Any, zeta: Any) -> tuple[Real, Real]:
+def read_modes(omega: ArrayLike, zeta: ArrayLike) -> tuple[Real, Real]:
     """Frequencies (rad/s) and damping ratios as two arrays of the same length."""
     omega, zeta = np.atleast_1d(numbers(omega, "omega")), numbers(zeta, "zeta")
     _check.positive(omega, "omega")

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from jshape import _check
+from jshape._types import ArrayLike
 from jshape.design.switching._arguments import number, positive, read_modes, read_robustness, read_state
 from jshape.design.switching._digital import path_constraints
 from jshape.design.switching._linear_program import PathConstraints, fewest_steps, possible_share, shortest
@@ -21,15 +22,15 @@ _TOLERANCE = 1e-9
 
 
 def transition(
-    omega: Any,
-    zeta: Any = 0.0,
-    initial_state: Any = None,
+    omega: ArrayLike,
+    zeta: ArrayLike = 0.0,
+    initial_state: ArrayLike | None = None,
     *,
     start: float = 0.0,
     final: float = 1.0,
     limit: float = 1.0,
     robust: Any = False,
-    quiet: Any = (),
+    quiet: ArrayLike = (),
     longest: float | None = None,
 ) -> Switched:
     """The minimum-time input between two levels, |u| ≤ ``limit``, that leaves the modes at rest.
@@ -70,12 +71,12 @@ def transition(
 
 
 def time_optimal_filter(
-    omega: Any,
-    zeta: Any = 0.0,
-    initial_state: Any = None,
+    omega: ArrayLike,
+    zeta: ArrayLike = 0.0,
+    initial_state: ArrayLike | None = None,
     robust: Any = False,
     *,
-    quiet: Any = (),
+    quiet: ArrayLike = (),
     longest: float | None = None,
 ) -> Switched:
     """The minimum-time bang-bang filter, |u| ≤ 1, from 0 to 1: impulses 1, −2, 2, … (or −1, 2, … from far away).
@@ -88,14 +89,14 @@ def time_optimal_filter(
 
 
 def rest_to_rest(
-    omega: Any,
-    zeta: Any,
-    distance: Any,
-    initial_state: Any = None,
+    omega: ArrayLike,
+    zeta: ArrayLike,
+    distance: ArrayLike,
+    initial_state: ArrayLike | None = None,
     limit: float = 1.0,
     *,
     robust: Any = False,
-    quiet: Any = (),
+    quiet: ArrayLike = (),
     fuel: float | None = None,
     longest: float | None = None,
 ) -> Switched:
@@ -188,7 +189,13 @@ def digital_rest_to_rest(
 
 
 def preloaded(
-    omega: Any, zeta: Any, distance: Any, initial_state: Any = None, limit: float = 1.0, *, robust: Any = False
+    omega: ArrayLike,
+    zeta: ArrayLike,
+    distance: ArrayLike,
+    initial_state: ArrayLike | None = None,
+    limit: float = 1.0,
+    *,
+    robust: Any = False,
 ) -> Switched:
     """A move in closed form: the rigid body's three switches, each through a transition filter of its own.
 

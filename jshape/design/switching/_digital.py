@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from jshape import _check
+from jshape._types import ArrayLike
 from jshape.design.switching._arguments import numbers, positive
 from jshape.design.switching._linear_program import Disc, PathConstraints
 from jshape.design.switching._problem import BangBangProblem, Real
@@ -12,7 +13,7 @@ from jshape.vibration import pole
 
 
 def path_constraints(
-    problem: BangBangProblem, deflection: Any, move_vibration: Any, speed_limit: Any
+    problem: BangBangProblem, deflection: ArrayLike | None, move_vibration: ArrayLike | None, speed_limit: Any
 ) -> PathConstraints | None:
     """The constraints that are given, in the caller's units, or None. *Raises* ``ValueError`` for nonsense."""
     deflections = _per_mode(deflection, "deflection", problem)

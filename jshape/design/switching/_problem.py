@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from jshape._types import ArrayLike
 from jshape.vibration import pole
 
 Real = np.ndarray
@@ -44,7 +45,7 @@ class Band:
     zeta: float
     state: Real
 
-    def residual(self, omega: Any, amplitudes: Real, times: Real) -> Any:
+    def residual(self, omega: ArrayLike, amplitudes: Real, times: Real) -> Any:
         """The residual vibration at each frequency at the last time, times s (in units of u)."""
         s = pole(np.asarray(omega, float), self.zeta)
         return np.exp(s[..., None] * (times[-1] - times)) @ amplitudes + np.exp(s * times[-1]) * self.initial(omega)
@@ -53,11 +54,11 @@ class Band:
         """s z(0) at each frequency."""
         return pole(omega, self.zeta) * self.state[1] - omega**2 * self.state[0]
 
-    def allowed(self, omega: Any, final: float) -> Any:
+    def allowed(self, omega: ArrayLike, final: float) -> Any:
         """The limit on |residual|: of a step to the final level, or to the limit of u where that is 0."""
         return self.vibration * np.abs((final or 1.0) + self.initial(omega))
 
-    def ratio(self, omega: Any, final: float, amplitudes: Real, times: Real) -> Any:
+    def ratio(self, omega: ArrayLike, final: float, amplitudes: Real, times: Real) -> Any:
         """|residual| over what is allowed."""
         return np.abs(self.residual(omega, amplitudes, times)) / np.maximum(self.allowed(omega, final), 1e-300)
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from jshape import _check
+from jshape._types import ArrayLike
 from jshape.command import PiecewisePolynomial
 from jshape.design.switching._problem import Band, BangBangProblem, Real, advance
 from jshape.shaper import Shaper
@@ -131,7 +132,7 @@ class Switched(Result):
         modes = advance(self.omega, self.zeta, self.initial_state, self.levels, self.times, float(time))
         return modes if self.rigid is None else np.vstack([self._rigid_at(float(time)), modes])
 
-    def sensitivity(self, omega: Any, zeta: float | None = None, mode: int = 0) -> Real:
+    def sensitivity(self, omega: ArrayLike, zeta: float | None = None, mode: int = 0) -> Real:
         """The residual vibration if a mode's frequency differs from the design's.
 
         Args:

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 from scipy.optimize import least_squares
 
 from jshape import _check
-from jshape._types import Scalar, State
+from jshape._types import ArrayLike, Scalar, State
 from jshape.command import PiecewisePolynomial
 from jshape.compilation_cache import kept
 from jshape.design.switching._arguments import number, numbers, positive
@@ -77,7 +77,7 @@ class Tuned(Result):
 def tuned(
     plant: AbstractPlant,
     switches: Any,
-    initial_state: Any = None,
+    initial_state: ArrayLike | None = None,
     limit: float = 1.0,
     *,
     distance: float | None = None,

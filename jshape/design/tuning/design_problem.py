@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jshape import _check
+from jshape._types import ArrayLike
 from jshape.axes import Axes, Rest, for_axes
 from jshape.command import AbstractCommand
 from jshape.design.tuning import constraints
@@ -95,7 +96,7 @@ def design_problem(
     objective: Objective,
     *,
     relative: bool,
-    initial_state: Any,
+    initial_state: ArrayLike | None,
     limits: Limits,
     metric: Metric | None = None,
     also: Sequence[str] | Mapping[str, Any] = (),

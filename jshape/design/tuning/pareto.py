@@ -18,7 +18,8 @@ import numpy as np
 import xarray as xr
 
 from jshape import _check
-from jshape._types import Progress
+from jshape._types import ArrayLike, Progress
+from jshape.command import Distance
 from jshape.design.closed_forms import closed_forms
 from jshape.design.tuning.design_problem import DesignProblem, design_problem, slowest_period
 from jshape.design.tuning.evaluate import evaluate
@@ -47,9 +48,9 @@ STATUSES = tuple(Status)
 
 def pareto(
     plant: AbstractPlant,
-    distance: Any,
+    distance: Distance,
     impulses: Sequence[int] = (2, 3, 4),
-    durations: Any = 12,
+    durations: ArrayLike = 12,
     amplitudes: Sequence[str] = ("positive",),
     limit: float | None = None,
     over: Mapping[str, Any] | None = None,
@@ -59,7 +60,7 @@ def pareto(
     *,
     shapers: str | Sequence[str] = "shared",
     relative: bool = True,
-    initial_state: Any = None,
+    initial_state: ArrayLike | None = None,
     iterations: int = 240,
     store: str | Path | None = None,
     progress: Progress | None = None,

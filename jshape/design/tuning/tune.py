@@ -11,7 +11,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from jshape import _check
-from jshape._types import Progress
+from jshape._types import ArrayLike, Progress
+from jshape.command import Distance
 from jshape.compilation_cache import make_room
 from jshape.design.tuning import digital
 from jshape.design.tuning.design_problem import DesignProblem, design_problem
@@ -26,7 +27,7 @@ from jshape.shaper import Shaper
 
 def tune(
     plant: AbstractPlant,
-    distance: Any,
+    distance: Distance,
     impulses: int = 3,
     duration: float | tuple[float, float] | None = None,
     amplitudes: str = "positive",
@@ -45,7 +46,7 @@ def tune(
     peak_deflection: float | Mapping[str, float] | None = None,
     speed_limit: float | Mapping[str, float] | None = None,
     command_overshoot: float | Mapping[str, float] | None = None,
-    initial_state: Any = None,
+    initial_state: ArrayLike | None = None,
     start: Shaper | Mapping[str, Shaper] | None = None,
     iterations: int | None = None,
     method: str = "second-order",
