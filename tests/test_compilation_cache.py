@@ -464,3 +464,10 @@ def test_programs_make_room_before_linux_maps_no_more_memory(monkeypatch):
     programs.make_room()
     assert float(twice(1.0)) == 2.0
     assert len(traced) == 2
+    # Of memory; then not again before there is half as much again.
+    monkeypatch.setattr(programs, "_remaining", 0.0)
+    for most, traces in ((1e9, 2), (0.0, 3), (0.0, 3)):
+        monkeypatch.setattr(programs, "HELD", most)
+        programs.bound_memory()
+        twice(1.0)
+        assert len(traced) == traces

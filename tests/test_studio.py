@@ -3,6 +3,7 @@
 import asyncio
 import base64
 import dataclasses
+import gc
 import itertools
 import json
 import os
@@ -39,12 +40,14 @@ from jshape.studio import (
     state,
     takeaway,
     words,
+    work,
 )
 from jshape.studio.guard import MOST, MOST_UPLOADED, Guard
 from jshape.studio.live import Live
 from jshape.studio.panels import learn
 from jshape.studio.panels.printer import file_name
 from jshape.studio.panels.shaper import ENERGY, SHAPERS
+from jshape.studio.tab import FARTHEST
 from jshape.studio.work import Work
 
 
@@ -610,6 +613,35 @@ def test_a_shaper_that_cannot_be_is_an_error():
         next(every(broken))
 
 
+@pytest.mark.parametrize(
+    ("path", "value", "words"),
+    [
+        ("plant.m2", 1e-300, "m2 must be 0, or lie between 1e-18 and 1e\\+18 in size, not 1e-300"),
+        ("distance", -1e300, "distance must be 0, or lie between"),
+        # √((k1 + 3 k3 x²) / m2) at 1 m.
+        (
+            "plant.m2",
+            1e-12,
+            "mode, 2.802e\\+06 Hz, makes 1.401e.* periods in the 0.5 s that are drawn, of which",
+        ),
+        ("plant.spring.k3", 1e18, "at most 1000"),
+    ],
+)
+def test_what_would_take_minutes_is_refused(path, value, words):
+    """A payload of 1e-300 kg took a run of 26 million steps; the page's one worker computes for all tabs."""
+    shown = changes.with_value(state.begin("TwoMass"), path, value)
+    with pytest.raises(ValueError, match=words):
+        next(curves.stages(shown))
+    if "lie between" in words:
+        with pytest.raises(ValueError, match=words):
+            takeaway.closed_form(shown, takeaway.SIMPLEST)
+
+
+def test_a_bar_that_is_dragged_far_away_is_refused():
+    with pytest.raises(ValueError, match="at most 1000"):
+        next(curves.stages(changes.with_time(state.begin("TwoMass"), 1, FARTHEST)))
+
+
 def test_a_draft_says_so_and_is_not_given_away():
     at = np.array([1.0, 2.0])
     draft = results.Sensitivity("mass (kg)", at, {"shaped": at, "unshaped": at}, "residual energy", True)
@@ -961,6 +993,36 @@ def test_a_stop_at_once_is_quiet(capfd):
             await running
 
     asyncio.run(asyncio.wait_for(stopped(), 30))
+    assert capfd.readouterr().err == ""
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGALRM"), reason="Windows has no alarms")
+def test_an_interrupt_where_python_cannot_raise_it_comes_again(monkeypatch, capfd):
+    """While garbage is collected, where JAX has Python call it, an exception is printed and forgotten."""
+    sent = []
+
+    def collecting(phase, info):
+        if not sent:
+            sent.append(phase)
+            signal.raise_signal(signal.SIGINT)
+
+    def collect():
+        gc.collect()
+        for _ in range(200):
+            time.sleep(0.01)
+
+    monkeypatch.setattr(sys, "unraisablehook", work._again)
+    usual = {each: signal.getsignal(each) for each in (signal.SIGINT, signal.SIGALRM)}
+    work._on_interrupt(signal.default_int_handler)
+    gc.callbacks.append(collecting)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            collect()
+    finally:
+        gc.callbacks.remove(collecting)
+        for each, handler in usual.items():
+            signal.signal(each, handler)
+    assert sent
     assert capfd.readouterr().err == ""
 
 

@@ -12,17 +12,19 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from jshape.command import as_command
+from jshape.command import AbstractCommand, as_command
+from jshape.compilation_cache import bound_memory
 from jshape.metrics import residual_energy
 from jshape.plants import AbstractOscillator, AbstractPlant, ModalPlant
 from jshape.problems.problem import Problem
 from jshape.reports.places import bent_along, motion_of
 from jshape.reports.responses import shown_until
 from jshape.shaper import Shaper
-from jshape.simulation.simulate import Response, natural_frequencies, simulate
+from jshape.simulation.schedule import schedule
+from jshape.simulation.simulate import Response, fastest, natural_frequencies, simulate
 from jshape.simulation.steps import TOLERANCE
 from jshape.studio.results import Ends, Linear, Moves, Numbers, Pinned, Result, Sensitivity
-from jshape.studio.state import Files, Pin, State, problem
+from jshape.studio.state import Files, Pin, State, check_sizes, problem
 from jshape.sweeps.evaluate import side_by_side, study
 from jshape.sweeps.leaves import changed, check_over
 from jshape.vibration import percentage_vibration, spectrum
@@ -53,6 +55,10 @@ FRAMES = 120
 
 FREQUENCIES = 200
 """At which V and the spectrum of the response are computed."""
+
+PERIODS = 1000
+"""Of the fastest mode that are drawn: twenty times those with which any plant begins. With more a step of the
+sensitivity of a crane takes ten seconds, in which no newer value is taken."""
 
 ZETAS = (0.0, 0.05, 0.1)
 """Damping ratios for which V is drawn over the frequency."""
@@ -129,6 +135,8 @@ def stages(state: State) -> Iterator[tuple[Result, ...] | float]:
     Raises:
         ValueError: for a machine or a shaper that cannot be.
     """
+    bound_memory()
+    check_sizes(state)
     yield from _own(state)
     for pin in state.pins:
         yield (pinned(state.text, pin, state.files),)
@@ -201,8 +209,7 @@ def moves(asked: Problem, both: Pair, frequencies: np.ndarray, axis: str = "") -
     plant, move = asked.plant, as_command(asked.distance)
     horizon = shown_until(plant, both.duration + float(move.duration), frequencies)
     runs = {
-        name: simulate(plant, move, each, horizon=horizon, samples=SAMPLES, method="fixed")
-        for name, each in (("unshaped", both.bare), ("shaped", both.shaped))
+        name: _response(plant, move, each, horizon) for name, each in (("unshaped", both.bare), ("shaped", both.shaped))
     }
     at = plant.axes.index(axis) if axis else 0
     turns = plant.axis_unit(at) == "rad"
@@ -231,6 +238,21 @@ def moves(asked: Problem, both: Pair, frequencies: np.ndarray, axis: str = "") -
     )
 
 
+def _response(plant: AbstractPlant, move: AbstractCommand, shapers: Shapers, horizon: float) -> Response:
+    """A response that is drawn.
+
+    Raises:
+        ValueError: for a plant that is too fast for that: with a spring of 1e300 N/m a single run took minutes.
+    """
+    frequency = fastest(plant, schedule(plant, move, shapers)) / (2 * np.pi)
+    if not frequency * horizon <= PERIODS:
+        raise ValueError(
+            f"plant: its fastest mode, {frequency:.4g} Hz, makes {frequency * horizon:.4g} periods in the "
+            f"{horizon:.4g} s that are drawn, of which the studio shows at most {PERIODS}"
+        )
+    return simulate(plant, move, shapers, horizon=horizon, samples=SAMPLES, method="fixed")
+
+
 def ends(asked: Problem, both: Pair, moved: Moves) -> Ends:
     """The shaped move at both ends of the first uncertain leaf, as it is drawn.
 
@@ -246,7 +268,7 @@ def ends(asked: Problem, both: Pair, moved: Moves) -> Ends:
     places = {}
     for word, value in zip(("low", "high"), at, strict=True):
         plant, its_move = changed(asked.plant, move, {name: value})
-        run = simulate(plant, its_move, both.shaped, horizon=horizon, samples=SAMPLES, method="fixed")
+        run = _response(plant, its_move, both.shaped, horizon)
         places[word] = _places(plant, asked.files, {"shaped": run}, frames)[1]["shaped"]
     return Ends(asked.labels[name], at, places)
 

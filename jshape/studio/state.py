@@ -44,6 +44,11 @@ MOST_PINS = 5
 """Designs to compare with the one that is changed."""
 
 
+LEAST, LARGEST = 1e-18, 1e18
+"""Sizes of a page's numbers, but for 0, in the units of their sliders: no machine has others, and energies of 1e300 J,
+which overflow, take minutes."""
+
+
 @dataclasses.dataclass(frozen=True)
 class Pin:
     """A shaper that stays while the page's own is changed.
@@ -320,6 +325,20 @@ def parameters(state: State) -> list[Parameter]:
     if "type" not in starter.move:
         return [*found, _parameter("distance", starter.move["distance"], units["m"], "of the step", {})]
     return [*found, *_numbers_of_move("command", starter.move, units)]
+
+
+def check_sizes(state: State) -> None:
+    """Check that no number of a page is too large or too small to compute with.
+
+    Raises:
+        ValueError: for one that is.
+    """
+    for parameter in parameters(state):
+        if parameter.value and not LEAST <= abs(parameter.value) <= LARGEST:
+            name = parameter.path.removeprefix("plant.")
+            raise ValueError(
+                f"{name} must be 0, or lie between {LEAST:g} and {LARGEST:g} in size, not {parameter.value:g}"
+            )
 
 
 def _numbers_of_move(path: str, move: dict[str, Any], units: dict[str, str]) -> Iterator[Parameter]:

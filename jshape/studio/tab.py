@@ -3,8 +3,10 @@
 import asyncio
 import json
 import logging
+import tempfile
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
+from pathlib import Path
 from typing import Any
 
 from nicegui import Client, app, ui
@@ -105,6 +107,7 @@ class Tab:
         self.client: Client = ui.context.client
         self.kept = app.storage.tab
         self.views: dict[str, str] = {name: first for name, (first, _) in VIEWS.items()} | self.kept.get("views", {})
+        self._folder: tempfile.TemporaryDirectory[str] | None = None
         self.client.on_delete(self._closed)
 
     @property
@@ -112,6 +115,14 @@ class Tab:
         """The page's, without the query string."""
         request = self.client.request
         return str(request.base_url) if request is not None else "/"
+
+    def folder(self, name: str) -> Path:
+        """A folder for files that are dropped, until the tab is closed; without one a killed studio leaves none."""
+        if self._folder is None:
+            self._folder = tempfile.TemporaryDirectory(prefix="jshape-")
+        path = Path(self._folder.name, name)
+        path.mkdir(exist_ok=True)
+        return path
 
     def place(self, summary: ui.label, busy: ui.spinner, warning: ui.label) -> None:
         """Take the elements that say how far it is, and what is wrong."""
@@ -331,3 +342,5 @@ class Tab:
             self._waiting.cancel()
         for work in self.works:
             work.kill()
+        if self._folder is not None:
+            self._folder.cleanup()

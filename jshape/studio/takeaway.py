@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from jshape.studio.results import Moves, Sensitivity
-from jshape.studio.state import FILE, State, problem
+from jshape.studio.state import FILE, State, check_sizes, problem
 
 USUAL = {"sample_time": "0.01"}
 """What stands at first in the field of an option that must be given."""
@@ -78,6 +78,7 @@ def closed_form(state: State, name: str) -> tuple[list[float], list[float]]:
     """
     from jshape.design.closed_forms import closed_forms
 
+    check_sizes(state)
     asked = problem(state.text, state.files)
     found, left_out = closed_forms(asked.plant, asked.distance)
     if name not in found:

@@ -7,7 +7,6 @@ when its input does, so that none is left behind. The tasks are the functions of
 
 import asyncio
 import contextlib
-import gc
 import json
 import math
 import os
@@ -17,7 +16,6 @@ import sys
 import threading
 from collections.abc import Callable
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
 PATIENCE = 30.0
@@ -116,14 +114,15 @@ class Work:
 def main() -> None:
     """Read what is asked, do it, and write the answer."""
     # While libraries load: an interrupt within one of them would end the process, with its complaint in the terminal.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    _on_interrupt(signal.SIG_IGN)
     asked = json.loads(sys.stdin.readline())
     threading.Thread(target=_end_with_input, daemon=True).start()
     try:
         from jshape.studio import tasks
 
         tasks.prepare()
-        signal.signal(signal.SIGINT, _interrupted)
+        sys.unraisablehook = _again
+        _on_interrupt(signal.default_int_handler)
         _say({"begun": True})
         answer = {"answer": tasks.TASKS[sys.argv[1]](asked, _progress)}
     except (ValueError, OSError, MemoryError) as error:
@@ -131,16 +130,24 @@ def main() -> None:
     except KeyboardInterrupt:
         answer = {"error": STOPPED}
     # It is too late for another one.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    _on_interrupt(signal.SIG_IGN)
     _say(answer)
 
 
-def _interrupted(number: int, frame: FrameType | None) -> None:
-    """Ctrl-C; a moment later where Python collects garbage, which prints every exception and loses it."""
-    if frame is not None and any(frame.f_code is getattr(each, "__code__", None) for each in gc.callbacks):
-        threading.Timer(0.01, signal.raise_signal, [number]).start()
-        return
-    raise KeyboardInterrupt
+def _on_interrupt(handler: Any) -> None:
+    """Have a handler take Ctrl-C, and what comes once more of it."""
+    for name in ("SIGINT", "SIGALRM"):
+        # Windows has no alarms, nor an interrupt from another process.
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), handler)
+
+
+def _again(lost: Any) -> None:
+    """Of an exception where Python can only print it, such as within a destructor: an interrupt comes once more."""
+    if issubclass(lost.exc_type, KeyboardInterrupt) and hasattr(signal, "setitimer"):
+        signal.setitimer(signal.ITIMER_REAL, 0.05)
+    else:
+        sys.__unraisablehook__(lost)
 
 
 def _progress(stage: str, done: int, total: int, best: float) -> None:

@@ -2,7 +2,6 @@
 
 import functools
 import re
-import tempfile
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -31,8 +30,6 @@ def file_name(given: str) -> str:
 
 def build(tab: Tab) -> None:
     """Files, options, and the button that chooses a shaper."""
-    folder = tempfile.TemporaryDirectory(prefix="jshape-")
-    tab.client.on_delete(folder.cleanup)
     axes: dict[str, str] = {}
 
     def without(name: str) -> None:
@@ -58,7 +55,7 @@ def build(tab: Tab) -> None:
             return
         from jshape.calibration.files import axis_of
 
-        await event.file.save(Path(folder.name) / name)
+        await event.file.save(tab.folder("printer") / name)
         axes[name] = axis_of(Path(name))
         rows.refresh()
 
@@ -69,7 +66,7 @@ def build(tab: Tab) -> None:
         options = {"version": version.value, "zeta": zeta.value, "corner_speed": corner.value}
         if None in options.values():
             raise ValueError("damping ratio and corner velocity must be numbers")
-        return {"files": files, "options": options}, Path(folder.name)
+        return {"files": files, "options": options}, tab.folder("printer")
 
     def show(found: dict[str, Any]) -> str:
         tab.kept["printer"] = found

@@ -1,6 +1,5 @@
 """A machine from a measured record: what it is of, and the button that finds the modes."""
 
-import tempfile
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
@@ -20,12 +19,10 @@ def build(tab: Tab, begin: Callable[[State], Awaitable[None]]) -> Callable[[str,
         tab: of the page.
         begin: shows the machine that was found.
     """
-    folder = tempfile.TemporaryDirectory(prefix="jshape-")
-    tab.client.on_delete(folder.cleanup)
     given: list[str] = []
 
     def ask() -> tuple[dict[str, Any], Path]:
-        return {"file": given[-1], "kind": kind.value, "inputs": inputs.value}, Path(folder.name)
+        return {"file": given[-1], "kind": kind.value, "inputs": inputs.value}, tab.folder("record")
 
     def show(found: dict[str, Any]) -> str:
         background_tasks.create(begin(state.from_text(found["text"])))
@@ -40,7 +37,7 @@ def build(tab: Tab, begin: Callable[[State], Awaitable[None]]) -> Callable[[str,
     choices.set_visibility(False)
 
     async def dropped(name: str, event: events.UploadEventArguments) -> None:
-        await event.file.save(Path(folder.name) / name)
+        await event.file.save(tab.folder("record") / name)
         given[:] = [name]
         of.set_text(words.RECORD.format(name=name))
         choices.set_visibility(True)
