@@ -11,7 +11,7 @@ import jshape as js
 from jshape.adaptive.moves.monte_carlo import residuals, run_many
 from jshape.adaptive.moves.posterior import prior, update
 from jshape.adaptive.moves.strategies import Adapting, Oracle
-from jshape.moves import Hoisting, HoistingMoves, NoisySensor, random_loads
+from jshape.moves import Hoisting, HoistingMoves, NoisySensor, UnderWay, random_loads
 
 KNOWN = Hoisting(jnp.asarray(5.0), jnp.asarray(6.0), jnp.asarray(-3.0))
 LOAD, SWING = 0.4, np.array([0.03, -0.02])
@@ -101,6 +101,26 @@ def test_the_length_is_learned_and_the_next_move_leaves_nothing(task):
             left.append(np.hypot(angles[0], angles[1] / np.sqrt(9.81 / 3.4)))
         assert left[0] < 1e-7
         assert left[1] > 1e-3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("come", [1, 3])
+def test_a_move_that_runs_is_completed(task, come):
+    """Begun for another load, of which one impulse or all have come: two more leave nothing, and what came stays."""
+    begun = js.design.linear.zvd(float(task.omega(task.nominal(), KNOWN, 0.5)))
+    now = begun.times[1] * 0.6 if come == 1 else begun.times[2] + 0.5
+    under_way = UnderWay(begun.amplitudes[:come], begun.times[:come], now)
+    shaper = jax.jit(lambda load: task.design(load, KNOWN, jnp.asarray(SWING), under_way))(jnp.array([LOAD]))
+    np.testing.assert_array_equal(shaper.amplitudes[:come], begun.amplitudes[:come])
+    np.testing.assert_array_equal(shaper.times[:come], begun.times[:come])
+    assert now < float(shaper.times[come]) < float(shaper.times[come + 1])
+    assert float(jnp.sum(shaper.amplitudes)) == pytest.approx(1.0, abs=1e-12)
+    left = []
+    for candidate in (shaper, begun):
+        (angles,) = scipy_angles(LOAD, SWING, candidate, np.array([float(candidate.times[-1]) + 7.0]))
+        left.append(np.hypot(angles[0], angles[1] / np.sqrt(9.81 / 3.4)))
+    assert left[0] < 1e-6
+    assert left[1] > 1e-2
 
 
 @pytest.mark.slow

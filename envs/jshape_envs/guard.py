@@ -186,7 +186,7 @@ class Guard(AbstractPolicy):
         one = jnp.ones_like(params.period)
         made = [_as_shaper(choice, params) for choice in (fallback, proposal)]
         made += [Hedge(one, robustness * one).shaper(tuned) for robustness in ROBUSTNESSES]
-        return ours, theirs, jax.tree.map(lambda *x: jnp.stack(x), *(_padded(each, self.impulses) for each in made))
+        return ours, theirs, jax.tree.map(lambda *x: jnp.stack(x), *(each.pad(self.impulses) for each in made))
 
     def _over_plants(self, params: Params, of: Callable[[Params, Scalar], Any]) -> Any:
         """A function of params with a plant's machine, and its payload, for every plant of the bank."""
@@ -340,9 +340,3 @@ def _impulses(policy: AbstractPolicy, params: Params) -> int:
         return _as_shaper(policy.act(policy.init(params), observation, params, state)[1], params)
 
     return len(eqx.filter_eval_shape(first, jax.random.key(0)).times)
-
-
-def _padded(shaper: Shaper, count: int) -> Shaper:
-    """The shaper with so many impulses: those that it lacks are zero, at its end."""
-    missing = (0, count - len(shaper.times))
-    return Shaper(jnp.pad(shaper.amplitudes, missing), jnp.pad(shaper.times, missing, mode="edge"))

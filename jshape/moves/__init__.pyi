@@ -38,11 +38,13 @@ from .policy import Observation as Observation
 from .policy import advance_policy as advance_policy
 from .policy import rollout as rollout
 from .scheduled import AbstractMoves as AbstractMoves
+from .scheduled import AbstractReplanning as AbstractReplanning
 from .scheduled import Moves as Moves
 from .scheduled import MoveTrace as MoveTrace
 from .scheduled import ScheduledObservation as ScheduledObservation
 from .scheduled import Swing as Swing
 from .scheduled import Truth as Truth
+from .scheduled import UnderWay as UnderWay
 from .scheduled import along as along
 from .scheduled import begun as begun
 from .scheduled import run_moves as run_moves

@@ -19,7 +19,7 @@ from jshape.axes import Axes
 from jshape.command import Trapezoid
 from jshape.design.linear import zvd
 from jshape.moves.retuning import retuned
-from jshape.moves.scheduled import AbstractMoves, Moves, Swing, begun
+from jshape.moves.scheduled import AbstractMoves, Moves, Swing, UnderWay, begun
 from jshape.plants import AbstractPlant, HoistingCrane
 from jshape.shaper import Shaper
 
@@ -104,11 +104,13 @@ class HoistingMoves(AbstractMoves):
         plant = self.plant(parameters, known)
         return jnp.sqrt(plant.gravity / (plant.cable_length + share * known.hoist))
 
-    def design(self, parameters: Float[Array, " parameters"], known: Hoisting, swing: Swing) -> Shaper:
+    def design(
+        self, parameters: Float[Array, " parameters"], known: Hoisting, swing: Swing, under_way: UnderWay | None = None
+    ) -> Shaper:
         """Three impulses, tuned through the model from the ZVD shaper of the mean length."""
         plant = self.plant(parameters, known)
         near = zvd(self.omega(parameters, known, 0.5))
-        return retuned(plant, self.command(known), near, begun(plant, swing), STEPS)
+        return retuned(plant, self.command(known), near, begun(plant, swing), STEPS, under_way)
 
     def starts(self, parameters: Float[Array, " parameters"]) -> Float[Array, "starts parameters"]:
         shares = jnp.linspace(0.0, 1.0, TRIED)

@@ -1,13 +1,14 @@
 """The shaper for the plant as it is now, a few exact steps from one that is near: any plant, any initial state."""
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
 from jshape._types import State
 from jshape.command import AbstractCommand
-from jshape.levenberg_marquardt import levenberg_marquardt
+from jshape.levenberg_marquardt import LeastSquares, levenberg_marquardt
 from jshape.moves.physics import of_first_axis
-from jshape.moves.scheduled import swing_of
+from jshape.moves.scheduled import UnderWay, swing_of
 from jshape.plants import AbstractPlant
 from jshape.shaper import Shaper
 from jshape.simulation.schedule import schedule
@@ -17,15 +18,28 @@ ITERATIONS = 30
 """Of Levenberg–Marquardt; from rest three are enough, an initial swing half as large as the move may take all."""
 REACH = 0.7
 """How far the logarithm of a gap may go, to half or twice the length, and how far an amplitude."""
+LEAST = 0.1
+"""Least gap from now to the next impulse of a move that runs already, to begin with; over the shaper's duration."""
+BACK = 0.05
+"""How much more than its share the next impulse of a move that runs already begins with, and how much less: of two that
+sum to zero one search of the two ends at rest where the other comes to the ends of its reach."""
 
 
-def retuned(plant: AbstractPlant, command: AbstractCommand, near: Shaper, state: State, steps: int) -> Shaper:
+def retuned(
+    plant: AbstractPlant,
+    command: AbstractCommand,
+    near: Shaper,
+    state: State,
+    steps: int,
+    under_way: UnderWay | None = None,
+) -> Shaper:
     """The shaper near a given one after which the plant is at rest.
 
     Amplitudes and gaps are changed by Levenberg–Marquardt on the residual swing, with exact derivatives through the
     model: where there are more of them than conditions, by little. Gaps stay within half and twice their length and
-    amplitudes within 0.7 of what they were (the first: of all others together); what cannot be cancelled within that is
-    made small.
+    amplitudes within 0.7 of what they were (one of them: of all others together); what cannot be cancelled within that
+    is made small. In a move that runs already what has been commanded stays; it is completed by as many impulses as the
+    given shaper has after its first.
 
     Args:
         plant: as it is now.
@@ -33,19 +47,36 @@ def retuned(plant: AbstractPlant, command: AbstractCommand, near: Shaper, state:
         near: the shaper to begin with, of as many impulses.
         state: the plant's initial state.
         steps: fixed ones a segment.
+        under_way: of a move that runs already, what has been commanded.
     """
-    count, gaps = len(near.amplitudes) - 1, jnp.diff(near.times)
+    later, gaps = near.amplitudes[1:], jnp.diff(near.times)
+    count, now, missing = len(later), jnp.zeros(()), jnp.ones(())
     unit = jnp.stack([jnp.ones(()), plant.natural_frequency()])
+    if under_way is not None:
+        now, missing = under_way.now, 1 - jnp.sum(under_way.amplitudes)
+        later = later * missing / jnp.sum(later)
+        gaps = gaps.at[0].set(jnp.maximum(near.times[1] - now, LEAST * near.times[-1]))
 
     def built(change: Array) -> Shaper:
         change = REACH * jnp.tanh(change / REACH)
-        later = near.amplitudes[1:] + change[:count]
-        times = jnp.cumsum(gaps * jnp.exp(change[count:]))
-        return Shaper(jnp.concatenate([1 - jnp.sum(later)[None], later]), jnp.concatenate([jnp.zeros(1), times]))
+        new, times = later + change[:count], now + jnp.cumsum(gaps * jnp.exp(change[count:]))
+        if under_way is None:
+            amplitudes, first = 1 - jnp.sum(new)[None], jnp.zeros(1)
+        else:
+            new = new.at[-1].add(missing - jnp.sum(new))
+            amplitudes, first = under_way.amplitudes, under_way.times
+        return Shaper(jnp.concatenate([amplitudes, new]), jnp.concatenate([first, times]))
 
     def residual_swing(change: Array) -> tuple[Array, None]:
         plan = schedule(plant, command, of_first_axis(plant, built(change)))
         end, _ = final_state(plant, plan, state, steps)
         return swing_of(plant, end, plan.final_inputs(plant)) / unit, None
 
-    return built(levenberg_marquardt(residual_swing, jnp.zeros(2 * count), ITERATIONS).unknowns)
+    def search(start: Array) -> LeastSquares:
+        return levenberg_marquardt(residual_swing, start, ITERATIONS)
+
+    start = jnp.zeros(2 * count)
+    if under_way is None:
+        return built(search(start).unknowns)
+    both = jax.vmap(search)(jnp.stack([start.at[0].set(BACK), start.at[0].set(-BACK)]))
+    return built(both.unknowns[jnp.argmin(jnp.sum(both.residuals**2, axis=1))])

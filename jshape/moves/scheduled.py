@@ -22,7 +22,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from jshape import _check
-from jshape._types import Inputs, Position, Scalar, State, Times
+from jshape._types import Impulses, Inputs, Position, Scalar, State, Times
 from jshape.command import AbstractCommand, polynomial
 from jshape.moves.physics import of_first_axis
 from jshape.moves.policy import AbstractPolicy
@@ -34,6 +34,17 @@ from jshape.simulation.simulate import all_states
 
 Swing = Float[Array, " 2"]
 """How far a plant is from rest, and how fast: in the units of its state."""
+
+
+class UnderWay(NamedTuple):
+    """What has been commanded of a move that runs."""
+
+    amplitudes: Impulses
+    """Of the impulses that have come."""
+    times: Impulses
+    """Of the same, s since the move began."""
+    now: Scalar
+    """s since the move began; all other impulses come later."""
 
 
 class AbstractMoves(eqx.Module):
@@ -95,8 +106,13 @@ class AbstractMoves(eqx.Module):
         """The amplitude of a residual vibration of that energy (J) at those inputs, in the signal's unit."""
 
     @abc.abstractmethod
-    def design(self, parameters: Float[Array, " parameters"], known: Any, swing: Swing) -> Shaper:
-        """The shaper after which a plant with these parameters, begun with that swing, is at rest."""
+    def design(
+        self, parameters: Float[Array, " parameters"], known: Any, swing: Swing, under_way: UnderWay | None = None
+    ) -> Shaper:
+        """The shaper after which a plant with these parameters, begun with that swing, is at rest.
+
+        ``under_way``: of a move that runs already, what has been commanded; two impulses complete it.
+        """
 
     @abc.abstractmethod
     def starts(self, parameters: Float[Array, " parameters"]) -> Float[Array, "starts parameters"]:
@@ -199,6 +215,26 @@ class Truth(NamedTuple):
     swing: Swing
 
 
+class AbstractReplanning(AbstractPolicy):
+    """A policy that may plan a move anew while it runs."""
+
+    @abc.abstractmethod
+    def instants(self, shaper: Shaper) -> Times:
+        """The instants at which it does in a move with that shaper, s since the move began, ascending."""
+
+    @abc.abstractmethod
+    def replan(self, memory: Any, known: Any, number: int, now: Scalar, readings: Times) -> tuple[Any, Shaper]:
+        """The shaper of the move that runs; impulses that have come by now must be those of the old one.
+
+        Args:
+            memory: as ``act`` or the last plan left it.
+            known: what the controller knows of the move.
+            number: of the instant, from 0.
+            now: the instant.
+            readings: of the sensor at the task's ``times``; NaN after now.
+        """
+
+
 def run_moves(
     truth: AbstractMoves, strategy: AbstractPolicy, moves: Moves, sensor: NoisySensor, key: PRNGKeyArray
 ) -> MoveTrace:
@@ -231,27 +267,37 @@ def run_moves(
         if not isinstance(shaper, Shaper):
             raise ValueError(f"strategy must choose shapers, not actions as {type(strategy).__name__} does")
         old, new = (truth.plant(p, move.known) for p in (move.before, move.after))
-        plan = schedule(old, truth.command(move.known), of_first_axis(old, shaper))
-        begin, inputs = begun(old, swing), plan.final_inputs(old)
+        begin = begun(old, swing)
 
-        def part(state: State, item: Any) -> tuple[State, Any]:
-            parameters, first, last = item
-            plant = truth.plant(parameters, move.known)
-            run = along(truth, plant, plan, state, (first, last))
-            energy = plant.residual_energy(run.rest, inputs)
-            return run.states[-1], (run.signal, energy, truth.vibration(plant, inputs, energy))
+        def through(shaper: Shaper) -> tuple[Schedule, State, Scalar, Scalar, Times]:
+            """The shaped command, the state at the end, energy and vibration of each part, the readings."""
+            plan = schedule(old, truth.command(move.known), of_first_axis(old, shaper))
+            inputs = plan.final_inputs(old)
 
-        ends = jnp.stack([0 * move.change, move.change]), jnp.stack([move.change, 0 * move.change + last_sample])
-        parts = (jnp.stack([move.before, move.after]), *ends)
-        end, (signal, energy, vibration) = jax.lax.scan(part, begin, parts)
+            def part(state: State, item: Any) -> tuple[State, Any]:
+                parameters, first, last = item
+                plant = truth.plant(parameters, move.known)
+                run = along(truth, plant, plan, state, (first, last))
+                energy = plant.residual_energy(run.rest, inputs)
+                return run.states[-1], (run.signal, energy, truth.vibration(plant, inputs, energy))
+
+            ends = jnp.stack([0 * move.change, move.change]), jnp.stack([move.change, 0 * move.change + last_sample])
+            end, (signal, *left) = jax.lax.scan(part, begin, (jnp.stack([move.before, move.after]), *ends))
+            late = jnp.arange(len(truth.times)) >= move.change
+            readings = sensor.read(jnp.where(late, signal[1], signal[0]), draw, move.missing, move.frozen)
+            return plan, end, *left, readings
+
+        if isinstance(strategy, AbstractReplanning):
+            for number, now in enumerate(strategy.instants(shaper)):
+                seen = jnp.where(truth.times <= now, through(shaper)[-1], jnp.nan)
+                memory, shaper = strategy.replan(memory, move.known, number, now, seen)
+        plan, end, energy, vibration, readings = through(shaper)
         # Where the parameters change after the command has come to rest, the move ended with the old ones.
         which = (plan.breaks[-1] >= truth.times[move.change]).astype(int)
         over = plan.breaks[-1] <= truth.times[-1]
         energy, vibration = (jnp.where(over, value[which], jnp.nan) for value in (energy, vibration))
-        late = jnp.arange(len(truth.times)) >= move.change
-        readings = sensor.read(jnp.where(late, signal[1], signal[0]), draw, move.missing, move.frozen)
         trace = MoveTrace(energy, vibration, plan.breaks[-1], shaper, memory)
-        return (swing_of(new, end, inputs), memory, (move.known, readings)), trace
+        return (swing_of(new, end, plan.final_inputs(old)), memory, (move.known, readings)), trace
 
     # Once more after the last move, whose readings a policy learns from when it chooses the next shaper.
     items = jax.tree.map(lambda x: jnp.concatenate([x, x[-1:]]), (moves, draws))

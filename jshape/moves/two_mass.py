@@ -18,7 +18,7 @@ from jshape._types import Inputs, Scalar
 from jshape.command import AbstractCommand, Step
 from jshape.design.energy import three_impulse
 from jshape.moves.retuning import retuned
-from jshape.moves.scheduled import AbstractMoves, Moves, Swing
+from jshape.moves.scheduled import AbstractMoves, Moves, Swing, UnderWay
 from jshape.plants import AbstractPlant, TwoMass
 from jshape.shaper import Shaper
 from jshape.sweeps.leaves import as_names, positive_leaves, with_leaves
@@ -72,13 +72,15 @@ class TwoMassMoves(AbstractMoves):
     def vibration(self, plant: Any, inputs: Inputs, energy: Scalar) -> Scalar:
         return plant.spring.amplitude(energy)
 
-    def design(self, parameters: Float[Array, " parameters"], known: Scalar, swing: Swing) -> Shaper:
+    def design(
+        self, parameters: Float[Array, " parameters"], known: Scalar, swing: Swing, under_way: UnderWay | None = None
+    ) -> Shaper:
         """The three-impulse energy shaper, retuned for the residual swing of the last move.
 
         And for what the damper dissipates beyond the loss along the undamped orbit, which changes the fourth digit.
         """
         plant: Any = self.plant(parameters, known)
-        return retuned(plant, Step(known), three_impulse(plant, known, damping="orbit"), swing, STEPS)
+        return retuned(plant, Step(known), three_impulse(plant, known, damping="orbit"), swing, STEPS, under_way)
 
     def starts(self, parameters: Float[Array, " parameters"]) -> Float[Array, "starts parameters"]:
         """All of them larger or smaller by one factor, as by another payload."""

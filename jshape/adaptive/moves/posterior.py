@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
+from scipy.stats import chi2
 
 from jshape._types import Scalar, State, Times
 from jshape.levenberg_marquardt import LeastSquares, levenberg_marquardt
@@ -23,6 +24,13 @@ ITERATIONS = 8
 
 SHARES = (0.25, 0.5, 1.0)
 """Of the samples, in the growing windows."""
+
+FEWEST, SWING = 5, 3.0
+"""Samples that a plan during a move asks for, and how many standard deviations of the noise the swing is known to."""
+
+LEVEL = 0.0027
+"""Significance of the likelihood-ratio test by which a plant counts as another one while it moves, three standard
+deviations: of the moves of one that stays, as many are planned anew."""
 
 
 class Posterior(NamedTuple):
@@ -60,8 +68,9 @@ def update(
     noise: Scalar,
     drift: Array,
     limit: Scalar,
+    under_way: bool = False,
 ) -> Posterior:
-    """The posterior after a move.
+    """The posterior after a move, or during one.
 
     Args:
         task: the machine and its moves.
@@ -72,11 +81,15 @@ def update(
         noise: standard deviation of a reading, in its unit.
         drift: standard deviation of the parameters' change from one move to the next, shape (parameters,).
         limit: greatest misfit of an accepted window.
+        under_way: whether the readings are the first few of a move that runs still. The swing with which it began is
+            then taken to be the last window's, to within ``SWING`` times the noise, and parameters that a
+            likelihood-ratio test does not reject stay.
     """
     usable = jnp.isfinite(readings)
     readings = jnp.where(usable, readings, 0.0)
     nominal = task.plant(last.parameters, known)
     plan = schedule(nominal, task.command(known), of_first_axis(nominal, shaper))
+    unit = jnp.stack([jnp.ones(()), nominal.natural_frequency()])
     root = jnp.linalg.cholesky(last.covariance + jnp.diag(drift**2))
 
     def residuals(unknowns: Array, weights: Times) -> tuple[Array, State]:
@@ -84,7 +97,8 @@ def update(
         run = along(task, plant, plan, begun(plant, unknowns[:2]))
         misfit = jnp.where(weights > 0, readings - run.signal, 0.0) / noise
         departure = jax.scipy.linalg.solve_triangular(root, unknowns[2:] - last.parameters, lower=True)
-        return jnp.concatenate([misfit, departure]), run.states[-1]
+        moved = (unknowns[:2] - last.swing) / (SWING * noise * unit)
+        return jnp.concatenate([misfit, departure, *([moved] if under_way else [])]), run.states[-1]
 
     # Over many periods the misfit has local minima, over the first half of one it has not: the window grows.
     ends = jnp.asarray(SHARES) * len(readings)
@@ -98,11 +112,20 @@ def update(
         found = levenberg_marquardt(lambda unknowns: residuals(unknowns, weights), start, ITERATIONS)
         return found.unknowns, found
 
+    def as_it_was(swing: Swing) -> tuple[Array, State]:
+        return residuals(jnp.concatenate([swing, last.parameters]), windows[-1])
+
     found = jax.tree.map(lambda leaf: leaf[-1], jax.lax.scan(fit, nearest, windows)[1])
     parameters, count = found.unknowns[2:], jnp.sum(usable)
     misfit = jnp.sqrt(jnp.sum(found.residuals[: len(readings)] ** 2) / jnp.maximum(count, 1))
     inside = jnp.all((parameters >= task.lower) & (parameters <= task.upper))
-    accepted = inside & (misfit <= limit) & (count > len(readings) // 2)
+    if under_way:
+        unchanged = levenberg_marquardt(as_it_was, last.swing, ITERATIONS // 2).residuals
+        against = jnp.sum(unchanged**2) - jnp.sum(found.residuals**2)
+        wanted = (count >= FEWEST) & last.accepted & (against > chi2.isf(LEVEL, len(last.parameters)))
+    else:
+        wanted = count > len(readings) // 2
+    accepted = inside & (misfit <= limit) & wanted
     covariance = jnp.linalg.inv(found.jacobian.T @ found.jacobian)[2:, 2:]
     accepted &= jnp.all(jnp.isfinite(covariance)) & jnp.all(jnp.diag(covariance) > 0)
     swing = swing_of(nominal, found.aux, plan.final_inputs(nominal))

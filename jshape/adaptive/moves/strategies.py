@@ -10,10 +10,20 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from jshape._check import Argument, Checked, as_array, positive
-from jshape._types import Scalar
+from jshape._types import Scalar, Times
 from jshape.adaptive.arguments import check_each
 from jshape.adaptive.moves.posterior import Posterior, prior, update
-from jshape.moves import AbstractMoves, AbstractPolicy, Choice, NoisySensor, ScheduledObservation, Truth
+from jshape.moves import (
+    AbstractMoves,
+    AbstractPolicy,
+    AbstractReplanning,
+    Choice,
+    NoisySensor,
+    ScheduledObservation,
+    Swing,
+    Truth,
+    UnderWay,
+)
 from jshape.shaper import Shaper
 
 
@@ -51,8 +61,12 @@ class Adaptation(NamedTuple):
     """Of the last move."""
 
 
-class Adapting(AbstractPolicy, Checked):
+class Adapting(AbstractReplanning, Checked):
     """The shaper of the plant and of the swing that fit the samples of the last move best (``posterior.py``).
+
+    With ``shares`` the move is planned anew while it runs: what its first samples say of the plant decides when the
+    last two impulses come, and how large they are. Where no plant explains them, or the last one does as well, the plan
+    stays the old one.
 
     Args:
         model: the plant and its moves as assumed, which need not be the true kind.
@@ -62,9 +76,13 @@ class Adapting(AbstractPolicy, Checked):
         limit: greatest misfit (root mean square over the noise) of an accepted window.
         cancel: whether the residual swing of the last move is cancelled by the next; else every move is shaped as if it
             began at rest.
+        shares: of the way from one impulse to the next, at which the move is planned anew: 0.6 after the first impulse,
+            1.8 after the second, 2.4 after the third, as far again; the later, the better the plant is known, and the
+            later the move ends.
 
     Raises:
-        ValueError: for numbers that are not positive, or of another length than the parameters.
+        ValueError: for numbers that are not positive, or of another length than the parameters, and shares that
+            are not positive or not less than the number of impulses.
     """
 
     model: AbstractMoves
@@ -73,13 +91,17 @@ class Adapting(AbstractPolicy, Checked):
     drift: Float[Array, "..."] = eqx.field(converter=Argument(positive, convert=as_array))
     limit: Scalar = eqx.field(default=2.0, converter=Argument(positive))
     cancel: Bool[Array, ""] = eqx.field(default=True, converter=jnp.asarray)
+    shares: tuple[float, ...] = eqx.field(default=(), static=True)
 
     def __check_init__(self):
+        if not all(0 < share < self.model.impulses for share in self.shares):
+            raise ValueError(f"shares must lie between 0 and {self.model.impulses}, not {self.shares}")
         for name in ("spread", "drift"):
             check_each(getattr(self, name), name, len(self.model.lower))
 
     def init(self, params: AbstractMoves) -> Adaptation:
-        count = self.model.impulses
+        # A plan after the second impulse has one more, one after the third two.
+        count = self.model.impulses + int(max(self.shares, default=0))
         nothing = Shaper(jnp.full(count, 1 / count), jnp.zeros(count))
         return Adaptation(prior(self.model.nominal(), self._each(self.spread)), nothing)
 
@@ -90,6 +112,27 @@ class Adapting(AbstractPolicy, Checked):
         last, readings, drift = observation.last, observation.readings, self._each(self.drift)
         found = update(self.model, memory.posterior, last, memory.shaper, readings, self.sensor.std, drift, self.limit)
         posterior = jax.tree.map(partial(jnp.where, observation.made > 0), found, memory.posterior)
-        swing = jnp.where(self.cancel, posterior.swing, 0.0)
-        shaper = self.model.design(posterior.parameters, observation.known, swing)
+        shaper = self.model.design(posterior.parameters, observation.known, self._swing(posterior))
+        shaper = shaper.pad(len(memory.shaper.times))
         return Adaptation(posterior, shaper), shaper
+
+    def instants(self, shaper: Shaper) -> Times:
+        times = shaper.times[: self.model.impulses]
+        times = jnp.append(times, 2 * times[-1] - times[-2])
+        return jnp.interp(jnp.asarray(self.shares), jnp.arange(len(times)), times)
+
+    def replan(
+        self, memory: Adaptation, known: Any, number: int, now: Scalar, readings: Times
+    ) -> tuple[Adaptation, Shaper]:
+        last, old, come = memory.posterior, memory.shaper, 1 + int(self.shares[number])
+        drift, std = self._each(self.drift), self.sensor.std
+        found = update(self.model, last, known, old, readings, std, drift, self.limit, under_way=True)
+        commanded = UnderWay(old.amplitudes[:come], old.times[:come], now)
+        new = self.model.design(found.parameters, known, self._swing(last), commanded).pad(len(old.times))
+        # An earlier plan may have moved impulses past this instant, or ahead of it.
+        as_assumed = (old.times[come - 1] <= now) & jnp.all((old.times[come:] > now) | (old.amplitudes[come:] == 0))
+        shaper = jax.tree.map(partial(jnp.where, found.accepted & as_assumed), new, old)
+        return memory._replace(shaper=shaper), shaper
+
+    def _swing(self, posterior: Posterior) -> Swing:
+        return jnp.where(self.cancel, posterior.swing, 0.0)

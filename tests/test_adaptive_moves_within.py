@@ -1,0 +1,126 @@
+"""Moves of a Duffing pair that are planned anew while they run: against SciPy's solutions of the same equations."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from conftest import scipy_staircase
+
+import jshape as js
+from jshape.adaptive.moves.monte_carlo import run_many
+from jshape.adaptive.moves.posterior import prior
+from jshape.adaptive.moves.strategies import Adaptation, Adapting
+from jshape.moves import NoisySensor, TwoMassMoves, random_payloads
+
+K1, K3, C = 10.0, 100.0, 0.4
+NOISE, SHARE = 0.001, 0.6
+SENSOR = NoisySensor(NOISE, 0.0005)
+SHAPER = js.Shaper([0.27, 0.5, 0.23], [0.0, 0.83, 1.65])
+"""Near the energy shaper of the nominal plant."""
+
+
+@pytest.fixture(scope="module")
+def task():
+    plant = js.plants.TwoMass(spring=js.plants.Duffing(K1, K3), damper=js.plants.LinearDamper(C))
+    return TwoMassMoves(plant, ("spring.k1", "spring.k3", "damper.c"), horizon=6.0, samples=151)
+
+
+def adapting(task, shares=(SHARE,)):
+    return Adapting(task, SENSOR, spread=0.5, drift=0.5, shares=shares)
+
+
+def scipy_states(parameters, state, shaper, size, at):
+    k1, k3, c = np.array([K1, K3, C]) * np.exp(parameters)
+    amplitudes, times = (np.asarray(x, float) for x in shaper)
+    return scipy_staircase(
+        lambda t, y, u: np.array([y[1], -(k1 * (y[0] - u) + k3 * (y[0] - u) ** 3 + c * y[1])]),
+        state, times, size * np.cumsum(amplitudes), at,
+    )  # fmt: skip
+
+
+@pytest.mark.slow
+def test_the_first_move_after_a_change_is_quiet(task):
+    """Twenty-four payloads that change; three of the schedules go through DOP853 from the first move to the last."""
+    keys = jax.random.split(jax.random.key(3), 24)
+    moves = jax.jit(jax.vmap(lambda key: random_payloads(key, task, moves=5).moves))(keys)
+    strategies = {"once": adapting(task, ()), "anew": adapting(task)}
+    traces = run_many(task, strategies, moves, SENSOR, jax.random.key(4))
+    once, anew = traces["once"], traces["anew"]
+    assert np.mean(once.vibration[:, 2] > 0.05) > 0.2
+    np.testing.assert_array_less(anew.vibration[:, 2], 0.05)
+    np.testing.assert_array_less(anew.vibration[:, [1, 3, 4]], 0.003)
+
+    # The very first payload is unknown, too. What had been commanded of its move stays; none is a period longer.
+    np.testing.assert_allclose(anew.shaper.amplitudes[:, 0, 0], once.shaper.amplitudes[:, 0, 0], rtol=1e-12)
+    assert np.all(anew.shaper.times[:, 0, 1] > SHARE * once.shaper.times[:, 0, 1])
+    assert np.mean(anew.shaper.times[:, 0, 1] != once.shaper.times[:, 0, 1]) > 0.5
+    assert np.all(anew.duration[:, 2] < once.duration[:, 2] + 1.0)
+
+    sizes, after = np.asarray(moves.known), np.asarray(moves.after)
+    for schedule in range(3):
+        state = np.zeros(2)
+        for move in range(5):
+            shaper = [np.asarray(x[schedule, move]) for x in (anew.shaper.amplitudes, anew.shaper.times)]
+            size, parameters = sizes[schedule, move], after[schedule, move]
+            over, end = scipy_states(parameters, state, shaper, size, [shaper[1][-1], 6.0]) - [size, 0.0]
+            k1, k3, _ = np.array([K1, K3, C]) * np.exp(parameters)
+            energy = over[1] ** 2 / 2 + k1 * over[0] ** 2 / 2 + k3 * over[0] ** 4 / 4
+            # k1 x²/2 + k3 x⁴/4 = energy
+            left = np.sqrt((np.sqrt(k1**2 + 4 * k3 * energy) - k1) / k3)
+            assert float(anew.vibration[schedule, move]) == pytest.approx(left, rel=1e-6, abs=1e-9)
+            state = end
+
+
+@pytest.fixture(scope="module")
+def planned(task):
+    """The shaper that a move is completed by, given readings up to ``SHARE`` of the way to the second impulse."""
+    memory = Adaptation(prior(task.nominal(), jnp.full(3, 0.5)), SHAPER)
+    strategy, now = adapting(task), SHARE * SHAPER.times[1]
+    replan = jax.jit(lambda readings: strategy.replan(memory, jnp.asarray(1.0), 0, now, readings)[1])
+    at = np.asarray(task.times)
+
+    def run(parameters, fault=lambda number, readings: readings):
+        readings = scipy_states(parameters, np.zeros(2), (SHAPER.amplitudes, SHAPER.times), 1.0, at)[:, 0]
+        readings = readings - 0.27 + np.random.default_rng(0).normal(0, NOISE, len(at))
+        return replan(np.where(at <= now, fault(np.arange(len(at)), readings), np.nan))
+
+    return run
+
+
+@pytest.mark.slow
+def test_a_plan_during_the_move_keeps_what_has_been_commanded(planned):
+    truth = np.array([0.3, 0.3, -0.2])
+    new = planned(truth)
+    assert float(new.amplitudes[0]) == 0.27
+    assert float(jnp.sum(new.amplitudes)) == pytest.approx(1.0, abs=1e-12)
+    assert SHARE * 0.83 < float(new.times[1]) < float(new.times[2])
+    left = []
+    for shaper in (new, SHAPER):
+        x, v = scipy_states(truth, np.zeros(2), (shaper.amplitudes, shaper.times), 1.0, shaper.times[-1:])[0]
+        left.append(v**2 / 2 + K1 * np.exp(0.3) * (x - 1) ** 2 / 2 + K3 * np.exp(0.3) * (x - 1) ** 4 / 4)
+    assert left[0] < left[1] / 30
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["as before", "nothing", "dead", "frozen", "on the way", "knock", "noise", "infinite"])
+def test_a_faulty_sensor_leaves_the_plan_as_it_is(planned, kind):
+    random = np.random.default_rng(2)
+    faults = {
+        "as before": lambda number, readings: readings,
+        "nothing": lambda number, readings: np.full(151, np.nan),
+        "dead": lambda number, readings: np.zeros(151),
+        "frozen": lambda number, readings: np.full(151, readings[0]),
+        "on the way": lambda number, readings: np.where(number > 5, readings[5], readings),
+        "knock": lambda number, readings: np.where(number == 8, 5.0, readings),
+        "noise": lambda number, readings: random.normal(0, 0.3, 151),
+        "infinite": lambda number, readings: np.where(number == 8, np.inf, np.nan),
+    }
+    new = planned(np.zeros(3) if kind == "as before" else np.array([0.3, 0.3, -0.2]), faults[kind])
+    np.testing.assert_array_equal(new.amplitudes, SHAPER.amplitudes)
+    np.testing.assert_array_equal(new.times, SHAPER.times)
+
+
+@pytest.mark.parametrize("share", [0.0, 3.0])
+def test_shares_are_checked(task, share):
+    with pytest.raises(ValueError, match=rf"shares must lie between 0 and 3, not \({share},\)"):
+        adapting(task, (share,))
