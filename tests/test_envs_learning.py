@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from jax.flatten_util import ravel_pytree
 from jshape_envs import observation_names, parameters, rollout
-from jshape_envs.apg import EVERY, Recipe, train
+from jshape_envs.apg import EVERY, Recipe, _digest, train
 from jshape_envs.baselines import Oracle
 from jshape_envs.evaluate import evaluate
 from jshape_envs.export_c import policy_to_c
@@ -124,11 +124,16 @@ def test_what_is_no_policy_is_refused(trained, tmp_path):
     write_arrays(tmp_path / "cut.npz", FORMAT, header, {**arrays, ".cell.bias_n": np.zeros(3)})
     write_arrays(tmp_path / "nan.npz", FORMAT, header, {**arrays, ".cell.bias_n": np.full(16, np.nan, np.float32)})
     write_arrays(tmp_path / "old.npz", "jshape-policy 1", header, arrays)
+    # With a right digest: a size that no number holds, and one that is none.
+    for name, size in {"huge": {"observation": 10**400}, "word": {"sensed": "x"}}.items():
+        write_arrays(tmp_path / f"{name}.npz", FORMAT, header | {"sizes": header["sizes"] | size}, arrays)
     for name, words in {
         **dict.fromkeys(("other", "broken", "empty"), "cannot be read"),
         "cut": "has shape",
         "nan": "'.cell.bias_n' is not finite",
         "old": "its format is 'jshape-policy 1'",
+        "huge": "observation must be at most",
+        "word": "sensed must be a whole number",
     }.items():
         with pytest.raises(ValueError, match=words) as caught:
             load_policy(tmp_path / f"{name}.npz")
@@ -248,6 +253,10 @@ def test_another_trainings_checkpoint_is_refused(params, tmp_path):
     path = tmp_path / "checkpoint.npz"
     write_arrays(path, "jshape-training 1", {"training": "another"}, {"records": np.zeros((1, 3))})
     with pytest.raises(ValueError, match="is of another training"):
+        train(params, RECIPE, checkpoint=path)
+    # Of this training, with a right digest, and without its weights.
+    write_arrays(path, "jshape-training 1", {"training": _digest(params, RECIPE)}, {"records": np.zeros((1, 3))})
+    with pytest.raises(ValueError, match=r"checkpoint\.npz cannot be read: it has no "):
         train(params, RECIPE, checkpoint=path)
     path.write_bytes(b"nothing")
     with pytest.raises(ValueError, match=r"checkpoint\.npz: cannot be read: "):

@@ -51,6 +51,17 @@ def test_a_damaged_file_is_named_in_a_line_or_changes_nothing(tmp_path):
     assert all(words.startswith(f"{path}: cannot be read: ") and "\n" not in words for words in messages)
 
 
+def test_axes_of_results_whose_names_a_terminal_would_obey_are_refused(tmp_path):
+    row = {"amplitudes": [1.0], "times": [0.0]}
+    for name, words in {"x": None, "x\x1b[2J": "holds no results"}.items():
+        _files.write_results(tmp_path, {"shapers": [{"name": "tuned", "shapers": {name: row}}]})
+        if words is None:
+            assert set(read_tuned(tmp_path)) == {"x"}
+        else:
+            with pytest.raises(ValueError, match=words):
+                read_tuned(tmp_path)
+
+
 @pytest.mark.parametrize("kind", ["shaper", "results"])
 def test_a_damaged_shaper_is_no_other_shaper(tmp_path, kind):
     """Of a file, and of a folder of results: the very same numbers, or a line."""

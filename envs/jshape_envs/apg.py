@@ -269,4 +269,9 @@ def _load(path: Path, like: Training, digest: str) -> tuple[Training, list[np.nd
         raise ValueError(
             f"checkpoint: {path} is of another training (its environment or recipe differ); name another file"
         )
-    return with_arrays(like, found), list(found["records"])
+    try:
+        return with_arrays(like, found), list(found["records"].reshape(-1, 3))
+    except KeyError as error:
+        raise ValueError(f"checkpoint: {path} cannot be read: it has no {error}") from None
+    except ValueError as error:
+        raise ValueError(f"checkpoint: {path} cannot be read: {error}") from None

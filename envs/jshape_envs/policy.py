@@ -81,6 +81,10 @@ class GRUPolicy(AbstractPolicy):
         _check.count(hidden, "hidden")
         _check.count(width, "width")
         _check.positive(gain, "gain")
+        # A file may say anything of them.
+        observation = _check.count(sizes.observation, "observation")
+        _check.count(sizes.sensed, "sensed", 0, observation)
+        _check.count(sizes.action, "action")
         first, second = jax.random.split(key)
         self.cell = eqx.nn.GRUCell(sizes.observation, hidden, dtype=dtype, key=first)
         head = eqx.nn.MLP(hidden + sizes.observation, sizes.action, width, 1, jnp.tanh, dtype=dtype, key=second)

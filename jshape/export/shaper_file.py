@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from jshape._files import check_seal, in_a_line, read_npz, read_text, sealed
+from jshape._files import check_seal, in_a_line, printable, read_npz, read_text, sealed
 from jshape.shaper import Shaper
 
 FORMAT = "jshape-shaper"
@@ -89,6 +89,9 @@ def read_tuned(folder: str | Path) -> Shaper | dict[str, Shaper]:
         if not found or not found[0].get("shapers", True):
             raise ValueError(f"{folder}: holds no tuned shaper")
         if "shapers" in found[0]:
+            # Files are named by them, and a terminal shows them.
+            if any(printable(axis) != axis for axis in found[0]["shapers"]):
+                raise TypeError("the name of an axis cannot be printed")
             return {axis: _shaper(row) for axis, row in found[0]["shapers"].items()}
         return _shaper(found[0])
     except (KeyError, TypeError, AttributeError, OverflowError, RecursionError):
