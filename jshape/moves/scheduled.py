@@ -257,7 +257,6 @@ def run_moves(
         wanted = (count, each.get(name, len(truth.times)))
         if shape != wanted:
             raise ValueError(f"moves.{name} must have shape {wanted}, not {shape}")
-    last_sample = len(truth.times) - 1
     draws = jax.random.normal(key, (count, len(truth.times)))
 
     def one(carry: tuple[Swing, Any, tuple[Any, Times]], item: tuple[Moves, Times, Array]) -> tuple[Any, MoveTrace]:
@@ -270,22 +269,7 @@ def run_moves(
         begin = begun(old, swing)
 
         def through(shaper: Shaper) -> tuple[Schedule, State, Scalar, Scalar, Times]:
-            """The shaped command, the state at the end, energy and vibration of each part, the readings."""
-            plan = schedule(old, truth.command(move.known), of_first_axis(old, shaper))
-            inputs = plan.final_inputs(old)
-
-            def part(state: State, item: Any) -> tuple[State, Any]:
-                parameters, first, last = item
-                plant = truth.plant(parameters, move.known)
-                run = along(truth, plant, plan, state, (first, last))
-                energy = plant.residual_energy(run.rest, inputs)
-                return run.states[-1], (run.signal, energy, truth.vibration(plant, inputs, energy))
-
-            ends = jnp.stack([0 * move.change, move.change]), jnp.stack([move.change, 0 * move.change + last_sample])
-            end, (signal, *left) = jax.lax.scan(part, begin, (jnp.stack([move.before, move.after]), *ends))
-            late = jnp.arange(len(truth.times)) >= move.change
-            readings = sensor.read(jnp.where(late, signal[1], signal[0]), draw, move.missing, move.frozen)
-            return plan, end, *left, readings
+            return _through(truth, sensor, move, draw, begin, shaper)
 
         if isinstance(strategy, AbstractReplanning):
             for number, now in enumerate(strategy.instants(shaper)):
@@ -306,3 +290,37 @@ def run_moves(
     trace = jax.lax.scan(one, carry, (*items, jnp.arange(count + 1)))[1]
     after = jax.tree.map(lambda x: x[1:], trace.memory)
     return jax.tree.map(lambda x: x[:-1], trace)._replace(memory=after)
+
+
+def _through(
+    truth: AbstractMoves, sensor: NoisySensor, move: Moves, draw: Times, begin: State, shaper: Shaper
+) -> tuple[Schedule, State, Scalar, Scalar, Times]:
+    """One move of the true plant, before and after its change.
+
+    Args:
+        truth: the true machine.
+        sensor: the true one.
+        move: of the schedule.
+        draw: standard normal numbers, shape (times,).
+        begin: the initial state.
+        shaper: of the move.
+
+    Returns:
+        The shaped command, the state at the end, energy and vibration of either plant, and the readings.
+    """
+    old = truth.plant(move.before, move.known)
+    plan = schedule(old, truth.command(move.known), of_first_axis(old, shaper))
+    inputs, last_sample = plan.final_inputs(old), len(truth.times) - 1
+
+    def part(state: State, item: Any) -> tuple[State, Any]:
+        parameters, first, last = item
+        plant = truth.plant(parameters, move.known)
+        run = along(truth, plant, plan, state, (first, last))
+        energy = plant.residual_energy(run.rest, inputs)
+        return run.states[-1], (run.signal, energy, truth.vibration(plant, inputs, energy))
+
+    ends = jnp.stack([0 * move.change, move.change]), jnp.stack([move.change, 0 * move.change + last_sample])
+    end, (signal, *left) = jax.lax.scan(part, begin, (jnp.stack([move.before, move.after]), *ends))
+    late = jnp.arange(len(truth.times)) >= move.change
+    readings = sensor.read(jnp.where(late, signal[1], signal[0]), draw, move.missing, move.frozen)
+    return plan, end, *left, readings
