@@ -443,6 +443,18 @@ def test_dark_and_light(studio):
         assert colour == charts.colours(True)["title"]["textStyle"]["color"]
 
 
+def test_a_click_before_the_answer_to_the_last_one_counts(studio):
+    """To another panel and back at once: without waiting for the server the last click decides."""
+    with opened(studio) as page:
+        page.evaluate(
+            """async () => { for (const i of [2, 0]) { document.querySelectorAll("[role=tab]")[i].click();
+            await new Promise(requestAnimationFrame); } }"""
+        )
+        press(page, "slider-plant.m2")
+        assert page.locator("[role=tab][aria-selected=true]").inner_text() == "Machine"
+        assert page.locator('[data-testid="slider-plant.m2"]').is_visible()
+
+
 def test_a_link_opens_what_it_was_made_of(studio):
     with opened(studio) as page:
         page.context.grant_permissions(["clipboard-read", "clipboard-write"])

@@ -320,12 +320,13 @@ def _span(values: np.ndarray) -> dict[str, Any]:
 
 
 def worst(found: Sensitivity | None) -> str:
-    """The greatest that is left over the uncertain set, in words; empty for a draft, and where nothing is uncertain."""
+    """The greatest that is left along the leaf that is drawn, in words; empty for a draft, and where there is none."""
     if found is None or found.draft:
         return ""
     most = float(np.max(found.values["shaped"]))
     share = found.quantity == "residual vibration"
-    return (words.VIBRATION_AT_WORST if share else words.ENERGY_AT_WORST).format(most=100 * most if share else most)
+    said = words.VIBRATION_AT_WORST if share else words.ENERGY_AT_WORST
+    return said.format(leaf=found.leaf.partition(" (")[0], most=100 * most if share else most)
 
 
 def summary(found: Numbers, over: Sensitivity | None = None) -> str:

@@ -15,10 +15,24 @@ PANELS = {
 DRAW = "requestAnimationFrame(() => { jshapeScene.draw(); jshapeEpisode.draw(); })"
 
 
+TURN = "(value) => (mounted_app.elements[ID].props['model-value'] = value)"
+
+
+class Tabs(ui.tabs):
+    """Tabs that the browser turns by itself: a click before the server's answer to the last one would be lost."""
+
+    LOOPBACK = None
+
+    def __init__(self) -> None:
+        """As of ``ui.tabs``."""
+        super().__init__()
+        self.on("update:model-value", js_handler=TURN.replace("ID", str(self.id)))
+
+
 def build(tab: Tab) -> ui.tabs:
     """The panels; what is returned says which one is open."""
     opened = str(tab.kept.get("panel", words.MACHINE))
-    with ui.tabs().classes("w-full").props("dense align=justify no-caps") as tabs:
+    with Tabs().classes("w-full").props("dense align=justify no-caps") as tabs:
         for name in PANELS:
             ui.tab(name)
     unbuilt: dict[str, ui.tab_panel] = {}

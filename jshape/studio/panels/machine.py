@@ -113,7 +113,8 @@ def _parameter(tab: Tab, parameter: Parameter) -> None:
     name = path.removeprefix("plant.").removeprefix("command.").replace("_", " ")
     with ui.row().classes("w-full no-wrap items-center gap-2"):
         label = ui.label(name).classes("text-sm").style("flex:1")
-        label.tooltip(parameter.meaning or name)
+        # Quasar's own looks for its element, and complains, where another machine has taken its place meanwhile.
+        label.props["title"] = parameter.meaning or name
         number = Number(value=_rounded(parameter.value), suffix=parameter.unit).classes("studio-number")
         number.style("width:124px" if leaf is not None else "width:150px")
         number.props(f'dense outlined aria-label="{name}" debounce=300')

@@ -40,7 +40,7 @@ def build(tab: Tab) -> None:
     def rows() -> None:
         for name in axes:
             with ui.row().classes("w-full no-wrap items-center gap-2"):
-                ui.label(name).classes("text-sm ellipsis").style("flex:1").tooltip(name)
+                ui.label(name).classes("text-sm ellipsis").style("flex:1").props["title"] = name
                 which = ui.toggle(list(AXES), value=axes[name]).props(
                     f'dense no-caps aria-label="{words.AXIS_OF_FILE.format(name=name)}"'
                 )
