@@ -34,8 +34,8 @@ RADIUS = 0.1
 CONVERGED = 1e-13
 """A predicted gain that is less than this part of the objective ends a search."""
 
-PROPOSED = 50
-"""Iterations of SLSQP on the models, at most."""
+PROPOSED = 20
+"""Iterations of SLSQP on the models, at most: beyond those a smaller trust region does more than the last digits."""
 
 LATE = 16
 """Iterations after which second derivatives are updated: most searches have ended before, and long steps mislead."""
