@@ -146,7 +146,7 @@ class _Program:
         upper = np.append(space.upper[space.free], np.full(len(lower), np.inf))
         self.bounds = np.stack([np.append(space.lower[space.free], lower), upper], axis=1)
 
-    def design(self, z: Vector) -> Vector:
+    def design(self, z: np.ndarray) -> np.ndarray:
         """All variables of the design."""
         x = self.begin.copy()
         x[self.space.free] = z[: len(z) - len(self.cost)]
@@ -158,7 +158,7 @@ class _Program:
             self._at, self.found = key, self.model(x)
         return self.found
 
-    def objective(self, z: Vector) -> tuple[float, Vector]:
+    def objective(self, z: np.ndarray) -> tuple[float, np.ndarray]:
         """The objective with the cost of time, and its gradient."""
         x, scale, slope = self.design(z), self.merit.scale, self.merit.time_cost / self.merit.scale
         value, gradient = self.cost @ z[len(z) - len(self.cost) :] + slope @ x, slope
@@ -168,7 +168,7 @@ class _Program:
             gradient = gradient + weights_of(self.merit.objective, found.energies) @ found.jacobian / scale
         return float(value), np.append(gradient[self.space.free], self.cost)
 
-    def inequalities(self, z: Vector) -> Vector:
+    def inequalities(self, z: np.ndarray) -> np.ndarray:
         """The inequality constraints, ≥ 0: linear ones, slacks of the limits, those of the epigraph."""
         x = self.design(z)
         found, (normals, levels) = self.evaluate(x), self.space.inequalities
@@ -176,7 +176,7 @@ class _Program:
         values = np.concatenate([normals @ x - levels, found.slacks, -energies])
         return values + self.columns @ z[len(z) - len(self.cost) :]
 
-    def slopes(self, z: Vector) -> Rows:
+    def slopes(self, z: np.ndarray) -> np.ndarray:
         """The Jacobian of ``inequalities``."""
         found, normals = self.evaluate(self.design(z)), self.space.inequalities[0]
         jacobian = found.jacobian / -self.merit.scale if len(self.auxiliary) else found.jacobian[:0]
@@ -195,7 +195,7 @@ class _Program:
         return found
 
 
-def _epigraph(merit: Merit, energies: Vector) -> tuple[Vector, np.ndarray, Vector, Vector]:
+def _epigraph(merit: Merit, energies: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Cost, matrix, start and lower bounds of the epigraph's auxiliary variables.
 
     Source: for the conditional value at risk, Rockafellar and Uryasev (2000): minimise τ + mean(max(E − τ, 0)) / tail,

@@ -15,7 +15,7 @@ import numpy as np
 from jshape import _check
 from jshape._types import Progress
 from jshape.compilation_cache import beside
-from jshape.design.tuning import digital, interval
+from jshape.design.tuning import digital, interval, linear_models
 from jshape.design.tuning.adam import descend
 from jshape.design.tuning.design_problem import DesignProblem
 from jshape.design.tuning.evaluate import DIVERGED_ENERGY, LOOSEST, Values, evaluate
@@ -165,6 +165,8 @@ class Search:
         descents: list[Descent] = []
         try:
             ranked = self._ranked(starts)
+            if linear_models.apply(self.problem) and more <= CHEAPER:
+                ranked = self._ranked(ranked + linear_models.linear_starts(self.judge, ranked, self.random.spawn(1)[0]))
             # Here, so that two threads do not compile the same program twice.
             wait([self.compiling])
             self.judge.linearise(self.judge.vector(ranked[0]))

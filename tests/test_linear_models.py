@@ -1,0 +1,57 @@
+"""Linear models of plants, from whose best designs a search begins: beside the plants themselves."""
+
+import numpy as np
+import pytest
+
+import jshape as js
+from jshape.design.tuning import linear_models
+from jshape.design.tuning.design_problem import design_problem
+from jshape.design.tuning.scaled_problem import ScaledProblem
+from jshape.design.tuning.scenarios import Limits
+from jshape.design.tuning.starts import starts
+from jshape.sweeps.leaves import with_leaves
+
+
+@pytest.fixture(scope="module")
+def search():
+    """Of a plant that is linear, without damping: its models are exact."""
+    plant = js.plants.ModalPlant(omega=[3.0, 7.0], zeta=[0.0, 0.0])
+    problem = design_problem(
+        plant, js.Trapezoid(1.0, 0.8, 2.0), 4, (0.5, 3.0), "positive", None, {"omega.0": [0.9, 1.0, 1.1]}, "worst",
+        relative=True, initial_state=None, limits=Limits(),
+    )  # fmt: skip
+    return ScaledProblem(problem)
+
+
+def test_models_of_a_linear_plant_are_exact(search):
+    """At designs to which they were not fitted; the derivatives beside differences."""
+    problem, random = search.problem, np.random.default_rng(1)
+    models = linear_models.LinearModels(search, starts(problem, 8, 0))
+    point = problem.bounds.random(random)
+    x = search.vector(point)
+    found = models(x)
+    for i, omega in enumerate((2.7, 3.0, 3.3)):
+        plant = with_leaves(problem.scenarios.plant, {"omega.0": omega})
+        left = js.residual_energy(plant, point.shapers[0], problem.scenarios.command)
+        np.testing.assert_allclose(found.energies[i], left, rtol=1e-5)
+    differences = [(models(x + d).energies - models(x - d).energies) / 2e-6 for d in 1e-6 * np.eye(len(x))]
+    np.testing.assert_allclose(found.jacobian, np.transpose(differences), atol=1e-7 * np.abs(differences).max())
+
+
+def test_starts_are_designs_within_the_bounds_and_better_than_those_given(search):
+    problem = search.problem
+    given = starts(problem, 8, 0)
+    found = linear_models.linear_starts(search, given, np.random.default_rng(0))
+    assert 0 < len(found) <= linear_models.KEPT
+    assert all(problem.bounds.contains(one) for one in found)
+    assert search.merit(found[0]) < 0.5 * min(map(search.merit, given))
+
+
+@pytest.mark.slow
+def test_a_crane_with_many_local_optima():
+    """With this seed 0.00954 J was said to be the optimum; with others 0.00783 to 0.00926."""
+    plant = js.plants.DoublePendulumCrane(10.0, 2.0, 250.0, 2000.0)
+    payloads = {"payload_mass": np.linspace(0.5, 2.0, 9)}
+    found = js.tune(plant, js.Trapezoid(8.0, 1.0, 0.3), 4, (1.5, 8.0), over=payloads, objective="worst", seed=4)
+    assert found.converged
+    assert found.objective <= 0.005734
