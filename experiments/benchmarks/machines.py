@@ -26,8 +26,8 @@ from experiments.benchmarks import engineer
 SPREAD = np.linspace(0.5, 2.0, 9)
 """Payloads, multiples of nominal."""
 
-DENSER = (9, 17, 33)
-"""Plants of the engineer's set, one number after the other until his design is as good."""
+DENSER = (9, 33)
+"""Plants of the engineer's set: those given, and where his design is not as good with them, the others."""
 
 AS_GOOD = 1.001
 """Times jshape's worst case."""
