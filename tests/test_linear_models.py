@@ -26,7 +26,8 @@ def search():
 def test_models_of_a_linear_plant_are_exact(search):
     """At designs to which they were not fitted; the derivatives beside differences."""
     problem, random = search.problem, np.random.default_rng(1)
-    models = linear_models.LinearModels(search, starts(problem, 8, 0))
+    models = linear_models.LinearModels(search)
+    models.fit(np.array([search.vector(one) for one in starts(problem, 8, 0)]))
     point = problem.bounds.random(random)
     x = search.vector(point)
     found = models(x)
@@ -45,6 +46,15 @@ def test_starts_are_designs_within_the_bounds_and_better_than_those_given(search
     assert 0 < len(found) <= linear_models.KEPT
     assert all(problem.bounds.contains(one) for one in found)
     assert search.merit(found[0]) < 0.5 * min(map(search.merit, given))
+
+
+def test_no_starts_without_modes_or_energies(search, monkeypatch):
+    given, random = starts(search.problem, 8, 0), np.random.default_rng(0)
+    with monkeypatch.context() as patch:
+        patch.setattr(linear_models, "modes", lambda plant: [(np.nan, 0.0)])
+        assert linear_models.linear_starts(search, given, random) == []
+    monkeypatch.setattr(linear_models, "DIVERGED_ENERGY", 0.0)
+    assert linear_models.linear_starts(search, given, random) == []
 
 
 @pytest.mark.slow

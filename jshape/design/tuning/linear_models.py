@@ -52,11 +52,10 @@ class LinearModels:
     weights are interpolated.
 
     Args:
-        search: the problem, whose values at the designs are known.
-        designs: to whose energies the weights are fitted.
+        search: the problem.
     """
 
-    def __init__(self, search: ScaledProblem, designs: list[Point]):
+    def __init__(self, search: ScaledProblem):
         self.search, self.impulses = search, search.problem.bounds.impulses
         problem, samples = search.problem, search.problem.scenarios.samples
         self.rates, self.finer, self.at = self._rates(samples), np.zeros((0, 0)), np.zeros(0)
@@ -66,7 +65,6 @@ class LinearModels:
         self.spread = np.where(search.duration > 0, NEARBY[1], NEARBY[0])
         self.points, self.known = np.zeros((0, len(search.units))), np.zeros((0, len(self.rates)))
         self.weights = np.zeros(self.rates.shape)
-        self.fit(np.array([search.vector(one) for one in designs]))
 
     def _rates(self, samples: Mapping[str, Any]) -> np.ndarray:
         """Decay and angular frequency of each plant's modes, as complex numbers, 1/s."""
@@ -76,16 +74,17 @@ class LinearModels:
         return -omega * zeta + 1j * omega * np.sqrt(np.maximum(1.0 - zeta**2, 0.0))
 
     def fit(self, points: np.ndarray) -> None:
-        """Fit the weights to the energies of further designs, too."""
+        """Fit the weights to the energies of these designs, too; those after which a plant diverges say nothing."""
         energies = np.array([self.search.values(x, LOOSEST).energies for x in points])
         valid = np.all(energies < DIVERGED_ENERGY, axis=1)
         points, energies = points[valid], energies[valid]
         self.points, self.known = np.concatenate([self.points, points]), np.concatenate([self.known, energies])
         squares = np.abs(self.phasors(self.points, self.rates)[0]) ** 2
         for plant, energies in enumerate(self.known.T):
-            # Small energies count as much as great ones: a good design leaves little.
-            heavy = 1 / np.maximum(energies, 1e-6 * energies.max())
-            self.weights[plant] = nnls(squares[:, plant] * heavy[:, None], energies * heavy)[0]
+            if (greatest := energies.max(initial=0.0)) > 0:
+                # Small energies count as much as great ones: a good design leaves little.
+                heavy = 1 / np.maximum(energies, 1e-6 * greatest)
+                self.weights[plant] = nnls(squares[:, plant] * heavy[:, None], energies * heavy)[0]
         self.all = self.rates, self.weights
         if len(self.at):
             given = np.asarray(next(iter(self.search.problem.scenarios.samples.values())), float)
@@ -132,7 +131,7 @@ class LinearModels:
             better = np.sum(tried[2] ** power, axis=1) < np.sum(energies**power, axis=1)
             for old, new in zip((x, total, slopes, energies), (trial, *tried), strict=True):
                 old[better] = new[better]
-            damping = np.where(better, damping / 3, damping * 4)
+            damping = np.where(better, np.maximum(damping / 3, 1e-9), damping * 4)
         return x
 
     def slopes(
@@ -165,13 +164,18 @@ def apply(problem: DesignProblem) -> bool:
 def linear_starts(search: ScaledProblem, designs: list[Point], random: np.random.Generator) -> list[Point]:
     """Designs within the bounds at which the linear models' objective has its least local minima, the best first.
 
+    None where a plant has no modes, or diverges after all designs.
+
     Args:
-        search: the problem; its values at the designs are known.
-        designs: to whose energies the models are fitted.
+        search: the problem.
+        designs: to whose energies the models are fitted at first.
         random: draws the designs from which they are minimised.
     """
-    models, problem = LinearModels(search, designs), search.problem
-    if not np.all(np.isfinite(models.rates)) or not np.all(models.weights.any(axis=1)):
+    models, problem = LinearModels(search), search.problem
+    if not np.all(np.isfinite(models.rates)):
+        return []
+    models.fit(np.array([search.vector(one) for one in designs]))
+    if not np.all(models.weights.any(axis=1)):
         return []
     drawn = int(np.clip(MOST_NUMBERS / (models.rates.size * len(search.units)), 2 * PARENTS, DRAWN))
 
