@@ -75,13 +75,15 @@ BENCHMARKS = ["benchmarks/kernel.json", "benchmarks/growth.json"]
 SOURCES = {
     "README.md": BENCHMARKS,
     "experiments/benchmarks/README.md": BENCHMARKS,
-    "experiments/adaptive/README.md": ["benchmarks/adaptive.json", "adaptive/recovery.md", "adaptive/nonlinear.md"],
+    "experiments/adaptive/README.md": [
+        *("benchmarks/adaptive.json", "adaptive/recovery.md", "adaptive/nonlinear.md", "adaptive/within_move.md"),
+    ],
     LEARNING: [f"learning/{name}" for name in ("leaderboard.json", "learning.md", "presets.json", "never_worse.json")],
 }
 """Documents written by hand, and the files under experiments that scripts wrote, in which their numbers stand."""
 
 NUMBER = r"(?<![\w.])\d[\d,]*(?:\.\d+(?:e[+-]?\d+)?|e[+-]?\d+)(?!\w)"
-SETTINGS = ("1e-9", "1e-8", "3.11", "0.2.0", "6.96")
+SETTINGS = ("1e-9", "1e-8", "0.27", "3.11", "0.2.0", "6.96")
 """Tolerances, versions and inputs; and what ``test_python_blocks_run`` computes."""
 
 
