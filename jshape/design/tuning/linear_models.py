@@ -22,7 +22,7 @@ from jshape.design.tuning.scaled_problem import ScaledProblem, scale_of
 from jshape.design.tuning.scenarios import Point
 from jshape.simulation.simulate import modes
 
-DRAWN, ROUNDS, PARENTS = 200, 3, 20
+DRAWN, ROUNDS, PARENTS = 400, 3, 20
 """So many designs are refined side by side, in so many rounds: random ones first, then the best so far with one or two
 impulses elsewhere, of so many parents."""
 
