@@ -153,7 +153,7 @@ class LinearModels:
         return Linearisation(energies[0], jacobian, none, np.zeros((0, len(x))), none, none, none, none)
 
 
-def apply(problem: DesignProblem) -> bool:
+def applies(problem: DesignProblem) -> bool:
     """Whether the energies count, and nothing else, that one shaper leaves of a set of plants, not too many."""
     scenarios, bounds = problem.scenarios, problem.bounds
     only = scenarios.metric is None and not scenarios.limits.any and not scenarios.designed and bounds.shapers == 1

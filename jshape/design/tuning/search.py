@@ -165,7 +165,7 @@ class Search:
         descents: list[Descent] = []
         try:
             ranked = self._ranked(starts)
-            if linear_models.apply(self.problem) and more <= CHEAPER:
+            if linear_models.applies(self.problem) and more <= CHEAPER:
                 ranked = self._ranked(ranked + linear_models.linear_starts(self.judge, ranked, self.random.spawn(1)[0]))
             # Here, so that two threads do not compile the same program twice.
             wait([self.compiling])
