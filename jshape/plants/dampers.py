@@ -8,7 +8,7 @@ import jax.numpy as jnp
 
 from jshape._check import Argument, Checked, as_array, not_negative, positive, real
 from jshape._types import Scalar
-from jshape.plants.springs import as_leaf, signed_power
+from jshape.plants.springs import as_leaf, is_odd, signed_power
 
 
 class AbstractDamper(Checked):
@@ -50,6 +50,11 @@ class PowerDamper(AbstractDamper):
 
     c: Scalar = eqx.field(converter=Argument(not_negative))
     power: float = eqx.field(default=3, static=True, converter=Argument(positive, convert=real))
+
+    @property
+    def kinked(self) -> bool:
+        """Whether some derivative of the force jumps, or has no bound, where the velocity passes zero."""
+        return not is_odd(self.power)
 
     def force(self, velocity: Scalar) -> Scalar:
         return self.c * signed_power(velocity, self.power)

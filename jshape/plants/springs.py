@@ -156,6 +156,11 @@ class PowerLawSpring(AbstractSpring):
     power: float = eqx.field(static=True, converter=Argument(positive, convert=real))
     odd: ClassVar = True
 
+    @property
+    def kinked(self) -> bool:
+        """Whether some derivative of the force jumps, or has no bound, where the deflection passes zero."""
+        return not is_odd(self.power)
+
     def potential(self, x: Scalar) -> Scalar:
         return self.k * signed_power(x, self.power) * x / (self.power + 1)
 
@@ -243,7 +248,12 @@ class ForceSpring(AbstractFunctionSpring):
 
 def signed_power(x: Scalar, power: float) -> Scalar:
     """|x|^p sign(x), differentiable at 0 where the function itself is."""
-    if float(power).is_integer() and int(power) % 2 == 1:
+    if is_odd(power):
         return x ** int(power)
     magnitude = jnp.where(x == 0, 1.0, jnp.abs(x))
     return jnp.where(x == 0, 0.0, jnp.sign(x) * magnitude**power)
+
+
+def is_odd(power: float) -> bool:
+    """Whether a power is an odd integer: |x|^p sign(x) is a polynomial then."""
+    return float(power).is_integer() and int(power) % 2 == 1

@@ -326,7 +326,7 @@ class _Pilot(NamedTuple):
     spent: Bool[Array, ""]
     """Whether the most steps were not enough, or rounding is what is left."""
     kinked: Bool[Array, ""]
-    """Whether the estimates of any two runs fell too slowly for a smooth equation."""
+    """Whether the plant says so, or the estimates of any two runs fell too slowly for a smooth equation."""
     close: Bool[Array, ""]
     """Whether the last run's error was within ten tolerances."""
     rounded: Int[Array, ""]
@@ -395,8 +395,8 @@ def _attempt(plant, segments: Segments, plan: Schedule, state: State, tolerance:
     predicted = shares * (0.3 * jnp.sum(shares) / target) ** (1 / _ORDER)
     refined = 1.1 * jnp.maximum(error / tolerance, 1.0) ** (1 / _ORDER)
     idle = estimates <= _IDLE * target / count
-    # A run with the same numbers everywhere would be compared with itself.
-    idle = idle & ~jnp.all(idle)
+    # A run with the same numbers everywhere would be compared with itself. A step over a kink may not show it.
+    idle = idle & ~jnp.all(idle) & ~kinked
     least = jnp.where(ready & ~idle, 1.5, 1.0)
     growth = jnp.where(ready & compared & ~idle, refined, jnp.clip(predicted, least, 64.0))
     growth = jnp.where(run.resolved, jnp.nan_to_num(growth, nan=4.0), 1.0)
@@ -419,15 +419,24 @@ def _attempt(plant, segments: Segments, plan: Schedule, state: State, tolerance:
     )  # fmt: skip
 
 
+def has_kinks(plant: AbstractPlant) -> bool:
+    """Whether the plant, or a part of it, says that its equation is not smooth, by an attribute ``kinked``."""
+
+    def kinked(part: Any) -> bool:
+        return getattr(part, "kinked", False) is True
+
+    return any(map(kinked, jax.tree.leaves(plant, is_leaf=kinked)))
+
+
 def _pilot(plant, segments: Segments, plan: Schedule, state: State, tolerance: Scalar) -> Checked:
     """Runs with more and more steps until the tolerance is met, in the whole batch or wherever it can be."""
     count, dtype = len(segments.begin), state.dtype
     first = jnp.full(count, _FIRST, jnp.int32)
     nothing = jnp.zeros((), dtype)
-    no, none = jnp.asarray(False), jnp.zeros((), jnp.int32)
+    no, kinked, none = jnp.asarray(False), jnp.asarray(has_kinks(plant)), jnp.zeros((), jnp.int32)
     start = _Pilot(
         first, jnp.asarray(_TOGETHER, jnp.int32), first, jnp.zeros((count, len(state)), dtype), jnp.zeros(count, dtype),
-        no, no, nothing, nothing, no, state, first, no, no, no, none, nothing, none, jnp.asarray(True),
+        no, no, nothing, nothing, no, state, first, no, kinked, no, none, nothing, none, jnp.asarray(True),
     )  # fmt: skip
 
     def attempt(last):
