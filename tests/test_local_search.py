@@ -17,7 +17,7 @@ from jshape.design.tuning import interval
 from jshape.design.tuning.bounds import design_bounds
 from jshape.design.tuning.design_problem import design_problem
 from jshape.design.tuning.epigraph import Model
-from jshape.design.tuning.evaluate import Linearisation, energies
+from jshape.design.tuning.evaluate import Linearisation, Values, energies
 from jshape.design.tuning.interval import Maximum
 from jshape.design.tuning.local_search import Around, Descent, apart
 from jshape.design.tuning.scaled_problem import ScaledProblem
@@ -125,6 +125,21 @@ def test_plants_are_added_in_the_places_of_those_with_the_least_energy():
     np.testing.assert_array_equal(np.asarray(found.scenarios.samples["m2"]), masses)
     mean = dataclasses.replace(problem, objective="mean")
     assert interval.with_places(mean) is mean
+
+
+def test_maxima_between_the_plants_of_the_finer_set(plant, monkeypatch):
+    """Narrow peaks: the one that is the lower on the finer set is the higher beside it."""
+    problem = problem_of(plant, 1.0, 3, 1.6, {"m2": np.linspace(10.0, 90.0, 9)})
+    at, height = np.array([30.3, 53.46, 71.0]), np.array([1.0, 1.2, 0.9])
+
+    def energies_of(problem, point, samples, tolerance=None):
+        return np.max(height / (1 + ((samples["m2"][:, None] - at) / 1.0) ** 2), axis=1)
+
+    monkeypatch.setattr(interval, "energies_of", energies_of)
+    given = Values(np.array([0.95]), np.zeros(1), np.ones(1), np.zeros(0), np.zeros((1, 4)), np.zeros(1, int))
+    found = interval.greatest(problem, problem.bounds.random(np.random.default_rng(0)), given)
+    assert [one.energy for one in found] == pytest.approx([1.2, 1.0], rel=1e-9)
+    assert [one.leaves["m2"] for one in found] == pytest.approx([53.46, 30.3], abs=1e-4)
 
 
 @pytest.mark.slow

@@ -7,7 +7,6 @@ Source: Blankenship and Falk (1976), infinitely constrained optimization: exchan
 """
 
 import dataclasses
-import itertools
 from typing import NamedTuple
 
 import numpy as np
@@ -27,10 +26,15 @@ MAXIMA = 6
 """Local maxima that are looked at closely, at most."""
 
 NEAR = 0.02
-"""A maximum of the finer set that is less than the greatest energy by at most this part may exceed it nearby."""
+"""A maximum of the finer set may exceed the greatest energy nearby where it is less by at most this part, and twice
+what the parabolas through its neighbours add to it."""
 
-PARABOLAS = 2
-"""A maximum between the plants of the finer set is that of a parabola, so many times, each eight times as narrow."""
+PARABOLAS = 12
+"""A maximum between the plants of the finer set is that of a parabola, so many times at most: a quarter as wide where
+it was inside the last one."""
+
+SETTLED = 1e-9
+"""The relative gain of a parabola below which there are no more."""
 
 SCANNED = 1e-3
 """The relative error of the energies among which maxima are looked for."""
@@ -121,11 +125,20 @@ def greatest(problem: DesignProblem, point: Point, found: Values, excess: float 
     padded = np.pad(table, 1, constant_values=-np.inf)
     inside = (slice(1, -1),) * table.ndim
     neighbours = [np.roll(padded, shift, axis)[inside] for axis in range(table.ndim) for shift in (-1, 1)]
-    # Between the plants of the finer set the energy is a little greater at most.
-    peaks = np.all([table >= other for other in neighbours], axis=0) & (table >= (1 - NEAR) * worst)
-    order = sorted(zip(*np.nonzero(peaks), strict=True), key=lambda index: -table[index])[:MAXIMA]
+    peaks = np.all([table >= other for other in neighbours], axis=0)
+    # Between the plants of the finer set the energy is greater, by more than by parabolas where the set is coarse.
+    tops = table + 2 * sum(_excess(table, *neighbours[i : i + 2]) for i in range(0, len(neighbours), 2))
+    peaks &= tops >= (1 - NEAR) * worst
+    order = sorted(zip(*np.nonzero(peaks), strict=True), key=lambda index: -tops[index])[:MAXIMA]
     starts = {name: axis[[index[i] for index in order]] for i, (name, axis) in enumerate(axes.items())}
     return [one for one in _refined(problem, point, axes, starts) if one.energy > (1 + excess) * worst]
+
+
+def _excess(between: np.ndarray, left: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """By how much the maximum of the parabola through three points is above the middle one, which is the greatest."""
+    with np.errstate(invalid="ignore"):
+        bend = 2 * between - left - right
+        return np.where(np.isfinite(bend) & (bend > 0), (right - left) ** 2 / np.where(bend > 0, 8 * bend, 1.0), 0.0)
 
 
 def _refined(
@@ -135,21 +148,27 @@ def _refined(
     if not len(next(iter(starts.values()))):
         return []
     values, best = energies_of(problem, point, starts), dict(starts)
-    widths = {name: float(np.max(np.diff(axis), initial=0.0)) for name, axis in axes.items()}
-    for number, (name, axis) in itertools.product(range(PARABOLAS), axes.items()):
-        center, width = best[name], widths[name] / 8**number
-        if not width:
-            continue
-        # Three points along the leaf, all within its interval, about the middle one.
-        middle = np.clip(center, axis[0] + width, axis[-1] - width)
-        along = np.concatenate([middle - width, middle, middle + width])
-        thrice = {other: np.tile(value, 3) for other, value in best.items()} | {name: along}
-        left, between, right = np.split(energies_of(problem, point, thrice), 3)
-        bend = left - 2 * between + right
-        shift = np.where(bend < 0, (left - right) / np.where(bend < 0, 2 * bend, 1.0), np.sign(right - left))
-        moved = middle + width * np.clip(shift, -1.0, 1.0)
-        tried = energies_of(problem, point, best | {name: moved})
-        best[name], values = np.where(tried > values, moved, center), np.maximum(tried, values)
+    widths = {name: np.full(len(values), np.max(np.diff(axis), initial=0.0)) for name, axis in axes.items()}
+    for number in range(PARABOLAS):
+        before = values
+        for name, axis in axes.items():
+            if not (width := widths[name]).any():
+                continue
+            # Three points along the leaf, all within its interval, about the middle one.
+            middle = np.clip(best[name], axis[0] + width, axis[-1] - width)
+            along = np.concatenate([middle - width, middle, middle + width])
+            thrice = {other: np.tile(value, 3) for other, value in best.items()} | {name: along}
+            left, between, right = np.split(energies_of(problem, point, thrice), 3)
+            bend = left - 2 * between + right
+            shift = np.where(bend < 0, (left - right) / np.where(bend < 0, 2 * bend, 1.0), np.sign(right - left))
+            moved = middle + width * np.clip(shift, -1.0, 1.0)
+            tried = energies_of(problem, point, best | {name: moved})
+            # Where it is at an end of the three points it may be beyond.
+            beyond = (np.abs(shift) >= 1) & (tried > values)
+            best[name], values = np.where(tried > values, moved, best[name]), np.maximum(tried, values)
+            widths[name] = np.where(beyond, width, width / 4)
+        if number and np.all(values <= before * (1 + SETTLED)):
+            break
     order = np.argsort(-values, kind="stable")
     return [Maximum({name: float(v[i]) for name, v in best.items()}, float(values[i])) for i in order]
 
