@@ -1,5 +1,7 @@
 """Linear models of plants, from whose best designs a search begins: beside the plants themselves."""
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -42,7 +44,8 @@ def test_models_of_a_linear_plant_are_exact(search):
 def test_starts_are_designs_within_the_bounds_and_better_than_those_given(search):
     problem = search.problem
     given = starts(problem, 8, 0)
-    found = linear_models.linear_starts(search, given, np.random.default_rng(0))
+    found, sure = linear_models.linear_starts(search, given, np.random.default_rng(0))
+    assert sure
     assert 0 < len(found) <= linear_models.KEPT
     assert all(problem.bounds.contains(one) for one in found)
     assert search.merit(found[0]) < 0.5 * min(map(search.merit, given))
@@ -50,18 +53,34 @@ def test_starts_are_designs_within_the_bounds_and_better_than_those_given(search
 
 def test_no_starts_without_modes_or_energies(search, monkeypatch):
     given, random = starts(search.problem, 8, 0), np.random.default_rng(0)
+    none = linear_models.Starts([], False)
     with monkeypatch.context() as patch:
         patch.setattr(linear_models, "modes", lambda plant: [(np.nan, 0.0)])
-        assert linear_models.linear_starts(search, given, random) == []
+        assert linear_models.linear_starts(search, given, random) == none
     monkeypatch.setattr(linear_models, "DIVERGED_ENERGY", 0.0)
-    assert linear_models.linear_starts(search, given, random) == []
+    assert linear_models.linear_starts(search, given, random) == none
 
 
 @pytest.mark.slow
-def test_a_crane_with_many_local_optima():
-    """With this seed 0.00954 J was said to be the optimum; with others 0.00783 to 0.00926."""
-    plant = js.plants.DoublePendulumCrane(10.0, 2.0, 250.0, 2000.0)
+@pytest.mark.parametrize(
+    ("lengths", "masses", "move", "duration", "best", "seed"),
+    [
+        # With this seed 0.0063 J was said to be the optimum; with others 0.00783 to 0.00954.
+        ((10.0, 2.0), (250.0, 2000.0), (8.0, 1.0, 0.3), (1.5, 8.0), 0.0057331, 3),
+        # 0.00907 was said where 0.00911 is left; another optimum, of 0.01252, was met by most searches.
+        ((20.0, 3.0), (500.0, 4000.0), (15.0, 1.5, 0.3), (2.0, 11.0), 0.009073, 0),
+        # One of six met it; the others said 0.01372.
+        ((50.0, 5.0), (1000.0, 10000.0), (30.0, 2.0, 0.3), (3.0, 16.0), 0.013616, 4),
+    ],
+)
+def test_cranes_with_many_local_optima(lengths, masses, move, duration, best, seed):
+    """The objective is the greatest energy of 2001 plants, too."""
+    plant, move = js.plants.DoublePendulumCrane(*lengths, *masses), js.Trapezoid(*move)
     payloads = {"payload_mass": np.linspace(0.5, 2.0, 9)}
-    found = js.tune(plant, js.Trapezoid(8.0, 1.0, 0.3), 4, (1.5, 8.0), over=payloads, objective="worst", seed=4)
+    found = js.tune(plant, move, 4, duration, over=payloads, objective="worst", seed=seed)
     assert found.converged
-    assert found.objective <= 0.005734
+    assert found.objective <= best
+    energy = lambda mass: js.residual_energy(with_leaves(plant, {"payload_mass": mass}), found.shaper, move)
+    left = jax.jit(jax.vmap(energy))(masses[1] * jnp.linspace(0.5, 2.0, 2001))
+    assert float(left.max()) <= found.objective * (1 + 1e-6)
+    assert found.objective_on_finer_set == pytest.approx(found.objective, rel=1e-6)

@@ -2,12 +2,16 @@
 
 Where many local optima compete, few starting points are too few, and many cost too much where a move takes long to
 simulate. Each plant's energy is modelled as that of its modes at rest, E = Σ_m w_m |Σ_i A_i exp(λ_m (T − t_i))|², with
-weights w_m ≥ 0 that are fitted to the energies of the designs that are known, and the objective of the models is
-minimised from many designs, in a hundredth of the time. Only the best ends are tried on the plants themselves.
+weights w_m ≥ 0 that are fitted to the energies of the designs that are known. For given times the models are quadratic
+in the amplitudes, so that thousands of times are tried in a tenth of a second, each with amplitudes of its own; the
+best of them are refined side by side. Only the best ends are tried on the plants themselves.
+
+Source: Golub and Pereyra (1973), variable projection; Lawson (1961), a Chebyshev solution by weighted least squares.
 """
 
 from collections.abc import Mapping
-from typing import Any
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import nnls
@@ -15,41 +19,46 @@ from scipy.optimize import nnls
 from jshape._blas import one_thread
 from jshape.design.tuning.design_problem import DesignProblem
 from jshape.design.tuning.epigraph import Merit, Vector, minimise_epigraph
-from jshape.design.tuning.evaluate import DIVERGED_ENERGY, LOOSEST, Linearisation
-from jshape.design.tuning.local_search import apart
+from jshape.design.tuning.evaluate import DIVERGED_ENERGY, Linearisation
+from jshape.design.tuning.interval import energies_of
+from jshape.design.tuning.local_search import COARSE, apart
 from jshape.design.tuning.objective import value_of
 from jshape.design.tuning.scaled_problem import ScaledProblem, scale_of
 from jshape.design.tuning.scenarios import Point
 from jshape.simulation.simulate import modes
 
-DRAWN, ROUNDS, PARENTS = 400, 3, 20
-"""So many designs are refined side by side, in so many rounds: random ones first, then the best so far with one or two
-impulses elsewhere, of so many parents."""
+SCANNED, LAWSON = 4000, 8
+"""Random times that are tried in a round, and iterations by which amplitudes are fitted to each."""
 
-TRIED = 6
-"""Designs of each round whose energies the models are fitted to anew."""
+REFINED, KNOWN, ROUNDS = 100, 20, (2, 4)
+"""So many of them that lie apart are refined side by side, beside the best that are known; in so many rounds at least
+and at most."""
 
-NEARBY = 0.05, 0.5
-"""Half of them are near the parents: by how much amplitudes vary, and gaps, in periods of the fastest mode."""
+SAME, HOLD = 0.01, 0.2
+"""Two independent searches of the models agree where their best ends differ by less; models hold at a design whose
+objective differs by less on the plants."""
 
-DESCENT = ((1.0, 8), (4.0, 12))
+TRIED = 3
+"""Designs of each round and search whose energies the models are fitted to anew."""
+
+DESCENT = ((1.0, 6), (4.0, 10), (16.0, 10))
 """Powers of the energies whose sum is minimised, and iterations of Levenberg–Marquardt for each: a high power comes
 close to the greatest energy."""
 
 MOST_PLANTS, MOST_NUMBERS = 200, 2_000_000
-"""Plants of the models at most, those between the given ones among them; and numbers of an array of slopes, beyond
-which fewer designs are drawn."""
+"""Plants of the models at most, those between the given ones among them; and numbers of an array, beyond which fewer
+designs are tried."""
 
-REFINED, ITERATIONS, KEPT = 16, 30, 8
-"""How many of the best designs that lie apart are refined, by so many iterations of SLSQP at most; how many of the
-best ends are starting points."""
+ENDS, ITERATIONS, KEPT = 8, 30, 8
+"""How many of the best designs of each search are refined to the end, by so many iterations of SLSQP at most; how many
+of the best ends are starting points."""
 
 
 class LinearModels:
     """The energies that linear models of all plants leave, without limits.
 
-    Where one leaf is uncertain and the worst case counts, the plants between those of the set are among them; their
-    weights are interpolated.
+    Where one leaf is uncertain and the worst case counts, the plants between those of the set are among them, after
+    those of the set: the spectrum of a long move has many zeros along the leaf, which a few plants do not show.
 
     Args:
         search: the problem.
@@ -58,11 +67,11 @@ class LinearModels:
     def __init__(self, search: ScaledProblem):
         self.search, self.impulses = search, search.problem.bounds.impulses
         problem, samples = search.problem, search.problem.scenarios.samples
-        self.rates, self.finer, self.at = self._rates(samples), np.zeros((0, 0)), np.zeros(0)
+        self.rates, self.finer = self._rates(samples), {}
+        self.given = len(self.rates)
         finer = problem.finer_samples() if problem.objective == "worst" and len(samples) == 1 else {}
-        if finer and len(next(iter(finer.values()))) + len(self.rates) <= MOST_PLANTS:
-            self.finer, self.at = self._rates(finer), np.asarray(next(iter(finer.values())), float)
-        self.spread = np.where(search.duration > 0, NEARBY[1], NEARBY[0])
+        if finer and len(next(iter(finer.values()))) + self.given <= MOST_PLANTS:
+            self.rates, self.finer = np.concatenate([self.rates, self._rates(finer)]), finer
         self.points, self.known = np.zeros((0, len(search.units))), np.zeros((0, len(self.rates)))
         self.weights = np.zeros(self.rates.shape)
 
@@ -75,7 +84,7 @@ class LinearModels:
 
     def fit(self, points: np.ndarray) -> None:
         """Fit the weights to the energies of these designs, too; those after which a plant diverges say nothing."""
-        energies = np.array([self.search.values(x, LOOSEST).energies for x in points])
+        energies = np.array([self._known(x) for x in points])
         valid = np.all(energies < DIVERGED_ENERGY, axis=1)
         points, energies = points[valid], energies[valid]
         self.points, self.known = np.concatenate([self.points, points]), np.concatenate([self.known, energies])
@@ -85,12 +94,14 @@ class LinearModels:
                 # Small energies count as much as great ones: a good design leaves little.
                 heavy = 1 / np.maximum(energies, 1e-6 * greatest)
                 self.weights[plant] = nnls(squares[:, plant] * heavy[:, None], energies * heavy)[0]
-        self.all = self.rates, self.weights
-        if len(self.at):
-            given = np.asarray(next(iter(self.search.problem.scenarios.samples.values())), float)
-            order = np.argsort(given)
-            between = [np.interp(self.at, given[order], each) for each in self.weights[order].T]
-            self.all = np.concatenate([self.rates, self.finer]), np.concatenate([self.weights, np.transpose(between)])
+
+    def _known(self, x: np.ndarray) -> np.ndarray:
+        """Energies of all plants after a design."""
+        search, tolerance = self.search, self.search.tolerance_for(x, COARSE)
+        energies = search.values(x, tolerance).energies
+        if not self.finer:
+            return energies
+        return np.append(energies, energies_of(search.problem, search.point(x), self.finer, tolerance))
 
     def phasors(self, x: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """What a unit of each mode comes to after designs, shape (designs, plants, modes); and of each impulse before
@@ -104,8 +115,67 @@ class LinearModels:
 
     def energies(self, x: np.ndarray) -> np.ndarray:
         """Of designs, J, shape (designs, plants)."""
-        rates, weights = self.all
-        return np.sum(weights * np.abs(self.phasors(x, rates)[0]) ** 2, axis=-1)
+        return np.sum(self.weights * np.abs(self.phasors(x, self.rates)[0]) ** 2, axis=-1)
+
+    def scanned(self, count: int, random: np.random.Generator) -> np.ndarray:
+        """So many designs with random times, each with the amplitudes that suit these, from the best to the worst.
+
+        The amplitudes are those of weighted least squares whose weights grow where the energies are great (Lawson's
+        iteration); bounds are kept by projection.
+        """
+        bounds, n = self.search.problem.bounds, self.impulses
+        # A long shaper leaves less, as a rule.
+        least = bounds.shortest if self.search.problem.time_cost else max(bounds.shortest, 0.4 * bounds.longest)
+        durations = random.uniform(least, bounds.longest, count)
+        gaps = durations[:, None] * random.dirichlet(np.ones(n - 1), count)
+        x = np.concatenate([np.tile(bounds.random(random).amplitudes, (count, 1)), gaps], axis=1) / self.search.units
+        rates, weights = self.rates[: self.given], self.weights[: self.given]
+        turned = self.phasors(x, rates)[1] * np.sqrt(weights)[:, :, None]
+        rows = np.concatenate([np.real(turned), np.imag(turned)], axis=2)
+        shares, least = np.full(rows.shape[:2], 1 / rows.shape[1]), np.full(count, np.inf)
+        for _ in range(1 if np.all(bounds.lower == bounds.upper) else LAWSON):
+            each = (rows * np.sqrt(shares)[:, :, None, None]).reshape(count, -1, n)
+            square = np.swapaxes(each, 1, 2) @ each
+            square += (1e-9 * np.trace(square, axis1=1, axis2=2)[:, None, None] + 1e-300) * np.eye(n)
+            solved = np.linalg.solve(square, np.ones((count, n, 1)))[..., 0]
+            trial = x.copy()
+            trial[:, :n] = solved / solved.sum(axis=1, keepdims=True)
+            trial = _within(self.search, trial)
+            energies = np.sum((rows @ trial[:, None, :n, None])[..., 0] ** 2, axis=2)
+            values = self._objectives(energies)
+            x[values < least], least = trial[values < least], np.minimum(values, least)
+            if self.search.problem.objective == "mean":
+                break
+            shares *= energies
+            shares /= np.maximum(shares.sum(axis=1, keepdims=True), 1e-300)
+        return x[np.argsort(least)]
+
+    def round(self, known: np.ndarray, random: np.random.Generator) -> np.ndarray:
+        """The designs of a search after one more round, from the best to the worst."""
+        numbers, objective = self.rates[: self.given].size * self.impulses, self.search.problem.objective
+        count = int(np.clip(MOST_NUMBERS / numbers, 2 * KNOWN, SCANNED))
+        refined = int(np.clip(MOST_NUMBERS / (numbers * known.shape[1]), KNOWN, REFINED))
+        x = np.concatenate([apart(self.scanned(count, random), refined), known[:KNOWN]])
+        for power, iterations in DESCENT[: 1 if objective == "mean" else None]:
+            x = self.descended(x, power, iterations)
+        return np.array(apart(x[np.argsort(self.merits(x))], 2 * refined))
+
+    def ends(self, known: np.ndarray) -> np.ndarray:
+        """The local minima to which SLSQP comes from the best designs, from the best to the worst."""
+        search, found = self.search, []
+        for x in known[np.argsort(self.merits(known))][:ENDS]:
+            scaled = Merit(search.problem.objective, search.time_cost, scale_of(self(x).energies), 0.0, 0.0)
+            found.append(minimise_epigraph(self, search.space, scaled, x, ITERATIONS, 1e-4))
+        return np.array(found)[np.argsort(self.merits(np.array(found)))]
+
+    def merits(self, x: np.ndarray) -> np.ndarray:
+        """The objective of designs and the cost of their time, J."""
+        return self._objectives(self.energies(x)) + x @ self.search.time_cost
+
+    def _objectives(self, energies: np.ndarray) -> np.ndarray:
+        if (objective := self.search.problem.objective) == "worst":
+            return energies.max(axis=1)
+        return np.array([value_of(objective, each) for each in energies])
 
     def descended(self, x: np.ndarray, power: float, iterations: int) -> np.ndarray:
         """Designs after iterations of Levenberg–Marquardt, side by side, on powers of the set's energies, summed.
@@ -113,12 +183,12 @@ class LinearModels:
         The amplitudes' sum and the bounds are kept by projection.
         """
         damping = np.full(len(x), 1e-2)
-        own = self.rates, self.weights
+        own = _, weights = self.rates[: self.given], self.weights[: self.given]
         total, slopes, energies = self.slopes(x, *own)
         for _ in range(iterations):
             share = energies ** (power - 1)
             share = (share / np.maximum(share.max(axis=1, keepdims=True), 1e-300))[:, :, None]
-            weighted = self.weights * share
+            weighted = weights * share
             rows = slopes * np.sqrt(weighted)[..., None]
             rows = rows.reshape(len(x), -1, x.shape[1])
             square = np.real(np.conj(np.swapaxes(rows, 1, 2)) @ rows)
@@ -146,9 +216,8 @@ class LinearModels:
 
     def __call__(self, x: Vector) -> Linearisation:
         """The energies of one design and their Jacobian, as a model of the epigraph."""
-        rates, weights = self.all
-        total, slopes, energies = self.slopes(x, rates, weights)
-        jacobian = 2 * np.einsum("pm,pmv->pv", weights, np.real(np.conj(total[0])[..., None] * slopes[0]))
+        total, slopes, energies = self.slopes(x, self.rates, self.weights)
+        jacobian = 2 * np.einsum("pm,pmv->pv", self.weights, np.real(np.conj(total[0])[..., None] * slopes[0]))
         none = np.zeros(0)
         return Linearisation(energies[0], jacobian, none, np.zeros((0, len(x))), none, none, none, none)
 
@@ -161,50 +230,49 @@ def applies(problem: DesignProblem) -> bool:
     return only and few and isinstance(problem.objective, str)
 
 
-def linear_starts(search: ScaledProblem, designs: list[Point], random: np.random.Generator) -> list[Point]:
-    """Designs within the bounds at which the linear models' objective has its least local minima, the best first.
+class Starts(NamedTuple):
+    """Designs within the bounds at which the linear models' objective has its least local minima.
 
-    None where a plant has no modes, or diverges after all designs.
+    Attributes:
+        points: the best first; none where a plant has no modes, or diverges after all designs.
+        sure: whether two independent searches came to the same best one, and the models hold there.
+    """
+
+    points: list[Point]
+    sure: bool
+
+
+def linear_starts(search: ScaledProblem, designs: list[Point], random: np.random.Generator) -> Starts:
+    """The best local minima of the linear models' objective, of two independent searches.
 
     Args:
         search: the problem.
         designs: to whose energies the models are fitted at first.
-        random: draws the designs from which they are minimised.
+        random: draws the times that are tried.
     """
-    models, problem = LinearModels(search), search.problem
+    models = LinearModels(search)
     if not np.all(np.isfinite(models.rates)):
-        return []
+        return Starts([], False)
     models.fit(np.array([search.vector(one) for one in designs]))
     if not np.all(models.weights.any(axis=1)):
-        return []
-    drawn = int(np.clip(MOST_NUMBERS / (models.rates.size * len(search.units)), 2 * PARENTS, DRAWN))
-
-    def merits(x: np.ndarray) -> np.ndarray:
-        values = [value_of(problem.objective, energies) for energies in models.energies(x)]
-        return np.array(values) + x @ search.time_cost
-
-    x = np.array([search.vector(problem.bounds.random(random)) for _ in range(drawn)])
-    known = x[:0]
-    for _ in range(ROUNDS):
-        with one_thread():
-            for power, iterations in DESCENT[: 1 if problem.objective == "mean" else 2]:
-                x = models.descended(x, power, iterations)
-        known = np.concatenate([known, x])
-        known = np.array(apart(known[np.argsort(merits(known))], drawn // 2))
-        # The designs that matter are tried, so that the models hold there.
-        models.fit(known[:TRIED])
-        parents = known[np.arange(drawn) % min(PARENTS, len(known))]
-        half = drawn // 2
-        elsewhere = [search.vector(problem.bounds.relocated(search.point(one), random)) for one in parents[:half]]
-        nearby = _within(search, parents[half:] + random.standard_normal((drawn - half, x.shape[1])) * models.spread)
-        x = np.concatenate([elsewhere, nearby])
-    x, found = known, merits(known)
-    ends = []
-    for start in apart(x[np.argsort(found)], REFINED):
-        scaled = Merit(problem.objective, search.time_cost, scale_of(models(start).energies), 0.0, 0.0)
-        ends.append(minimise_epigraph(models, search.space, scaled, start, ITERATIONS, 1e-4))
-    ends = np.array(ends)[np.argsort(merits(np.array(ends)))]
-    return [search.point(end) for end in apart(ends, KEPT)]
+        return Starts([], False)
+    known, agreed = [np.zeros((0, len(search.units)))] * 2, False
+    with one_thread(), ThreadPoolExecutor(2) as pool:
+        for number in range(ROUNDS[1]):
+            known = list(pool.map(models.round, known, random.spawn(2)))
+            # The designs that matter are tried, so that the models hold there.
+            models.fit(np.concatenate([one[:TRIED] for one in known]))
+            if number + 1 < ROUNDS[0]:
+                continue
+            known = list(pool.map(models.ends, known))
+            first, second = (models.merits(one[:1])[0] for one in known)
+            if agreed := abs(first - second) <= SAME * min(first, second):
+                break
+    x = np.concatenate(known)
+    x = np.array(apart(x[np.argsort(models.merits(x))], KEPT))
+    there = search.merit(search.point(x[0]), search.tolerance_for(x[0], COARSE))
+    holds = abs(models.merits(x[:1])[0] - there) <= HOLD * there
+    return Starts([search.point(end) for end in x], bool(agreed and holds))
 
 
 def _within(search: ScaledProblem, x: np.ndarray) -> np.ndarray:

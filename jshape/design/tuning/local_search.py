@@ -40,7 +40,7 @@ PROPOSED = 20
 LATE = 16
 """Iterations after which second derivatives are updated: most searches have ended before, and long steps mislead."""
 
-POLISHED = 20, 1e-3
+POLISHED = 6, 1e-3
 """Iterations of SLSQP on the energies themselves at the end of a search, and how far they may go."""
 
 WIDE = 0.01
@@ -48,6 +48,9 @@ WIDE = 0.01
 
 CLOSE = 1e-4
 """How near a better design is looked for where none is found farther away."""
+
+COARSE = 1e-3
+"""The part of the objective to which it is known where a search begins."""
 
 KNOWN = 1e-7
 """The part of the objective to which it is known where searches are compared only."""
@@ -66,6 +69,10 @@ iterations that one gets before the best of those go on."""
 
 CLOSER = 1e-5
 """The part of the objective by which another design is a better one there."""
+
+TWIN = 1e-5
+"""A design that is another one played backwards is not refined beside it where it is worse by no more than this part
+of the objective."""
 
 SURE = 0.75
 """The share of the searches from around the best design that come back to it, from which it is not looked elsewhere."""
@@ -109,10 +116,8 @@ class Descent:
 
     def _begin(self) -> Values:
         """Take the loosest tolerance with which the objective is known to a thousandth at least."""
-        self.tolerance = LOOSEST
-        found = self.search.values(self.x, LOOSEST)
-        self._tighten(1e-3 * value_of(self.search.problem.objective, found.energies) / scale_of(found.greatest))
-        return found
+        self.tolerance = max(self.search.tolerance_for(self.x, COARSE), self.finest)
+        return self.search.values(self.x, LOOSEST)
 
     def pose(self, problem: DesignProblem) -> None:
         """Go on with other plants in the set."""
@@ -343,12 +348,19 @@ def apart(designs: Iterable[Vector], most: int) -> list[Vector]:
 
 
 def distinct(descents: list[Descent]) -> list[Descent]:
-    """The local searches from the best to the worst, one of those that have met."""
+    """The local searches from the best to the worst, one of those that have met, or that are each other backwards."""
     found: list[Descent] = []
     for descent in sorted(descents, key=lambda one: one.merit):
-        if all(np.abs(descent.x - other.x).max() > 1e-3 for other in found):
+        if not any(_same(descent, other) for other in found):
             found.append(descent)
     return found
+
+
+def _same(one: Descent, better: Descent) -> bool:
+    """Whether two local searches will end alike."""
+    if np.abs(one.x - better.x).max() <= 1e-3:
+        return True
+    return one.merit - better.merit <= TWIN * abs(better.merit) and one.search.mirrored(one.x, better.x, RADIUS)
 
 
 def side_by_side(descents: list[Descent], iterations: int, known: float = 0.0) -> Iterator[Descent]:

@@ -13,8 +13,8 @@ from scipy.optimize import lsq_linear
 
 from jshape.design.tuning.design_problem import DesignProblem
 from jshape.design.tuning.epigraph import Rows, Space, Vector
-from jshape.design.tuning.evaluate import Linearisation, Values, evaluate, linearise
-from jshape.design.tuning.objective import TAIL, weights_of
+from jshape.design.tuning.evaluate import LOOSEST, Linearisation, Values, evaluate, linearise
+from jshape.design.tuning.objective import TAIL, value_of, weights_of
 from jshape.design.tuning.scenarios import Point
 from jshape.simulation.schedule import schedule
 from jshape.simulation.simulate import initial, natural_frequencies
@@ -101,6 +101,11 @@ class ScaledProblem:
         n, count = self.problem.bounds.impulses, self.problem.bounds.shapers
         return Point(*np.split(x * self.units, [count * n, count * (2 * n - 1)]))
 
+    def mirrored(self, x: Vector, other: Vector, near: float) -> bool:
+        """Whether a design is the other one played backwards, nearly: undamped linear plants do not tell them apart."""
+        backwards = self.vector(self.problem.bounds.reversed(self.point(x)))
+        return bool(np.abs(backwards - other).max() <= near)
+
     def values(self, x: Vector, tolerance: float | None = None) -> Values:
         """Energies, slacks and steps, to a tolerance; those of the last vectors are cached."""
         tolerance = self.tightest if tolerance is None else max(tolerance, self.tightest)
@@ -112,6 +117,12 @@ class ScaledProblem:
             self.report(self.problem.total(found.energies, point))
             return found
         return self._values[key][1]
+
+    def tolerance_for(self, x: Vector, part: float) -> float:
+        """The loosest tolerance with which the objective of a design is known to that part of itself."""
+        found = self.values(x, LOOSEST)
+        wanted = part * value_of(self.problem.objective, found.energies) / scale_of(found.greatest)
+        return float(np.clip(wanted, self.tightest, LOOSEST))
 
     def linearise(self, x: Vector, tolerance: float | None = None) -> Linearisation:
         """Energies, slacks and their derivatives in the search's units; those of the last vectors are cached.

@@ -20,7 +20,7 @@ from jshape.design.tuning.adam import descend
 from jshape.design.tuning.design_problem import DesignProblem
 from jshape.design.tuning.evaluate import DIVERGED_ENERGY, LOOSEST, Values, evaluate
 from jshape.design.tuning.levenberg_marquardt import in_use, levenberg_marquardt
-from jshape.design.tuning.local_search import KNOWN, Around, Descent, around, distinct, side_by_side
+from jshape.design.tuning.local_search import COARSE, KNOWN, Around, Descent, around, distinct, side_by_side
 from jshape.design.tuning.objective import objective_name, value_of
 from jshape.design.tuning.scaled_problem import EXCEEDED, OPTIMAL, Optimality, ScaledProblem
 from jshape.design.tuning.scenarios import Point
@@ -33,6 +33,16 @@ from jshape.status import Status
 ROUNDS = ((12, 4), (8, 4), (5, 6), (3, 12), (1, 24), (2, None))
 """How many of the best starts are refined, and by how many iterations, before the best of those go on, two
 at least; the last ones to the end. Where derivatives cost little, more of them, but for the last."""
+
+SURE_ROUNDS, WORTH = ((4, 6), (2, None)), 1.25
+"""The same, where two independent searches of linear models came to the same design: starts that are worse than the
+best by a greater factor are not refined."""
+
+ROUGH = 1e-4
+"""The part of the objective to which it is known where those are compared."""
+
+EARLY = 0.01
+"""Between the plants of a set the objective is known to this part of what was added to it at least."""
 
 STIFF = 4
 """How many times the steps of half the starts a start may take to be refined beside them."""
@@ -150,7 +160,7 @@ class Search:
         # Derivatives, while values are compiled and ranked; what stands in the way is met again below.
         self.compiling = beside(self.judge.compile, starts[0])
         more = max(1.0, CHEAP / self._work(starts[0]))
-        rounds = [(min(count, max(2, int(size * more))) if most else size, most) for size, most in ROUNDS]
+        known, rounds = KNOWN, [(min(count, max(2, int(size * more))) if most else size, most) for size, most in ROUNDS]
         total = sum(size for size, _ in rounds)
 
         def report(value: float) -> None:
@@ -162,22 +172,25 @@ class Search:
             return Descent(ScaledProblem(self.problem, report=report), start, iterations)
 
         self.judge.report = report
-        descents: list[Descent] = []
+        ranked, descents = starts, list[Descent]()
         try:
-            ranked = self._ranked(starts)
-            if linear_models.applies(self.problem) and more <= CHEAPER:
-                ranked = self._ranked(ranked + linear_models.linear_starts(self.judge, ranked, self.random.spawn(1)[0]))
+            ranked, sure = self._chosen(starts, more <= CHEAPER)
+            if sure:
+                rounds, more, known = SURE_ROUNDS, 1.0, ROUGH
+                total = sum(size for size, _ in rounds)
             # Here, so that two threads do not compile the same program twice.
             wait([self.compiling])
             self.judge.linearise(self.judge.vector(ranked[0]))
-            descents = [begin(start) for start in ranked[: rounds[0][0]]]
             exchanged = self.problem.objective == "worst" and bool(self.problem.scenarios.samples)
+            if exchanged:
+                self._pose(ranked[0], [])
+            descents = [begin(start) for start in ranked[: rounds[0][0]]]
             # Where plants will be added, the last ones are not refined to the end before.
             for size, most in rounds[:-1] if exchanged else rounds:
                 if self._reached():
                     break
                 descents = distinct(descents)[:size]
-                for _ in side_by_side(descents, most or iterations, KNOWN if most else 0.0):
+                for _ in side_by_side(descents, most or iterations, known if most else 0.0):
                     done += 1
                 if (size, most) == rounds[-2]:
                     others = min(count // 2, int(more) - 1)
@@ -196,15 +209,20 @@ class Search:
         finally:
             self.judge.report = lambda _: None
             if self.candidates:
-                self._sum_up(rounds[0][0], len(starts))
-        if not self.best.optimal:
-            self.summary += f", not optimal after {iterations} iterations"
-        elif (near := self.around) is not None and (near.few or near.alone):
-            few = f"{near.back} of {near.begun} searches from around the best came back to it"
-            alone = f"none of {near.sent} searches from elsewhere came to the best"
-            self.summary += f"; {few if near.few else alone}: there are many local optima, and more starts, or another "
-            self.summary += "seed, may find a better one"
+                self._sum_up(min(rounds[0][0], len(ranked)), len(starts))
+        self.summary += self._doubts(iterations)
         self.progress("local search", total, total, self.best.merit)
+
+    def _doubts(self, iterations: int) -> str:
+        """What speaks against the best candidate, for the message."""
+        if not self.best.optimal:
+            return f", not optimal after {iterations} iterations"
+        if (near := self.around) is None or not (near.few or near.alone):
+            return ""
+        few = f"{near.back} of {near.begun} searches from around the best came back to it"
+        alone = f"none of {near.sent} searches from elsewhere came to the best"
+        more = "there are many local optima, and more starts, or another seed, may find a better one"
+        return f"; {few if near.few else alone}: {more}"
 
     def _sum_up(self, refined: int, tried: int) -> None:
         """Say what a local search found, from how many of the designs that were tried."""
@@ -217,26 +235,39 @@ class Search:
         elif self.problem.has_roots:
             self.summary += "; no shaper with these impulses and this duration was found that leaves none"
 
+    def _chosen(self, starts: list[Point], modelled: bool) -> tuple[list[Point], bool]:
+        """The starts and, where they help, those of linear models, from the best to the worst; and whether only those
+        are left that may still become the best."""
+        ranked = self._ranked(starts)
+        if not modelled or not linear_models.applies(self.problem):
+            return ranked, False
+        found = linear_models.linear_starts(self.judge, ranked, self.random.spawn(1)[0])
+        ranked = self._ranked(ranked + found.points)
+        if found.sure:
+            ranked = [one for one in ranked if self._coarse(one) <= WORTH * self._coarse(ranked[0])]
+        return ranked, found.sure
+
     def _ranked(self, starts: list[Point]) -> list[Point]:
         """The starts from the best to the worst; the best of those that an interrupt lets through is a candidate."""
         merits: list[float] = []
         before = len(self.history)
 
-        def merit(start: Point) -> float:
-            return self.judge.merit(start, LOOSEST)
-
         try:
             for start in starts:
-                merits.append(merit(start))
+                merits.append(self._coarse(start))
             ranked = [starts[i] for i in np.argsort(merits, kind="stable")]
             self._add(ranked[0], False)
         except KeyboardInterrupt:
             if merits or len(self.history) > before:
                 # An interrupt may come with the report of a value, which is known then.
-                known = [*merits, *map(merit, starts[len(merits) : len(merits) + 1])]
+                known = [*merits, *map(self._coarse, starts[len(merits) : len(merits) + 1])]
                 self._add(starts[int(np.argmin(known))], False)
             raise
         return ranked
+
+    def _coarse(self, point: Point) -> float:
+        """The merit of a design, J, to a thousandth of itself."""
+        return self.judge.merit(point, self.judge.tolerance_for(self.judge.vector(point), COARSE))
 
     def _reached(self) -> bool:
         """Whether the best candidate leaves nothing but rounding, where that is the optimum."""
@@ -249,35 +280,49 @@ class Search:
 
     def _exchange(self, descents: list[Descent]) -> None:
         """Add the worst plants between those of the set, and go on, until there are none that are worse."""
+        known = 0.0
         for _ in range(EXCHANGES):
-            found = self.judge.values(self.judge.vector(self.best.point))
-            maxima = interval.greatest(self.problem, self.best.point, found, interval.NEGLIGIBLE)
+            # More plants make the objective at the end of a search no less.
+            bounds = [one.merit * (1 - 10 * known) if one.ended or one.compared else -np.inf for one in descents]
+            excess = self._pose(self.best.point, descents)
             going = any(one.left and not one.ended for one in descents)
-            if not maxima and self._reached():
+            if not excess and self._reached():
                 return
-            if not maxima and not going and (not all(one.ended for one in descents) or self._settled()):
+            if not excess and not going and (not all(one.ended for one in descents) or self._settled()):
                 return
-            if maxima:
-                # Plants that are among the worst of any design in sight keep their places.
-                values = [found, *(one.search.values(one.x, one.tolerance) for one in descents)]
-                share = np.max([each.energies / max(each.energies.max(), 1e-300) for each in values], axis=0)
-                self.problem = interval.with_plants(self.problem, maxima, share)
-                for search in (self.judge, *descents):
-                    search.pose(self.problem)
-                # The best candidates are judged again, on other plants.
-                best, self.candidates = sorted(self.candidates, key=lambda one: one.merit)[:JUDGED], []
-                for candidate in best:
-                    self._add(candidate.point, False)
+            least = min(one.merit for one in descents)
+            descents = [one for one, bound in zip(descents, bounds, strict=True) if bound <= least]
             descents = distinct(descents)[:2]
             if not any(one.left for one in descents):
                 return
-            for descent in side_by_side(descents, BETWEEN):
+            known = EARLY * excess
+            for descent in side_by_side(descents, BETWEEN, known):
                 self._add(descent.point, descent.optimal)
+
+    def _pose(self, point: Point, descents: list[Descent]) -> float:
+        """Add the worst plants between those of the set, for this design, to all searches; by how much the worst one
+        exceeds those of the set, as a part of them."""
+        found = self.judge.values(self.judge.vector(point))
+        maxima = interval.greatest(self.problem, point, found, interval.NEGLIGIBLE)
+        if not maxima:
+            return 0.0
+        # Plants that are among the worst of any design in sight keep their places.
+        values = [found, *(one.search.values(one.x, one.tolerance) for one in descents)]
+        share = np.max([each.energies / max(each.energies.max(), 1e-300) for each in values], axis=0)
+        self.problem = interval.with_plants(self.problem, maxima, share)
+        for search in (self.judge, *descents):
+            search.pose(self.problem)
+        # The best candidates are judged again, on other plants.
+        best, self.candidates = sorted(self.candidates, key=lambda one: one.merit)[:JUDGED], []
+        for candidate in best:
+            self._add(candidate.point, False)
+        return maxima[0].energy / max(float(found.energies.max()), 1e-300) - 1
 
     def _settled(self) -> bool:
         """Whether the best candidate meets the conditions of an optimum; if not, it is moved to where they hold."""
         best, residual = self.best, self.judge.optimality(self.best.point).residual
         if residual < OPTIMAL:
+            self.candidates.append(best._replace(optimal=True))
             return True
         descent = Descent(self.judge, best.point, BETWEEN)
         descent.run(BETWEEN)
