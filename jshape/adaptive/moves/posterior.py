@@ -11,7 +11,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
-from scipy.stats import chi2
+from scipy.stats import chi2, norm
 
 from jshape._types import Scalar, State, Times
 from jshape.levenberg_marquardt import LeastSquares, levenberg_marquardt
@@ -99,7 +99,7 @@ def update(
     squares = jnp.sum(found.residuals[: len(readings)] ** 2)
     misfit = jnp.sqrt(squares / jnp.maximum(count, 1))
     if under_way:
-        wanted = last.accepted & _another_plant(residuals, usable, found, squares)
+        wanted = last.accepted & _another_plant(residuals, usable, found)
     else:
         wanted = count > len(readings) // 2
     inside = jnp.all((parameters >= task.lower) & (parameters <= task.upper))
@@ -160,11 +160,9 @@ def _fitted(residuals: _Residuals, usable: Bool[Array, " times"]) -> LeastSquare
     return jax.tree.map(lambda leaf: leaf[-1], jax.lax.scan(fit, nearest, windows)[1])
 
 
-def _another_plant(
-    residuals: _Residuals, usable: Bool[Array, " times"], found: LeastSquares, squares: Scalar
-) -> Bool[Array, ""]:
+def _another_plant(residuals: _Residuals, usable: Bool[Array, " times"], found: LeastSquares) -> Bool[Array, ""]:
     """Whether the readings of a move that runs still say that the plant is not the last one, and that it is the one
-    found."""
+    found: neither they nor the swing with which the move began are too far from what it makes them."""
     last, count = residuals.last, jnp.sum(usable)
 
     def as_it_was(swing: Swing) -> tuple[Array, State]:
@@ -172,6 +170,10 @@ def _another_plant(
 
     unchanged = levenberg_marquardt(as_it_was, last.swing, ITERATIONS // 2).residuals
     against = jnp.sum(unchanged**2) - jnp.sum(found.residuals**2)
-    unknowns = len(last.parameters)
+    size, unknowns = len(usable), len(last.parameters)
+    error, moved = found.residuals[:size], found.residuals[size + unknowns :]
+    squares = jnp.sum(error**2) + jnp.sum(moved**2)
     explained = jax.scipy.stats.chi2.sf(squares, jnp.maximum(count - unknowns, 1)) > LEVEL
-    return (count >= FEWEST) & (against > chi2.isf(LEVEL, unknowns)) & explained
+    # White noise has no correlation from one reading to the next, a fault that the fit follows has.
+    white = jnp.sum(error[1:] * error[:-1]) < norm.isf(LEVEL) * jnp.sqrt(count)
+    return (count >= FEWEST) & (against > chi2.isf(LEVEL, unknowns)) & explained & white
