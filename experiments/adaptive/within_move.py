@@ -48,7 +48,10 @@ from jshape.moves import (
 HERE = Path(__file__).parent
 SHOWN = range(CHANGE - 1, CHANGE + 3)
 """The moves in the tables: the one before the change, and the first three after it."""
-LIMITS = ("told the plant", "almost no noise")
+FAULTY = (
+    "Planned anew with a faulty sensor: vibration of move 1 (%), median / 95 % quantile / largest; in how many "
+    "schedules (%) it leaves more than the old plan by over 1 %, and by how much at most (%)"
+)
 
 
 class Machine(NamedTuple):
@@ -194,12 +197,7 @@ def faults_table(machine: Machine, anew: Adapting, per_cent: Any, traces: dict[s
         new = left(number, frozen=marked)
         worse = new - old
         rows.append((name, quantiles(new), f"{100 * np.mean(worse > 1):.1f}", f"{max(worse.max(), 0):.3g}"))
-    lines = [
-        "Planned anew with a faulty sensor: vibration of move 1 (%), median / 95 % quantile / largest; schedules",
-        "",
-    ]
-    lines[0] += " in which it leaves more than the old plan by over 1 % (%), and by how much at most (%)"
-    return lines + table(("", "move 1", "more in", "by at most"), rows)
+    return [FAULTY, "", *table(("", "move 1", "more in", "by at most"), rows)]
 
 
 if __name__ == "__main__":

@@ -30,9 +30,9 @@ FEWEST, SWING = 5, 3.0
 """Samples that a plan during a move asks for, and how many standard deviations of the noise the swing is known to."""
 
 LEVEL = 0.0027
-"""Significance of the tests during a move, three standard deviations. By the likelihood ratio a plant counts as another
-one: of the moves of one that stays, as many are planned anew. By chi-square no plant explains the readings: of another
-one's moves, as many keep their plan."""
+"""Significance of each test during a move, three standard deviations. By the likelihood ratio a plant counts as another
+one: of the moves of one that stays, as many are planned anew. By chi-square, and by the correlation of neighbouring
+residuals, no plant explains the readings: of the moves of another one, as many keep their plan."""
 
 
 class Posterior(NamedTuple):
@@ -85,7 +85,7 @@ def update(
         limit: greatest misfit of an accepted window.
         under_way: whether the readings are the first few of a move that runs still. The swing with which it began is
             then taken to be the last window's, to within ``SWING`` times the noise; parameters that a likelihood-ratio
-            test does not reject stay, and so they do where a chi-square test rejects all others, too.
+            test does not reject stay, and so they do where the readings are not those of any plant and white noise.
     """
     usable = jnp.isfinite(readings)
     nominal = task.plant(last.parameters, known)
@@ -98,10 +98,7 @@ def update(
     parameters, count = found.unknowns[2:], jnp.sum(usable)
     squares = jnp.sum(found.residuals[: len(readings)] ** 2)
     misfit = jnp.sqrt(squares / jnp.maximum(count, 1))
-    if under_way:
-        wanted = last.accepted & _another_plant(residuals, usable, found)
-    else:
-        wanted = count > len(readings) // 2
+    wanted = last.accepted & _another_plant(residuals, usable, found) if under_way else count > len(readings) // 2
     inside = jnp.all((parameters >= task.lower) & (parameters <= task.upper))
     covariance = jnp.linalg.inv(found.jacobian.T @ found.jacobian)[2:, 2:]
     sound = jnp.all(jnp.isfinite(covariance)) & jnp.all(jnp.diag(covariance) > 0)
