@@ -1,6 +1,6 @@
 """Nonlinear machines that plan a move anew while it runs: the first whole move after an unannounced change.
 
-    python -m experiments.adaptive.within_move       # some minutes; writes within_move.md beside this file
+    python -m experiments.adaptive.within_move       # a quarter of an hour; writes within_move.md beside this file
 
 The Duffing pair and the hoisting crane of ``nonlinear.py``, with its schedules and sensors, the crane with 20 s for a
 move. ``planned once`` is the strategy *adapting, with cancelling* from there; ``planned anew`` looks at the samples of
