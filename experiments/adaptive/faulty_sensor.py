@@ -1,5 +1,7 @@
 """A sensor with one of many faults: of a random size, from a random sample on."""
 
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -53,7 +55,7 @@ class FaultySensor(NoisySensor):
         normal = jax.random.normal(keys[2], fine.shape)
         late, top = number >= begin, jnp.max(jnp.abs(fine), where=number < self.seen, initial=0.0)
 
-        def where(condition: Bool[Array, " times"], value: Times) -> Times:
+        def where(condition: Bool[Array, " times"], value: Any) -> Times:
             return jnp.where(condition, value, fine)
 
         found = [
