@@ -141,6 +141,10 @@ def test_during_a_move_a_load_must_explain_the_readings():
     assert float(offset.misfit) < 2.0
     assert not bool(offset.accepted)
     np.testing.assert_array_equal(offset.parameters, before.parameters)
+    # As large as the noise, but slow: only neighbouring errors show it.
+    slow = learn(readings + 0.0018 * np.sin(number / 2.0 + 4.7))
+    assert float(slow.misfit) < 1.2
+    assert not bool(slow.accepted)
 
 
 @pytest.mark.slow
