@@ -124,6 +124,30 @@ def test_a_move_that_runs_is_completed(task, come):
 
 
 @pytest.mark.slow
+def test_during_a_move_a_load_must_explain_the_readings():
+    """A load 0.9 m lower than expected is found; with 6 mrad more from reading 31 on the sensor is not believed."""
+    task, load = HoistingMoves(horizon=20.0, samples=201), 1.9
+    before = prior(task.nominal(), jnp.full(1, 0.05))
+    shaper = js.design.linear.zvd(float(task.omega(task.nominal(), KNOWN, 0.5)))
+    number, at = np.arange(201), np.asarray(task.times)
+    readings = scipy_angles(load, np.zeros(2), shaper, at)[:, 0] + np.random.default_rng(0).normal(0, NOISE, 201)
+    readings = np.where(at <= float(shaper.times[2] + 0.3 * shaper.times[1]), readings, np.nan)
+    drift, noise, limit = jnp.full(1, 0.6), jnp.asarray(NOISE), jnp.asarray(2.0)
+    learn = jax.jit(lambda r: update(task, before, KNOWN, shaper, r, noise, drift, limit, under_way=True))
+    found = learn(readings)
+    assert bool(found.accepted)
+    assert abs(float(found.parameters[0]) - load) < 3 * float(found.covariance[0, 0]) ** 0.5
+    offset = learn(readings + 0.006 * (number > 30))
+    assert float(offset.misfit) < 2.0
+    assert not bool(offset.accepted)
+    np.testing.assert_array_equal(offset.parameters, before.parameters)
+    # As large as the noise, but slow: only neighbouring errors show it.
+    slow = learn(readings + 0.0018 * np.sin(number / 2.0 + 4.7))
+    assert float(slow.misfit) < 1.2
+    assert not bool(slow.accepted)
+
+
+@pytest.mark.slow
 def test_loads_that_change_are_followed(task):
     keys = jax.random.split(jax.random.key(5), 16)
     moves = jax.jit(jax.vmap(lambda key: random_loads(key, task, moves=6)))(keys)

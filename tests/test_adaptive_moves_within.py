@@ -75,14 +75,17 @@ def test_the_first_move_after_a_change_is_quiet(task):
 def planned(task):
     """The shaper that a move is completed by, given readings up to ``SHARE`` of the way to the second impulse."""
     memory = Adaptation(prior(task.nominal(), jnp.full(3, 0.5)), SHAPER)
-    strategy, now = adapting(task), SHARE * SHAPER.times[1]
-    replan = jax.jit(lambda readings: strategy.replan(memory, jnp.asarray(1.0), 0, now, readings)[1])
-    at = np.asarray(task.times)
+    now, at = SHARE * SHAPER.times[1], np.asarray(task.times)
 
-    def run(parameters, fault=lambda number, readings: readings):
+    @jax.jit
+    def replan(readings, noise, resolution):
+        strategy = Adapting(task, NoisySensor(noise, resolution), spread=0.5, drift=0.5, shares=(SHARE,))
+        return strategy.replan(memory, jnp.asarray(1.0), 0, now, readings)[1]
+
+    def run(parameters, fault=lambda number, readings: readings, noise=NOISE, resolution=0.0005):
         readings = scipy_states(parameters, np.zeros(2), (SHAPER.amplitudes, SHAPER.times), 1.0, at)[:, 0]
-        readings = readings - 0.27 + np.random.default_rng(0).normal(0, NOISE, len(at))
-        return replan(np.where(at <= now, fault(np.arange(len(at)), readings), np.nan))
+        readings = readings - 0.27 + np.random.default_rng(0).normal(0, noise, len(at))
+        return replan(np.where(at <= now, fault(np.arange(len(at)), readings), np.nan), noise, resolution)
 
     return run
 
@@ -102,7 +105,25 @@ def test_a_plan_during_the_move_keeps_what_has_been_commanded(planned):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["as before", "nothing", "dead", "frozen", "on the way", "knock", "noise", "infinite"])
+def test_a_sensor_without_noise_may_repeat_itself(planned):
+    """Rounded to 3 cm, its first two readings are the same, and none is wrong by more than 1.5 cm."""
+    seen = []
+
+    def rounded(number, readings):
+        seen.append(0.03 * np.round(readings / 0.03))
+        return seen[0]
+
+    exact = planned(np.array([0.3, 0.3, -0.2]))
+    coarse = planned(np.array([0.3, 0.3, -0.2]), rounded, noise=1e-6, resolution=0.03)
+    assert seen[0][1] == seen[0][0]
+    np.testing.assert_allclose(coarse.times[1:], exact.times[1:], atol=0.03)
+    assert np.all(np.abs(exact.times[1:] - SHAPER.times[1:]) > 0.06)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "kind", ["as before", "nothing", "dead", "frozen", "on the way", "knock", "noise", "infinite", "offset", "late"]
+)
 def test_a_faulty_sensor_leaves_the_plan_as_it_is(planned, kind):
     random = np.random.default_rng(2)
     faults = {
@@ -114,6 +135,8 @@ def test_a_faulty_sensor_leaves_the_plan_as_it_is(planned, kind):
         "knock": lambda number, readings: np.where(number == 8, 5.0, readings),
         "noise": lambda number, readings: random.normal(0, 0.3, 151),
         "infinite": lambda number, readings: np.where(number == 8, np.inf, np.nan),
+        "offset": lambda number, readings: readings - 0.058,
+        "late": lambda number, readings: readings[np.maximum(number - 1, 0)],
     }
     new = planned(np.zeros(3) if kind == "as before" else np.array([0.3, 0.3, -0.2]), faults[kind])
     np.testing.assert_array_equal(new.amplitudes, SHAPER.amplitudes)

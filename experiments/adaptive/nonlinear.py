@@ -49,15 +49,19 @@ def main() -> None:
     (HERE / "nonlinear.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
+def pair_moves(spring: Any = None, leaves: tuple[str, ...] = ("spring.k1", "spring.k3")) -> TwoMassMoves:
+    """Moves of the pair, or of one with another spring, those leaves and the damper unknown."""
+    spring = js.plants.Duffing(10.0, 100.0) if spring is None else spring
+    plant = js.plants.TwoMass(spring=spring, damper=js.plants.LinearDamper(0.4))
+    return TwoMassMoves(plant, (*leaves, "damper.c"), horizon=6.0, samples=151)
+
+
 def two_mass() -> list[str]:
-    part = dict(m1=1.0, m2=1.0, damper=js.plants.LinearDamper(0.4))
-    plant = js.plants.TwoMass(spring=js.plants.Duffing(10.0, 100.0), **part)
-    truth = TwoMassMoves(plant, ("spring.k1", "spring.k3", "damper.c"), horizon=6.0, samples=151)
+    truth = pair_moves()
     # Near the nominal plant's frequency at the amplitude of the moves.
-    linear = js.plants.TwoMass(spring=js.plants.LinearSpring(15.0), **part)
-    tracked = TwoMassMoves(linear, ("spring.k", "damper.c"), horizon=6.0, samples=151)
+    tracked = pair_moves(js.plants.LinearSpring(15.0), ("spring.k",))
     sensor = NoisySensor(0.001, 0.0005)
-    fixed = js.design.energy.three_impulse(plant, 1.0)
+    fixed = js.design.energy.three_impulse(truth.model, 1.0)
     prior: Any = dict(spread=0.5, drift=0.5)
     # To the linear model what the spring does beyond it is noise, a hundred times that of the sensor.
     rough = NoisySensor(0.1)

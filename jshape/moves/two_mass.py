@@ -46,7 +46,7 @@ class TwoMassMoves(AbstractMoves):
             others, a horizon that is not positive, too few samples, or a factor not above 1.
     """
 
-    model: AbstractPlant
+    model: TwoMass
     scale: Float[Array, " parameters"]
     leaves: tuple[str, ...] = eqx.field(static=True)
 

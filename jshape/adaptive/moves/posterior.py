@@ -7,17 +7,18 @@ parameters, as two unknowns more. A fit that does not explain the window, or tha
 
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
-from scipy.stats import chi2
+from scipy.stats import chi2, norm
 
 from jshape._types import Scalar, State, Times
 from jshape.levenberg_marquardt import LeastSquares, levenberg_marquardt
 from jshape.moves import AbstractMoves, Swing, along, begun, swing_of
 from jshape.moves.physics import of_first_axis
 from jshape.shaper import Shaper
-from jshape.simulation.schedule import schedule
+from jshape.simulation.schedule import Schedule, schedule
 
 ITERATIONS = 8
 """Of Levenberg–Marquardt, in each of the growing windows."""
@@ -29,8 +30,9 @@ FEWEST, SWING = 5, 3.0
 """Samples that a plan during a move asks for, and how many standard deviations of the noise the swing is known to."""
 
 LEVEL = 0.0027
-"""Significance of the likelihood-ratio test by which a plant counts as another one while it moves, three standard
-deviations: of the moves of one that stays, as many are planned anew."""
+"""Significance of each test during a move, three standard deviations. By the likelihood ratio a plant counts as another
+one: of the moves of one that stays, as many are planned anew. By chi-square, and by the correlation of neighbouring
+residuals, no plant explains the readings: of the moves of another one, as many keep their plan."""
 
 
 class Posterior(NamedTuple):
@@ -82,52 +84,25 @@ def update(
         drift: standard deviation of the parameters' change from one move to the next, shape (parameters,).
         limit: greatest misfit of an accepted window.
         under_way: whether the readings are the first few of a move that runs still. The swing with which it began is
-            then taken to be the last window's, to within ``SWING`` times the noise, and parameters that a
-            likelihood-ratio test does not reject stay.
+            then taken to be the last window's, to within ``SWING`` times the noise; parameters that a likelihood-ratio
+            test does not reject stay, and so they do where the readings are not those of any plant and white noise.
     """
     usable = jnp.isfinite(readings)
-    readings = jnp.where(usable, readings, 0.0)
     nominal = task.plant(last.parameters, known)
     plan = schedule(nominal, task.command(known), of_first_axis(nominal, shaper))
-    unit = jnp.stack([jnp.ones(()), nominal.natural_frequency()])
+    scale = SWING * noise * jnp.stack([jnp.ones(()), nominal.natural_frequency()]) if under_way else None
     root = jnp.linalg.cholesky(last.covariance + jnp.diag(drift**2))
+    residuals = _Residuals(task, last, known, plan, jnp.where(usable, readings, 0.0), noise, root, scale)
 
-    def residuals(unknowns: Array, weights: Times) -> tuple[Array, State]:
-        plant = task.plant(unknowns[2:], known)
-        run = along(task, plant, plan, begun(plant, unknowns[:2]))
-        misfit = jnp.where(weights > 0, readings - run.signal, 0.0) / noise
-        departure = jax.scipy.linalg.solve_triangular(root, unknowns[2:] - last.parameters, lower=True)
-        moved = (unknowns[:2] - last.swing) / (SWING * noise * unit)
-        return jnp.concatenate([misfit, departure, *([moved] if under_way else [])]), run.states[-1]
-
-    # Over many periods the misfit has local minima, over the first half of one it has not: the window grows.
-    ends = jnp.asarray(SHARES) * len(readings)
-    windows = jnp.where(usable[None, :] & (jnp.arange(len(readings))[None, :] < ends[:, None]), 1.0, 0.0)
-    tried = jnp.concatenate([last.parameters[None], task.starts(last.parameters)])
-    tried = jnp.concatenate([jnp.broadcast_to(last.swing, (len(tried), 2)), tried], axis=1)
-    costs = jax.vmap(lambda unknowns: jnp.sum(residuals(unknowns, windows[0])[0] ** 2))(tried)
-    nearest = tried[jnp.argmin(jnp.where(jnp.isfinite(costs), costs, jnp.inf))]
-
-    def fit(start: Array, weights: Times) -> tuple[Array, LeastSquares]:
-        found = levenberg_marquardt(lambda unknowns: residuals(unknowns, weights), start, ITERATIONS)
-        return found.unknowns, found
-
-    def as_it_was(swing: Swing) -> tuple[Array, State]:
-        return residuals(jnp.concatenate([swing, last.parameters]), windows[-1])
-
-    found = jax.tree.map(lambda leaf: leaf[-1], jax.lax.scan(fit, nearest, windows)[1])
+    found = _fitted(residuals, usable)
     parameters, count = found.unknowns[2:], jnp.sum(usable)
-    misfit = jnp.sqrt(jnp.sum(found.residuals[: len(readings)] ** 2) / jnp.maximum(count, 1))
+    squares = jnp.sum(found.residuals[: len(readings)] ** 2)
+    misfit = jnp.sqrt(squares / jnp.maximum(count, 1))
+    wanted = last.accepted & _another_plant(residuals, usable, found) if under_way else count > len(readings) // 2
     inside = jnp.all((parameters >= task.lower) & (parameters <= task.upper))
-    if under_way:
-        unchanged = levenberg_marquardt(as_it_was, last.swing, ITERATIONS // 2).residuals
-        against = jnp.sum(unchanged**2) - jnp.sum(found.residuals**2)
-        wanted = (count >= FEWEST) & last.accepted & (against > chi2.isf(LEVEL, len(last.parameters)))
-    else:
-        wanted = count > len(readings) // 2
-    accepted = inside & (misfit <= limit) & wanted
     covariance = jnp.linalg.inv(found.jacobian.T @ found.jacobian)[2:, 2:]
-    accepted &= jnp.all(jnp.isfinite(covariance)) & jnp.all(jnp.diag(covariance) > 0)
+    sound = jnp.all(jnp.isfinite(covariance)) & jnp.all(jnp.diag(covariance) > 0)
+    accepted = inside & (misfit <= limit) & wanted & sound
     swing = swing_of(nominal, found.aux, plan.final_inputs(nominal))
     return Posterior(
         jnp.where(accepted, parameters, last.parameters),
@@ -137,3 +112,65 @@ def update(
         accepted,
         last.rejected + ~accepted,
     )
+
+
+class _Residuals(eqx.Module):
+    """What a fit makes small: the readings less the model's, and the unknowns less what they were expected to be."""
+
+    task: AbstractMoves
+    last: Posterior
+    known: Any
+    plan: Schedule
+    readings: Times
+    noise: Scalar
+    root: Float[Array, "parameters parameters"]
+    """Of the parameters' covariance at the beginning of the move."""
+    scale: Swing | None
+    """Standard deviation of the swing with which the move began; none if nothing is known of it."""
+
+    def __call__(self, unknowns: Array, weights: Times) -> tuple[Array, State]:
+        """The residuals, and the state in which the window ends, for a swing and parameters; readings without weight
+        are left out."""
+        plant = self.task.plant(unknowns[2:], self.known)
+        run = along(self.task, plant, self.plan, begun(plant, unknowns[:2]))
+        misfit = jnp.where(weights > 0, self.readings - run.signal, 0.0) / self.noise
+        departure = jax.scipy.linalg.solve_triangular(self.root, unknowns[2:] - self.last.parameters, lower=True)
+        moved = [] if self.scale is None else [(unknowns[:2] - self.last.swing) / self.scale]
+        return jnp.concatenate([misfit, departure, *moved]), run.states[-1]
+
+
+def _fitted(residuals: _Residuals, usable: Bool[Array, " times"]) -> LeastSquares:
+    """The fit to all usable readings, begun from the best of the task's ``starts``."""
+    # Over many periods the misfit has local minima, over the first half of one it has not: the window grows.
+    ends = jnp.asarray(SHARES) * len(usable)
+    windows = jnp.where(usable[None, :] & (jnp.arange(len(usable))[None, :] < ends[:, None]), 1.0, 0.0)
+    last = residuals.last
+    tried = jnp.concatenate([last.parameters[None], residuals.task.starts(last.parameters)])
+    tried = jnp.concatenate([jnp.broadcast_to(last.swing, (len(tried), 2)), tried], axis=1)
+    costs = jax.vmap(lambda unknowns: jnp.sum(residuals(unknowns, windows[0])[0] ** 2))(tried)
+    nearest = tried[jnp.argmin(jnp.where(jnp.isfinite(costs), costs, jnp.inf))]
+
+    def fit(start: Array, weights: Times) -> tuple[Array, LeastSquares]:
+        found = levenberg_marquardt(lambda unknowns: residuals(unknowns, weights), start, ITERATIONS)
+        return found.unknowns, found
+
+    return jax.tree.map(lambda leaf: leaf[-1], jax.lax.scan(fit, nearest, windows)[1])
+
+
+def _another_plant(residuals: _Residuals, usable: Bool[Array, " times"], found: LeastSquares) -> Bool[Array, ""]:
+    """Whether the readings of a move that runs still say that the plant is not the last one, and that it is the one
+    found: neither they nor the swing with which the move began are too far from what it makes them."""
+    last, count = residuals.last, jnp.sum(usable)
+
+    def as_it_was(swing: Swing) -> tuple[Array, State]:
+        return residuals(jnp.concatenate([swing, last.parameters]), jnp.where(usable, 1.0, 0.0))
+
+    unchanged = levenberg_marquardt(as_it_was, last.swing, ITERATIONS // 2).residuals
+    against = jnp.sum(unchanged**2) - jnp.sum(found.residuals**2)
+    size, unknowns = len(usable), len(last.parameters)
+    error, moved = found.residuals[:size], found.residuals[size + unknowns :]
+    squares = jnp.sum(error**2) + jnp.sum(moved**2)
+    explained = jax.scipy.stats.chi2.sf(squares, jnp.maximum(count - unknowns, 1)) > LEVEL
+    # White noise has no correlation from one reading to the next, a fault that the fit follows has.
+    white = jnp.sum(error[1:] * error[:-1]) < norm.isf(LEVEL) * jnp.sqrt(count)
+    return (count >= FEWEST) & (against > chi2.isf(LEVEL, unknowns)) & explained & white

@@ -124,15 +124,25 @@ class Adapting(AbstractReplanning, Checked):
     def replan(
         self, memory: Adaptation, known: Any, number: int, now: Scalar, readings: Times
     ) -> tuple[Adaptation, Shaper]:
-        last, old, come = memory.posterior, memory.shaper, 1 + int(self.shares[number])
-        drift, std = self._each(self.drift), self.sensor.std
-        found = update(self.model, last, known, old, readings, std, drift, self.limit, under_way=True)
-        commanded = UnderWay(old.amplitudes[:come], old.times[:come], now)
-        new = self.model.design(found.parameters, known, self._swing(last), commanded).pad(len(old.times))
-        # An earlier plan may have moved impulses past this instant, or ahead of it.
-        as_assumed = (old.times[come - 1] <= now) & jnp.all((old.times[come:] > now) | (old.amplitudes[come:] == 0))
-        shaper = jax.tree.map(partial(jnp.where, found.accepted & as_assumed), new, old)
+        last, drift, std = memory.posterior, self._each(self.drift), self.sensor.std
+        found = update(self.model, last, known, memory.shaper, readings, std, drift, self.limit, under_way=True)
+        new = self.completed(memory, known, number, now, found.parameters)
+        shaper = jax.tree.map(partial(jnp.where, found.accepted), new, memory.shaper)
         return memory._replace(shaper=shaper), shaper
+
+    def completed(
+        self, memory: Adaptation, known: Any, number: int, now: Scalar, parameters: Float[Array, " parameters"]
+    ) -> Shaper:
+        """The shaper of the move that runs, with the last two impulses for a plant with these parameters.
+
+        It stays the old one where an earlier plan has moved impulses past this instant, or ahead of it. Arguments are
+        those of ``replan``.
+        """
+        old, come = memory.shaper, 1 + int(self.shares[number])
+        commanded = UnderWay(old.amplitudes[:come], old.times[:come], now)
+        new = self.model.design(parameters, known, self._swing(memory.posterior), commanded).pad(len(old.times))
+        as_assumed = (old.times[come - 1] <= now) & jnp.all((old.times[come:] > now) | (old.amplitudes[come:] == 0))
+        return jax.tree.map(partial(jnp.where, as_assumed), new, old)
 
     def _swing(self, posterior: Posterior) -> Swing:
         return jnp.where(self.cancel, posterior.swing, 0.0)
