@@ -37,14 +37,25 @@ LONGEST = (
 )
 """Files that take longest, longest first: begun first, so that no worker is left alone with one at the end."""
 
-COMPUTING = ("local_search", "experiments_papers", "steps", "identification_files", "readme")
-"""Files of the slow set whose time is computing, longest first; their programs are optimised as a user's are."""
+OPTIMISED = (
+    *(
+        "local_search",
+        "experiments_papers",
+        "steps",
+        "identification_files",
+        "studio_browser",
+        "sweep_processes",
+        "cli",
+    ),
+    *("readme", "compilation_cache", "first_call"),
+)
+"""Files of the slow set whose programs are optimised as a user's are: those that compute for long, longest first, and
+those of commands, pages and scripts as users start them."""
 
 SLOWEST = (
-    *COMPUTING,
-    *("tune_limits", "plants_mujoco_axes", "tune_axes", "gallery", "tune", "studio", "axes", "sweep_processes"),
-    *("plants_mujoco", "envs_gym", "cli", "adaptive_loop", "identification_duffing", "compilation_cache"),
-    "identification",
+    *OPTIMISED,
+    *("tune_limits", "studio", "plants_mujoco_axes", "tune_axes", "gallery", "tune", "axes", "plants_mujoco"),
+    *("envs_gym", "adaptive_loop", "identification_duffing", "identification"),
 )
 """Likewise in the slow set."""
 
@@ -55,19 +66,14 @@ MOST_MEMORY = 6.0
 def pytest_configure(config):
     """All programs are compiled as jshape's own are; those of most tests, whose time is compiling, optimised less.
 
-    Optimised as a user's are those of the processes that slow tests start, and of the files that compute for long.
-
     In the quick set, which calls everything, arrays of different ranks meet only where the code says so, and every
     annotated shape is checked at run time. The hook for that comes before jshape is first imported, and not at all for
     the slow set alone, which checks none: what it wraps around every function takes a good part of its time.
     """
-    quick = config.option.markexpr == "not slow"
     if config.option.markexpr != "slow":
         install_import_hook(["jshape", "jshape_envs"], "annotations.checked")
-    if quick:
+    if config.option.markexpr == "not slow":
         jax.config.update("jax_numpy_rank_promotion", "raise")
-        # The processes that quick tests start, too.
-        os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] = "1"
     from jshape import compilation_cache as programs
 
     os.environ.setdefault(
@@ -103,8 +109,10 @@ def memory() -> float:
 @pytest.fixture(scope="module", autouse=True)
 def forget_programs(request):
     """Compiled programs stay from one file to the next, as long as there is room for them."""
-    computing = request.path.stem.removeprefix("test_") in COMPUTING and request.config.option.markexpr != "not slow"
-    jax.config.update("jax_disable_most_optimizations", not computing)
+    less = request.config.option.markexpr == "not slow" or request.path.stem.removeprefix("test_") not in OPTIMISED
+    jax.config.update("jax_disable_most_optimizations", less)
+    # The processes that its tests start give the same bits.
+    os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] = str(less)
     yield
     if memory() > MOST_MEMORY:
         jax.clear_caches()
