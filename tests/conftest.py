@@ -38,16 +38,8 @@ LONGEST = (
 """Files that take longest, longest first: begun first, so that no worker is left alone with one at the end."""
 
 OPTIMISED = (
-    *(
-        "local_search",
-        "experiments_papers",
-        "steps",
-        "identification_files",
-        "studio_browser",
-        "sweep_processes",
-        "cli",
-    ),
-    *("readme", "compilation_cache", "first_call"),
+    *("adaptive_loop", "local_search", "experiments_papers", "steps", "identification_files", "studio_browser"),
+    *("sweep_processes", "cli", "readme", "compilation_cache", "first_call"),
 )
 """Files of the slow set whose programs are optimised as a user's are: those that compute for long, longest first, and
 those of commands, pages and scripts as users start them."""
@@ -55,7 +47,7 @@ those of commands, pages and scripts as users start them."""
 SLOWEST = (
     *OPTIMISED,
     *("tune_limits", "studio", "plants_mujoco_axes", "tune_axes", "gallery", "tune", "axes", "plants_mujoco"),
-    *("envs_gym", "adaptive_loop", "identification_duffing", "identification"),
+    *("envs_gym", "identification_duffing", "identification"),
 )
 """Likewise in the slow set."""
 
