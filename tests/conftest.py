@@ -15,22 +15,15 @@ os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "-1")
 # The workers share the processor; the threads of one would wait for those of another.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-import jax  # noqa: E402
-from jaxtyping import install_import_hook  # noqa: E402
-
-jax.config.update("jax_enable_x64", True)
-# Before jshape is first imported: every annotated shape is checked at run time.
-install_import_hook(["jshape", "jshape_envs"], "annotations.checked")
-
 import annotations  # noqa: E402
+import jax  # noqa: E402
 import numpy as np  # noqa: E402
 import pytest  # noqa: E402
 from hypothesis import settings  # noqa: E402
-from problems import two_mass  # noqa: E402
+from jaxtyping import install_import_hook  # noqa: E402
 from scipy.integrate import solve_ivp  # noqa: E402
 
-from jshape import compilation_cache as programs  # noqa: E402
-
+jax.config.update("jax_enable_x64", True)
 pytest.raises = annotations.raises
 
 # The first example compiles; how long that takes is no property of the code.
@@ -44,10 +37,17 @@ LONGEST = (
 )
 """Files that take longest, longest first: begun first, so that no worker is left alone with one at the end."""
 
+OPTIMISED = (
+    *("adaptive_loop", "local_search", "experiments_papers", "steps", "identification_files", "studio_browser"),
+    *("sweep_processes", "cli", "readme", "compilation_cache", "first_call"),
+)
+"""Files of the slow set whose programs are optimised as a user's are: those that compute for long, longest first, and
+those of commands, pages and scripts as users start them."""
+
 SLOWEST = (
-    *("steps", "experiments_papers", "tune_limits", "gallery", "tune_axes", "local_search", "studio_browser", "studio"),
-    *("axes", "sweep_processes", "plants_mujoco_axes", "tune", "identification_files", "plants_mujoco", "envs_gym"),
-    *("cli", "adaptive_loop", "identification_duffing", "readme", "compilation_cache", "identification"),
+    *OPTIMISED,
+    *("tune_limits", "studio", "plants_mujoco_axes", "tune_axes", "gallery", "tune", "axes", "plants_mujoco"),
+    *("envs_gym", "identification_duffing", "identification"),
 )
 """Likewise in the slow set."""
 
@@ -56,16 +56,21 @@ MOST_MEMORY = 6.0
 
 
 def pytest_configure(config):
-    """All programs are compiled as jshape's own are; the quick set's, whose time is compiling, optimised less.
+    """All programs are compiled as jshape's own are; those of most tests, whose time is compiling, optimised less.
 
-    In the quick set, which calls everything, arrays of different ranks meet only where the code says so.
+    In the quick set, which calls everything, arrays of different ranks meet only where the code says so, and every
+    annotated shape is checked at run time. The hook for that comes before jshape is first imported, and not at all for
+    the slow set alone, which checks none: what it wraps around every function takes a good part of its time.
     """
+    if config.option.markexpr != "slow":
+        install_import_hook(["jshape", "jshape_envs"], "annotations.checked")
     if config.option.markexpr == "not slow":
         jax.config.update("jax_numpy_rank_promotion", "raise")
-    if "XLA_FLAGS" not in os.environ:
-        less = "--xla_backend_optimization_level=0" if config.option.markexpr == "not slow" else ""
-        flags = [f"--{name}={str(value).lower()}" for name, value in programs.LEAN.items()]
-        os.environ["XLA_FLAGS"] = " ".join([*flags, less])
+    from jshape import compilation_cache as programs
+
+    os.environ.setdefault(
+        "XLA_FLAGS", " ".join(f"--{name}={str(value).lower()}" for name, value in programs.LEAN.items())
+    )
 
 
 def pytest_collection_modifyitems(config, items):
@@ -94,24 +99,32 @@ def memory() -> float:
 
 
 @pytest.fixture(scope="module", autouse=True)
-def forget_programs():
+def forget_programs(request):
     """Compiled programs stay from one file to the next, as long as there is room for them."""
+    less = request.config.option.markexpr == "not slow" or request.path.stem.removeprefix("test_") not in OPTIMISED
+    jax.config.update("jax_disable_most_optimizations", less)
+    # The processes that its tests start give the same bits.
+    os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] = str(less)
     yield
     if memory() > MOST_MEMORY:
         jax.clear_caches()
     # A command that was run here keeps its programs; the tests after it shall compile their own.
-    programs._folder = None
+    sys.modules["jshape.compilation_cache"]._folder = None
 
 
 @pytest.fixture(scope="session")
 def plant():
     """The plant of both energy papers: m1 = m2 = 1 kg, k1 = 10 N/m, k3 = 100 N/m³, no damper."""
+    from problems import two_mass
+
     return two_mass()
 
 
 @pytest.fixture(scope="session")
 def damped():
     """The same with the cubic damper of the first paper's example, c = 0.1 N s³/m³."""
+    from problems import two_mass
+
     return two_mass(c=0.1)
 
 

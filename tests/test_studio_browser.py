@@ -19,7 +19,7 @@ pytest.importorskip("nicegui")
 pytest.importorskip("playwright")
 
 from experiments.benchmarks.studio import browsing, changes_of, choose, chromium, computed, memory, serving
-from jshape.compilation_cache import HELD
+from jshape.memory import HELD
 from jshape.problems.problem import load
 from jshape.problems.reading import shipped
 from jshape.studio import changes, charts, state

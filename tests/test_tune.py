@@ -14,7 +14,7 @@ from problems import ANSWERS, two_mass
 import jshape as js
 from jshape import plants
 from jshape.design.tuning.bounds import SPREAD, design_bounds
-from jshape.design.tuning.objective import value_of
+from jshape.design.tuning.objective import value_of, weights_of
 from jshape.design.tuning.scenarios import Point
 
 energy, linear = js.design.energy, js.design.linear
@@ -464,3 +464,12 @@ def test_wrong_arguments_are_named(case, plant):
     changes, message = WRONG[case]
     with pytest.raises(ValueError, match=message):
         js.tune(**{"plant": plant, "distance": 1.0, "starts": 1, **changes})
+
+
+def test_weights_of_an_objective_of_ones_own():
+    """By hand; also of one that looks at its numbers, which cannot be compiled."""
+    energies = np.array([1.0, 2.0, 4.0])
+    np.testing.assert_allclose(weights_of(lambda e: jnp.sum(e**2), energies), 2 * energies, rtol=1e-15)
+    looks = lambda e: e[0] * e[1] if e[2] > 3 else e[2]
+    np.testing.assert_array_equal(weights_of(looks, energies), [2.0, 1.0, 0.0])
+    np.testing.assert_array_equal(weights_of(lambda e: jnp.sum(e[e > 1.5]), energies), [0.0, 1.0, 1.0])

@@ -72,7 +72,7 @@ def pole(omega: float, zeta: float) -> tuple[complex, complex, complex]:
 
 def real_columns(*parts: np.ndarray) -> np.ndarray:
     """The shapes of Re(c z) for complex c: Re z and −Im z, for every z."""
-    return np.stack([column for z in parts for column in (np.real(z), -np.imag(z))], axis=1)
+    return np.conj(np.stack(parts, axis=1, dtype=complex)).view(float)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -134,19 +134,20 @@ def project(
     data = weights * family.data / noise
     residuals = data - basis @ (basis.T @ data)
     factors = inverse.T @ (basis.T @ data)
-    full = np.empty((residuals.size, 2 * len(modes)))
-    plain = np.empty_like(full)
+    # By rows, channels and parameters.
+    moved = np.empty((*residuals.shape, 2 * len(modes)))
+    turned = np.empty((basis.shape[1], *moved.shape[1:]))
     begin = family.background.shape[1]
     for i, (shape, *slopes) in enumerate(modes):
         place = slice(begin, begin + shape.shape[1])
         for j, slope in enumerate(slopes):
-            moved = slope @ factors[place]
-            first = basis @ (basis.T @ moved) - moved
-            second = basis @ (inverse[:, place] @ (slope.T @ residuals))
-            plain[:, i + j * len(modes)] = first.ravel()
-            full[:, i + j * len(modes)] = (first - second).ravel()
+            moved[..., i + j * len(modes)] = slope @ factors[place]
+            turned[..., i + j * len(modes)] = inverse[:, place] @ (slope.T @ residuals)
         begin = place.stop
-    return residuals, factors * noise, basis, full, plain
+    moved, turned = moved.reshape(len(moved), -1), turned.reshape(len(turned), -1)
+    plain = basis @ (basis.T @ moved) - moved
+    shape = residuals.size, 2 * len(modes)
+    return residuals, factors * noise, basis, (plain - basis @ turned).reshape(shape), plain.reshape(shape)
 
 
 def fit(family: AbstractFamily, omega: ArrayLike, zeta: ArrayLike, noise: np.ndarray) -> Fit:

@@ -31,7 +31,8 @@ class RingDown(AbstractFamily):
         at, along_omega, along_zeta = pole(omega, zeta)
         z = np.exp(at * self.since)
         slope = self.since * z
-        return real_columns(z), real_columns(slope * along_omega), real_columns(slope * along_zeta)
+        columns = real_columns(z, slope * along_omega, slope * along_zeta)
+        return columns[:, :2], columns[:, 2:4], columns[:, 4:]
 
     def power(self, residuals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         # On an even grid; where a sample is missing there is nothing.

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from jshape.command import AbstractCommand, as_command
-from jshape.compilation_cache import bound_memory
+from jshape.memory import bound_memory
 from jshape.metrics import residual_energy
 from jshape.plants import AbstractOscillator, AbstractPlant, ModalPlant
 from jshape.problems.problem import Problem

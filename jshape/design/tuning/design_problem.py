@@ -17,7 +17,7 @@ from jshape.axes import Axes, Rest, for_axes
 from jshape.command import AbstractCommand
 from jshape.design.tuning import constraints
 from jshape.design.tuning.bounds import Bounds, design_bounds, designed_leaves
-from jshape.design.tuning.objective import Objective, check_objective, objective_name, value_of
+from jshape.design.tuning.objective import Objective, checked_objective, objective_name, value_of
 from jshape.design.tuning.scenarios import Limits, Metric, Point, Scenarios
 from jshape.plants import AbstractPlant
 from jshape.simulation.schedule import schedule
@@ -105,7 +105,7 @@ def design_problem(
 ) -> DesignProblem:
     """``tune``'s arguments, checked, as a design problem; *Raises* ``ValueError`` where they make no sense."""
     impulses = _check.count(impulses, "impulses", least=2)
-    check_objective(objective)
+    objective = checked_objective(objective)
     if objective != "nominal" and over is None:
         name = repr(objective) if isinstance(objective, str) else objective_name(objective)
         raise ValueError(f"over must name the uncertain leaves for objective={name}")

@@ -1,5 +1,7 @@
 """Objectives: one number from the residual energies of many plants, and its derivative."""
 
+import dataclasses
+import functools
 from collections.abc import Callable
 
 import jax
@@ -24,10 +26,44 @@ Objective = str | Callable[[Array], Array]
 """A key of ``OBJECTIVES``, or a function (in JAX) of the energies of all plants, J."""
 
 
-def check_objective(objective: Objective) -> None:
-    """*Raises* ``ValueError`` for what is neither a name nor a function."""
-    if not callable(objective):
-        _check.one_of(objective, "objective", tuple(OBJECTIVES))
+@dataclasses.dataclass(frozen=True)
+class Own:
+    """A caller's own objective, whose derivative is compiled once a search: SLSQP asks for it a thousand times.
+
+    Attributes:
+        function: of the energies of all plants, J.
+    """
+
+    function: Callable[[Array], Array]
+
+    @property
+    def __name__(self) -> str:
+        return getattr(self.function, "__name__", "objective")
+
+    def __call__(self, energies: Array) -> Array:
+        return self.function(energies)
+
+    @functools.cached_property
+    def weights(self) -> Callable[[Array], Array]:
+        plain = jax.grad(lambda e: jnp.asarray(self.function(e)).reshape(()))
+        compiled = jax.jit(plain)
+
+        def weights(energies: Array) -> Array:
+            try:
+                return compiled(energies)
+            except (jax.errors.ConcretizationTypeError, jax.errors.NonConcreteBooleanIndexError):
+                # It looks at its numbers.
+                return plain(energies)
+
+        return weights
+
+
+def checked_objective(objective: Objective) -> Objective:
+    """The objective as a search takes it; *Raises* ``ValueError`` for what is neither a name nor a function."""
+    if callable(objective):
+        return objective if isinstance(objective, Own) else Own(objective)
+    _check.one_of(objective, "objective", tuple(OBJECTIVES))
+    return objective
 
 
 def objective_name(objective: Objective) -> str:
@@ -53,5 +89,6 @@ def value_of(objective: Objective, energies: Float[np.ndarray, " plants"]) -> fl
 def weights_of(objective: Objective, energies: Float[np.ndarray, " plants"]) -> Float[np.ndarray, " plants"]:
     """The derivative of a smooth objective (the mean, or a function) with respect to each energy."""
     if callable(objective):
-        return np.asarray(jax.grad(lambda e: jnp.asarray(objective(e)).reshape(()))(jnp.asarray(energies)))
+        own = objective if isinstance(objective, Own) else Own(objective)
+        return np.asarray(own.weights(jnp.asarray(energies)))
     return np.full(len(energies), 1 / len(energies))

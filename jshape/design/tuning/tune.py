@@ -13,7 +13,6 @@ from typing import Any
 from jshape import _check
 from jshape._types import ArrayLike, Progress
 from jshape.command import Distance
-from jshape.compilation_cache import make_room
 from jshape.design.tuning import digital
 from jshape.design.tuning.design_problem import DesignProblem, design_problem
 from jshape.design.tuning.objective import Objective
@@ -21,6 +20,7 @@ from jshape.design.tuning.scenarios import Limits, Metric, Point
 from jshape.design.tuning.search import Search
 from jshape.design.tuning.solution import Solution
 from jshape.design.tuning.starts import starts as starting_points
+from jshape.memory import make_room
 from jshape.plants import AbstractPlant
 from jshape.shaper import Shaper
 
