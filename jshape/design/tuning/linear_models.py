@@ -186,9 +186,8 @@ class LinearModels:
         own = _, weights = self.rates[: self.given], self.weights[: self.given]
         total, slopes, energies = self.slopes(x, *own)
         for _ in range(iterations):
-            share = energies ** (power - 1)
-            share = (share / np.maximum(share.max(axis=1, keepdims=True), 1e-300))[:, :, None]
-            weighted = weights * share
+            share = (energies / np.maximum(energies.max(axis=1, keepdims=True), 1e-300)) ** (power - 1)
+            weighted = weights * share[:, :, None]
             rows = slopes * np.sqrt(weighted)[..., None]
             rows = rows.reshape(len(x), -1, x.shape[1])
             square = np.real(np.conj(np.swapaxes(rows, 1, 2)) @ rows)
@@ -198,7 +197,7 @@ class LinearModels:
             damped = square + np.maximum(scale, 1e-300)[:, None, None] * np.eye(x.shape[1])
             trial = _within(self.search, x - np.linalg.solve(damped, gradient)[..., 0])
             tried = self.slopes(trial, *own)
-            better = np.sum(tried[2] ** power, axis=1) < np.sum(energies**power, axis=1)
+            better = _norm(tried[2], power) < _norm(energies, power)
             for old, new in zip((x, total, slopes, energies), (trial, *tried), strict=True):
                 old[better] = new[better]
             damping = np.where(better, np.maximum(damping / 3, 1e-9), damping * 4)
@@ -273,6 +272,12 @@ def linear_starts(search: ScaledProblem, designs: list[Point], random: np.random
     there = search.merit(search.point(x[0]), search.tolerance_for(x[0], COARSE))
     holds = abs(models.merits(x[:1])[0] - there) <= HOLD * there
     return Starts([search.point(end) for end in x], bool(agreed and holds))
+
+
+def _norm(energies: np.ndarray, power: float) -> np.ndarray:
+    """The norm of that power of each design's energies, which overflows for none."""
+    greatest = np.maximum(energies.max(axis=1, keepdims=True), 1e-300)
+    return greatest[:, 0] * np.sum((energies / greatest) ** power, axis=1) ** (1 / power)
 
 
 def _within(search: ScaledProblem, x: np.ndarray) -> np.ndarray:

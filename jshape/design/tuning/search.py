@@ -244,6 +244,8 @@ class Search:
         found = linear_models.linear_starts(self.judge, ranked, self.random.spawn(1)[0])
         ranked = self._ranked(ranked + found.points)
         if found.sure:
+            # Played backwards the best one is nearly as good, or better.
+            ranked = self._ranked([*ranked, self.problem.bounds.reversed(ranked[0])])
             ranked = [one for one in ranked if self._coarse(one) <= WORTH * self._coarse(ranked[0])]
         return ranked, found.sure
 
