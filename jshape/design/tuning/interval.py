@@ -15,6 +15,8 @@ from jshape import _check
 from jshape.design.tuning.design_problem import DesignProblem
 from jshape.design.tuning.evaluate import LOOSEST, Values, evaluate
 from jshape.design.tuning.scenarios import Point
+from jshape.shaper import Shaper
+from jshape.simulation.schedule import schedule
 from jshape.simulation.simulate import natural_frequencies
 from jshape.simulation.steps import TOLERANCE
 from jshape.sweeps.leaves import MOVE, grid, with_leaves
@@ -35,6 +37,9 @@ it was inside the last one."""
 
 SETTLED = 1e-9
 """The relative gain of a parabola below which there are no more."""
+
+DENSE, MOST_RESOLVED = 4, 4000
+"""Values of a leaf for each half turn of a mode's phase where no maximum may be missed, and how many at most."""
 
 SCANNED = 1e-3
 """The relative error of the energies among which maxima are looked for."""
@@ -70,6 +75,12 @@ def with_places(problem: DesignProblem) -> DesignProblem:
 def _maxima(problem: DesignProblem) -> int:
     """About how many maxima the energy has over the uncertain set: one for each half turn by which the phase of a mode
     at the end of the longest shaper differs over a leaf's values."""
+    return int(np.ceil(_half_turns(problem, problem.bounds.longest)))
+
+
+def _half_turns(problem: DesignProblem, time: float) -> float:
+    """By how many half turns the phases of the modes after that time, s, differ over the leaves' values; 0 where a
+    plant has no modes."""
     plant, half_turns = problem.scenarios.plant, 0.0
     for name, values in problem.scenarios.samples.items():
         if name.startswith(MOVE):
@@ -77,8 +88,24 @@ def _maxima(problem: DesignProblem) -> int:
         some = np.quantile(np.asarray(values, float), [0.0, 0.5, 1.0])
         plants = [with_leaves(plant, {name: _check.on_device(value)}) for value in some]
         omega = np.array([np.ravel(natural_frequencies(one)) for one in plants])
-        half_turns += np.nansum(np.abs(np.diff(omega, axis=0))) * problem.bounds.longest / np.pi
-    return int(np.ceil(half_turns)) if np.isfinite(half_turns) else 0
+        half_turns += np.nansum(np.abs(np.diff(omega, axis=0))) * time / np.pi
+    return float(half_turns) if np.isfinite(half_turns) else 0.0
+
+
+def resolved(problem: DesignProblem) -> dict[str, np.ndarray]:
+    """The values of the finer set, in order; of one leaf so many that no maximum of a mode's energy after the whole
+    move stands between them, ``MOST_RESOLVED`` at most."""
+    axes = {name: np.unique(values) for name, values in problem.finer_samples().items()}
+    if len(axes) == 1:
+        ((name, axis),) = axes.items()
+        scenarios, last = problem.scenarios, Shaper([1.0], [0.0])
+        move = float(schedule(scenarios.plant, scenarios.command, last).breaks[-1])
+        wanted = min(DENSE * _half_turns(problem, problem.bounds.longest + move), MOST_RESOLVED)
+        times = int(np.ceil(wanted / max(len(axis) - 1, 1)))
+        if times > 1:
+            at = np.arange((len(axis) - 1) * times + 1) / times
+            axes[name] = np.interp(at, np.arange(len(axis)), axis)
+    return axes
 
 
 def with_plants(problem: DesignProblem, maxima: list[Maximum], energies: np.ndarray) -> DesignProblem:
@@ -103,7 +130,13 @@ def _with_samples(problem: DesignProblem, samples: dict[str, np.ndarray], added:
     return dataclasses.replace(problem, scenarios=scenarios, added=added)
 
 
-def greatest(problem: DesignProblem, point: Point, found: Values, excess: float = 0.0) -> list[Maximum]:
+def greatest(
+    problem: DesignProblem,
+    point: Point,
+    found: Values,
+    excess: float = 0.0,
+    axes: dict[str, np.ndarray] | None = None,
+) -> list[Maximum]:
     """The local maxima of the energy over the uncertain set that exceed the greatest energy of the plants.
 
     Args:
@@ -111,13 +144,14 @@ def greatest(problem: DesignProblem, point: Point, found: Values, excess: float 
         point: the design.
         found: what it leaves in the plants.
         excess: maxima that are above by less than this part of it are left out; at most ``MAXIMA`` others are found.
+        axes: values of the leaves between which they are looked for; those of the finer set unless given.
 
     Returns:
         The maxima, the greatest first.
     """
     worst = float(np.max(found.energies))
     # A value that is given twice counts once.
-    axes = {name: np.unique(values) for name, values in problem.finer_samples().items()}
+    axes = axes or {name: np.unique(values) for name, values in problem.finer_samples().items()}
     finer = {name: np.asarray(values) for name, values in grid(axes).items()}
     tolerance = np.clip(SCANNED * worst / max(float(np.max(found.greatest)), 1e-300), TOLERANCE, LOOSEST)
     energies = energies_of(problem, point, finer, tolerance)

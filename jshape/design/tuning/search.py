@@ -305,7 +305,7 @@ class Search:
         """Add the worst plants between those of the set, for this design, to all searches; by how much the worst one
         exceeds those of the set, as a part of them."""
         found = self.judge.values(self.judge.vector(point))
-        maxima = interval.greatest(self.problem, point, found, interval.NEGLIGIBLE)
+        maxima = interval.greatest(self.problem, point, found, interval.NEGLIGIBLE, self._resolved)
         if not maxima:
             return 0.0
         # Plants that are among the worst of any design in sight keep their places.
@@ -419,6 +419,11 @@ class Search:
         return self.judge.optimality(point)
 
     @functools.cached_property
+    def _resolved(self) -> dict[str, np.ndarray]:
+        """Values of the uncertain leaves between which no maximum is missed."""
+        return interval.resolved(self.problem)
+
+    @functools.cached_property
     def _bare(self) -> float:
         """The energy that the bare command leaves, J."""
         scenarios, bounds = self.problem.scenarios, self.problem.bounds
@@ -449,12 +454,17 @@ class Search:
 def on_finer_set(problem: DesignProblem, point: Point, found: Values) -> float:
     """The objective of a design on the finer set, J; ``found``: what it leaves on the set itself.
 
-    In the worst case the maxima between the plants of the finer set count, too.
+    In the worst case the maxima between the plants of the finer set count, too, as dense as the modes' phases ask for.
     """
     if not problem.scenarios.samples:
         return value_of(problem.objective, found.energies)
     if problem.objective == "worst":
-        return max([float(np.max(found.energies)), *(one.energy for one in interval.greatest(problem, point, found))])
+        return max(
+            [
+                float(np.max(found.energies)),
+                *(one.energy for one in interval.greatest(problem, point, found, 0.0, interval.resolved(problem))),
+            ]
+        )
     return value_of(problem.objective, interval.energies_of(problem, point, problem.finer_samples()))
 
 
