@@ -33,9 +33,12 @@ def bracketed_root(
 
 
 def newton_root(function: Callable[[Scalar], Scalar], start: Any) -> Scalar:
-    """The root that Newton's method finds from ``start``; NaN where it finds none in 256 steps."""
+    """The root that Newton's method finds from ``start`` on its side of 0; NaN where it finds none in 256 steps."""
     start = jnp.asarray(start, dtype=float)
-    root = _differentiable(function, "Newton", dict(rtol=1e-13, atol=1e-13), start, max_steps=256)
+    side = jax.lax.stop_gradient(
+        dict(lower=jnp.where(start > 0, 0.0, -jnp.inf), upper=jnp.where(start < 0, 0.0, jnp.inf))
+    )
+    root = _differentiable(function, "Newton", dict(rtol=1e-13, atol=1e-13), start, options=side, max_steps=256)
     found = jnp.abs(function(root)) <= 1e-9 * (1 + jnp.abs(function(start)))
     return jnp.where(found, root, jnp.nan)
 

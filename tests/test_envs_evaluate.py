@@ -75,26 +75,28 @@ def test_interval_is_that_of_a_bootstrap_by_hand():
 
 
 @pytest.mark.slow
-def test_scores_are_the_means_of_rollouts(duffing):
-    policy = fixed_linear(duffing, "zvd")
-    scores = evaluate(policy, duffing, episodes=2, seeds=2, seed=11)
+def test_scores_are_the_means_of_rollouts():
+    # Not the Duffing payload: some of its moves amplify the rounding of single precision to 1e-3, a crane's do not.
+    crane = parameters("CranePayload")
+    policy = fixed_linear(crane, "zvd")
+    scores = evaluate(policy, crane, episodes=2, seeds=2, seed=11)
     keys = jnp.stack([jax.random.split(jax.random.key(s), 2) for s in (11, 12)])
-    rewards, info = eqx.filter_jit(jax.vmap(jax.vmap(lambda key: rollout(key, policy, duffing, 64))))(keys)
+    rewards, info = eqx.filter_jit(jax.vmap(jax.vmap(lambda key: rollout(key, policy, crane, 64))))(keys)
     mean = lambda x: np.asarray(x, float).mean(axis=(1, 2))
     np.testing.assert_allclose(scores.reward, mean(rewards), rtol=1e-5)
     np.testing.assert_allclose(scores.residual, mean(info.residual), rtol=1e-4)
-    np.testing.assert_allclose(scores.move_time, policy.shaper.times[-1], rtol=1e-6)  # a step takes no time itself
+    np.testing.assert_allclose(scores.move_time, mean(info.move_time), rtol=1e-6)
     np.testing.assert_allclose(scores.regret, -mean(rewards) - mean(info.evaluation.oracle_cost), rtol=1e-4)
-    one = evaluate([policy], duffing, episodes=4, seeds=1, seed=11)
-    exact = evaluate(policy, duffing, episodes=4, seeds=1, seed=11)
+    one = evaluate([policy], crane, episodes=4, seeds=1, seed=11)
+    exact = evaluate(policy, crane, episodes=4, seeds=1, seed=11)
     np.testing.assert_array_equal(one.reward, exact.reward)
     assert np.all(scores.lost == 0)
     with pytest.raises(ValueError, match="policy must be one, or one for each of 2 seeds, not 1"):
-        evaluate([policy], duffing, episodes=2, seeds=2)
+        evaluate([policy], crane, episodes=2, seeds=2)
     with pytest.raises(ValueError, match="episodes"):
-        evaluate(policy, duffing, episodes=0)
+        evaluate(policy, crane, episodes=0)
     with pytest.raises(ValueError, match=r"seeds, with their episodes and moves, asks for .* GiB, more than 16"):
-        evaluate(policy, duffing, episodes=64, seeds=2**31 - 1)
+        evaluate(policy, crane, episodes=64, seeds=2**31 - 1)
 
 
 @pytest.mark.slow
@@ -141,7 +143,10 @@ def test_command_writes_what_evaluate_finds(tmp_path):
     assert "regret" in done.output
     record = json.loads((out / "results.json").read_text(encoding="utf-8"))
     params = parameters("DuffingPayload")
-    found = summary(evaluate(fixed_linear(params, "zvd"), params, episodes=2, seeds=2))
+    policy = fixed_linear(params, "zvd")
+    scores = evaluate(policy, params, episodes=2, seeds=2)
+    np.testing.assert_allclose(scores.move_time, policy.shaper.times[-1], rtol=1e-6)  # a step takes no time itself
+    found = summary(scores)
     np.testing.assert_allclose(record["policies"]["zvd"]["regret"], found["regret"], rtol=1e-4)
     assert record["policies"]["ei"]["regret"][0] != record["policies"]["zvd"]["regret"][0]
     found = summary(evaluate(load_policy("DuffingPayload"), params, episodes=2, seeds=2))

@@ -45,7 +45,8 @@ class ForcedMass(AbstractOscillator):
 
     def rest_deflection(self, inputs: Inputs) -> Scalar:
         force = as_array(inputs, "inputs")
-        # Newton's method from next to 0 climbs a softening spring's slope monotonically to the nearer rest.
+        # Newton's method from next to 0 climbs a softening spring's slope monotonically to the nearer rest. Where there
+        # is none, it must not leave for a rest of the other sign, beyond the spring's greatest force.
         return newton_root(lambda x: self.spring.force(x) - force, 1e-6 * jnp.sign(force))
 
     def deflection(self, state, position) -> Scalar:
