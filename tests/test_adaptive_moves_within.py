@@ -1,5 +1,7 @@
 """Moves of a Duffing pair that are planned anew while they run: against SciPy's solutions of the same equations."""
 
+import threading
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -15,6 +17,7 @@ from jshape.moves import NoisySensor, TwoMassMoves, random_payloads
 K1, K3, C = 10.0, 100.0, 0.4
 NOISE, SHARE = 0.001, 0.6
 SENSOR = NoisySensor(NOISE, 0.0005)
+NOISELESS = NoisySensor(1e-9)
 SHAPER = js.Shaper([0.27, 0.5, 0.23], [0.0, 0.83, 1.65])
 """Near the energy shaper of the nominal plant."""
 
@@ -147,3 +150,77 @@ def test_a_faulty_sensor_leaves_the_plan_as_it_is(planned, kind):
 def test_shares_are_checked(task, share):
     with pytest.raises(ValueError, match=rf"shares must lie between 0 and 3, not \({share},\)"):
         adapting(task, (share,))
+
+
+# --- in a control loop ------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def loop(task):
+    return adapting(task).online(sample_time=1e-3, lead=0.0)
+
+
+@pytest.mark.slow
+def test_a_control_loop_makes_the_plans_of_the_scan(task, loop):
+    """A pair by Runge–Kutta's method, a sample at a time, beside the same moves as one scan."""
+    moves = random_payloads(jax.random.key(5), task, moves=4).moves
+    # In the loop the reading at a move's first impulse comes before it.
+    moves = moves._replace(missing=moves.missing.at[:, 0].set(True))
+    alone = jax.tree.map(lambda x: x[None], moves)
+    shaper = run_many(task, {"anew": adapting(task)}, alone, NOISELESS, jax.random.key(0))["anew"].shaper
+    x = v = 0.0
+    for move, size in enumerate(np.asarray(moves.known)):
+        k1, k3, c = np.array([K1, K3, C]) * np.exp(np.asarray(moves.after[move]))
+
+        def slope(x, v, u, k1=k1, k3=k3, c=c):
+            return v, -(k1 * (x - u) + k3 * (x - u) ** 3 + c * v)
+
+        begun, u, h = loop.begin(size), 0.0, 1e-3
+        while not loop.over:
+            u = loop.push(x - u)
+            a = slope(x, v, u)
+            b = slope(x + h / 2 * a[0], v + h / 2 * a[1], u)
+            c_ = slope(x + h / 2 * b[0], v + h / 2 * b[1], u)
+            d = slope(x + h * c_[0], v + h * c_[1], u)
+            x += h / 6 * (a[0] + 2 * b[0] + 2 * c_[0] + d[0])
+            v += h / 6 * (a[1] + 2 * b[1] + 2 * c_[1] + d[1])
+        x -= size
+        assert u == pytest.approx(size, rel=1e-11)
+        np.testing.assert_allclose(loop.shaper.times, shaper.times[0, move], atol=2e-3)
+        np.testing.assert_allclose(loop.shaper.amplitudes, shaper.amplitudes[0, move], atol=2e-3)
+        if move in (0, 2):
+            assert abs(float(loop.shaper.times[1] - begun.times[1])) > 0.01
+    assert loop.late == 0
+
+
+@pytest.mark.slow
+def test_a_plan_that_is_not_ready_is_dropped(task, loop, monkeypatch):
+    """The sum of what is commanded is the move all the same, and nothing but the plan's own step jumps."""
+    patient = adapting(task).online(sample_time=1e-3)
+    patient.begin(1.0)
+    asked = threading.Event()
+    monkeypatch.setattr(patient, "_planned", lambda *_: asked.wait(20))
+    before = patient.shaper
+    commands = [patient.push(0.0) for _ in range(6001)]
+    asked.set()
+    assert patient.late == 1
+    assert patient.shaper is before
+    assert commands[0] == pytest.approx(float(before.amplitudes[0]), rel=1e-11)
+    assert commands[-1] == pytest.approx(1.0, rel=1e-11)
+    # Impulses that come between two samples come in two parts, with the same integral.
+    late = np.sum(1 - np.array(commands)) * 1e-3
+    assert late == pytest.approx(float(before.amplitudes @ before.times), rel=1e-9)
+    with pytest.raises(ValueError, match=r"begin: of the 6 s of the move under way 0\.001 s are over"):
+        patient.begin(1.0), patient.push(0.0), patient.begin(1.0)
+
+
+def test_a_control_loop_checks_its_numbers(task):
+    with pytest.raises(ValueError, match=r"sample_time must divide the 0\.04 s between readings, not be 0\.003"):
+        adapting(task).online(0.003)
+    with pytest.raises(ValueError, match="lead"):
+        adapting(task).online(0.001, -1.0)
+    loop = adapting(task).online(0.001)
+    with pytest.raises(ValueError, match="push: no move has begun"):
+        loop.push(0.0)
+    with pytest.raises(ValueError, match="known"):
+        loop.begin(float("nan"))

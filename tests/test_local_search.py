@@ -19,10 +19,10 @@ from jshape.design.tuning.design_problem import design_problem
 from jshape.design.tuning.epigraph import Model
 from jshape.design.tuning.evaluate import Linearisation, Values, energies
 from jshape.design.tuning.interval import Maximum
+from jshape.design.tuning.judging import error_of
 from jshape.design.tuning.local_search import Around, Descent, apart
 from jshape.design.tuning.scaled_problem import ScaledProblem
 from jshape.design.tuning.scenarios import Limits, Point
-from jshape.design.tuning.search import error_of
 from jshape.design.tuning.starts import starts
 
 

@@ -79,4 +79,6 @@ def retuned(
     if under_way is None:
         return built(search(start).unknowns)
     both = jax.vmap(search)(jnp.stack([start.at[0].set(BACK), start.at[0].set(-BACK)]))
-    return built(both.unknowns[jnp.argmin(jnp.sum(both.residuals**2, axis=1))])
+    # Where both end at rest, rounding must not choose.
+    left = jnp.sum(both.residuals**2, axis=1)
+    return built(both.unknowns[jnp.argmin(jnp.maximum(left, jnp.finfo(left.dtype).eps))])

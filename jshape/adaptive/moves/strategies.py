@@ -12,6 +12,7 @@ from jaxtyping import Array, Bool, Float
 from jshape._check import Argument, Checked, as_array, positive
 from jshape._types import Scalar, Times
 from jshape.adaptive.arguments import check_each
+from jshape.adaptive.moves.online import OnlineMoves
 from jshape.adaptive.moves.posterior import Posterior, prior, update
 from jshape.moves import (
     AbstractMoves,
@@ -143,6 +144,18 @@ class Adapting(AbstractReplanning, Checked):
         new = self.model.design(parameters, known, self._swing(memory.posterior), commanded).pad(len(old.times))
         as_assumed = (old.times[come - 1] <= now) & jnp.all((old.times[come:] > now) | (old.amplitudes[come:] == 0))
         return jax.tree.map(partial(jnp.where, as_assumed), new, old)
+
+    def online(self, sample_time: float, lead: float = 0.1) -> OnlineMoves:
+        """The same strategy as a plain object for a control loop.
+
+        Args:
+            sample_time: of the loop, s; the time from one reading of the model to the next is a multiple.
+            lead: s that a plan within a move may take to be made; 0 for a loop that waits for it.
+
+        Raises:
+            ValueError: for a sample time that is not positive or does not divide that time, and a negative lead.
+        """
+        return OnlineMoves(self, sample_time, lead)
 
     def _swing(self, posterior: Posterior) -> Swing:
         return jnp.where(self.cancel, posterior.swing, 0.0)

@@ -1,0 +1,192 @@
+"""Moves one after another in a control loop: a sample costs a look into a list, plans are made beside the loop."""
+
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import TYPE_CHECKING, Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jshape import _check
+from jshape.command import Step
+from jshape.moves.physics import of_first_axis
+from jshape.moves.policy import Choice
+from jshape.moves.scheduled import AbstractMoves, ScheduledObservation
+from jshape.shaper import Shaper
+from jshape.simulation.schedule import Schedule, schedule
+
+if TYPE_CHECKING:
+    from jshape.adaptive.moves.strategies import Adapting
+
+Path = list[float] | list[list[float]]
+"""The shaped command at each sample of the loop; of several axes those of each."""
+
+
+class OnlineMoves:
+    """``Adapting`` as a plain object for a control loop, in Python numbers.
+
+        loop = strategy.online(sample_time=1e-4)
+        loop.begin(1.0)
+        while not loop.over:
+            command = loop.push(reading)
+
+    The command that ``push`` gives holds from the reading to the next one. So of a step a reading at an impulse is left
+    out: it comes before the jump, where the model has it after.
+
+    A sample takes a microsecond or two. Plans within a move take milliseconds and are made in a thread, while the loop
+    goes on: a plan is made of the readings until an instant, holds from ``lead`` later, and is dropped if it is not
+    ready by then. What has been commanded stays, so that the command never jumps but where an impulse comes.
+
+    Attributes:
+        shaper: of the move under way.
+        memory: of the strategy.
+        late: number of plans that were not ready in time.
+    """
+
+    def __init__(self, strategy: "Adapting", sample_time: float, lead: float):
+        _check.positive(sample_time, "sample_time")
+        _check.not_negative(lead, "lead")
+        task = strategy.model
+        self._times, self._sample_time, self._lead = np.asarray(task.times), float(sample_time), float(lead)
+        spacing = float(self._times[1])
+        self._stride = round(spacing / self._sample_time)
+        if abs(self._stride * self._sample_time - spacing) > 1e-6 * spacing:
+            raise ValueError(f"sample_time must divide the {spacing:g} s between readings, not be {sample_time:g}")
+        self._last = self._stride * (len(self._times) - 1)
+        self._strategy, self._thread = strategy, ThreadPoolExecutor(1, "plan of a move")
+        self._act, self._replan, self._schedule = (eqx.filter_jit(f) for f in (_act, _replan, _schedule))
+        self.memory, self.shaper, self.late = strategy.init(task), None, 0
+        self._known: Any = None
+        self._readings = np.full(len(self._times), np.nan)
+        self._made, self._age = 0, self._last + 1
+        self._path: Path = []
+        self._jumps: set[int] = set()
+        self._instants: list[float] = []
+        self._plan: Future[tuple[Any, Shaper, Path]] | None = None
+        self._due = 0
+
+    @property
+    def over(self) -> bool:
+        """Whether the move's last reading has come, so that another may begin."""
+        return self._age > self._last
+
+    def begin(self, known: Any) -> Shaper:
+        """The shaper of a move, which begins with the next sample. Takes milliseconds, the first time seconds.
+
+        Args:
+            known: what the controller knows of the move.
+
+        Raises:
+            ValueError: while a move runs, or for numbers that are not finite.
+        """
+        if not self.over:
+            raise ValueError(f"begin: of the {self._times[-1]:g} s of the move under way {self._now:g} s are over")
+        known = jax.tree.map(lambda x: _check.as_array(x, "known"), known)
+        for value in jax.tree.leaves(known):
+            _check.finite(value, "known")
+        last, first = (known if self._known is None else self._known), self._known is None
+        made = jnp.asarray(self._made)
+        observation = ScheduledObservation(known, last, jnp.asarray(self._readings), made)
+        memory, shaper = self._act(self._strategy, self.memory, observation)
+        self._known, self._made, self._age, self._plan = known, self._made + 1, 0, None
+        self._readings = np.full_like(self._readings, np.nan)
+        self._instants = np.asarray(self._strategy.instants(shaper)).tolist()
+        if first:
+            for number, instant in enumerate(self._instants):
+                self._planned(memory, number, instant, self._readings)
+        self._hold(memory, shaper, self._path_of(shaper))
+        return shaper
+
+    def push(self, reading: float) -> Any:
+        """The command, after a sample of the sensor; one that is no number has not come.
+
+        Raises:
+            ValueError: before the first move.
+        """
+        if not self._path:
+            raise ValueError("push: no move has begun")
+        index, between = divmod(self._age, self._stride)
+        if not between and index < len(self._readings) and self._age not in self._jumps:
+            self._readings[index] = reading
+        if self._plan is not None and self._age >= self._due:
+            self._take(self._plan)
+        if self._plan is None and self._instants and self._now >= self._instants[0]:
+            self._ask()
+        command = self._path[min(self._age, self._last)]
+        self._age += 1
+        return command
+
+    @property
+    def _now(self) -> float:
+        # The quotient, so that a sample at an instant is not before it by rounding.
+        return self._age / self._stride * float(self._times[1])
+
+    def _ask(self) -> None:
+        """Have a plan made of the readings until the next instant."""
+        instant, count = self._instants.pop(0), len(self._strategy.shares)
+        number = count - 1 - len(self._instants)
+        seen = np.where(self._times <= instant, self._readings, np.nan)
+        self._plan = self._thread.submit(self._planned, self.memory, number, instant + self._lead, seen)
+        self._due = self._age + int(np.ceil(self._lead / self._sample_time))
+        if self._lead == 0:
+            self._plan.result()
+            self._take(self._plan)
+
+    def _take(self, plan: Future[tuple[Any, Shaper, Path]]) -> None:
+        self._plan = None
+        if plan.done():
+            self._hold(*plan.result())
+        else:
+            self.late += 1
+
+    def _hold(self, memory: Any, shaper: Shaper, path: Path) -> None:
+        self.memory, self.shaper, self._path = memory, shaper, path
+        if isinstance(self._strategy.model.command(self._known), Step):
+            at = np.asarray(shaper.times) / self._sample_time
+            self._jumps = {*np.floor(at).astype(int).tolist(), *np.ceil(at).astype(int).tolist()}
+
+    def _planned(self, memory: Any, number: int, now: float, readings: np.ndarray) -> tuple[Any, Shaper, Path]:
+        now, seen = jnp.asarray(now), jnp.asarray(readings)
+        now, seen = jnp.asarray(now), jnp.asarray(readings)
+        memory, shaper = self._replan(self._strategy, memory, self._known, number, now, seen)
+        return memory, shaper, self._path_of(shaper)
+
+    def _path_of(self, shaper: Shaper) -> Path:
+        plan = self._schedule(self._strategy.model, self._known, shaper)
+        at = np.arange(self._last + 2) * self._sample_time
+        return _means(np.asarray(plan.breaks, float), np.asarray(plan.coefficients, float), at).tolist()
+
+
+def _act(strategy: "Adapting", memory: Any, observation: ScheduledObservation) -> Choice:
+    return strategy.act(memory, observation, strategy.model, None)
+
+
+def _replan(strategy: "Adapting", *known: Any) -> tuple[Any, Shaper]:
+    return strategy.replan(*known)
+
+
+def _schedule(task: AbstractMoves, known: Any, shaper: Shaper) -> Schedule:
+    plant = task.plant(task.nominal(), known)
+    return schedule(plant, task.command(known), of_first_axis(plant, shaper))
+
+
+def _means(breaks: np.ndarray, coefficients: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """The mean of a piecewise polynomial from each of those instants (s) to the next one, in double precision.
+
+    What is held between samples then has the move's own integral: neither late by half a sample, nor are impulses that
+    come between two samples shifted.
+    """
+    integrals = [coefficients[..., power] / (power + 1) for power in range(coefficients.shape[-1])]
+
+    def integral(piece: Any, age: np.ndarray) -> np.ndarray:
+        age = age.reshape(-1, *[1] * (coefficients.ndim - 2))
+        value = np.zeros_like(integrals[0][piece])
+        for one in reversed(integrals):
+            value = (value + one[piece]) * age
+        return value
+
+    through = integral(slice(-1), np.diff(breaks))
+    before = np.concatenate([np.zeros_like(through[:1]), np.cumsum(through, axis=0)])
+    active = np.searchsorted(breaks, at, side="right") - 1
+    return np.diff(before[active] + integral(active, at - breaks[active]), axis=0) / (at[1] - at[0])
