@@ -17,6 +17,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import annotations  # noqa: E402
 import jax  # noqa: E402
+import jax.numpy as jnp  # noqa: E402
 import numpy as np  # noqa: E402
 import pytest  # noqa: E402
 from hypothesis import settings  # noqa: E402
@@ -131,6 +132,18 @@ def damped():
 @pytest.fixture(scope="session")
 def staircase():
     return scipy_staircase
+
+
+def differences(function, x, ways=None, step=1e-4):
+    """Derivatives of a function along ``ways`` (rows; the axes unless given), by central differences extrapolated from
+    two steps: a last axis of ways."""
+    x = np.asarray(x, float)
+
+    def central(way, step):
+        return (np.asarray(function(jnp.asarray(x + step * way))) - function(jnp.asarray(x - step * way))) / (2 * step)
+
+    ways = np.eye(len(x)) if ways is None else ways
+    return np.stack([(4 * central(way, step) - central(way, 2 * step)) / 3 for way in ways], axis=-1)
 
 
 def scipy_staircase(field, state, times, levels, at):

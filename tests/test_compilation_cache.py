@@ -299,13 +299,11 @@ jax.config.update("jax_enable_x64", True)
 import jax.numpy as jnp
 import jshape as js
 shaper = js.Shaper([0.3, 0.4, 0.3], [0.0, 0.35, 0.7])
-for plant, command in (
-    (js.plants.TwoMass(spring=js.plants.Duffing(10.0, 100.0)), 1.0),
-    (js.plants.DoublePendulumCrane(5.0, 1.5, 0.4, 2.0), js.Trapezoid(4.0, 1.0, 0.5)),
-):
-    left = lambda t: js.residual_energy(plant, js.Shaper(shaper.amplitudes, t), command)
-    energy, slopes = jax.jit(jax.value_and_grad(left))(shaper.times)
-    print(*(float(x).hex() for x in [energy, *slopes]))
+pair = js.plants.TwoMass(spring=js.plants.Duffing(10.0, 100.0))
+left = lambda t: js.residual_energy(pair, js.Shaper(shaper.amplitudes, t), 1.0)
+energy, slopes = jax.jit(jax.value_and_grad(left))(shaper.times)
+crane = js.residual_energy(js.plants.DoublePendulumCrane(5.0, 1.5, 0.4, 2.0), shaper, js.Trapezoid(4.0, 1.0, 0.5))
+print(*(float(x).hex() for x in [energy, *slopes, crane]))
 """
 
 
@@ -316,7 +314,7 @@ def test_a_users_own_programs_give_the_same_numbers_as_lean_ones():
         for environment in ({**os.environ, "XLA_FLAGS": ""}, os.environ)
     )
     numbers = [[float.fromhex(x) for x in run.stdout.split()] for run in (own, lean)]
-    assert len(numbers[0]) == 8
+    assert len(numbers[0]) == 5
     np.testing.assert_allclose(*numbers, rtol=1e-11, atol=1e-11)
 
 

@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from conftest import differences
 
 import jshape as js
 from experiments.reliability.searches import draw
@@ -35,7 +36,7 @@ def problem_of(plant, move, impulses, duration, over, objective="worst"):
 
 @pytest.mark.slow
 def test_hessians_of_a_linear_plant_are_exact():
-    """Beside second derivatives of the whole simulation; without damping nothing is left out."""
+    """Beside differences of the simulation's exact slopes; without damping nothing is left out."""
     plant = js.plants.ModalPlant(omega=[3.0, 7.0], zeta=[0.0, 0.0])
     problem = problem_of(plant, js.Trapezoid(1.0, 0.8, 2.0), 4, (0.5, 3.0), {"omega.0": [0.9, 1.1]})
     search = ScaledProblem(problem)
@@ -47,8 +48,7 @@ def test_hessians_of_a_linear_plant_are_exact():
     def left(x):
         return energies(problem.scenarios, Point(x[:4], x[4:], jnp.zeros(0)), steps)
 
-    x = jnp.concatenate([jnp.asarray(point.amplitudes), jnp.asarray(point.gaps)])
-    exact = np.asarray(jax.jacfwd(jax.jacrev(left))(x)) * search.units * search.units[:, None]
+    exact = differences(jax.jit(jax.jacrev(left)), np.concatenate(point[:2])) * search.units * search.units[:, None]
     scale = np.abs(exact).max(axis=(1, 2), keepdims=True)
     # Directions in which the sum of the amplitudes changes change the destination, too: they are never taken.
     along = np.eye(7) - np.outer(np.repeat([0.25, 0.0], [4, 3]), np.repeat([1.0, 0.0], [4, 3]))
@@ -147,7 +147,7 @@ def test_a_long_move_needs_more_plants_than_the_finer_set():
     plant, move = js.plants.DoublePendulumCrane(300.0, 5.0, 1e3, 1e4), js.Trapezoid(250.0, 3.0, 0.2)
     payloads = {"payload_mass": np.linspace(0.5, 2.0, 5)}
     far = problem_of(plant, move, 4, (5.0, 40.0), payloads)
-    axis, finer = interval.resolved(far)["payload_mass"], far.finer_samples()["payload_mass"]
+    axis, finer = interval.resolved(far).axes["payload_mass"], far.finer_samples()["payload_mass"]
     assert len(axis) > 5 * len(finer) == 5 * 41
     assert set(finer) <= set(axis)
     # Between neighbours no mode turns by more than a quarter of a half turn, over the whole move.
@@ -157,7 +157,18 @@ def test_a_long_move_needs_more_plants_than_the_finer_set():
     turns = np.abs(np.diff(omega, axis=0)).sum(axis=1) * (40.0 + 250.0 / 3.0 + 15.0) / np.pi / (len(axis) // 20)
     assert turns.mean() <= 0.26
     near = problem_of(plant, js.Trapezoid(1.0, 3.0, 0.2), 4, (0.1, 0.5), payloads)
-    np.testing.assert_array_equal(interval.resolved(near)["payload_mass"], near.finer_samples()["payload_mass"])
+    np.testing.assert_array_equal(interval.resolved(near).axes["payload_mass"], near.finer_samples()["payload_mass"])
+    # Of two leaves each is as dense as its own phases ask for, as far as there is room; if not, that is said.
+    both = payloads | {"hook_length": np.linspace(0.99, 1.01, 2)}
+    for length, enough in ((20.0, True), (300.0, False)):
+        crane = js.plants.DoublePendulumCrane(length, 5.0, 1e3, 1e4)
+        two = problem_of(crane, js.Trapezoid(50.0, 3.0, 0.2), 4, (5.0, 40.0), both)
+        found = interval.resolved(two)
+        assert found.enough is enough
+        lengths = [len(axis) for axis in found.axes.values()]
+        assert np.prod(lengths) <= 4000
+        assert lengths[0] >= 41
+        assert lengths[1] >= 11
 
 
 @pytest.mark.slow
@@ -243,12 +254,11 @@ def test_searches_that_once_failed(plant):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("seed", "best"), [(0, 5.4), (3, 5.4)])
-def test_a_search_among_many_local_optima_does_not_say_that_it_converged(seed, best):
+def test_a_search_among_many_local_optima_does_not_say_that_it_converged():
     """241.5 J were once called converged, then 5.40; 1.67 exist, by a search from fifty times the starts."""
     problem = draw("cvar", np.random.default_rng([1, 4, 21]))
-    found = js.tune(problem.plant, problem.command, seed=seed, **problem.options)
-    assert found.objective < best
+    found = js.tune(problem.plant, problem.command, seed=3, **problem.options)
+    assert found.objective < 5.4
     assert found.status is js.Status.STOPPED
     assert found.optimality < 1e-3
     few, none = "[0-3] of 16 searches from around the best came back to it", r"none of \d+ searches from elsewhere came"

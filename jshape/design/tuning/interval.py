@@ -39,7 +39,8 @@ SETTLED = 1e-9
 """The relative gain of a parabola below which there are no more."""
 
 DENSE, MOST_RESOLVED = 4, 4000
-"""Values of a leaf for each half turn of a mode's phase where no maximum may be missed, and how many at most."""
+"""Values of a leaf for each half turn of a mode's phase where no maximum may be missed, and of all leaves together how
+many at most, unless the finer set has more."""
 
 SCANNED = 1e-3
 """The relative error of the energies among which maxima are looked for."""
@@ -75,37 +76,48 @@ def with_places(problem: DesignProblem) -> DesignProblem:
 def _maxima(problem: DesignProblem) -> int:
     """About how many maxima the energy has over the uncertain set: one for each half turn by which the phase of a mode
     at the end of the longest shaper differs over a leaf's values."""
-    return int(np.ceil(_half_turns(problem, problem.bounds.longest)))
+    return int(np.ceil(sum(_half_turns(problem, problem.bounds.longest).values())))
 
 
-def _half_turns(problem: DesignProblem, time: float) -> float:
-    """By how many half turns the phases of the modes after that time, s, differ over the leaves' values; 0 where a
-    plant has no modes."""
-    plant, half_turns = problem.scenarios.plant, 0.0
+def _half_turns(problem: DesignProblem, time: float) -> dict[str, float]:
+    """By how many half turns the phases of the modes after that time, s, differ over each leaf's values, the others as
+    they are; 0 where a plant has no modes."""
+    plant, half_turns = problem.scenarios.plant, {}
     for name, values in problem.scenarios.samples.items():
+        half_turns[name] = 0.0
         if name.startswith(MOVE):
             continue
         some = np.quantile(np.asarray(values, float), [0.0, 0.5, 1.0])
         plants = [with_leaves(plant, {name: _check.on_device(value)}) for value in some]
         omega = np.array([np.ravel(natural_frequencies(one)) for one in plants])
-        half_turns += np.nansum(np.abs(np.diff(omega, axis=0))) * time / np.pi
-    return float(half_turns) if np.isfinite(half_turns) else 0.0
+        turns = float(np.nansum(np.abs(np.diff(omega, axis=0))) * time / np.pi)
+        half_turns[name] = turns if np.isfinite(turns) else 0.0
+    return half_turns
 
 
-def resolved(problem: DesignProblem) -> dict[str, np.ndarray]:
-    """The values of the finer set, in order; of one leaf so many that no maximum of a mode's energy after the whole
-    move stands between them, ``MOST_RESOLVED`` at most."""
+class Resolved(NamedTuple):
+    """Values of the uncertain leaves between which the worst case is looked for."""
+
+    axes: dict[str, np.ndarray]
+    """Of each leaf, in order."""
+    enough: bool
+    """Whether no maximum of a mode's energy after the whole move stands between them."""
+
+
+def resolved(problem: DesignProblem) -> Resolved:
+    """The values of the finer set, or as many more as the modes' phases ask for, ``MOST_RESOLVED`` plants at most."""
     axes = {name: np.unique(values) for name, values in problem.finer_samples().items()}
-    if len(axes) == 1:
-        ((name, axis),) = axes.items()
-        scenarios, last = problem.scenarios, Shaper([1.0], [0.0])
-        move = float(schedule(scenarios.plant, scenarios.command, last).breaks[-1])
-        wanted = min(DENSE * _half_turns(problem, problem.bounds.longest + move), MOST_RESOLVED)
-        times = int(np.ceil(wanted / max(len(axis) - 1, 1)))
-        if times > 1:
-            at = np.arange((len(axis) - 1) * times + 1) / times
-            axes[name] = np.interp(at, np.arange(len(axis)), axis)
-    return axes
+    scenarios, bare = problem.scenarios, Shaper([1.0], [0.0])
+    move = float(schedule(scenarios.plant, scenarios.command, bare).breaks[-1])
+    turns = _half_turns(problem, problem.bounds.longest + move)
+    between = np.array([len(axis) - 1 for axis in axes.values()])
+    wanted = np.array([max(1, int(np.ceil(DENSE * turns[name] / max(len(axes[name]) - 1, 1)))) for name in axes])
+    times, most = wanted.copy(), max(MOST_RESOLVED, np.prod(between + 1))
+    while np.prod(between * times + 1) > most and times.max() > 1:
+        times[np.argmax(times)] -= 1
+    for (name, axis), count in zip(axes.items(), times, strict=True):
+        axes[name] = np.interp(np.arange((len(axis) - 1) * count + 1) / count, np.arange(len(axis)), axis)
+    return Resolved(axes, bool(np.all(times >= wanted)))
 
 
 def with_plants(problem: DesignProblem, maxima: list[Maximum], energies: np.ndarray) -> DesignProblem:

@@ -38,7 +38,7 @@ def on_finer_set(problem: DesignProblem, point: Point, found: Values) -> float:
         return max(
             [
                 float(np.max(found.energies)),
-                *(one.energy for one in interval.greatest(problem, point, found, 0.0, interval.resolved(problem))),
+                *(one.energy for one in interval.greatest(problem, point, found, 0.0, interval.resolved(problem).axes)),
             ]
         )
     return value_of(problem.objective, interval.energies_of(problem, point, problem.finer_samples()))

@@ -303,7 +303,7 @@ class Search:
         """Add the worst plants between those of the set, for this design, to all searches; by how much the worst one
         exceeds those of the set, as a part of them."""
         found = self.judge.values(self.judge.vector(point))
-        maxima = interval.greatest(self.problem, point, found, interval.NEGLIGIBLE, self._resolved)
+        maxima = interval.greatest(self.problem, point, found, interval.NEGLIGIBLE, self._resolved.axes)
         if not maxima:
             return 0.0
         # Plants that are among the worst of any design in sight keep their places.
@@ -385,6 +385,8 @@ class Search:
         status = Status.INTERRUPTED if self.interrupted else status_of(values, slacks, best.optimal and not few)
         slack = float(slacks.min(initial=1.0))
         missed = f"; a limit is missed by {-100 * slack:.3g} %" if slack < -EXCEEDED else ""
+        if problem.objective == "worst" and scenarios.samples and not self._resolved.enough:
+            missed += "; the modes' phases differ so much over the set that a worse plant may stand between its plants"
         balance = self._optimality(best.point, values)
         heaviest = np.argsort(-balance.multipliers, kind="stable")
         heaviest = heaviest[balance.multipliers[heaviest] > 1e-6]
@@ -417,8 +419,7 @@ class Search:
         return self.judge.optimality(point)
 
     @functools.cached_property
-    def _resolved(self) -> dict[str, np.ndarray]:
-        """Values of the uncertain leaves between which no maximum is missed."""
+    def _resolved(self) -> interval.Resolved:
         return interval.resolved(self.problem)
 
     @functools.cached_property
