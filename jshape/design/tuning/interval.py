@@ -100,6 +100,8 @@ class Resolved(NamedTuple):
 
     axes: dict[str, np.ndarray]
     """Of each leaf, in order."""
+    more: bool
+    """Whether they are more than those of the finer set."""
     enough: bool
     """Whether no maximum of a mode's energy after the whole move stands between them."""
 
@@ -117,7 +119,7 @@ def resolved(problem: DesignProblem) -> Resolved:
         times[np.argmax(times)] -= 1
     for (name, axis), count in zip(axes.items(), times, strict=True):
         axes[name] = np.interp(np.arange((len(axis) - 1) * count + 1) / count, np.arange(len(axis)), axis)
-    return Resolved(axes, bool(np.all(times >= wanted)))
+    return Resolved(axes, bool(np.any(times > 1)), bool(np.all(times >= wanted)))
 
 
 def with_plants(problem: DesignProblem, maxima: list[Maximum], energies: np.ndarray) -> DesignProblem:

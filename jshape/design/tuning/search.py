@@ -303,7 +303,9 @@ class Search:
         """Add the worst plants between those of the set, for this design, to all searches; by how much the worst one
         exceeds those of the set, as a part of them."""
         found = self.judge.values(self.judge.vector(point))
-        maxima = interval.greatest(self.problem, point, found, interval.NEGLIGIBLE, self._resolved.axes)
+        maxima = interval.greatest(self.problem, point, found, interval.NEGLIGIBLE)
+        if not maxima and self._resolved.more:
+            maxima = interval.greatest(self.problem, point, found, interval.NEGLIGIBLE, self._resolved.axes)
         if not maxima:
             return 0.0
         # Plants that are among the worst of any design in sight keep their places.
