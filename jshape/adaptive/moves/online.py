@@ -1,5 +1,6 @@
 """Moves one after another in a control loop: a sample costs a look into a list, plans are made beside the loop."""
 
+import time
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any
 
@@ -7,8 +8,10 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
 from jshape import _check
+from jshape.adaptive.formulas import like
 from jshape.command import Step
 from jshape.moves.physics import of_first_axis
 from jshape.moves.policy import Choice
@@ -19,8 +22,12 @@ from jshape.simulation.schedule import Schedule, schedule
 if TYPE_CHECKING:
     from jshape.adaptive.moves.strategies import Adapting
 
-Path = list[float] | list[list[float]]
+Path = Float[np.ndarray, "samples *axes"]
 """The shaped command at each sample of the loop; of several axes those of each."""
+
+
+SPARE = 2.0
+"""How many times the time that a plan takes, at first, it may take later."""
 
 
 class OnlineMoves:
@@ -41,26 +48,32 @@ class OnlineMoves:
     Attributes:
         shaper: of the move under way.
         memory: of the strategy.
+        lead: s that a plan may take to be made; not known before the first move unless given.
         late: number of plans that were not ready in time.
     """
 
-    def __init__(self, strategy: "Adapting", sample_time: float, lead: float):
+    def __init__(self, strategy: "Adapting", sample_time: float, lead: float | None):
         _check.positive(sample_time, "sample_time")
-        _check.not_negative(lead, "lead")
+        if lead is not None:
+            _check.not_negative(lead, "lead")
         task = strategy.model
-        self._times, self._sample_time, self._lead = np.asarray(task.times), float(sample_time), float(lead)
+        self._times, self._sample_time, self.lead = np.asarray(task.times), float(sample_time), lead
         spacing = float(self._times[1])
         self._stride = round(spacing / self._sample_time)
         if abs(self._stride * self._sample_time - spacing) > 1e-6 * spacing:
             raise ValueError(f"sample_time must divide the {spacing:g} s between readings, not be {sample_time:g}")
         self._last = self._stride * (len(self._times) - 1)
         self._strategy, self._thread = strategy, ThreadPoolExecutor(1, "plan of a move")
-        self._act, self._replan, self._schedule = (eqx.filter_jit(f) for f in (_act, _replan, _schedule))
-        self.memory, self.shaper, self.late = strategy.init(task), None, 0
+        self._act: Any = eqx.filter_jit(_act)
+        self._replan: Any = eqx.filter_jit(_replan)
+        self._schedule: Any = eqx.filter_jit(_schedule)
+        memory = strategy.init(task)
+        # Of types that stay: a weak one would have everything compiled anew at the second move.
+        self.memory, self.shaper, self.late = like(memory, memory), None, 0
         self._known: Any = None
         self._readings = np.full(len(self._times), np.nan)
         self._made, self._age = 0, self._last + 1
-        self._path: Path = []
+        self._path: Path = np.zeros(0)
         self._jumps: set[int] = set()
         self._instants: list[float] = []
         self._plan: Future[tuple[Any, Shaper, Path]] | None = None
@@ -89,14 +102,24 @@ class OnlineMoves:
         made = jnp.asarray(self._made)
         observation = ScheduledObservation(known, last, jnp.asarray(self._readings), made)
         memory, shaper = self._act(self._strategy, self.memory, observation)
+        memory = like(self.memory, memory)
         self._known, self._made, self._age, self._plan = known, self._made + 1, 0, None
         self._readings = np.full_like(self._readings, np.nan)
         self._instants = np.asarray(self._strategy.instants(shaper)).tolist()
         if first:
-            for number, instant in enumerate(self._instants):
-                self._planned(memory, number, instant, self._readings)
+            self._make_ready(memory)
         self._hold(memory, shaper, self._path_of(shaper))
         return shaper
+
+    def _make_ready(self, memory: Any) -> None:
+        """Compile what plans take and, unless it was given, find how long one may take."""
+        taken = [0.0]
+        for number, instant in enumerate(self._instants):
+            self._planned(memory, number, instant, self._readings)
+            begun = time.perf_counter()
+            self._planned(memory, number, instant, self._readings)
+            taken.append(time.perf_counter() - begun)
+        self.lead = SPARE * max(taken) if self.lead is None else self.lead
 
     def push(self, reading: float) -> Any:
         """The command, after a sample of the sensor; one that is no number has not come.
@@ -104,7 +127,7 @@ class OnlineMoves:
         Raises:
             ValueError: before the first move.
         """
-        if not self._path:
+        if not len(self._path):
             raise ValueError("push: no move has begun")
         index, between = divmod(self._age, self._stride)
         if not between and index < len(self._readings) and self._age not in self._jumps:
@@ -113,7 +136,7 @@ class OnlineMoves:
             self._take(self._plan)
         if self._plan is None and self._instants and self._now >= self._instants[0]:
             self._ask()
-        command = self._path[min(self._age, self._last)]
+        command = self._path[min(self._age, self._last)].tolist()
         self._age += 1
         return command
 
@@ -124,18 +147,18 @@ class OnlineMoves:
 
     def _ask(self) -> None:
         """Have a plan made of the readings until the next instant."""
-        instant, count = self._instants.pop(0), len(self._strategy.shares)
+        instant, count, lead = self._instants.pop(0), len(self._strategy.shares), self.lead or 0.0
         number = count - 1 - len(self._instants)
         seen = np.where(self._times <= instant, self._readings, np.nan)
-        self._plan = self._thread.submit(self._planned, self.memory, number, instant + self._lead, seen)
-        self._due = self._age + int(np.ceil(self._lead / self._sample_time))
-        if self._lead == 0:
+        self._plan = self._thread.submit(self._planned, self.memory, number, instant + lead, seen)
+        self._due = self._age + int(np.ceil(lead / self._sample_time))
+        if lead == 0:
             self._plan.result()
             self._take(self._plan)
 
     def _take(self, plan: Future[tuple[Any, Shaper, Path]]) -> None:
         self._plan = None
-        if plan.done():
+        if plan.done() and plan.exception() is None:
             self._hold(*plan.result())
         else:
             self.late += 1
@@ -147,15 +170,14 @@ class OnlineMoves:
             self._jumps = {*np.floor(at).astype(int).tolist(), *np.ceil(at).astype(int).tolist()}
 
     def _planned(self, memory: Any, number: int, now: float, readings: np.ndarray) -> tuple[Any, Shaper, Path]:
-        now, seen = jnp.asarray(now), jnp.asarray(readings)
-        now, seen = jnp.asarray(now), jnp.asarray(readings)
-        memory, shaper = self._replan(self._strategy, memory, self._known, number, now, seen)
-        return memory, shaper, self._path_of(shaper)
+        given = jnp.asarray(now), jnp.asarray(readings)
+        memory, shaper = self._replan(self._strategy, memory, self._known, number, *given)
+        return like(self.memory, memory), shaper, self._path_of(shaper)
 
     def _path_of(self, shaper: Shaper) -> Path:
         plan = self._schedule(self._strategy.model, self._known, shaper)
         at = np.arange(self._last + 2) * self._sample_time
-        return _means(np.asarray(plan.breaks, float), np.asarray(plan.coefficients, float), at).tolist()
+        return _means(np.asarray(plan.breaks, float), np.asarray(plan.coefficients, float), at)
 
 
 def _act(strategy: "Adapting", memory: Any, observation: ScheduledObservation) -> Choice:

@@ -145,12 +145,13 @@ class Adapting(AbstractReplanning, Checked):
         as_assumed = (old.times[come - 1] <= now) & jnp.all((old.times[come:] > now) | (old.amplitudes[come:] == 0))
         return jax.tree.map(partial(jnp.where, as_assumed), new, old)
 
-    def online(self, sample_time: float, lead: float = 0.1) -> OnlineMoves:
+    def online(self, sample_time: float, lead: float | None = None) -> OnlineMoves:
         """The same strategy as a plain object for a control loop.
 
         Args:
             sample_time: of the loop, s; the time from one reading of the model to the next is a multiple.
-            lead: s that a plan within a move may take to be made; 0 for a loop that waits for it.
+            lead: s that a plan within a move may take to be made; twice what it took before the first move unless
+                given, 0 for a loop that waits for it.
 
         Raises:
             ValueError: for a sample time that is not positive or does not divide that time, and a negative lead.
