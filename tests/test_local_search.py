@@ -160,9 +160,9 @@ def test_a_long_move_needs_more_plants_than_the_finer_set():
     np.testing.assert_array_equal(interval.resolved(near).axes["payload_mass"], near.finer_samples()["payload_mass"])
     # Of two leaves each is as dense as its own phases ask for, as far as there is room; if not, that is said.
     both = payloads | {"hook_length": np.linspace(0.99, 1.01, 2)}
-    for length, enough in ((20.0, True), (300.0, False)):
+    for length, distance, enough in ((20.0, 50.0, True), (300.0, 250.0, False)):
         crane = js.plants.DoublePendulumCrane(length, 5.0, 1e3, 1e4)
-        two = problem_of(crane, js.Trapezoid(50.0, 3.0, 0.2), 4, (5.0, 40.0), both)
+        two = problem_of(crane, js.Trapezoid(distance, 3.0, 0.2), 4, (5.0, 40.0), both)
         found = interval.resolved(two)
         assert found.enough is enough
         lengths = [len(axis) for axis in found.axes.values()]
