@@ -201,28 +201,25 @@ def surpassed(found: dict[str, Any]) -> list[Surpassed]:
     paper, robust, short, tuned = found["paper"], found["robust"].shaper, found["short"].shaper, found["tuned"].shaper
     limit = f"positive impulses, {float(paper.duration):.5f} s, 0 to 20 coins"
 
-    def worst(shaper: js.Shaper) -> float:
-        return max(judge.vibration(shaper, coins) for coins in COINS)
-
-    theirs, by = worst(paper), "SciPy: servo and both modes, 41 payloads"
+    theirs, by = judge.vibration(paper, COINS), "SciPy: servo and both modes, 41 payloads"
     both = found["simultaneous"]
     near = [(w * (1 + e), z) for w, z in (FIRST, SECOND) for e in (-1e-4, 1e-4)]
 
     apart = js.Shaper(linear.zvd(*SECOND).amplitudes, [0.0, 0.04, 0.09])
     return [
         Surpassed(
-            "largest V of either mode, payload unknown", theirs, largest(robust), "", by, worst(robust), 1e-9, limit,
-            words(robust) + "; " + found["robust"].message,
+            "largest V of either mode, payload unknown", theirs, largest(robust), "", by,
+            judge.vibration(robust, COINS), 1e-9, limit, words(robust) + "; " + found["robust"].message,
         ),
         Surpassed(
             "duration for no more vibration than that", float(paper.duration), float(short.duration), "s",
-            by + ", largest V over the paper's", worst(short) / theirs, 0.01,
+            by + ", largest V over the paper's", judge.vibration(short, COINS) / theirs, 0.01,
             f"positive impulses, V ≤ {100 * theirs:.2f} %, 0 to 20 coins", words(short), 0.28 / theirs,
         ),
         Surpassed(
-            "worst residual energy after 30°, payload unknown", max(judge.energy(paper, coins) for coins in COINS),
+            "worst residual energy after 30°, payload unknown", judge.energy(paper, COINS),
             float(jnp.max(energies(tuned, jnp.asarray(COINS)))), "J/(kg m²)", by,
-            max(judge.energy(tuned, coins) for coins in COINS), 1e-8, limit, "tuned on the link, " + words(tuned),
+            judge.energy(tuned, COINS), 1e-8, limit, "tuned on the link, " + words(tuned),
         ),
         Surpassed(
             "duration of a ZVD for both modes", float(paper.duration), float(both.duration), "s",

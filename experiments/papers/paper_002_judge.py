@@ -32,34 +32,40 @@ _SETTLE = 1.0
 SINGLE = js.Shaper([1.0], [0.0])
 
 
-def modes(coins: float) -> np.ndarray:
-    """Both frequencies, rad/s."""
+def modes(coins: float | np.ndarray) -> np.ndarray:
+    """Both frequencies, rad/s; of several payloads a column each."""
     return np.array([np.polyval(row, coins) for row in _TABLE])
 
 
 def _field(t: float, y: np.ndarray, reference: float, omega: np.ndarray) -> np.ndarray:
-    """A servo, θ'' + 2ζωθ' + ω²θ = ω²r, and modes on it, η'' + 2ζωη' + ω²η = −θ''; y = (θ, θ', η1, η2, η1', η2')."""
+    """A servo, θ'' + 2ζωθ' + ω²θ = ω²r, and modes on it, η'' + 2ζωη' + ω²η = −θ''; y = (θ, θ', η1, η2, η1', η2') of
+    every payload."""
+    y = y.reshape(6, -1)
     motor = SERVO**2 * (reference - y[0]) - 2 * DAMPING * SERVO * y[1]
-    return np.concatenate([[y[1], motor], y[4:], -motor - omega**2 * y[2:4] - 2 * ZETAS * omega * y[4:]])
+    return np.concatenate([y[1], motor, *y[4:], *(-motor - omega**2 * y[2:4] - 2 * ZETAS[:, None] * omega * y[4:])])
 
 
-def swings(shaper: js.Shaper, coins: float) -> np.ndarray:
-    """The complex swing η' − p̄η of both modes (rad/s), as it was when the last impulse of a step of 1 rad fell."""
+def swings(shaper: js.Shaper, coins: np.ndarray) -> np.ndarray:
+    """The complex swing η' − p̄η of both modes (rad/s), as it was when the last impulse of a step of 1 rad fell; of each
+    payload a column."""
     omega = modes(coins)
-    pole = omega * (-ZETAS + 1j * np.sqrt(1 - ZETAS**2))
-    end = float(shaper.duration) + _SETTLE
-    y = after(lambda t, y, r: _field(t, y, r, omega), np.zeros(6).tolist(), shaper.times, shaper.amplitudes, end)[0]
+    pole = omega * (-ZETAS + 1j * np.sqrt(1 - ZETAS**2))[:, None]
+    end, rest = float(shaper.duration) + _SETTLE, np.zeros(6 * len(coins)).tolist()
+    # The error is shared by all payloads: a tenth for each.
+    y = after(lambda t, y, r: _field(t, y, r, omega), rest, shaper.times, shaper.amplitudes, end, tolerance=1e-12)
+    y = y[0].reshape(6, -1)
     return (y[4:] - np.conj(pole) * y[2:4]) * np.exp(-pole * _SETTLE)
 
 
-def vibration(shaper: js.Shaper, coins: float) -> float:
-    """The larger V of both modes: the swing over that after a step without a shaper."""
+def vibration(shaper: js.Shaper, coins: np.ndarray) -> float:
+    """The largest V of both modes and all payloads: the swing over that after a step without a shaper."""
     return float(np.max(np.abs(swings(shaper, coins)) / np.abs(swings(SINGLE, coins))))
 
 
-def energy(shaper: js.Shaper, coins: float) -> float:
-    """Energy of both modes after a step of 30°, J per kg m², weighted by the squares of their gains at the tip."""
-    return float(np.sum((STEP * TIP * np.abs(swings(shaper, coins))) ** 2) / 2)
+def energy(shaper: js.Shaper, coins: np.ndarray) -> float:
+    """The largest energy of both modes after a step of 30°, J per kg m², weighted by the squares of their gains at the
+    tip."""
+    return float(np.max(np.sum((STEP * TIP[:, None] * np.abs(swings(shaper, coins))) ** 2, axis=0)) / 2)
 
 
 def seeking(gamma: float) -> float:
@@ -85,7 +91,7 @@ def replay(command: np.ndarray, coins: np.ndarray, tick: float) -> dict[str, np.
     changes = [0, *(np.flatnonzero(np.diff(coins)) + 1).tolist(), len(coins)]
     state, found = np.array([command[0], 0, 0, 0, 0, 0]), []
     for begin, end in itertools.pairwise(changes):
-        omega = modes(float(coins[begin]))
+        omega = modes(coins[begin : begin + 1])
         columns = [_field(0.0, column, 0.0, omega) for column in np.eye(6)]
         a, b = np.transpose(columns), _field(0.0, np.zeros(6), 1.0, omega)
         weights = np.array([[1, 0, *TIP, 0, 0], [0, 0, *TIP, 0, 0]])
