@@ -10,6 +10,9 @@ from jaxtyping import Array, Float
 
 from jshape._types import ArrayLike, Scalar
 
+_PLACES = np.geomspace(1e-9, 1e6, 900)
+"""Distances from 0 at which a function is looked at, in the unit of its argument."""
+
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(64)
 
 
@@ -41,6 +44,22 @@ def newton_root(function: Callable[[Scalar], Scalar], start: Any) -> Scalar:
     root = _differentiable(function, "Newton", dict(rtol=1e-13, atol=1e-13), start, options=side, max_steps=256)
     found = jnp.abs(function(root)) <= 1e-9 * (1 + jnp.abs(function(start)))
     return jnp.where(found, root, jnp.nan)
+
+
+def nearest_root(function: Callable[[Scalar], Scalar], side: Any) -> Scalar:
+    """The root nearest to 0 on the given side of it (1 or −1), which a function with a positive slope at 0 rises to.
+
+    Newton's method finds that of a convex or concave function. Where the function has passed 0 before, at one of places
+    each of which is 1.04 times as far as the last, or where Newton's method fails, bisection does. NaN where both fail.
+    """
+    newton = newton_root(function, 1e-6 * side)
+    places = side * jnp.concatenate([jnp.zeros(1), jnp.asarray(_PLACES, newton.dtype)])
+    beyond = jax.lax.stop_gradient(jax.vmap(function)(places)) * jnp.where(side < 0, -1.0, 1.0) >= 0
+    first = jnp.argmax(beyond)
+    ends = places[jnp.maximum(first - 1, 0)], places[first]
+    lower, upper = jnp.minimum(*ends), jnp.maximum(*ends)
+    earlier = jnp.any(beyond) & ~(jnp.abs(newton) <= jnp.abs(places[first]))
+    return jnp.where(earlier, bracketed_root(function, lower, upper), newton)
 
 
 def _differentiable(

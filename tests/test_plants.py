@@ -290,6 +290,21 @@ def test_forced_mass_takes_the_nearer_of_two_rests():
 
 
 @pytest.mark.slow
+def test_forced_mass_rests_at_the_first_place_where_the_spring_balances():
+    """A force that rises and falls: of many places the nearest one, beside a scan; Newton's method alone misses it."""
+    spring = plants.ForceSpring(lambda x: x + 2 * jnp.sin(3 * x))
+    plant = plants.ForcedMass(1.0, spring)
+    rest = jax.jit(jax.vmap(lambda force: plant.rest_state(force)[0]))
+    forces, x = np.linspace(0.1, 6.0, 60), np.linspace(0.0, 8.0, 400_001)
+    pull = np.maximum.accumulate(x + 2 * np.sin(3 * x))
+    nearest = x[np.searchsorted(pull, forces)]
+    np.testing.assert_allclose(rest(forces), nearest, atol=3e-5)
+    np.testing.assert_allclose(rest(-forces), -nearest, atol=3e-5)
+    slope = jax.grad(lambda force: plant.rest_state(force)[0])(4.0)
+    assert float(slope) == pytest.approx(1 / float(jax.grad(spring.force)(plant.rest_state(4.0)[0])), rel=1e-9)
+
+
+@pytest.mark.slow
 def test_forced_mass_beyond_the_greatest_force_has_no_rest():
     # The greatest force of x − 0.2 x³ is 2/3 √(5/3) = 0.8607.
     plant = plants.ForcedMass(1.0, plants.Duffing(1.0, -0.2))

@@ -6,7 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from jshape._check import Argument, as_array, positive
-from jshape._roots import newton_root
+from jshape._roots import nearest_root
 from jshape._types import Inputs, Scalar
 from jshape.plants.base import part
 from jshape.plants.dampers import AbstractDamper, LinearDamper
@@ -45,9 +45,8 @@ class ForcedMass(AbstractOscillator):
 
     def rest_deflection(self, inputs: Inputs) -> Scalar:
         force = as_array(inputs, "inputs")
-        # Newton's method from next to 0 climbs a softening spring's slope monotonically to the nearer rest. Where there
-        # is none, it must not leave for a rest of the other sign, beyond the spring's greatest force.
-        return newton_root(lambda x: self.spring.force(x) - force, 1e-6 * jnp.sign(force))
+        # Reached from 0: the nearest place where the spring balances the force, and on the force's side.
+        return nearest_root(lambda x: self.spring.force(x) - force, jnp.sign(force))
 
     def deflection(self, state, position) -> Scalar:
         """The spring's stretch, m: the mass's own position."""

@@ -112,9 +112,9 @@ def resolved(problem: DesignProblem) -> Resolved:
     scenarios, bare = problem.scenarios, Shaper([1.0], [0.0])
     move = float(schedule(scenarios.plant, scenarios.command, bare).breaks[-1])
     turns = _half_turns(problem, problem.bounds.longest + move)
-    between = np.array([len(axis) - 1 for axis in axes.values()])
-    wanted = np.array([max(1, int(np.ceil(DENSE * turns[name] / max(len(axes[name]) - 1, 1)))) for name in axes])
-    times, most = wanted.copy(), max(MOST_RESOLVED, np.prod(between + 1))
+    between = np.array([max(len(axis) - 1, 1) for axis in axes.values()], float)
+    wanted = np.maximum(np.ceil(DENSE * np.array([turns[name] for name in axes]) / between), 1.0)
+    times, most = np.minimum(wanted, MOST_RESOLVED), max(MOST_RESOLVED, np.prod([len(axis) for axis in axes.values()]))
     while np.prod(between * times + 1) > most and times.max() > 1:
         times[np.argmax(times)] -= 1
     for (name, axis), count in zip(axes.items(), times, strict=True):

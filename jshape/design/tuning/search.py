@@ -386,9 +386,9 @@ class Search:
         few = self.around is not None and (self.around.few or self.around.alone)
         status = Status.INTERRUPTED if self.interrupted else status_of(values, slacks, best.optimal and not few)
         slack = float(slacks.min(initial=1.0))
-        missed = f"; a limit is missed by {-100 * slack:.3g} %" if slack < -EXCEEDED else ""
+        doubts = f"; a limit is missed by {-100 * slack:.3g} %" if slack < -EXCEEDED else ""
         if problem.objective == "worst" and scenarios.samples and not self._resolved.enough:
-            missed += "; the modes' phases differ so much over the set that a worse plant may stand between its plants"
+            doubts += "; the modes' phases differ so much over the set that a worse plant may stand between its plants"
         balance = self._optimality(best.point, values)
         heaviest = np.argsort(-balance.multipliers, kind="stable")
         heaviest = heaviest[balance.multipliers[heaviest] > 1e-6]
@@ -398,7 +398,7 @@ class Search:
             shaping=scenarios.shaping(Point(problem.bounds.each(lambda a: a / a.sum(), amplitudes), gaps, leaves)),
             objective=value_of(problem.objective, values),
             status=status,
-            message=f"{status.value}: {self.summary}{missed}",
+            message=f"{status.value}: {self.summary}{doubts}",
             history=np.array(self.history or [best.merit]),
             energies=values,
             samples=samples,
