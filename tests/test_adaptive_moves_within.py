@@ -199,7 +199,7 @@ def test_a_plan_that_is_not_ready_is_dropped(task, loop, monkeypatch):
     patient = adapting(task).online(sample_time=1e-3)
     patient.begin(1.0)
     asked = threading.Event()
-    monkeypatch.setattr(patient, "_planned", lambda *_: asked.wait(20))
+    monkeypatch.setattr(patient, "_anew", lambda *_: asked.wait(20))
     before = patient.shaper
     commands = [patient.push(0.0) for _ in range(6001)]
     asked.set()

@@ -2,7 +2,7 @@
 
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -12,7 +12,6 @@ from jaxtyping import Float
 
 from jshape import _check
 from jshape.adaptive.formulas import like
-from jshape.command import Step
 from jshape.moves.physics import of_first_axis
 from jshape.moves.policy import Choice
 from jshape.moves.scheduled import AbstractMoves, ScheduledObservation
@@ -22,12 +21,25 @@ from jshape.simulation.schedule import Schedule, schedule
 if TYPE_CHECKING:
     from jshape.adaptive.moves.strategies import Adapting
 
-Path = Float[np.ndarray, "samples *axes"]
-"""The shaped command at each sample of the loop; of several axes those of each."""
+
+class Plan(NamedTuple):
+    """What the loop does in the move under way."""
+
+    memory: Any
+    """Of the strategy."""
+    shaper: Shaper | None
+    commands: Float[np.ndarray, "samples *axes"]
+    """The shaped command at each sample of the loop; of several axes those of each."""
+    jumps: set[int]
+    """Samples at which it jumps."""
 
 
 SPARE = 2.0
 """How many times the time that a plan takes, at first, it may take later."""
+
+
+JUMP = 1e-5
+"""Of the greatest command: what counts as a jump."""
 
 
 class OnlineMoves:
@@ -69,15 +81,21 @@ class OnlineMoves:
         self._schedule: Any = eqx.filter_jit(_schedule)
         memory = strategy.init(task)
         # Of types that stay: a weak one would have everything compiled anew at the second move.
-        self.memory, self.shaper, self.late = like(memory, memory), None, 0
+        self._plan, self.late = Plan(like(memory, memory), None, np.zeros(0), set()), 0
         self._known: Any = None
         self._readings = np.full(len(self._times), np.nan)
         self._made, self._age = 0, self._last + 1
-        self._path: Path = np.zeros(0)
-        self._jumps: set[int] = set()
         self._instants: list[float] = []
-        self._plan: Future[tuple[Any, Shaper, Path]] | None = None
+        self._next: Future[Plan] | None = None
         self._due = 0
+
+    @property
+    def memory(self) -> Any:
+        return self._plan.memory
+
+    @property
+    def shaper(self) -> Shaper | None:
+        return self._plan.shaper
 
     @property
     def over(self) -> bool:
@@ -102,22 +120,21 @@ class OnlineMoves:
         made = jnp.asarray(self._made)
         observation = ScheduledObservation(known, last, jnp.asarray(self._readings), made)
         memory, shaper = self._act(self._strategy, self.memory, observation)
-        memory = like(self.memory, memory)
-        self._known, self._made, self._age, self._plan = known, self._made + 1, 0, None
+        self._known, self._made, self._age, self._next = known, self._made + 1, 0, None
         self._readings = np.full_like(self._readings, np.nan)
         self._instants = np.asarray(self._strategy.instants(shaper)).tolist()
+        self._plan = self._planned(memory, shaper)
         if first:
-            self._make_ready(memory)
-        self._hold(memory, shaper, self._path_of(shaper))
+            self._make_ready(self.memory)
         return shaper
 
     def _make_ready(self, memory: Any) -> None:
         """Compile what plans take and, unless it was given, find how long one may take."""
         taken = [0.0]
         for number, instant in enumerate(self._instants):
-            self._planned(memory, number, instant, self._readings)
+            self._anew(memory, number, instant, self._readings)
             begun = time.perf_counter()
-            self._planned(memory, number, instant, self._readings)
+            self._anew(memory, number, instant, self._readings)
             taken.append(time.perf_counter() - begun)
         self.lead = SPARE * max(taken) if self.lead is None else self.lead
 
@@ -127,16 +144,16 @@ class OnlineMoves:
         Raises:
             ValueError: before the first move.
         """
-        if not len(self._path):
+        if not len(self._plan.commands):
             raise ValueError("push: no move has begun")
         index, between = divmod(self._age, self._stride)
-        if not between and index < len(self._readings) and self._age not in self._jumps:
+        if not between and index < len(self._readings) and self._age not in self._plan.jumps:
             self._readings[index] = reading
-        if self._plan is not None and self._age >= self._due:
-            self._take(self._plan)
-        if self._plan is None and self._instants and self._now >= self._instants[0]:
+        if self._next is not None and self._age >= self._due:
+            self._take(self._next)
+        if self._next is None and self._instants and self._now >= self._instants[0]:
             self._ask()
-        command = self._path[min(self._age, self._last)].tolist()
+        command = self._plan.commands[min(self._age, self._last)].tolist()
         self._age += 1
         return command
 
@@ -150,34 +167,30 @@ class OnlineMoves:
         instant, count, lead = self._instants.pop(0), len(self._strategy.shares), self.lead or 0.0
         number = count - 1 - len(self._instants)
         seen = np.where(self._times <= instant, self._readings, np.nan)
-        self._plan = self._thread.submit(self._planned, self.memory, number, instant + lead, seen)
+        self._next = self._thread.submit(self._anew, self.memory, number, instant + lead, seen)
         self._due = self._age + int(np.ceil(lead / self._sample_time))
         if lead == 0:
-            self._plan.result()
-            self._take(self._plan)
+            self._next.result()
+            self._take(self._next)
 
-    def _take(self, plan: Future[tuple[Any, Shaper, Path]]) -> None:
-        self._plan = None
+    def _take(self, plan: Future[Plan]) -> None:
+        self._next = None
         if plan.done() and plan.exception() is None:
-            self._hold(*plan.result())
+            self._plan = plan.result()
         else:
             self.late += 1
 
-    def _hold(self, memory: Any, shaper: Shaper, path: Path) -> None:
-        self.memory, self.shaper, self._path = memory, shaper, path
-        if isinstance(self._strategy.model.command(self._known), Step):
-            at = np.asarray(shaper.times) / self._sample_time
-            self._jumps = {*np.floor(at).astype(int).tolist(), *np.ceil(at).astype(int).tolist()}
-
-    def _planned(self, memory: Any, number: int, now: float, readings: np.ndarray) -> tuple[Any, Shaper, Path]:
+    def _anew(self, memory: Any, number: int, now: float, readings: np.ndarray) -> Plan:
         given = jnp.asarray(now), jnp.asarray(readings)
-        memory, shaper = self._replan(self._strategy, memory, self._known, number, *given)
-        return like(self.memory, memory), shaper, self._path_of(shaper)
+        return self._planned(*self._replan(self._strategy, memory, self._known, number, *given))
 
-    def _path_of(self, shaper: Shaper) -> Path:
-        plan = self._schedule(self._strategy.model, self._known, shaper)
-        at = np.arange(self._last + 2) * self._sample_time
-        return _means(np.asarray(plan.breaks, float), np.asarray(plan.coefficients, float), at)
+    def _planned(self, memory: Any, shaper: Shaper) -> Plan:
+        found = self._schedule(self._strategy.model, self._known, shaper)
+        breaks, coefficients = np.asarray(found.breaks, float), np.asarray(found.coefficients, float)
+        commands = _means(breaks, coefficients, np.arange(self._last + 2) * self._sample_time)
+        at = breaks[_jumps(breaks, coefficients) > JUMP * np.abs(commands).max()] / self._sample_time
+        jumps = {*np.floor(at).astype(int).tolist(), *np.ceil(at).astype(int).tolist()}
+        return Plan(like(self.memory, memory), shaper, commands, jumps)
 
 
 def _act(strategy: "Adapting", memory: Any, observation: ScheduledObservation) -> Choice:
@@ -191,6 +204,14 @@ def _replan(strategy: "Adapting", *known: Any) -> tuple[Any, Shaper]:
 def _schedule(task: AbstractMoves, known: Any, shaper: Shaper) -> Schedule:
     plant = task.plant(task.nominal(), known)
     return schedule(plant, task.command(known), of_first_axis(plant, shaper))
+
+
+def _jumps(breaks: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
+    """By how much a piecewise polynomial jumps at each of its breaks, from 0 at the first; of several the greatest."""
+    age = np.diff(breaks).reshape(-1, *[1] * (coefficients.ndim - 2))
+    before = sum(coefficients[:-1, ..., power] * age**power for power in range(coefficients.shape[-1]))
+    before = np.concatenate([np.zeros_like(coefficients[:1, ..., 0]), before])
+    return np.abs(coefficients[..., 0] - before).reshape(len(breaks), -1).max(axis=1)
 
 
 def _means(breaks: np.ndarray, coefficients: np.ndarray, at: np.ndarray) -> np.ndarray:
