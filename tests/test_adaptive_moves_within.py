@@ -190,7 +190,7 @@ def test_a_control_loop_makes_the_plans_of_the_scan(task, loop):
         np.testing.assert_allclose(loop.shaper.amplitudes, shaper.amplitudes[0, move], atol=2e-3)
         if move in (0, 2):
             assert abs(float(loop.shaper.times[1] - begun.times[1])) > 0.01
-    assert loop.late == 0
+    assert loop.dropped == 0
 
 
 @pytest.mark.slow
@@ -203,7 +203,7 @@ def test_a_plan_that_is_not_ready_is_dropped(task, loop, monkeypatch):
     before = patient.shaper
     commands = [patient.push(0.0) for _ in range(6001)]
     asked.set()
-    assert patient.late == 1
+    assert patient.dropped == 1
     assert patient.shaper is before
     assert commands[0] == pytest.approx(float(before.amplitudes[0]), rel=1e-11)
     assert commands[-1] == pytest.approx(1.0, rel=1e-11)
@@ -212,6 +212,26 @@ def test_a_plan_that_is_not_ready_is_dropped(task, loop, monkeypatch):
     assert late == pytest.approx(float(before.amplitudes @ before.times), rel=1e-9)
     with pytest.raises(ValueError, match=r"begin: of the 6 s of the move under way 0\.001 s are over"):
         patient.begin(1.0), patient.push(0.0), patient.begin(1.0)
+
+
+@pytest.mark.slow
+def test_a_move_that_outlasts_the_window_is_completed(task, monkeypatch):
+    """The first shaper of a move may; a plan within it may not."""
+    patient = adapting(task).online(sample_time=1e-3, lead=0.0)
+    patient.begin(1.0)
+    long = js.Shaper([0.4, 0.3, 0.3], [0.0, 4.0, 8.0])
+    found = patient._planned(patient.memory, long)
+    monkeypatch.setattr(patient, "_anew", lambda *_: found)
+    commands = [patient.push(0.0) for _ in range(6001)]
+    assert patient.dropped == 1
+    assert commands[-1] == pytest.approx(1.0, rel=1e-11)
+    patient._plan, patient._age = found, 0
+    commands = []
+    while not patient.over:
+        commands.append(patient.push(0.0))
+    assert len(commands) == pytest.approx(8001, abs=1)
+    assert commands[-1] == pytest.approx(1.0, rel=1e-11)
+    assert found.jumps >= {0, 4000, 8000}
 
 
 def test_a_control_loop_checks_its_numbers(task):

@@ -61,7 +61,7 @@ class OnlineMoves:
         shaper: of the move under way.
         memory: of the strategy.
         lead: s that a plan may take to be made; not known before the first move unless given.
-        late: number of plans that were not ready in time.
+        dropped: number of plans that were not ready in time, or whose move would outlast the window of the readings.
     """
 
     def __init__(self, strategy: "Adapting", sample_time: float, lead: float | None):
@@ -81,7 +81,7 @@ class OnlineMoves:
         self._schedule: Any = eqx.filter_jit(_schedule)
         memory = strategy.init(task)
         # Of types that stay: a weak one would have everything compiled anew at the second move.
-        self._plan, self.late = Plan(like(memory, memory), None, np.zeros(0), set()), 0
+        self._plan, self.dropped = Plan(like(memory, memory), None, np.zeros(0), set()), 0
         self._known: Any = None
         self._readings = np.full(len(self._times), np.nan)
         self._made, self._age = 0, self._last + 1
@@ -99,8 +99,8 @@ class OnlineMoves:
 
     @property
     def over(self) -> bool:
-        """Whether the move's last reading has come, so that another may begin."""
-        return self._age > self._last
+        """Whether the move's last reading has come and the command is at rest, so that another may begin."""
+        return self._age > self._last and self._age >= len(self._plan.commands)
 
     def begin(self, known: Any) -> Shaper:
         """The shaper of a move, which begins with the next sample. Takes milliseconds, the first time seconds.
@@ -153,7 +153,7 @@ class OnlineMoves:
             self._take(self._next)
         if self._next is None and self._instants and self._now >= self._instants[0]:
             self._ask()
-        command = self._plan.commands[min(self._age, self._last)].tolist()
+        command = self._plan.commands[min(self._age, len(self._plan.commands) - 1)].tolist()
         self._age += 1
         return command
 
@@ -175,10 +175,10 @@ class OnlineMoves:
 
     def _take(self, plan: Future[Plan]) -> None:
         self._next = None
-        if plan.done() and plan.exception() is None:
+        if plan.done() and plan.exception() is None and len(plan.result().commands) == self._last + 1:
             self._plan = plan.result()
         else:
-            self.late += 1
+            self.dropped += 1
 
     def _anew(self, memory: Any, number: int, now: float, readings: np.ndarray) -> Plan:
         given = jnp.asarray(now), jnp.asarray(readings)
@@ -187,7 +187,9 @@ class OnlineMoves:
     def _planned(self, memory: Any, shaper: Shaper) -> Plan:
         found = self._schedule(self._strategy.model, self._known, shaper)
         breaks, coefficients = np.asarray(found.breaks, float), np.asarray(found.coefficients, float)
-        commands = _means(breaks, coefficients, np.arange(self._last + 2) * self._sample_time)
+        # No move stops short, though it outlasts the window.
+        count = max(self._last, int(np.ceil(breaks[-1] / self._sample_time))) + 1
+        commands = _means(breaks, coefficients, np.arange(count + 1) * self._sample_time)
         at = breaks[_jumps(breaks, coefficients) > JUMP * np.abs(commands).max()] / self._sample_time
         jumps = {*np.floor(at).astype(int).tolist(), *np.ceil(at).astype(int).tolist()}
         return Plan(like(self.memory, memory), shaper, commands, jumps)
