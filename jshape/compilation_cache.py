@@ -242,13 +242,20 @@ def kept(function: Callable[P, R]) -> Callable[P, R]:
             return (lean if jax.default_backend() == "cpu" else plain)(*args, **kwargs)
         # Precision and the like, as they hold here and now.
         settings = tuple(getattr(jax.config, name, None) for name in jax.config.values)
-        kinds = tuple(jax.typeof(leaf) if eqx.is_array(leaf) else (type(leaf), leaf) for leaf in leaves)
+        kinds = tuple(_kind(leaf) for leaf in leaves)
         if (tree, kinds, settings) not in programs:
             programs[tree, kinds, settings] = _program(function, leaves, tree, settings, _folder)
         program = programs[tree, kinds, settings]
         return plain(*args, **kwargs) if program is None else program([leaf for leaf in leaves if eqx.is_array(leaf)])
 
     return call
+
+
+def _kind(leaf: Any) -> Any:
+    """What of a leaf a program depends on, as a part of its key in this process: looked up at every call."""
+    if isinstance(leaf, np.ndarray | np.generic):
+        return np.ndarray, leaf.shape, leaf.dtype
+    return jax.typeof(leaf) if eqx.is_array(leaf) else (type(leaf), leaf)
 
 
 def beside(function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> Future[R]:

@@ -95,6 +95,20 @@ class Model:
         reach = once * np.abs(found.jacobian).sum(axis=1) + twice * np.abs(found.bends).sum(axis=(1, 2))
         return found.energies + reach + np.sum(change**2, axis=1) / 2 >= np.max(found.energies - reach)
 
+    def mean(self) -> "Model":
+        """The model of the mean energy, as that of a single plant with all roots."""
+        found, (plants, states, n) = self.found, self.found.root_jacobian.shape
+        return Model(
+            self.center,
+            found._replace(
+                energies=found.energies.mean(keepdims=True),
+                jacobian=found.jacobian.mean(axis=0, keepdims=True),
+                bends=found.bends.mean(axis=0, keepdims=True),
+                root_jacobian=found.root_jacobian.reshape(1, -1, n) / np.sqrt(plants),
+                root_bends=found.root_bends.reshape(1, plants * states, n, n) / np.sqrt(plants),
+            ),
+        )
+
     def restricted(self, plants: np.ndarray) -> "Model":
         """The model of some of the plants."""
         names = ("energies", "jacobian", "bends", "root_jacobian", "root_bends")
@@ -133,7 +147,7 @@ class _Program:
         self.model, self.space, self.merit, self.begin = model, space, merit, begin
         found = self.found = model(begin)
         self._at = begin.tobytes()
-        cost, self.auxiliary, start, lower = _epigraph(merit, found.energies / merit.scale)
+        cost, self.auxiliary, start, lower = epigraph(merit, found.energies / merit.scale)
         linear, limits, plants = len(space.inequalities[1]), len(found.slacks), len(self.auxiliary)
         # How much the auxiliary variables add to each inequality: to the epigraph's, and how far limits are exceeded.
         self.columns = np.zeros((linear + limits + plants, len(cost) + bool(limits)))
@@ -195,7 +209,7 @@ class _Program:
         return found
 
 
-def _epigraph(merit: Merit, energies: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def epigraph(merit: Merit, energies: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Cost, matrix, start and lower bounds of the epigraph's auxiliary variables.
 
     Source: for the conditional value at risk, Rockafellar and Uryasev (2000): minimise τ + mean(max(E − τ, 0)) / tail,

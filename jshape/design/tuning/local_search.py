@@ -20,6 +20,7 @@ import numpy as np
 from jshape.design.tuning.design_problem import DesignProblem
 from jshape.design.tuning.epigraph import Merit, Model, Vector, minimise_epigraph
 from jshape.design.tuning.evaluate import FORWARD, LOOSEST, Linearisation, Values
+from jshape.design.tuning.interior_point import minimise_model
 from jshape.design.tuning.objective import value_of
 from jshape.design.tuning.scaled_problem import EXCEEDED, OPTIMAL, ScaledProblem, scale_of
 from jshape.design.tuning.scenarios import Point
@@ -200,11 +201,12 @@ class Descent:
         """The best design of the model in a trust region, and by how much it betters the merit there."""
         space = self.search.space
         model = Model(self.x, self._updated(found))
-        if merit.objective == "worst":
-            model = model.restricted(model.can_be_greatest(radius))
         lower, upper = np.maximum(space.lower, self.x - radius), np.minimum(space.upper, self.x + radius)
         boxed = space._replace(lower=lower, upper=upper)
-        trial = minimise_epigraph(model, boxed, merit, self.x, PROPOSED, 1e-2 * self.tolerance)
+        if callable(merit.objective):
+            trial = minimise_epigraph(model, boxed, merit, self.x, PROPOSED, 1e-2 * self.tolerance)
+        else:
+            trial = minimise_model(model, boxed, merit, 1e-2 * self.tolerance)
         before, after = model(self.x), model(trial)
         gain = merit(self.x, before.energies, before.slacks) - merit(trial, after.energies, after.slacks)
         return trial, gain
@@ -340,27 +342,28 @@ def _elsewhere(
 
 def apart(designs: Iterable[Vector], most: int) -> list[Vector]:
     """The first so many of some designs that lie apart from one another."""
-    chosen: list[Vector] = []
-    for x in designs:
-        if len(chosen) < most and all(np.abs(x - other).max() > RADIUS for other in chosen):
-            chosen.append(x)
+    left, chosen = np.array(list(designs)), list[Vector]()
+    while len(left) and len(chosen) < most:
+        chosen.append(left[0])
+        left = left[np.abs(left - left[0]).max(axis=1) > RADIUS]
     return chosen
 
 
 def distinct(descents: list[Descent]) -> list[Descent]:
     """The local searches from the best to the worst, one of those that have met, or that are each other backwards."""
-    found: list[Descent] = []
-    for descent in sorted(descents, key=lambda one: one.merit):
-        if not any(_same(descent, other) for other in found):
-            found.append(descent)
-    return found
+    merits = [one.merit for one in descents]
+    found: list[tuple[float, Descent]] = []
+    for i in np.argsort(merits, kind="stable"):
+        if not any(_same(descents[i], merits[i], other, least) for least, other in found):
+            found.append((merits[i], descents[i]))
+    return [descent for _, descent in found]
 
 
-def _same(one: Descent, better: Descent) -> bool:
-    """Whether two local searches will end alike."""
+def _same(one: Descent, merit: float, better: Descent, least: float) -> bool:
+    """Whether two local searches, of these merits, will end alike."""
     if np.abs(one.x - better.x).max() <= 1e-3:
         return True
-    return one.merit - better.merit <= TWIN * abs(better.merit) and one.search.mirrored(one.x, better.x, RADIUS)
+    return merit - least <= TWIN * abs(least) and one.search.mirrored(one.x, better.x, RADIUS)
 
 
 def side_by_side(descents: list[Descent], iterations: int, known: float = 0.0) -> Iterator[Descent]:

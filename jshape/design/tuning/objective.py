@@ -75,15 +75,22 @@ def value_of(objective: Objective, energies: Float[np.ndarray, " plants"]) -> fl
     """The objective's value for the energies of all plants, J."""
     if callable(objective):
         return float(objective(jnp.asarray(energies)))
+    if objective == "cvar":
+        # No zeros beside energies that overflowed.
+        shares = np.trim_zeros(shares_of(objective, len(energies)))
+        return float(np.sort(energies)[::-1][: len(shares)] @ shares)
+    return float(energies.max() if objective == "worst" else energies.mean())
+
+
+def shares_of(objective: str, plants: int) -> Float[np.ndarray, " plants"]:
+    """How much of the greatest energy, of the second and so on, goes into an objective."""
     if objective == "worst":
-        return float(np.max(energies))
+        return np.append(1.0, np.zeros(plants - 1))
     if objective == "cvar":
         # The mean of the worst TAIL of the plants, the last of them counted in part.
-        ordered, size = np.sort(energies)[::-1], TAIL * len(energies)
-        whole = min(int(size), len(energies))
-        part = ordered[whole] * (size - whole) if whole < len(energies) else 0.0
-        return float((ordered[:whole].sum() + part) / size)
-    return float(np.mean(energies))
+        size = TAIL * plants
+        return np.clip(size - np.arange(plants), 0.0, 1.0) / size
+    return np.full(plants, 1 / plants)
 
 
 def weights_of(objective: Objective, energies: Float[np.ndarray, " plants"]) -> Float[np.ndarray, " plants"]:

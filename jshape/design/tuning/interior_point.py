@@ -1,0 +1,268 @@
+"""The least of a model's merit in a box, by a compiled primal-dual interior point.
+
+The second derivatives of a model are known: some fifteen iterations do what takes SLSQP, which has to learn them, more
+than twenty. This file stands for speed alone: a proposal of the local search takes 1 ms in the place of 7, and leaves
+Python's lock alone. To do without it, call ``minimise_epigraph`` in its place.
+
+Source: Mehrotra (1992), predictor and corrector; Nocedal and Wright (2006), section 19.3.
+"""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+from scipy.linalg import null_space
+
+from jshape.compilation_cache import kept
+from jshape.design.tuning.epigraph import Merit, Model, Space, Vector, epigraph
+from jshape.design.tuning.objective import shares_of
+
+ITERATIONS = 30
+"""At most."""
+
+BOUNDARY = 0.995
+"""The part of the way to the boundary that a step may go."""
+
+BALANCED, FEASIBLE = 1e-2, 1e-9
+"""Residuals of the conditions of an optimum with which the iterations end: the gradient's, and the constraints'."""
+
+FEW = 64
+"""Plants of which none is left out; of more, those that cannot be the worst in the box are."""
+
+CENTRED = 1e-2
+"""The part of the residuals that the complementarity stays above: an iterate that is near the boundary before it is
+near an optimum stays there."""
+
+UNBOUNDED = -1e6
+"""The least that an auxiliary variable can be, in the merit's scale, where it has no bound."""
+
+
+class Program(NamedTuple):
+    """Minimise the merit of a model over the steps d from its center that keep the equalities.
+
+    Attributes:
+        energies: at the center, over the merit's scale, shape (plants,).
+        jacobian: theirs, shape (plants, steps).
+        bends: see ``Linearisation``, over the scale, shape (plants, steps, steps).
+        root_jacobian: the same of the roots, shape (plants, states, steps).
+        root_bends: the same of those, shape (plants, states, steps, steps).
+        shares: of the greatest energy, the second and so on in the objective, shape (plants,).
+        slope: of the cost of time, shape (steps,).
+        price: of the epigraph's auxiliary variables a, shape (auxiliary,).
+        auxiliary: energies ≤ auxiliary a, shape (plants, auxiliary).
+        begin: a at the center, shape (auxiliary,).
+        least: its bounds, shape (auxiliary,).
+        sides: normals of the polytope, shape (sides, steps).
+        distances: of the center from them, sides d + distances ≥ 0, shape (sides,).
+        limits: gradients of what is left of each limit on the move, shape (limits, steps).
+        slacks: what is left, shape (limits,).
+        penalty: of a limit that is exceeded by all of itself.
+    """
+
+    energies: Any
+    jacobian: Any
+    bends: Any
+    root_jacobian: Any
+    root_bends: Any
+    shares: Any
+    slope: Any
+    price: Any
+    auxiliary: Any
+    begin: Any
+    least: Any
+    sides: Any
+    distances: Any
+    limits: Any
+    slacks: Any
+    penalty: Any
+
+
+def minimise_model(model: Model, space: Space, merit: Merit, accuracy: float) -> Vector:
+    """The design of the least merit of a model within a space that its center lies in, to that accuracy; the center
+    where no better one is found."""
+    axes = _axes(space)
+    if not axes.shape[1]:
+        return model.center
+    if merit.objective == "worst" and len(model.found.energies) > FEW:
+        model = model.restricted(_padded(model.can_be_greatest(float(np.max(space.upper - space.lower)))))
+    with jax.enable_x64(True):
+        step = np.asarray(_solve(_program(model, space, merit, axes), np.float64(max(accuracy, 1e-14))))
+    return np.clip(model.center + axes @ step, space.lower, space.upper)
+
+
+def _axes(space: Space) -> np.ndarray:
+    """Orthogonal directions that keep the equalities, shape (variables, steps)."""
+    free, normals = space.free, space.equalities[0][:, space.free]
+    within = null_space(normals) if len(normals) else np.eye(normals.shape[1])
+    axes = np.zeros((len(free), within.shape[1]))
+    axes[free] = within
+    return axes
+
+
+def _padded(plants: np.ndarray) -> np.ndarray:
+    """Places of some plants, the first one repeated up to a power of two: each size is compiled for."""
+    places = np.flatnonzero(plants)
+    size = max(FEW, 2 ** int(np.ceil(np.log2(len(places)))))
+    return np.append(places, np.repeat(places[:1], size - len(places)))
+
+
+def _program(model: Model, space: Space, merit: Merit, axes: np.ndarray) -> Program:
+    """The program of a model about its center."""
+    if merit.objective not in ("worst", "cvar"):
+        model, merit = model.mean(), merit._replace(objective="worst")
+    found, center, free, scale, root = model.found, model.center, space.free, merit.scale, np.sqrt(merit.scale)
+    energies, (normals, levels) = found.energies / scale, space.inequalities
+    price, auxiliary, begin, least = epigraph(merit, energies)
+    distances = np.concatenate([normals @ center - levels, (center - space.lower)[free], (space.upper - center)[free]])
+    return Program(
+        energies=energies,
+        jacobian=found.jacobian @ axes / scale,
+        bends=axes.T @ found.bends @ axes / scale,
+        root_jacobian=found.root_jacobian @ axes / root,
+        root_bends=axes.T @ found.root_bends @ axes / root,
+        shares=shares_of(merit.objective, len(energies)),
+        slope=merit.time_cost @ axes / scale,
+        price=price,
+        auxiliary=auxiliary,
+        begin=begin,
+        least=np.maximum(least, UNBOUNDED),
+        sides=np.concatenate([normals @ axes, axes[free], -axes[free]]),
+        distances=np.maximum(distances, 0.0),
+        limits=found.slack_jacobian @ axes,
+        slacks=found.slacks,
+        penalty=np.float64(merit.penalty),
+    )
+
+
+class _State(NamedTuple):
+    """Of the iterations: how many there were, the variables z = (d, a, e) with e by how much limits are exceeded, the
+    slacks of all constraints and their multipliers, the best step, its merit, and whether no more are needed."""
+
+    iteration: Any
+    z: Any
+    slacks: Any
+    multipliers: Any
+    best: Any
+    merit: Any
+    ended: Any
+
+
+@kept
+def _solve(program: Program, accuracy: Any) -> Array:
+    """The best step."""
+    n = len(program.slope)
+    z = jnp.concatenate([jnp.zeros(n), program.begin, _exceeded(program, jnp.zeros(n))])
+    z = z.at[n:].add(0.1)
+    slacks = jnp.maximum(_constraints(program, z)[0], 1e-3)
+    multipliers = 0.1 / len(slacks) / slacks
+    plants = len(program.energies)
+    multipliers = multipliers.at[:plants].divide(multipliers[:plants].sum())
+    begin = _State(0, z, slacks, multipliers, jnp.zeros(n), _merit(program, jnp.zeros(n)), False)
+    return jax.lax.while_loop(
+        lambda state: (state.iteration < ITERATIONS) & ~state.ended,
+        lambda state: _iterate(program, state, accuracy),
+        begin,
+    ).best
+
+
+def _energies(program: Program, d: Array) -> tuple[Array, Array, Array, Array]:
+    """Of the model, their gradients, and the roots with theirs (``Model``)."""
+    bend, root_bend = program.bends @ d, program.root_bends @ d
+    roots, slopes = (program.root_jacobian + root_bend / 2) @ d, program.root_jacobian + root_bend
+    energies = program.energies + (program.jacobian + bend / 2) @ d + jnp.sum(roots**2, axis=1) / 2
+    return energies, program.jacobian + bend + jnp.einsum("pk,pki->pi", roots, slopes), roots, slopes
+
+
+def _exceeded(program: Program, d: Array) -> Array:
+    """By how much the worst limit is exceeded; of shape (0,) without limits."""
+    left = program.slacks + program.limits @ d
+    return jnp.maximum(0.0, -jnp.min(left, keepdims=True)) if len(left) else left
+
+
+def _merit(program: Program, d: Array) -> Array:
+    ordered = jnp.sort(_energies(program, d)[0], descending=True)
+    return ordered @ program.shares + program.slope @ d + program.penalty * jnp.sum(_exceeded(program, d))
+
+
+def _constraints(program: Program, z: Array) -> tuple[Array, Array, Array, Array]:
+    """All constraints, ≥ 0, with their Jacobian, and the roots with theirs."""
+    n, extra = len(program.slope), len(z) - len(program.slope)
+    d, a, e = jnp.split(z, [n, n + len(program.price)])
+    energies, gradients, roots, slopes = _energies(program, d)
+    values = [program.auxiliary @ a - energies, program.sides @ d + program.distances]
+    of_steps, of_others = [-gradients, program.sides], [program.auxiliary, jnp.zeros((len(program.sides), len(a)))]
+    if len(e):
+        values.append(program.slacks + program.limits @ d + e)
+        of_steps.append(program.limits)
+        of_others = [jnp.pad(jnp.concatenate(of_others), ((0, 0), (0, 1)))]
+        of_others.append(jnp.zeros((len(program.slacks), extra)).at[:, -1].set(1.0))
+    values += [a - program.least, e]
+    of_steps.append(jnp.zeros((extra, n)))
+    of_others.append(jnp.eye(extra))
+    jacobian = jnp.concatenate([jnp.concatenate(of_steps), jnp.concatenate(of_others)], axis=1)
+    return jnp.concatenate(values), jacobian, roots, slopes
+
+
+def _iterate(program: Program, state: _State, accuracy: Array) -> _State:
+    """One step of predictor and corrector."""
+    _, z, slacks, multipliers, best, merit, _ = state
+    n, plants, size = len(program.slope), len(program.energies), len(slacks)
+    values, jacobian, roots, slopes = _constraints(program, z)
+    cost = jnp.concatenate([program.slope, program.price, jnp.full(len(z) - n - len(program.price), program.penalty)])
+    unbalanced, infeasible = cost - multipliers @ jacobian, values - slacks
+    product = slacks @ multipliers / size
+    ended = (product * size < accuracy) & (jnp.abs(infeasible).max() < FEASIBLE)
+    ended &= jnp.abs(unbalanced).max() < BALANCED
+    weights = multipliers / slacks
+    factor = _factor(program, multipliers[:plants], roots, slopes, jacobian.T @ (weights[:, None] * jacobian))
+    known = -unbalanced - jacobian.T @ (weights * infeasible)
+
+    def direction(target: Array) -> tuple[Array, Array, Array]:
+        change = jax.scipy.linalg.cho_solve((factor, True), known + target @ jacobian)
+        of_slacks = jacobian @ change + infeasible
+        return change, of_slacks, target - weights * of_slacks
+
+    _, of_slacks, of_multipliers = direction(-multipliers)
+    far, high = _reach(slacks, of_slacks, 1.0), _reach(multipliers, of_multipliers, 1.0)
+    affine = (slacks + far * of_slacks) @ (multipliers + high * of_multipliers) / size
+    # No nearer to the boundary than to an optimum.
+    residual = jnp.maximum(jnp.abs(infeasible).max(), jnp.abs(unbalanced).max() / jnp.abs(jacobian).max())
+    least = jnp.minimum(product, CENTRED * residual)
+    centre = jnp.maximum((affine / product) ** 3 * product, least) - of_slacks * of_multipliers * far * high
+    change, of_slacks, of_multipliers = direction(centre / slacks - multipliers)
+    far, high = _reach(slacks, of_slacks, BOUNDARY), _reach(multipliers, of_multipliers, BOUNDARY)
+    z = z + far * change
+    step = _inside(program, z[:n])
+    reached = _merit(program, step)
+    better = reached < merit
+    return _State(
+        state.iteration + 1, z, slacks + far * of_slacks, multipliers + high * of_multipliers,
+        jnp.where(better, step, best), jnp.where(better, reached, merit), ended | ~jnp.isfinite(product),
+    )  # fmt: skip
+
+
+def _factor(program: Program, multipliers: Array, roots: Array, slopes: Array, barrier: Array) -> Array:
+    """The Cholesky factor of the Newton step's matrix: the Lagrangian's second derivatives with the barrier's; those
+    turned upwards that bend down, where the sum is not positive definite."""
+    n = len(program.slope)
+    bends = jnp.einsum("p,pij->ij", multipliers, program.bends)
+    bends += jnp.einsum("pk,pkij->ij", multipliers[:, None] * roots, program.root_bends)
+    bends += jnp.einsum("pki,pkj->ij", multipliers[:, None, None] * slopes, slopes)
+    barrier += jnp.diag(1e-13 * jnp.diag(barrier) + 1e-14)
+    values, vectors = jnp.linalg.eigh(bends)
+    convex = (vectors * jnp.abs(values)[None]) @ vectors.T
+    exact, safe = (jnp.linalg.cholesky(barrier.at[:n, :n].add(one)) for one in (bends, convex))
+    return jnp.where(jnp.isfinite(exact).all(), exact, safe)
+
+
+def _reach(x: Array, change: Array, part: float) -> Array:
+    """How far, at most 1, positive numbers can go before that part of the way to zero is done."""
+    return jnp.minimum(1.0, part / jnp.max(-change / x, initial=part))
+
+
+def _inside(program: Program, d: Array) -> Array:
+    """A step, shortened to where it stays within the polytope."""
+    along = program.sides @ d
+    return d * jnp.min(jnp.where(along < 0, program.distances / jnp.where(along < 0, -along, 1.0), 1.0), initial=1.0)
