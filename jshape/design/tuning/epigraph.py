@@ -1,9 +1,10 @@
-"""The epigraph of an objective over many plants, a smooth nonlinear program that SciPy's SLSQP solves.
+"""The epigraph of an objective over many plants, a smooth nonlinear program, and models of the energies in it.
 
 The greatest of many energies E_i(x) has corners where two of them are equal, and the best shaper sits on one. In its
 epigraph form, ``minimise s subject to E_i(x) ≤ s``, objective and constraints are smooth. Limits on the move are
 further constraints; by how much the worst of them is exceeded is one more variable, at a penalty (an exact ℓ∞ penalty
-function), so that there is always a feasible point.
+function), so that there is always a feasible point. SciPy's SLSQP solves the program of any energies
+(``minimise_epigraph``), ``interior_point`` that of models whose second derivatives are known.
 """
 
 from collections.abc import Callable

@@ -17,6 +17,7 @@ from scipy.linalg import null_space
 
 from jshape.compilation_cache import kept
 from jshape.design.tuning.epigraph import Merit, Model, Space, Vector, epigraph
+from jshape.design.tuning.evaluate import Linearisation
 from jshape.design.tuning.objective import shares_of
 
 ITERATIONS = 30
@@ -34,6 +35,9 @@ FEW = 64
 CENTRED = 1e-2
 """The part of the residuals that the complementarity stays above: an iterate that is near the boundary before it is
 near an optimum stays there."""
+
+ROUNDING = 1e-14
+"""Of the merit: nothing is to be known to less."""
 
 UNBOUNDED = -1e6
 """The least that an auxiliary variable can be, in the merit's scale, where it has no bound."""
@@ -87,9 +91,18 @@ def minimise_model(model: Model, space: Space, merit: Merit, accuracy: float) ->
         return model.center
     if merit.objective == "worst" and len(model.found.energies) > FEW:
         model = model.restricted(_padded(model.can_be_greatest(float(np.max(space.upper - space.lower)))))
+    program = _program(model, space, merit, axes)
     with jax.enable_x64(True):
-        step = np.asarray(_solve(_program(model, space, merit, axes), np.float64(max(accuracy, 1e-14))))
+        step = np.asarray(_solve(program, _begin(program), np.float64(max(accuracy, ROUNDING))))
     return np.clip(model.center + axes @ step, space.lower, space.upper)
+
+
+def compile_program(space: Space, objective: str, plants: int, states: int) -> None:
+    """Compile the program of models of that shape, without limits, before they are known."""
+    n = len(space.free)
+    shapes = (plants, n), (0,), (0, n), (plants, n, n), (plants, states), (plants, states, n)
+    found = Linearisation(np.ones(plants), *map(np.zeros, shapes), np.zeros((plants, states, n, n)))
+    minimise_model(Model(space.lower, found), space, Merit(objective, np.zeros(n), 1.0, 1.0, 0.0), 1.0)
 
 
 def _axes(space: Space) -> np.ndarray:
@@ -149,17 +162,26 @@ class _State(NamedTuple):
     ended: Any
 
 
-@kept
-def _solve(program: Program, accuracy: Any) -> Array:
-    """The best step."""
-    n = len(program.slope)
-    z = jnp.concatenate([jnp.zeros(n), program.begin, _exceeded(program, jnp.zeros(n))])
-    z = z.at[n:].add(0.1)
-    slacks = jnp.maximum(_constraints(program, z)[0], 1e-3)
+def _begin(program: Program) -> _State:
+    """At the center, where all constraints but the polytope's keep some distance from their bounds."""
+    steps, plants, limits = len(program.slope), len(program.energies), len(program.slacks)
+    exceeded = np.maximum(0.0, -np.min(program.slacks, keepdims=True)) if limits else np.zeros(0)
+    a, e = program.begin + 0.1, exceeded + 0.1
+    left = program.slacks + e if limits else e
+    values = np.concatenate(
+        [program.auxiliary @ a - program.energies, program.distances, left, a - program.least, e]
+    )  # fmt: skip
+    slacks = np.maximum(values, 1e-3)
     multipliers = 0.1 / len(slacks) / slacks
-    plants = len(program.energies)
-    multipliers = multipliers.at[:plants].divide(multipliers[:plants].sum())
-    begin = _State(0, z, slacks, multipliers, jnp.zeros(n), _merit(program, jnp.zeros(n)), False)
+    multipliers[:plants] /= multipliers[:plants].sum()
+    merit = np.sort(program.energies)[::-1] @ program.shares + program.penalty * exceeded.sum()
+    variables = np.concatenate([np.zeros(steps), a, e])
+    return _State(np.int64(0), variables, slacks, multipliers, np.zeros(steps), np.float64(merit), np.bool_(False))
+
+
+@kept
+def _solve(program: Program, begin: _State, accuracy: Any) -> Array:
+    """The best step."""
     return jax.lax.while_loop(
         lambda state: (state.iteration < ITERATIONS) & ~state.ended,
         lambda state: _iterate(program, state, accuracy),

@@ -2,8 +2,9 @@
 
 In each iteration all energies are modelled as sums of squares of roots, whose second derivatives are those of a linear
 plant (``evaluate.linearise``) and symmetric updates of rank two; other metrics are modelled by such updates alone. The
-epigraph of the models is minimised within a box, and the step is taken if the energies themselves agree. Values come
-before derivatives, at a tolerance that tightens as the search converges.
+objective of the models is minimised within a box, by an interior point (a caller's own objective by SLSQP), and the
+step is taken if the energies themselves agree. Values come before derivatives, at a tolerance that tightens as the
+search converges.
 ``side_by_side`` runs several of them, ``around`` further ones from around the best design.
 
 Source: Fletcher (1985), an ℓ1 penalty method for nonlinear constraints, here with the ℓ∞ norm; Powell (1970), a
@@ -36,7 +37,8 @@ CONVERGED = 1e-13
 """A predicted gain that is less than this part of the objective ends a search."""
 
 PROPOSED = 20
-"""Iterations of SLSQP on the models, at most: beyond those a smaller trust region does more than the last digits."""
+"""Iterations of SLSQP on the models of a caller's own objective, at most: beyond those a smaller trust region does more
+than the last digits."""
 
 LATE = 16
 """Iterations after which second derivatives are updated: most searches have ended before, and long steps mislead."""
@@ -169,7 +171,7 @@ class Descent:
         least = max(CONVERGED * now, 10 * self.tolerance * scale_of(known.greatest) / merit.scale)
         trial, gain = self._propose(found, merit, self.radius)
         if gain <= least and self.radius > CLOSE:
-            # SLSQP may fail where the models bend much: nearby they are almost linear.
+            # Where models bend much, a local minimum of theirs may be none of the energies: nearby they are straight.
             trial, gain = self._propose(found, merit, CLOSE)
             self.radius = CLOSE if gain > least else self.radius
         if gain <= least:

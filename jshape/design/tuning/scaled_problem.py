@@ -11,9 +11,11 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.optimize import lsq_linear
 
+from jshape.compilation_cache import beside
 from jshape.design.tuning.design_problem import DesignProblem
 from jshape.design.tuning.epigraph import Rows, Space, Vector
-from jshape.design.tuning.evaluate import LOOSEST, Linearisation, Values, evaluate, linearise
+from jshape.design.tuning.evaluate import FORWARD, LOOSEST, Linearisation, Values, evaluate, linearise
+from jshape.design.tuning.interior_point import FEW, compile_program
 from jshape.design.tuning.objective import TAIL, value_of, weights_of
 from jshape.design.tuning.scenarios import Point
 from jshape.simulation.schedule import schedule
@@ -147,14 +149,22 @@ class ScaledProblem:
         return self._linearised[key]
 
     def compile(self, point: Point) -> None:
-        """Compile the program of the derivatives before its values are needed."""
+        """Compile the programs of the derivatives and of the models before their values are needed."""
         scenarios, point = self.problem.scenarios, self.point(self.vector(point))
         if scenarios.metric is not None:
             return
         plants = len(next(iter(scenarios.samples.values()))) if scenarios.samples else 1
+        models = beside(self._compile_models, plants)
         plan = schedule(scenarios.plant, scenarios.command, scenarios.shaping(point))
         ends = np.asarray(initial(scenarios.plant, scenarios.state))[None].repeat(plants, axis=0)
         linearise(scenarios, point, ends, np.ones(len(plan.breaks) - 1, np.int32))
+        models.result()
+
+    def _compile_models(self, plants: int) -> None:
+        problem, n = self.problem, len(self.space.free)
+        if plants <= FEW and isinstance(problem.objective, str) and not problem.scenarios.limits.any:
+            states = len(np.asarray(initial(problem.scenarios.plant, problem.scenarios.state))) if n <= FORWARD else 0
+            compile_program(self.space, problem.objective, plants, states)
 
     def merit(self, point: Point, tolerance: float | None = None) -> float:
         """The objective with the cost of time, J; limits that are exceeded cost more than any objective."""

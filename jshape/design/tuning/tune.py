@@ -57,7 +57,7 @@ def tune(
     ``"second-order"`` is, for the nominal plant alone, Levenberg–Marquardt (optimistix) on the residual state, all
     starts side by side; of those that reach zero the first counts, and the closed forms come first. Otherwise, and
     where zero is out of reach, the best starts are refined in a trust region: quadratic models of all energies, whose
-    epigraph SLSQP (SciPy) minimises. Where plants of a set take long to simulate, the best designs of their linear
+    objective an interior point minimises. Where plants of a set take long to simulate, the best designs of their linear
     models are among the starts, and where two searches of the models agree, little else is refined. In the worst case
     the worst plants between those given are added until none is worse. ``"first-order"`` is Adam (optax) on the
     smoothed objective, projected onto the bounds, alone; it is slower to the last digits.
