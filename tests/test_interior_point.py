@@ -108,3 +108,18 @@ def test_a_design_without_freedom_stays():
     np.testing.assert_array_equal(
         minimise_model(model, space, Merit("worst", np.zeros(2), 1.0, 10.0), 1e-8), model.center
     )
+
+
+def test_variables_that_a_bound_holds_are_at_it_and_the_equalities_stay():
+    rng = np.random.default_rng(11)
+    held = 0
+    for _ in range(10):
+        model = _model(rng, 6, 6)
+        space = _space(model.center, 0.05)
+        merit = Merit("worst", np.zeros(6), float(model.found.energies.max()), 10.0)
+        x = minimise_model(model, space, merit, 1e-10)
+        held += np.sum((x == space.lower) | (x == space.upper))
+        assert not np.any((x > space.lower) & (x < space.lower + 1e-9))
+        assert not np.any((x < space.upper) & (x > space.upper - 1e-9))
+        np.testing.assert_allclose(space.equalities[0] @ x, space.equalities[1], atol=1e-12)
+    assert held > 5

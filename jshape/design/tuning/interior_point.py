@@ -26,7 +26,7 @@ ITERATIONS = 30
 BOUNDARY = 0.995
 """The part of the way to the boundary that a step may go."""
 
-BALANCED, FEASIBLE = 1e-2, 1e-9
+BALANCED, FEASIBLE = 1e-2, 1e-11
 """Residuals of the conditions of an optimum with which the iterations end: the gradient's, and the constraints'."""
 
 FEW = 64
@@ -35,6 +35,9 @@ FEW = 64
 CENTRED = 1e-2
 """The part of the residuals that the complementarity stays above: an iterate that is near the boundary before it is
 near an optimum stays there."""
+
+NEAR = 1e-9
+"""A variable that is nearer to a bound is at it."""
 
 ROUNDING = 1e-14
 """Of the merit: nothing is to be known to less."""
@@ -94,7 +97,18 @@ def minimise_model(model: Model, space: Space, merit: Merit, accuracy: float) ->
     program = _program(model, space, merit, axes)
     with jax.enable_x64(True):
         step = np.asarray(_solve(program, _begin(program), np.float64(max(accuracy, ROUNDING))))
-    return np.clip(model.center + axes @ step, space.lower, space.upper)
+    return _onto_bounds(model.center + axes @ step, space)
+
+
+def _onto_bounds(x: Vector, space: Space) -> Vector:
+    """The design with those variables at their bounds that all but are, which an interior point comes close to only;
+    the others keep the equalities."""
+    near = np.where(x - space.lower < NEAR, space.lower, np.where(space.upper - x < NEAR, space.upper, x))
+    inside = space.free & (near == x)
+    normals, levels = space.equalities
+    if np.any(near != x) and np.any(inside):
+        near[inside] += np.linalg.lstsq(normals[:, inside], levels - normals @ near)[0]
+    return np.clip(near, space.lower, space.upper)
 
 
 def compile_program(space: Space, objective: str, plants: int, states: int) -> None:
@@ -168,9 +182,8 @@ def _begin(program: Program) -> _State:
     exceeded = np.maximum(0.0, -np.min(program.slacks, keepdims=True)) if limits else np.zeros(0)
     a, e = program.begin + 0.1, exceeded + 0.1
     left = program.slacks + e if limits else e
-    values = np.concatenate(
-        [program.auxiliary @ a - program.energies, program.distances, left, a - program.least, e]
-    )  # fmt: skip
+    above = program.auxiliary @ a - program.energies
+    values = np.concatenate([above, program.distances, left, a - program.least, e])
     slacks = np.maximum(values, 1e-3)
     multipliers = 0.1 / len(slacks) / slacks
     multipliers[:plants] /= multipliers[:plants].sum()
@@ -285,6 +298,8 @@ def _reach(x: Array, change: Array, part: float) -> Array:
 
 
 def _inside(program: Program, d: Array) -> Array:
-    """A step, shortened to where it stays within the polytope."""
+    """A step, shortened to where it stays within the polytope, but for rounding."""
     along = program.sides @ d
-    return d * jnp.min(jnp.where(along < 0, program.distances / jnp.where(along < 0, -along, 1.0), 1.0), initial=1.0)
+    outwards = along < 0
+    parts = (program.distances + FEASIBLE) / jnp.where(outwards, -along, 1.0)
+    return d * jnp.min(jnp.where(outwards, parts, 1.0), initial=1.0)
