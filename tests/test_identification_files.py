@@ -1,5 +1,6 @@
 """CSV files of any origin: what is read, what is refused, and where; corrupt ones by the hundred."""
 
+import functools
 import re
 import time
 
@@ -292,15 +293,20 @@ def corrupted(edits):
     return content, other
 
 
+@functools.cache
+def identified(path, content):
+    """The modes of such a file, or the message in their place; once for accidents that leave the same bytes."""
+    path.write_bytes(content)
+    try:
+        return identify_csv(path), ""
+    except RecordError as error:
+        return None, str(error)
+
+
 def survives(path, edits):
     """A message with the file's name, or modes: finite, inside what the record can tell, and true unless noted."""
     content, other = corrupted(edits)
-    path.write_bytes(content)
-    found, said = None, ""
-    try:
-        found = identify_csv(path)
-    except RecordError as error:
-        said = str(error)
+    found, said = identified(path, content)
     if found is None:
         assert said.startswith(str(path))
         assert len(said) < 1000
