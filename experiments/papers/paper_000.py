@@ -113,7 +113,7 @@ def shapers() -> dict[str, js.Shaper]:
     found = {f"{n} impulses": energy.robust(PLANT, 1.0, rests=n - 2) for n in range(2, 7)}
     found["negative"] = energy.negative(PLANT, 1.0)
     two, three = (float(found[f"{n} impulses"].duration) for n in (2, 3))
-    given: dict[str, Any] = dict(over={"m2": TWENTY}, objective="worst")
+    given: dict[str, Any] = dict(over={"m2": TWENTY}, objective="worst", starts=8)
     best = {
         "as two": js.tune(PLANT, 1.0, impulses=4, duration=two, amplitudes="bounded", limit=1.0, **given),
         "as three": js.tune(PLANT, 1.0, impulses=4, duration=three, **given),
