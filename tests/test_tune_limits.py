@@ -90,7 +90,8 @@ def test_speed_and_overshoot_of_the_command(plant):
     # A staircase passes its end where the first impulse is greater than 1.
     levels = lambda s: np.cumsum(np.asarray(s.amplitudes))
     past = lambda s: max(levels(s).max() - 1, -levels(s).min())
-    free = robustly(plant, starts=24, **options)
+    # There are two basins; few starts miss the better one from some seeds.
+    free = robustly(plant, starts=32, **options)
     assert past(free.shaper) > 0.4
     low = robustly(plant, command_overshoot=0.5 * past(free.shaper), starts=12, **options)
     assert past(low.shaper) == pytest.approx(0.5 * past(free.shaper), rel=1e-6)
