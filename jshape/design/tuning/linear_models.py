@@ -36,7 +36,7 @@ and at most."""
 
 SAME, HOLD = 0.01, 0.2
 """Two independent searches of the models agree where their best ends differ by less; models hold at a design whose
-objective differs by less on the plants."""
+objective differs by less on the plants, and where they do not hold at most of the first ones they are of no use."""
 
 TRIED = 3
 """Designs of each round and search whose energies the models are fitted to anew."""
@@ -94,6 +94,11 @@ class LinearModels:
                 # Small energies count as much as great ones: a good design leaves little.
                 heavy = 1 / np.maximum(energies, 1e-6 * greatest)
                 self.weights[plant] = nnls(squares[:, plant] * heavy[:, None], energies * heavy)[0]
+
+    def error(self) -> float:
+        """The median of the errors of the objective, relative to it, at the designs that the models are fitted to."""
+        model, known = (self._objectives(each[:, : self.given]) for each in (self.energies(self.points), self.known))
+        return float(np.median(np.abs(model - known) / np.maximum(known, 1e-300)))
 
     def _known(self, x: np.ndarray) -> np.ndarray:
         """Energies of all plants after a design."""
@@ -233,7 +238,8 @@ class Starts(NamedTuple):
     """Designs within the bounds at which the linear models' objective has its least local minima.
 
     Attributes:
-        points: the best first; none where a plant has no modes, or diverges after all designs.
+        points: the best first; none where a plant has no modes, or diverges after all designs, or the models do not
+            hold.
         sure: whether two independent searches came to the same best one, and the models hold there.
     """
 
@@ -253,7 +259,7 @@ def linear_starts(search: ScaledProblem, designs: list[Point], random: np.random
     if not np.all(np.isfinite(models.rates)):
         return Starts([], False)
     models.fit(np.array([search.vector(one) for one in designs]))
-    if not np.all(models.weights.any(axis=1)):
+    if not np.all(models.weights.any(axis=1)) or models.error() > HOLD:
         return Starts([], False)
     known, agreed = [np.zeros((0, len(search.units)))] * 2, False
     with one_thread(), ThreadPoolExecutor(2) as pool:
