@@ -114,8 +114,16 @@ def _onto_bounds(x: Vector, space: Space) -> Vector:
 def compile_program(space: Space, objective: str, plants: int, states: int) -> None:
     """Compile the program of models of that shape, without limits, before they are known."""
     n = len(space.free)
-    shapes = (plants, n), (0,), (0, n), (plants, n, n), (plants, states), (plants, states, n)
-    found = Linearisation(np.ones(plants), *map(np.zeros, shapes), np.zeros((plants, states, n, n)))
+    found = Linearisation(
+        energies=np.ones(plants),
+        jacobian=np.zeros((plants, n)),
+        slacks=np.zeros(0),
+        slack_jacobian=np.zeros((0, n)),
+        bends=np.zeros((plants, n, n)),
+        roots=np.zeros((plants, states)),
+        root_jacobian=np.zeros((plants, states, n)),
+        root_bends=np.zeros((plants, states, n, n)),
+    )
     minimise_model(Model(space.lower, found), space, Merit(objective, np.zeros(n), 1.0, 1.0, 0.0), 1.0)
 
 

@@ -82,8 +82,8 @@ def value_of(objective: Objective, energies: Float[np.ndarray, " plants"]) -> fl
     return float(energies.max() if objective == "worst" else energies.mean())
 
 
-def shares_of(objective: str, plants: int) -> Float[np.ndarray, " plants"]:
-    """How much of the greatest energy, of the second and so on, goes into an objective."""
+def shares_of(objective: Objective, plants: int) -> Float[np.ndarray, " plants"]:
+    """How much of the greatest energy, of the second and so on, goes into an objective that has a name."""
     if objective == "worst":
         return np.append(1.0, np.zeros(plants - 1))
     if objective == "cvar":
