@@ -37,6 +37,7 @@ def test_models_of_a_linear_plant_are_exact(search):
         plant = with_leaves(problem.scenarios.plant, {"omega.0": omega})
         left = js.residual_energy(plant, point.shapers[0], problem.scenarios.command)
         np.testing.assert_allclose(found.energies[i], left, rtol=1e-5)
+    assert models.error() < 1e-5
     differences = [(models(x + d).energies - models(x - d).energies) / 2e-6 for d in 1e-6 * np.eye(len(x))]
     np.testing.assert_allclose(found.jacobian, np.transpose(differences), atol=1e-7 * np.abs(differences).max())
 
@@ -59,6 +60,20 @@ def test_no_starts_without_modes_or_energies(search, monkeypatch):
         assert linear_models.linear_starts(search, given, random) == none
     monkeypatch.setattr(linear_models, "DIVERGED_ENERGY", 0.0)
     assert linear_models.linear_starts(search, given, random) == none
+
+
+def test_models_that_do_not_hold_are_left():
+    """A spring that hardens: at the first designs the models are off by more than what counts as holding."""
+    plant = js.plants.TwoMass(1.0, 1.0, js.plants.Duffing(10.0, 100.0))
+    problem = design_problem(
+        plant, js.Trapezoid(1.0, 1.0, 4.0), 3, (0.3, 1.5), "positive", None, {"m2": [0.9, 1.0, 1.1]}, "worst",
+        relative=True, initial_state=None, limits=Limits(),
+    )  # fmt: skip
+    search, given = ScaledProblem(problem), starts(problem, 8, 0)
+    models = linear_models.LinearModels(search)
+    models.fit(np.array([search.vector(one) for one in given]))
+    assert models.error() > linear_models.HOLD
+    assert linear_models.linear_starts(search, given, np.random.default_rng(0)) == linear_models.Starts([], False)
 
 
 @pytest.mark.slow
