@@ -81,10 +81,7 @@ def test_front_is_kept_and_resumed(both, plant, tmp_path):
     again = []
     resumed = front(plant, store=tmp_path / "front", progress=lambda design, *_: again.append(design))
     assert set(again) == {"3 positive"}
-    # What was kept comes back bit by bit; two runs of a search may differ by rounding.
-    np.testing.assert_array_equal(resumed.objective[0], found.objective[0])
-    assert float(resumed.objective[1, 0]) == float(found.objective[1, 0])
-    np.testing.assert_allclose(resumed.objective, both.objective, rtol=1e-13)
+    np.testing.assert_array_equal(resumed.objective, both.objective)
     with pytest.raises(ValueError, match="holds the chunks of another computation"):
         front(plant, store=tmp_path / "front", starts=5)
 

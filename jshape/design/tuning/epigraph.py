@@ -148,7 +148,7 @@ class _Program:
         self.model, self.space, self.merit, self.begin = model, space, merit, begin
         found = self.found = model(begin)
         self._at = begin.tobytes()
-        cost, self.auxiliary, start, lower = epigraph(merit, found.energies / merit.scale)
+        cost, self.auxiliary, start, lower = auxiliary_variables(merit, found.energies / merit.scale)
         linear, limits, plants = len(space.inequalities[1]), len(found.slacks), len(self.auxiliary)
         # How much the auxiliary variables add to each inequality: to the epigraph's, and how far limits are exceeded.
         self.columns = np.zeros((linear + limits + plants, len(cost) + bool(limits)))
@@ -210,7 +210,7 @@ class _Program:
         return found
 
 
-def epigraph(merit: Merit, energies: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def auxiliary_variables(merit: Merit, energies: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Cost, matrix, start and lower bounds of the epigraph's auxiliary variables.
 
     Source: for the conditional value at risk, Rockafellar and Uryasev (2000): minimise τ + mean(max(E − τ, 0)) / tail,

@@ -15,8 +15,9 @@ import numpy as np
 from jaxtyping import Array
 from scipy.linalg import null_space
 
+from jshape._blas import one_thread
 from jshape.compilation_cache import kept
-from jshape.design.tuning.epigraph import Merit, Model, Space, Vector, epigraph
+from jshape.design.tuning.epigraph import Merit, Model, Space, Vector, auxiliary_variables
 from jshape.design.tuning.evaluate import Linearisation
 from jshape.design.tuning.objective import shares_of
 
@@ -95,7 +96,8 @@ def minimise_model(model: Model, space: Space, merit: Merit, accuracy: float) ->
     if merit.objective == "worst" and len(model.found.energies) > FEW:
         model = model.restricted(_padded(model.can_be_greatest(float(np.max(space.upper - space.lower)))))
     program = _program(model, space, merit, axes)
-    with jax.enable_x64(True):
+    # LAPACK is SciPy's in here, too.
+    with one_thread(), jax.enable_x64(True):
         step = np.asarray(_solve(program, _begin(program), np.float64(max(accuracy, ROUNDING))))
     return _onto_bounds(model.center + axes @ step, space)
 
@@ -149,7 +151,7 @@ def _program(model: Model, space: Space, merit: Merit, axes: np.ndarray) -> Prog
         model, merit = model.mean(), merit._replace(objective="worst")
     found, center, free, scale, root = model.found, model.center, space.free, merit.scale, np.sqrt(merit.scale)
     energies, (normals, levels) = found.energies / scale, space.inequalities
-    price, auxiliary, begin, least = epigraph(merit, energies)
+    price, auxiliary, begin, least = auxiliary_variables(merit, energies)
     distances = np.concatenate([normals @ center - levels, (center - space.lower)[free], (space.upper - center)[free]])
     return Program(
         energies=energies,
