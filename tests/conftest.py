@@ -107,7 +107,7 @@ def memory() -> float:
 def forget_programs(request):
     """Compiled programs stay from one file to the next, as long as there is room for them."""
     less = request.config.option.markexpr == "not slow" or request.path.stem.removeprefix("test_") not in OPTIMISED
-    if jax.config.jax_disable_most_optimizations != less:
+    if jax.config.values["jax_disable_most_optimizations"] != less:
         # JAX would go on with those compiled the other way until room is made for others: other bits within one test.
         jax.clear_caches()
         jax.config.update("jax_disable_most_optimizations", less)
