@@ -43,7 +43,15 @@ SHARE = 50
 def rounded(family: Family, row: Row) -> Row:
     """A row as the precision of its family represents it."""
     kind = np.float32 if family.single else np.float64
-    return {name: np.asarray(value, kind) for name, value in row.items()}
+    found = {name: np.asarray(value, kind) for name, value in row.items()}
+    if family.single and "amplitudes" in found:
+        # The judge's shaper is one in double precision, too: what rounding leaves of the sum goes to the finest one.
+        amplitudes = found["amplitudes"].astype(float)
+        finest = np.abs(amplitudes).argmin(axis=-1, keepdims=True)
+        others = amplitudes.sum(axis=-1, keepdims=True) - np.take_along_axis(amplitudes, finest, -1)
+        np.put_along_axis(amplitudes, finest, 1 - others, -1)
+        found["amplitudes"] = amplitudes.astype(kind)
+    return found
 
 
 def _single(case: Case) -> Case:
@@ -145,8 +153,8 @@ def write(rows: list[dict[str, Any]], seed: int) -> None:
         cells = [f"{row['jit'][word]} / {row['vmap'][word]}" for word in total]
         worst = f"{row['jit']['worst']:.0e} / {row['vmap']['worst']:.0e}"
         lines.append(f"| {row['family']} | {row['cases']} | {' | '.join(cells)} | {worst} | {row['scipy']:.0e} |")
-    cases = 2 * sum(row["cases"] for row in rows)
-    lines.append(f"| **all** | {cases} | {' | '.join(map(str, total.values()))} | | |")
+    cases = sum(row["cases"] for row in rows)
+    lines.append(f"| **all, both ways** | 2 × {cases} | {' | '.join(map(str, total.values()))} | | |")
     plain = [sum(row["plain"][key] for row in rows) for key in ("cases", "wrong", "flagged")]
     text = (
         f"Alone under jit / in batches of {BATCH} under vmap; seed {seed}. Wrong: finite and off by more than ten "
