@@ -241,7 +241,7 @@ def kept(function: Callable[P, R]) -> Callable[P, R]:
         if _folder is None:
             return (lean if jax.default_backend() == "cpu" else plain)(*args, **kwargs)
         # Precision and the like, as they hold here and now.
-        settings = tuple(getattr(jax.config, name, None) for name in jax.config.values)
+        settings = tuple(getattr(jax.config, name, None) for name in _settings())
         kinds = tuple(_kind(leaf) for leaf in leaves)
         if (tree, kinds, settings) not in programs:
             programs[tree, kinds, settings] = _program(function, leaves, tree, settings, _folder)
@@ -249,6 +249,12 @@ def kept(function: Callable[P, R]) -> Callable[P, R]:
         return plain(*args, **kwargs) if program is None else program([leaf for leaf in leaves if eqx.is_array(leaf)])
 
     return call
+
+
+@functools.cache
+def _settings() -> tuple[str, ...]:
+    """The names of JAX's settings."""
+    return tuple(jax.config.values)
 
 
 def _kind(leaf: Any) -> Any:

@@ -7,6 +7,7 @@ Python's lock alone. To do without it, call ``minimise_epigraph`` in its place.
 Source: Mehrotra (1992), predictor and corrector; Nocedal and Wright (2006), section 19.3.
 """
 
+import functools
 from typing import Any, NamedTuple
 
 import jax
@@ -131,10 +132,17 @@ def compile_program(space: Space, objective: str, plants: int, states: int) -> N
 
 def _axes(space: Space) -> np.ndarray:
     """Orthogonal directions that keep the equalities, shape (variables, steps)."""
-    free, normals = space.free, space.equalities[0][:, space.free]
-    within = null_space(normals) if len(normals) else np.eye(normals.shape[1])
-    axes = np.zeros((len(free), within.shape[1]))
-    axes[free] = within
+    return _directions(space.free.tobytes(), space.equalities[0].tobytes())
+
+
+@functools.lru_cache(maxsize=64)
+def _directions(free: bytes, equalities: bytes) -> np.ndarray:
+    """The same, found once for all trust regions of a search."""
+    mask = np.frombuffer(free, bool)
+    normals = np.frombuffer(equalities).reshape(-1, len(mask))[:, mask]
+    within = null_space(normals) if len(normals) else np.eye(mask.sum())
+    axes = np.zeros((len(mask), within.shape[1]))
+    axes[mask] = within
     return axes
 
 
