@@ -44,7 +44,8 @@ LATE = 16
 """Iterations after which second derivatives are updated: most searches have ended before, and long steps mislead."""
 
 POLISHED = 6, 1e-3
-"""Iterations of SLSQP on the energies themselves at the end of a search, and how far they may go."""
+"""Iterations at the end of a search in which the conditions of an optimum count, and how far each may go; the same of
+SLSQP on the energies themselves."""
 
 WIDE = 0.01
 """A search ends where there is no gain within so much of the design, or where the conditions of an optimum hold."""
@@ -145,19 +146,26 @@ class Descent:
             self._iterate()
 
     def polish(self) -> None:
-        """Meet the conditions of an optimum to more digits than differences of the energies show: SLSQP on the
-        energies themselves, no further than a little around."""
+        """Meet the conditions of an optimum to more digits than differences of the energies show: minima of models,
+        whatever the energies there, then SLSQP on the energies themselves, no further than a little around."""
         search, space, (iterations, reach) = self.search, self.search.space, POLISHED
-        residual = search.optimality(self.point).residual
-        if residual < OPTIMAL:
-            return
-        scale = scale_of(search.values(self.x).energies)
-        merit = self._merit(scale)
-        lower, upper = np.maximum(space.lower, self.x - reach), np.minimum(space.upper, self.x + reach)
-        boxed = space._replace(lower=lower, upper=upper)
-        trial = minimise_epigraph(search.linearise, boxed, merit, self.x, iterations)
-        if (reached := search.optimality(search.point(trial)).residual) < residual:
-            self.x, self.optimal = trial, self.optimal or reached < OPTIMAL
+        best, residual = self.x, search.optimality(self.point).residual
+        for _ in range(iterations):
+            if residual < OPTIMAL:
+                break
+            found = search.linearise(self.x)
+            self.x, _ = self._propose(found, self._merit(scale_of(found.energies)), reach)
+            if (reached := search.optimality(self.point).residual) < residual:
+                best, residual = self.x, reached
+        self.x = best
+        if residual >= OPTIMAL:
+            merit = self._merit(scale_of(search.values(self.x).energies))
+            lower, upper = np.maximum(space.lower, self.x - reach), np.minimum(space.upper, self.x + reach)
+            boxed = space._replace(lower=lower, upper=upper)
+            trial = minimise_epigraph(search.linearise, boxed, merit, self.x, iterations)
+            if (reached := search.optimality(search.point(trial)).residual) < residual:
+                self.x, residual = trial, reached
+        self.optimal = self.optimal or residual < OPTIMAL
 
     def _tighten(self, tolerance: float) -> None:
         self.tolerance = min(self.tolerance, max(tolerance, self.finest))
