@@ -26,17 +26,22 @@ def search():
 
 
 def test_models_of_a_linear_plant_are_exact(search):
-    """At designs to which they were not fitted; the derivatives beside differences."""
+    """At designs to which they were not fitted, between the set's plants, too; the derivatives beside differences."""
     problem, random = search.problem, np.random.default_rng(1)
     models = linear_models.LinearModels(search)
-    models.fit(np.array([search.vector(one) for one in starts(problem, 8, 0)]))
+    designs = np.array([search.vector(one) for one in starts(problem, 8, 0)])
+    models.fit(designs)
+    models.fit_between(designs)
     point = problem.bounds.random(random)
     x = search.vector(point)
     found = models(x)
-    for i, omega in enumerate((2.7, 3.0, 3.3)):
+
+    def left(omega):
         plant = with_leaves(problem.scenarios.plant, {"omega.0": omega})
-        left = js.residual_energy(plant, point.shapers[0], problem.scenarios.command)
-        np.testing.assert_allclose(found.energies[i], left, rtol=1e-5)
+        return js.residual_energy(plant, point.shapers[0], problem.scenarios.command)
+
+    exact = jax.vmap(left)(jnp.array([2.7, 3.0, 3.3, *models.finer["omega.0"]]))
+    np.testing.assert_allclose(found.energies, exact, rtol=1e-5)
     assert models.error() < 1e-5
     differences = [(models(x + d).energies - models(x - d).energies) / 2e-6 for d in 1e-6 * np.eye(len(x))]
     np.testing.assert_allclose(found.jacobian, np.transpose(differences), atol=1e-7 * np.abs(differences).max())

@@ -38,8 +38,9 @@ SAME, HOLD = 0.01, 0.2
 """Two independent searches of the models agree where their best ends differ by less; models hold at a design whose
 objective differs by less on the plants, and where they do not hold at most of the first ones they are of no use."""
 
-TRIED = 3
-"""Designs of each round and search whose energies the models are fitted to anew."""
+FEW, TRIED = 12, 3
+"""Designs to whose energies the models of the plants between those of the set are fitted at first; and those of each
+round and search whose energies all models are fitted to anew."""
 
 DESCENT = ((1.0, 6), (4.0, 10), (16.0, 10))
 """Powers of the energies whose sum is minimised, and iterations of Levenberg–Marquardt for each: a high power comes
@@ -72,8 +73,10 @@ class LinearModels:
         finer = problem.finer_samples() if problem.objective == "worst" and len(samples) == 1 else {}
         if finer and len(next(iter(finer.values()))) + self.given <= MOST_PLANTS:
             self.rates, self.finer = np.concatenate([self.rates, self._rates(finer)]), finer
-        self.points, self.known = np.zeros((0, len(search.units))), np.zeros((0, len(self.rates)))
         self.weights = np.zeros(self.rates.shape)
+        none = np.zeros((0, len(search.units)))
+        self.own, self.between = (none, np.zeros((0, self.given))), (none, np.zeros((0, len(self.rates) - self.given)))
+        """Designs that the models of the set's plants and of those between are fitted to, and the energies there."""
 
     def _rates(self, samples: Mapping[str, Any]) -> np.ndarray:
         """Decay and angular frequency of each plant's modes, as complex numbers, 1/s."""
@@ -83,30 +86,42 @@ class LinearModels:
         return -omega * zeta + 1j * omega * np.sqrt(np.maximum(1.0 - zeta**2, 0.0))
 
     def fit(self, points: np.ndarray) -> None:
-        """Fit the weights to the energies of these designs, too; those after which a plant diverges say nothing."""
-        energies = np.array([self._known(x) for x in points])
+        """Fit the weights of the set's plants to the energies of these designs, too."""
+        energies = np.array([self.search.values(x, self._tolerance(x)).energies for x in points])
+        self.own = self._fitted(slice(0, self.given), self.own, points, energies)
+
+    def fit_between(self, points: np.ndarray) -> None:
+        """The same of the plants between, of which there are more."""
+        if self.finer:
+            search = self.search
+            found = [energies_of(search.problem, search.point(x), self.finer, self._tolerance(x)) for x in points]
+            self.between = self._fitted(slice(self.given, None), self.between, points, np.array(found))
+
+    def _fitted(
+        self, plants: slice, known: tuple[np.ndarray, np.ndarray], points: np.ndarray, energies: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Known designs and energies with the new ones, to all of which the weights of some plants are fitted; designs
+        after which a plant diverges say nothing."""
         valid = np.all(energies < DIVERGED_ENERGY, axis=1)
-        points, energies = points[valid], energies[valid]
-        self.points, self.known = np.concatenate([self.points, points]), np.concatenate([self.known, energies])
-        squares = np.abs(self.phasors(self.points, self.rates)[0]) ** 2
-        for plant, energies in enumerate(self.known.T):
-            if (greatest := energies.max(initial=0.0)) > 0:
+        points, energies = (
+            np.concatenate([old, new[valid]]) for old, new in zip(known, (points, energies), strict=True)
+        )
+        squares = np.abs(self.phasors(points, self.rates[plants])[0]) ** 2
+        for weights, square, each in zip(self.weights[plants], squares.swapaxes(0, 1), energies.T, strict=True):
+            if (greatest := each.max(initial=0.0)) > 0:
                 # Small energies count as much as great ones: a good design leaves little.
-                heavy = 1 / np.maximum(energies, 1e-6 * greatest)
-                self.weights[plant] = nnls(squares[:, plant] * heavy[:, None], energies * heavy)[0]
+                heavy = 1 / np.maximum(each, 1e-6 * greatest)
+                weights[:] = nnls(square * heavy[:, None], each * heavy)[0]
+        return points, energies
+
+    def _tolerance(self, x: np.ndarray) -> float:
+        return self.search.tolerance_for(x, COARSE)
 
     def error(self) -> float:
         """The median of the errors of the objective, relative to it, at the designs that the models are fitted to."""
-        model, known = (self._objectives(each[:, : self.given]) for each in (self.energies(self.points), self.known))
+        points, energies = self.own
+        model, known = map(self._objectives, (self.energies(points)[:, : self.given], energies))
         return float(np.median(np.abs(model - known) / np.maximum(known, 1e-300)))
-
-    def _known(self, x: np.ndarray) -> np.ndarray:
-        """Energies of all plants after a design."""
-        search, tolerance = self.search, self.search.tolerance_for(x, COARSE)
-        energies = search.values(x, tolerance).energies
-        if not self.finer:
-            return energies
-        return np.append(energies, energies_of(search.problem, search.point(x), self.finer, tolerance))
 
     def phasors(self, x: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """What a unit of each mode comes to after designs, shape (designs, plants, modes); and of each impulse before
@@ -252,21 +267,25 @@ def linear_starts(search: ScaledProblem, designs: list[Point], random: np.random
 
     Args:
         search: the problem.
-        designs: to whose energies the models are fitted at first.
+        designs: to whose energies the models are fitted at first, the best first.
         random: draws the times that are tried.
     """
     models = LinearModels(search)
     if not np.all(np.isfinite(models.rates)):
         return Starts([], False)
-    models.fit(np.array([search.vector(one) for one in designs]))
-    if not np.all(models.weights.any(axis=1)) or models.error() > HOLD:
+    points = np.array([search.vector(one) for one in designs])
+    models.fit(points)
+    if not np.all(models.weights[: models.given].any(axis=1)) or models.error() > HOLD:
         return Starts([], False)
+    models.fit_between(points[:FEW])
     known, agreed = [np.zeros((0, len(search.units)))] * 2, False
     with one_thread(), ThreadPoolExecutor(2) as pool:
         for number in range(ROUNDS[1]):
             known = list(pool.map(models.round, known, random.spawn(2)))
             # The designs that matter are tried, so that the models hold there.
-            models.fit(np.concatenate([one[:TRIED] for one in known]))
+            tried = np.concatenate([one[:TRIED] for one in known])
+            models.fit(tried)
+            models.fit_between(tried)
             if number + 1 < ROUNDS[0]:
                 continue
             known = list(pool.map(models.ends, known))
