@@ -138,7 +138,7 @@ def test_another_process_finds_the_programs_and_tells_the_same(tmp_path):
     assert programs[0] == programs[1]
     kept = {name.partition("-")[0] for name in programs[0]}
     assert {
-        "jshape.design.tuning.levenberg_marquardt._run",
+        "jshape.design.tuning.evaluate.linearise",
         "jshape.design.tuning.evaluate.evaluate",
         "jshape.sweeps.evaluate._many",
     } <= kept

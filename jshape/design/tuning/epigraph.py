@@ -7,11 +7,13 @@ function), so that there is always a feasible point. SciPy's SLSQP solves the pr
 (``minimise_epigraph``), ``interior_point`` that of models whose second derivatives are known.
 """
 
+import functools
 from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
+from scipy.linalg import null_space
 from scipy.optimize import minimize
 
 from jshape._blas import one_thread
@@ -38,6 +40,22 @@ class Space(NamedTuple):
     upper: Vector
     equalities: tuple[Rows, np.ndarray]
     inequalities: tuple[Rows, np.ndarray]
+
+    @property
+    def directions(self) -> Float[np.ndarray, "variables steps"]:
+        """Orthogonal directions that keep the equalities."""
+        return _directions(self.free.tobytes(), self.equalities[0].tobytes())
+
+
+@functools.lru_cache(maxsize=64)
+def _directions(free: bytes, equalities: bytes) -> np.ndarray:
+    """The same, found once for all trust regions of a search."""
+    mask = np.frombuffer(free, bool)
+    normals = np.frombuffer(equalities).reshape(-1, len(mask))[:, mask]
+    within = null_space(normals) if len(normals) else np.eye(mask.sum())
+    axes = np.zeros((len(mask), within.shape[1]))
+    axes[mask] = within
+    return axes
 
 
 class Merit(NamedTuple):

@@ -89,6 +89,8 @@ class Linearisation(NamedTuple):
         roots: those r_k, shape (plants, state).
         root_jacobian: their first derivatives, shape (plants, state, variables).
         root_bends: their second derivatives, shape (plants, state, variables, variables).
+        end_jacobian: derivatives of the states after the move, shape (plants, state, variables); of none with more
+            variables than ``FORWARD`` on several plants.
     """
 
     energies: Any
@@ -99,6 +101,7 @@ class Linearisation(NamedTuple):
     roots: Any
     root_jacobian: Any
     root_bends: Any
+    end_jacobian: Any = None
 
     @property
     def hessians(self) -> Any:
@@ -117,16 +120,17 @@ def linearise(scenarios: Scenarios, point: Point, ends: Any, steps: Any) -> Line
         steps: in each segment, for the derivatives of those states.
     """
     flat, unravel = ravel_pytree(point)
+    forward = len(flat) <= FORWARD or not scenarios.samples
 
     def one(x: Array, case: Scenarios, end: Array) -> tuple[Array, Array]:
-        return _energy_and_end(case, unravel(x), end, steps, len(flat) <= FORWARD)
+        return _energy_and_end(case, unravel(x), end, steps, forward)
 
-    if len(flat) <= FORWARD:
+    if forward:
 
         def whole(case: Scenarios, end: Array) -> tuple[Array, ...]:
             # Derivatives inside, plants outside: on four states and up to 64 plants half the time of the reverse.
             (value, _), (slope, slopes) = _with_jacobian(lambda x: one(x, case, end), flat)
-            return value, slope, *_curvature(case, point, end, slopes)
+            return value, slope, *_curvature(case, point, end, slopes), slopes
 
         energies, jacobian, *curvature = _every_plant(scenarios, whole, ends)
     else:
@@ -134,7 +138,7 @@ def linearise(scenarios: Scenarios, point: Point, ends: Any, steps: Any) -> Line
         energies, jacobian = _every_plant(
             scenarios, lambda case, end: _with_jacobian(lambda x: one(x, case, end)[0], flat), ends
         )
-        curvature = _no_curvature(*jacobian.shape)
+        curvature = *_no_curvature(*jacobian.shape), jnp.zeros((*ends.shape[:1], 0, len(flat)))
     slack, slack_jacobian = jnp.zeros(0), jnp.zeros((0, len(flat)))
     if scenarios.limits.any:
         slack, slack_jacobian = _with_jacobian(lambda x: slacks(scenarios, unravel(x)), flat)
@@ -160,14 +164,9 @@ def end_of_move(scenarios: Scenarios, point: Point, steps: Any, forward: bool = 
     return (replay_forward if forward else replay)(plant, plan.segments(), state, steps)
 
 
-def energy(scenarios: Scenarios, point: Point, steps: Any, forward: bool = True) -> Array:
-    """Residual energy (or the metric) of the nominal plant, J; ``DIVERGED_ENERGY`` where it diverges."""
-    return _energy_and_end(scenarios, point, None, steps, forward)[0]
-
-
 def energies(scenarios: Scenarios, point: Point, steps: Any) -> Float[Array, " plants"]:
     """Residual energies of all plants, J, with that many steps in each segment; differentiable in both modes."""
-    return _every_plant(scenarios, lambda case: energy(case, point, steps, forward=False))
+    return _every_plant(scenarios, lambda case: _energy_and_end(case, point, None, steps, False)[0])
 
 
 def _energy_and_end(
@@ -316,22 +315,38 @@ def _with_jacobian(function: Callable[[Array], Any], x: Array) -> tuple[Any, Any
     return value, jax.tree.map(jnp.nan_to_num, jacobian)
 
 
-def scaled_departure(scenarios: Scenarios, point: Point, steps: Any) -> Array:
-    """The nominal plant's departure from rest at the end of the move, scaled by a root of the energy's curvature.
+@kept
+def departure(scenarios: Scenarios, point: Point, end: Any, slopes: Any) -> tuple[Array, Array]:
+    """The nominal plant's departure from rest after a move, scaled by a root of the energy's curvature, and its
+    Jacobian, shapes (state,) and (state, variables).
 
     Close to rest its square is the residual energy over the energy that the bare command leaves. Unlike the energy, it
     has a simple zero at a perfect shaper, which lets Levenberg–Marquardt converge to rounding.
+
+    Args:
+        scenarios: the moves.
+        point: the design.
+        end: the state after the move, shape (state,).
+        slopes: its derivatives, shape (state, variables).
     """
+    flat, unravel = ravel_pytree(point)
+
+    def at_rest(x: Array) -> State:
+        plant, plan, _ = _move(scenarios, unravel(x))
+        return plant.rest_state(plan.final_inputs(plant))
+
     plant, plan, begin = _move(scenarios, point)
-    inputs = plan.final_inputs(plant)
-    rest, end = plant.rest_state(inputs), end_of_move(scenarios, point, steps)
+    inputs, rest = plan.final_inputs(plant), at_rest(flat)
     curvature = jax.hessian(lambda y: plant.residual_energy(y, inputs))(rest) / 2
     values, vectors = jnp.linalg.eigh(curvature)
     trace, eps = jnp.trace(curvature), jnp.finfo(rest.dtype).eps
     # A spring without stiffness at rest has no curvature; a small one keeps its deflection in sight. What costs no
     # energy at all, such as where a free trolley stands, does not count.
     cost = jax.vmap(lambda v: plant.residual_energy(rest + v, inputs))(vectors.T)
-    flat = jnp.where(cost > 1e3 * eps * trace, 1e-6 * trace, 0.0)
-    scale = vectors * jnp.sqrt(jnp.where(values > 1e2 * eps * trace, values, flat))[None]
+    flats = jnp.where(cost > 1e3 * eps * trace, 1e-6 * trace, 0.0)
+    scale = vectors * jnp.sqrt(jnp.where(values > 1e2 * eps * trace, values, flats))[None]
     bare = plant.residual_energy(begin, inputs)
-    return scale.T @ (end - rest) / jnp.sqrt(jnp.where(bare > 0, bare, 1.0))
+    scale = scale / jnp.sqrt(jnp.where(bare > 0, bare, 1.0))
+    # Where the plant rests may change with its designed leaves.
+    moved = jax.jacfwd(at_rest)(flat) if scenarios.designed else 0.0
+    return scale.T @ (end - rest), scale.T @ (slopes - moved)

@@ -7,14 +7,12 @@ Python's lock alone. To do without it, call ``minimise_epigraph`` in its place.
 Source: Mehrotra (1992), predictor and corrector; Nocedal and Wright (2006), section 19.3.
 """
 
-import functools
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
-from scipy.linalg import null_space
 
 from jshape._blas import one_thread
 from jshape.compilation_cache import kept
@@ -91,7 +89,7 @@ class Program(NamedTuple):
 def minimise_model(model: Model, space: Space, merit: Merit, accuracy: float) -> Vector:
     """The design of the least merit of a model within a space that its center lies in, to that accuracy; the center
     where no better one is found."""
-    axes = _axes(space)
+    axes = space.directions
     if not axes.shape[1]:
         return model.center
     if merit.objective == "worst" and len(model.found.energies) > FEW:
@@ -128,22 +126,6 @@ def compile_program(space: Space, objective: str, plants: int, states: int) -> N
         root_bends=np.zeros((plants, states, n, n)),
     )
     minimise_model(Model(space.lower, found), space, Merit(objective, np.zeros(n), 1.0, 1.0, 0.0), 1.0)
-
-
-def _axes(space: Space) -> np.ndarray:
-    """Orthogonal directions that keep the equalities, shape (variables, steps)."""
-    return _directions(space.free.tobytes(), space.equalities[0].tobytes())
-
-
-@functools.lru_cache(maxsize=64)
-def _directions(free: bytes, equalities: bytes) -> np.ndarray:
-    """The same, found once for all trust regions of a search."""
-    mask = np.frombuffer(free, bool)
-    normals = np.frombuffer(equalities).reshape(-1, len(mask))[:, mask]
-    within = null_space(normals) if len(normals) else np.eye(mask.sum())
-    axes = np.zeros((len(mask), within.shape[1]))
-    axes[mask] = within
-    return axes
 
 
 def _padded(plants: np.ndarray) -> np.ndarray:

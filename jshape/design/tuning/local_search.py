@@ -20,7 +20,7 @@ import numpy as np
 
 from jshape.design.tuning.design_problem import DesignProblem
 from jshape.design.tuning.epigraph import Merit, Model, Vector, minimise_epigraph
-from jshape.design.tuning.evaluate import FORWARD, LOOSEST, Linearisation, Values
+from jshape.design.tuning.evaluate import LOOSEST, Linearisation, Values
 from jshape.design.tuning.interior_point import minimise_model
 from jshape.design.tuning.objective import value_of
 from jshape.design.tuning.scaled_problem import EXCEEDED, OPTIMAL, ScaledProblem, scale_of
@@ -105,7 +105,7 @@ class Descent:
         found = self._begin()
         # Of the second derivatives: those of the roots, or of the energies where there are no roots.
         n, states = len(self.x), found.ends.shape[1:]
-        self.rooted = search.problem.scenarios.metric is None and n <= FORWARD
+        self.rooted = search.rooted
         self.updates = np.zeros((len(found.energies), *(states if self.rooted else ()), n, n))
 
     @property

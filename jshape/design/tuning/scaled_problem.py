@@ -5,6 +5,7 @@ Values come before derivatives and to any tolerance; those of the last designs a
 """
 
 from collections.abc import Callable
+from concurrent.futures import wait
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -14,7 +15,7 @@ from scipy.optimize import lsq_linear
 from jshape.compilation_cache import beside
 from jshape.design.tuning.design_problem import DesignProblem
 from jshape.design.tuning.epigraph import Rows, Space, Vector
-from jshape.design.tuning.evaluate import FORWARD, LOOSEST, Linearisation, Values, evaluate, linearise
+from jshape.design.tuning.evaluate import FORWARD, LOOSEST, Linearisation, Values, departure, evaluate, linearise
 from jshape.design.tuning.interior_point import FEW, compile_program
 from jshape.design.tuning.objective import TAIL, value_of, weights_of
 from jshape.design.tuning.scenarios import Point
@@ -143,27 +144,40 @@ class ScaledProblem:
             found = found._replace(
                 jacobian=found.jacobian * once, slack_jacobian=found.slack_jacobian * once, bends=found.bends * twice,
                 root_jacobian=found.root_jacobian * once, root_bends=found.root_bends * twice,
+                end_jacobian=found.end_jacobian * once,
             )  # fmt: skip
             _remember(self._linearised, key, found)
             return found
         return self._linearised[key]
 
-    def compile(self, point: Point) -> None:
-        """Compile the programs of the derivatives and of the models before their values are needed."""
+    def departure(self, x: Vector) -> tuple[np.ndarray, np.ndarray]:
+        """The nominal plant's departure from rest, and its Jacobian in the search's units (``evaluate.departure``)."""
+        end, slopes = self.values(x).ends[0], self.linearise(x).end_jacobian[0]
+        found, jacobian = departure(self.problem.scenarios, self.point(x), end, slopes / self.units)
+        return np.asarray(found), np.asarray(jacobian) * self.units
+
+    @property
+    def rooted(self) -> bool:
+        """Whether energies come as sums of squares of roots."""
+        scenarios = self.problem.scenarios
+        return scenarios.metric is None and (len(self.units) <= FORWARD or not scenarios.samples)
+
+    def compile(self, point: Point, models: bool = True) -> None:
+        """Compile the programs of the derivatives, and of the models, before their values are needed."""
         scenarios, point = self.problem.scenarios, self.point(self.vector(point))
         if scenarios.metric is not None:
             return
         plants = len(next(iter(scenarios.samples.values()))) if scenarios.samples else 1
-        models = beside(self._compile_models, plants)
+        waiting = [beside(self._compile_models, plants)] if models else []
         plan = schedule(scenarios.plant, scenarios.command, scenarios.shaping(point))
         ends = np.asarray(initial(scenarios.plant, scenarios.state))[None].repeat(plants, axis=0)
         linearise(scenarios, point, ends, np.ones(len(plan.breaks) - 1, np.int32))
-        models.result()
+        wait(waiting)
 
     def _compile_models(self, plants: int) -> None:
-        problem, n = self.problem, len(self.space.free)
+        problem = self.problem
         if plants <= FEW and isinstance(problem.objective, str) and not problem.scenarios.limits.any:
-            states = len(np.asarray(initial(problem.scenarios.plant, problem.scenarios.state))) if n <= FORWARD else 0
+            states = len(np.asarray(initial(problem.scenarios.plant, problem.scenarios.state))) if self.rooted else 0
             compile_program(self.space, problem.objective, plants, states)
 
     def merit(self, point: Point, tolerance: float | None = None) -> float:

@@ -20,12 +20,12 @@ from jshape.design.tuning.adam import descend
 from jshape.design.tuning.design_problem import DesignProblem
 from jshape.design.tuning.evaluate import DIVERGED_ENERGY, LOOSEST
 from jshape.design.tuning.judging import bare_energy, error_of, on_finer_set, status_of
-from jshape.design.tuning.levenberg_marquardt import in_use, levenberg_marquardt
 from jshape.design.tuning.local_search import COARSE, KNOWN, Around, Descent, around, distinct, side_by_side
 from jshape.design.tuning.objective import objective_name, value_of
 from jshape.design.tuning.scaled_problem import EXCEEDED, OPTIMAL, Optimality, ScaledProblem
 from jshape.design.tuning.scenarios import Point
 from jshape.design.tuning.solution import Solution
+from jshape.design.tuning.zero_energy import in_use, towards_zero
 from jshape.status import Status
 
 ROUNDS = ((12, 4), (8, 4), (5, 6), (3, 12), (1, 24), (2, None))
@@ -75,6 +75,11 @@ class Candidate(NamedTuple):
     optimal: bool
 
 
+def _order(one: Candidate) -> tuple[float, bool]:
+    """Of designs by the residual energy that they leave: zero comes first, if with all impulses."""
+    return (0.0 if one.optimal else one.merit), not in_use(one.point)
+
+
 class Search:
     """The search of one design problem.
 
@@ -122,31 +127,32 @@ class Search:
         return self._solution()
 
     def _nominal(self, starts: list[Point], iterations: int) -> list[Point]:
-        """Levenberg–Marquardt, all starts side by side, until one reaches zero. Returns the ends."""
-        bounds = self.problem.bounds
-        self.progress("Levenberg–Marquardt", 0, 1, np.inf)
-        # All take the steps of the one that needs most: those that need many times as many would hold up the others.
-        steps = self._steps(starts)
-        total = steps.sum(axis=1)
-        few = total <= STIFF * np.median(total)
-        starts, steps = [start for start, one in zip(starts, few, strict=True) if one], steps[few].max(axis=0)
-        ends, history = levenberg_marquardt(self.problem, starts, steps, iterations, self._zero)
-        valid = np.isfinite(history[:, -1]) & [bool(bounds.contains(end)) for end in ends]
-        ends = [bounds.clip(end) if inside else start for end, start, inside in zip(ends, starts, valid, strict=True)]
-        # What was found with the steps of the starts is judged by steps of its own.
-        final = np.array([self.judge.merit(end) for end in ends])
-        # Where energies are differences, they are zero to rounding only.
-        rounded = (history[:, -1] <= self._zero) & (final <= self._rounding)
-        zero = np.flatnonzero((final <= self._zero) | rounded)
-        # In the order of the starts; those first that use all of their impulses.
-        zero = zero[np.argsort([not in_use(ends[i]) for i in zero], kind="stable")]
-        best = int(zero[0]) if len(zero) else int(np.argmin(final))
-        settled = int(np.argmax(history[best] <= max(2 * final[best], self._zero))) if valid[best] else 0
-        self.history = history[best, : settled + 1].tolist()
-        self.summary = f"no residual energy but rounding after {settled} Levenberg–Marquardt iterations"
-        self.candidates = [Candidate(final[best], ends[best], len(zero) > 0)]
-        self.progress("Levenberg–Marquardt", 1, 1, final[best])
-        return [end for end, inside in zip(ends, valid, strict=True) if inside]
+        """Levenberg–Marquardt from one start after the other, until one reaches zero with all of its impulses. Returns
+        the ends."""
+        bounds, zero = self.problem.bounds, self._zero
+        self.progress("Levenberg–Marquardt", 0, len(starts), np.inf)
+        self.compiling = beside(self.judge.compile, starts[0], False)
+        self.judge.values(self.judge.vector(starts[0]))
+        wait([self.compiling])
+        found = list[tuple[Candidate, list[float]]]()
+        try:
+            for start in starts:
+                end, tried = towards_zero(self.judge, start, iterations, zero)
+                if not (inside := bool(bounds.contains(end := bounds.clip(end)))):
+                    end, tried = start, tried[:1]
+                merit = self.judge.merit(end)
+                # Where energies are differences, they are zero to rounding only.
+                reached = merit <= zero or (inside and min(tried) <= zero and merit <= self._rounding)
+                found.append((Candidate(merit, end, reached), tried))
+                self.progress("Levenberg–Marquardt", len(found), len(starts), min(one.merit for one, _ in found))
+                if reached and in_use(end):
+                    break
+        finally:
+            if found:
+                best, tried = min(found, key=lambda one: _order(one[0]))
+                self.candidates, self.history = [best], np.minimum.accumulate(tried).tolist()
+                self.summary = f"no residual energy but rounding after {len(tried) - 1} Levenberg–Marquardt steps"
+        return [one.point for one, _ in found]
 
     def _steps(self, points: list[Point]) -> np.ndarray:
         """Steps in each segment that are enough for each of the designs, shape (designs, segments)."""
