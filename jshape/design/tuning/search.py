@@ -42,9 +42,6 @@ ROUGH = 1e-4
 EARLY = 0.01
 """Between the plants of a set the objective is known to this part of what was added to it at least."""
 
-STIFF = 4
-"""How many times the steps of half the starts a start may take to be refined beside them."""
-
 CHEAP = 20_000
 """Segments, states, plants and variables, multiplied, above which there are no more than those."""
 
