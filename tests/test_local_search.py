@@ -254,15 +254,16 @@ def test_searches_that_once_failed(plant):
 
 
 @pytest.mark.slow
-def test_a_search_among_many_local_optima_does_not_say_that_it_converged():
-    """241.5 J were once called converged, then 5.40; 1.67 exist, by a search from fifty times the starts."""
+@pytest.mark.parametrize("seed", [0, 3])
+def test_a_search_among_many_local_optima_does_not_say_that_it_converged(seed):
+    """241.5 J were once called converged, then 27.8 and 5.40; 1.67 exist, by a search from fifty times the starts."""
     problem = draw("cvar", np.random.default_rng([1, 4, 21]))
-    found = js.tune(problem.plant, problem.command, seed=3, **problem.options)
+    found = js.tune(problem.plant, problem.command, seed=seed, **problem.options)
     assert found.objective < 5.4
     assert found.status is js.Status.STOPPED
     assert found.optimality < 1e-3
-    few, none = "[0-3] of 16 searches from around the best came back to it", r"none of \d+ searches from elsewhere came"
-    assert re.search(f"({few}|{none}.*): there are many local optima", found.message)
+    few, none = r"\d+ of 16 searches from around the best came back to it", r"none of \d+ searches from elsewhere came"
+    assert re.search(f"({few}.*|{none}.*): there are many local optima", found.message)
 
 
 @pytest.mark.parametrize("count", [1, 4, 32])

@@ -286,10 +286,13 @@ def _factor(program: Program, multipliers: Array, roots: Array, slopes: Array, b
     bends += jnp.einsum("pk,pkij->ij", multipliers[:, None] * roots, program.root_bends)
     bends += jnp.einsum("pki,pkj->ij", multipliers[:, None, None] * slopes, slopes)
     barrier += jnp.diag(1e-13 * jnp.diag(barrier) + 1e-14)
-    values, vectors = jnp.linalg.eigh(bends)
-    convex = (vectors * jnp.abs(values)[None]) @ vectors.T
-    exact, safe = (jnp.linalg.cholesky(barrier.at[:n, :n].add(one)) for one in (bends, convex))
-    return jnp.where(jnp.isfinite(exact).all(), exact, safe)
+
+    def convex() -> Array:
+        values, vectors = jnp.linalg.eigh(bends)
+        return jnp.linalg.cholesky(barrier.at[:n, :n].add((vectors * jnp.abs(values)[None]) @ vectors.T))
+
+    exact = jnp.linalg.cholesky(barrier.at[:n, :n].add(bends))
+    return jax.lax.cond(jnp.isfinite(exact).all(), lambda: exact, convex)
 
 
 def _reach(x: Array, change: Array, part: float) -> Array:

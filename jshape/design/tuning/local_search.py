@@ -66,10 +66,10 @@ AROUND, AGAIN, OFTEN = 26, 4, 8
 """Iterations of a search from around the best design, and how often those are repeated while they find better ones, at
 most, and where evaluations cost next to nothing."""
 
-RELOCATED, FIRST, RETURNED = 3, 6, 0.25
-"""Where fewer than this share (the last) of the searches from around the best design come back to it, there are many
-basins: so many designs with impulses elsewhere are tried by value for each from which a search begins, and how many
-iterations that one gets before the best of those go on."""
+RELOCATED, FIRST, RETURNED = 3, 6, 0.3
+"""Where fewer than this share (the last) of the searches from around the best design, and from elsewhere, end there,
+there are many basins: so many designs with impulses elsewhere are tried by value for each from which a search begins,
+and how many iterations that one gets before the best of those go on."""
 
 CLOSER = 1e-5
 """The part of the objective by which another design is a better one there."""
@@ -78,8 +78,9 @@ TWIN = 1e-5
 """A design that is another one played backwards is not refined beside it where it is worse by no more than this part
 of the objective."""
 
-SURE = 0.75
-"""The share of the searches from around the best design that come back to it, from which it is not looked elsewhere."""
+SURE, TWICE = 0.75, 2
+"""The share of the searches from around the best design that come back to it, and how many starts that met there, from
+which it is not looked elsewhere."""
 
 AS_GOOD = 1e-3
 """The part of the objective by which a search may end above the best one and count as having come back to it."""
@@ -102,6 +103,8 @@ class Descent:
         self.finest = search.tightest
         self.radius, self.penalty, self.widened = RADIUS, PENALTY, 0
         self.ended = self.optimal = self.stopped = self.compared = False
+        # How many searches have met here, this one among them.
+        self.met = 1
         found = self._begin()
         # Of the second derivatives: those of the roots, or of the energies where there are no roots.
         n, states = len(self.x), found.ends.shape[1:]
@@ -273,8 +276,8 @@ class Around(NamedTuple):
 
     @property
     def few(self) -> bool:
-        """Whether so few came back that there are many basins, of which a better one may not have been met."""
-        return self.begun >= ENOUGH and self.back < RETURNED * self.begun
+        """Whether so few ended there that there are many basins, of which a better one may not have been met."""
+        return self.begun >= ENOUGH and self.back + self.met < RETURNED * (self.begun + self.sent)
 
     @property
     def alone(self) -> bool:
@@ -300,7 +303,8 @@ def around(
         start: begins one at a design.
         count: how many at a time.
         random: where.
-        thorough: whether it is looked elsewhere, too, where not nearly all come back to the best design, and oftener.
+        thorough: whether it is looked elsewhere, too, where not nearly all come back to the best design, or one start
+            alone led there, and oftener.
     """
     found = Around(descents, 0, 0)
     rounds = (OFTEN if thorough else AGAIN) if count > 0 else 0
@@ -315,7 +319,8 @@ def around(
         found = Around(descents, _as_good(more, least), count)
         if least <= best.merit * (1 - CLOSER):
             continue
-        if i + 1 == rounds or not (found.few or (thorough and found.back < SURE * count)):
+        alone = found.back < SURE * count or best.met < TWICE
+        if i + 1 == rounds or not (found.few or (thorough and alone)):
             break
         more = _elsewhere(found.descents, start, count, random)
         found = found._replace(descents=[*found.descents, *more], met=_as_good(more, least), sent=len(more))
@@ -361,12 +366,29 @@ def apart(designs: Iterable[Vector], most: int) -> list[Vector]:
 
 def distinct(descents: list[Descent]) -> list[Descent]:
     """The local searches from the best to the worst, one of those that have met, or that are each other backwards."""
+    return [group[0] for group in _groups(descents)]
+
+
+def merged(descents: list[Descent]) -> list[Descent]:
+    """The same, each with the number of those that have met there."""
+    groups = _groups(descents)
+    for group in groups:
+        group[0].met = sum(one.met for one in group)
+    return [group[0] for group in groups]
+
+
+def _groups(descents: list[Descent]) -> list[list[Descent]]:
+    """Local searches that have met, from the best to the worst."""
     merits = [one.merit for one in descents]
-    found: list[tuple[float, Descent]] = []
+    found: list[tuple[float, list[Descent]]] = []
     for i in np.argsort(merits, kind="stable"):
-        if not any(_same(descents[i], merits[i], other, least) for least, other in found):
-            found.append((merits[i], descents[i]))
-    return [descent for _, descent in found]
+        for least, group in found:
+            if _same(descents[i], merits[i], group[0], least):
+                group.append(descents[i])
+                break
+        else:
+            found.append((merits[i], [descents[i]]))
+    return [group for _, group in found]
 
 
 def _same(one: Descent, merit: float, better: Descent, least: float) -> bool:

@@ -20,7 +20,7 @@ from jshape.design.tuning.adam import descend
 from jshape.design.tuning.design_problem import DesignProblem
 from jshape.design.tuning.evaluate import DIVERGED_ENERGY, LOOSEST
 from jshape.design.tuning.judging import bare_energy, error_of, on_finer_set, status_of
-from jshape.design.tuning.local_search import COARSE, KNOWN, Around, Descent, around, distinct, side_by_side
+from jshape.design.tuning.local_search import COARSE, KNOWN, Around, Descent, around, distinct, merged, side_by_side
 from jshape.design.tuning.objective import objective_name, value_of
 from jshape.design.tuning.scaled_problem import EXCEEDED, OPTIMAL, Optimality, ScaledProblem
 from jshape.design.tuning.scenarios import Point
@@ -190,7 +190,7 @@ class Search:
             for size, most in rounds[:-1] if exchanged else rounds:
                 if self._reached():
                     break
-                descents = distinct(descents)[:size]
+                descents = merged(descents)[:size]
                 for _ in side_by_side(descents, most or iterations, known if most else 0.0):
                     done += 1
                 if (size, most) == rounds[-2]:
@@ -221,6 +221,7 @@ class Search:
         if (near := self.around) is None or not (near.few or near.alone):
             return ""
         few = f"{near.back} of {near.begun} searches from around the best came back to it"
+        few += f", {near.met} of {near.sent} from elsewhere came there" if near.sent else ""
         alone = f"none of {near.sent} searches from elsewhere came to the best"
         more = "there are many local optima, and more starts, or another seed, may find a better one"
         return f"; {few if near.few else alone}: {more}"
