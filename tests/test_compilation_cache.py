@@ -280,14 +280,16 @@ def test_other_code_or_settings_have_a_folder_of_their_own(tmp_path, monkeypatch
 def test_a_process_compiles_lean_unless_its_user_says_otherwise(monkeypatch):
     monkeypatch.delenv("XLA_FLAGS")
     programs._compile_lean()
-    assert os.environ["XLA_FLAGS"] == "--xla_cpu_use_fusion_emitters=false"
+    lean = os.environ["XLA_FLAGS"]
+    assert lean.split() == [f"--{name}={value}" for name, value in programs.WHOLE.items()]
+    assert lean.startswith("--xla_cpu_use_fusion_emitters=false")
     for given in ("--xla_cpu_use_fusion_emitters=true", "--xla_cpu_enable_fast_math=false"):
         monkeypatch.setenv("XLA_FLAGS", given)
         programs._compile_lean()
         assert os.environ["XLA_FLAGS"].startswith(given)
-        assert os.environ["XLA_FLAGS"].count("emitters") == 1
-    # An XLA that may not know the option is not given it.
-    monkeypatch.delitem(programs.LEAN, "xla_cpu_use_fusion_emitters")
+        assert all(os.environ["XLA_FLAGS"].count(name) == 1 for name in programs.WHOLE)
+    # An XLA that may not know the options is not given them.
+    monkeypatch.setattr(programs, "WHOLE", {})
     monkeypatch.setenv("XLA_FLAGS", "")
     programs._compile_lean()
     assert os.environ["XLA_FLAGS"] == ""
@@ -308,14 +310,19 @@ print(*(float(x).hex() for x in [energy, *slopes, crane]))
 
 
 @pytest.mark.slow
-def test_a_users_own_programs_give_the_same_numbers_as_lean_ones():
-    own, lean = (
-        subprocess.run([sys.executable, "-c", MOVES], env=environment, capture_output=True, text=True, check=True)
-        for environment in ({**os.environ, "XLA_FLAGS": ""}, os.environ)
-    )
-    numbers = [[float.fromhex(x) for x in run.stdout.split()] for run in (own, lean)]
+def test_a_users_own_programs_give_the_same_numbers_as_lean_ones(monkeypatch):
+    flags = ["", os.environ["XLA_FLAGS"]]
+    monkeypatch.delenv("XLA_FLAGS")
+    programs._compile_lean()
+    flags.append(os.environ["XLA_FLAGS"])
+    numbers = []
+    for each in flags:
+        environment = {**os.environ, "XLA_FLAGS": each}
+        run = subprocess.run([sys.executable, "-c", MOVES], env=environment, capture_output=True, text=True, check=True)
+        numbers.append([float.fromhex(x) for x in run.stdout.split()])
     assert len(numbers[0]) == 5
-    np.testing.assert_allclose(*numbers, rtol=1e-11, atol=1e-11)
+    np.testing.assert_allclose(numbers[1], numbers[0], rtol=1e-11, atol=1e-11)
+    np.testing.assert_allclose(numbers[2], numbers[0], rtol=1e-11, atol=1e-11)
 
 
 def test_what_nobody_uses_any_more_is_deleted(tmp_path, monkeypatch):

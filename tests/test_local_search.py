@@ -290,8 +290,11 @@ def test_designs_that_are_apart():
 
 
 def test_what_counts_as_many_local_optima():
-    assert Around([], 3, 16).few
-    assert not Around([], 4, 16).few
+    assert Around([], 4, 16).few
+    assert not Around([], 5, 16).few
+    # Those from elsewhere count, too.
+    assert Around([], 5, 16, 2, 8).few
+    assert not Around([], 5, 16, 3, 8).few
     # Of expensive problems there are too few searches to say anything.
     assert not Around([], 0, 3).few
     assert Around([], 0, 4).few

@@ -7,7 +7,8 @@ Python's lock alone. To do without it, call ``minimise_epigraph`` in its place.
 Source: Mehrotra (1992), predictor and corrector; Nocedal and Wright (2006), section 19.3.
 """
 
-from typing import Any, NamedTuple
+from collections.abc import Generator
+from typing import Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -44,6 +45,21 @@ ROUNDING = 1e-14
 
 UNBOUNDED = -1e6
 """The least that an auxiliary variable can be, in the merit's scale, where it has no bound."""
+
+
+T = TypeVar("T")
+
+Computing = Generator[None, None, T]
+"""What computes something and waits, ``yield``, while a program runs: others can go on meanwhile."""
+
+
+def end_of(computing: Computing[T]) -> T:
+    """What it comes to."""
+    while True:
+        try:
+            next(computing)
+        except StopIteration as end:
+            return end.value
 
 
 class Program(NamedTuple):
@@ -89,6 +105,11 @@ class Program(NamedTuple):
 def minimise_model(model: Model, space: Space, merit: Merit, accuracy: float) -> Vector:
     """The design of the least merit of a model within a space that its center lies in, to that accuracy; the center
     where no better one is found."""
+    return end_of(minimising(model, space, merit, accuracy))
+
+
+def minimising(model: Model, space: Space, merit: Merit, accuracy: float) -> Computing[Vector]:
+    """The same, which waits while the program runs."""
     axes = space.directions
     if not axes.shape[1]:
         return model.center
@@ -96,8 +117,11 @@ def minimise_model(model: Model, space: Space, merit: Merit, accuracy: float) ->
         model = model.restricted(_padded(model.can_be_greatest(float(np.max(space.upper - space.lower)))))
     program = _program(model, space, merit, axes)
     # LAPACK is SciPy's in here, too.
-    with one_thread(), jax.enable_x64(True):
-        step = np.asarray(_solve(program, _begin(program), np.float64(max(accuracy, ROUNDING))))
+    with one_thread():
+        with jax.enable_x64(True):
+            running = _solve(program, _begin(program), np.float64(max(accuracy, ROUNDING)))
+        yield
+        step = np.asarray(running)
     return _onto_bounds(model.center + axes @ step, space)
 
 

@@ -5,15 +5,14 @@ plant (``evaluate.linearise``) and symmetric updates of rank two; other metrics 
 objective of the models is minimised within a box, by an interior point (a caller's own objective by SLSQP), and the
 step is taken if the energies themselves agree. Values come before derivatives, at a tolerance that tightens as the
 search converges.
-``side_by_side`` runs several of them, ``around`` further ones from around the best design.
+``side_by_side`` runs several of them, ``around`` further ones from around the best design. Searches are generators
+that wait while a program runs, so that one thread keeps two cores busy.
 
 Source: Fletcher (1985), an ℓ1 penalty method for nonlinear constraints, here with the ℓ∞ norm; Powell (1970), a
 symmetric form of Broyden's update.
 """
 
-import os
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
@@ -21,7 +20,7 @@ import numpy as np
 from jshape.design.tuning.design_problem import DesignProblem
 from jshape.design.tuning.epigraph import Merit, Model, Vector, minimise_epigraph
 from jshape.design.tuning.evaluate import LOOSEST, Linearisation, Values
-from jshape.design.tuning.interior_point import minimise_model
+from jshape.design.tuning.interior_point import Computing, end_of, minimising
 from jshape.design.tuning.objective import value_of
 from jshape.design.tuning.scaled_problem import EXCEEDED, OPTIMAL, ScaledProblem, scale_of
 from jshape.design.tuning.scenarios import Point
@@ -89,6 +88,10 @@ ENOUGH = 4
 """Searches from around the best design that say something of how many basins there are."""
 
 
+TOGETHER, ENDED = 3, object()
+"""Searches that go on by turns, and what stands for the end of one."""
+
+
 class Descent:
     """One local search, which may be continued.
 
@@ -102,7 +105,7 @@ class Descent:
         self.search, self.x, self.left, self.early = search, search.vector(start), limit, limit - LATE
         self.finest = search.tightest
         self.radius, self.penalty, self.widened = RADIUS, PENALTY, 0
-        self.ended = self.optimal = self.stopped = self.compared = False
+        self.ended = self.optimal = self.compared = False
         # How many searches have met here, this one among them.
         self.met = 1
         found = self._begin()
@@ -139,14 +142,18 @@ class Descent:
     def run(self, iterations: int, known: float = 0.0) -> None:
         """So many iterations, or until an optimum; or until no more is to be gained where the objective is known to
         that part of itself only."""
-        found = self.search.values(self.x, self.tolerance)
+        end_of(self.running(iterations, known))
+
+    def running(self, iterations: int, known: float = 0.0) -> Computing[None]:
+        """The same, which waits while programs run."""
+        found = yield from self.search.evaluating(self.x, self.tolerance)
         least = known * value_of(self.search.problem.objective, found.energies) / scale_of(found.greatest)
         self.finest, self.compared = max(self.search.tightest, min(least, LOOSEST)), False
         for _ in range(iterations):
-            if self.ended or self.stopped or self.compared or not self.left:
+            if self.ended or self.compared or not self.left:
                 return
             self.left -= 1
-            self._iterate()
+            yield from self._iterate()
 
     def polish(self) -> None:
         """Meet the conditions of an optimum to more digits than differences of the energies show: minima of models,
@@ -157,7 +164,7 @@ class Descent:
             if residual < OPTIMAL:
                 break
             found = search.linearise(self.x)
-            self.x, _ = self._propose(found, self._merit(scale_of(found.energies)), reach)
+            self.x, _ = end_of(self._propose(found, self._merit(scale_of(found.energies)), reach))
             if (reached := search.optimality(self.point).residual) < residual:
                 best, residual = self.x, reached
         self.x = best
@@ -173,17 +180,17 @@ class Descent:
     def _tighten(self, tolerance: float) -> None:
         self.tolerance = min(self.tolerance, max(tolerance, self.finest))
 
-    def _iterate(self) -> None:
+    def _iterate(self) -> Computing[None]:
         search = self.search
-        known = search.values(self.x, self.tolerance)
-        found = search.linearise(self.x, self.tolerance)
+        known = yield from search.evaluating(self.x, self.tolerance)
+        found = yield from search.linearising(self.x, self.tolerance)
         merit = self._merit(scale_of(found.energies))
         now = merit(self.x, found.energies, found.slacks)
         least = max(CONVERGED * now, 10 * self.tolerance * scale_of(known.greatest) / merit.scale)
-        trial, gain = self._propose(found, merit, self.radius)
+        trial, gain = yield from self._propose(found, merit, self.radius)
         if gain <= least and self.radius > CLOSE:
             # Where models bend much, a local minimum of theirs may be none of the energies: nearby they are straight.
-            trial, gain = self._propose(found, merit, CLOSE)
+            trial, gain = yield from self._propose(found, merit, CLOSE)
             self.radius = CLOSE if gain > least else self.radius
         if gain <= least:
             if self.tolerance > self.finest:
@@ -193,12 +200,13 @@ class Descent:
             else:
                 self._end(found)
             return
-        tried = search.values(trial, self.tolerance)
+        tried = yield from search.evaluating(trial, self.tolerance)
         actual = now - merit(trial, tried.energies, tried.slacks)
         step = np.abs(trial - self.x).max()
         if actual > 0.01 * gain:
             if not self.rooted or self.left < self.early:
-                self._update(trial - self.x, found, search.linearise(trial, self.tolerance))
+                after = yield from search.linearising(trial, self.tolerance)
+                self._update(trial - self.x, found, after)
             self.x = trial
         if actual < 0.25 * gain:
             self.radius = 0.4 * step
@@ -210,7 +218,7 @@ class Descent:
         least = 0.0 if problem.scenarios.metric is None else -np.inf
         return Merit(problem.objective, self.search.time_cost, scale, self.penalty, least)
 
-    def _propose(self, found: Linearisation, merit: Merit, radius: float) -> tuple[Vector, float]:
+    def _propose(self, found: Linearisation, merit: Merit, radius: float) -> Computing[tuple[Vector, float]]:
         """The best design of the model in a trust region, and by how much it betters the merit there."""
         space = self.search.space
         model = Model(self.x, self._updated(found))
@@ -219,7 +227,7 @@ class Descent:
         if callable(merit.objective):
             trial = minimise_epigraph(model, boxed, merit, self.x, PROPOSED, 1e-2 * self.tolerance)
         else:
-            trial = minimise_model(model, boxed, merit, 1e-2 * self.tolerance)
+            trial = yield from minimising(model, boxed, merit, 1e-2 * self.tolerance)
         before, after = model(self.x), model(trial)
         gain = merit(self.x, before.energies, before.slacks) - merit(trial, after.energies, after.slacks)
         return trial, gain
@@ -399,20 +407,11 @@ def _same(one: Descent, merit: float, better: Descent, least: float) -> bool:
 
 
 def side_by_side(descents: list[Descent], iterations: int, known: float = 0.0) -> Iterator[Descent]:
-    """Go on with local searches (``Descent.run``), two at a time, and yield them in order as they end.
-
-    Compiled programs leave Python's lock alone, so that two threads keep two cores busy. An interrupt stops all of
-    them after the iteration that they are in.
-    """
-    pool = ThreadPoolExecutor(min(2, os.cpu_count() or 1))
-    futures = [pool.submit(descent.run, iterations, known) for descent in descents]
-    try:
-        for descent, future in zip(descents, futures, strict=True):
-            future.result()
-            yield descent
-    except BaseException:
-        for descent in descents:
-            descent.stopped = True
-        raise
-    finally:
-        pool.shutdown(wait=False, cancel_futures=True)
+    """Go on with local searches (``Descent.run``), some at a time, and yield them in order as they end."""
+    left = [descent.running(iterations, known) for descent in descents]
+    ended = [False] * len(left)
+    for i, descent in enumerate(descents):
+        while not ended[i]:
+            for j in [j for j in range(i, len(left)) if not ended[j]][:TOGETHER]:
+                ended[j] = next(left[j], ENDED) is ENDED
+        yield descent

@@ -16,7 +16,7 @@ from jshape.compilation_cache import beside
 from jshape.design.tuning.design_problem import DesignProblem
 from jshape.design.tuning.epigraph import Rows, Space, Vector
 from jshape.design.tuning.evaluate import FORWARD, LOOSEST, Linearisation, Values, departure, evaluate, linearise
-from jshape.design.tuning.interior_point import FEW, compile_program
+from jshape.design.tuning.interior_point import FEW, Computing, compile_program, end_of
 from jshape.design.tuning.objective import TAIL, value_of, weights_of
 from jshape.design.tuning.scenarios import Point
 from jshape.simulation.schedule import schedule
@@ -111,11 +111,17 @@ class ScaledProblem:
 
     def values(self, x: Vector, tolerance: float | None = None) -> Values:
         """Energies, slacks and steps, to a tolerance; those of the last vectors are cached."""
+        return end_of(self.evaluating(x, tolerance))
+
+    def evaluating(self, x: Vector, tolerance: float | None = None) -> Computing[Values]:
+        """The same, which waits while a program runs."""
         tolerance = self.tightest if tolerance is None else max(tolerance, self.tightest)
         key = x.tobytes()
         if key not in self._values or self._values[key][0] > tolerance:
             point = self.point(x)
-            found = Values(*map(np.asarray, evaluate(self.problem.scenarios, point, np.float64(tolerance))))
+            running = evaluate(self.problem.scenarios, point, np.float64(tolerance))
+            yield
+            found = Values(*map(np.asarray, running))
             _remember(self._values, key, (tolerance, found))
             self.report(self.problem.total(found.energies, point))
             return found
@@ -132,14 +138,20 @@ class ScaledProblem:
 
         Without a tolerance, derivatives are accurate enough for the conditions of an optimum.
         """
-        known = self.values(x, tolerance)
+        return end_of(self.linearising(x, tolerance))
+
+    def linearising(self, x: Vector, tolerance: float | None = None) -> Computing[Linearisation]:
+        """The same, which waits while a program runs."""
+        known = yield from self.evaluating(x, tolerance)
         # States by the steps of the tolerance, their derivatives by as many as theirs takes: the method's order is 8.
         given = self.tightest if tolerance is None else tolerance
         wanted = 1e-9 if tolerance is None else DERIVATIVES
         steps = np.ceil(known.steps * min(1.0, (given / wanted) ** (1 / 8)) - 1e-6).astype(known.steps.dtype)
         key = x.tobytes() + known.ends.tobytes() + steps.tobytes()
         if key not in self._linearised:
-            found = Linearisation(*map(np.asarray, linearise(self.problem.scenarios, self.point(x), known.ends, steps)))
+            running = linearise(self.problem.scenarios, self.point(x), known.ends, steps)
+            yield
+            found = Linearisation(*map(np.asarray, running))
             once, twice = self.units, self.units * self.units[:, None]
             found = found._replace(
                 jacobian=found.jacobian * once, slack_jacobian=found.slack_jacobian * once, bends=found.bends * twice,
