@@ -254,6 +254,20 @@ def test_searches_that_once_failed(plant):
 
 
 @pytest.mark.slow
+def test_zero_at_a_boundary_and_with_many_impulses(plant):
+    """A damped two-impulse shaper, not among the starts, takes all of the duration: all but rounding is reached within
+    the bounds. With 17 impulses there are more variables than local searches have second derivatives of."""
+    problem = draw("nominal, at a boundary", np.random.default_rng([3, 1, 1]))
+    edge = js.tune(problem.plant, problem.command, **problem.options)
+    many = js.tune(plant, 1.0, 17, 3.0)
+    for found, of, command in ((edge, problem.plant, problem.command), (many, plant, 1.0)):
+        assert found.message.startswith("converged: no residual energy but rounding after ")
+        assert found.objective < 1e-22 * float(js.residual_energy(of, None, command))
+        assert np.all(np.asarray(found.shaper.amplitudes) >= 0)
+        assert np.all(np.diff(np.asarray(found.shaper.times)) >= 0)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 3])
 def test_a_search_among_many_local_optima_does_not_say_that_it_converged(seed):
     """241.5 J were once called converged, then 27.8 and 5.40; 1.67 exist, by a search from fifty times the starts."""

@@ -129,19 +129,19 @@ def linearise(scenarios: Scenarios, point: Point, ends: Any, steps: Any) -> Line
 
         def whole(case: Scenarios, end: Array) -> tuple[Array, ...]:
             # Derivatives inside, plants outside: on four states and up to 64 plants half the time of the reverse.
-            (value, _), (slope, slopes) = _with_jacobian(lambda x: one(x, case, end), flat)
+            (value, _), (slope, slopes) = _with_jacobian(lambda x: one(x, case, end), flat, True)
             return value, slope, *_curvature(case, point, end, slopes), slopes
 
         energies, jacobian, *curvature = _every_plant(scenarios, whole, ends)
     else:
         # One pass back for each plant.
         energies, jacobian = _every_plant(
-            scenarios, lambda case, end: _with_jacobian(lambda x: one(x, case, end)[0], flat), ends
+            scenarios, lambda case, end: _with_jacobian(lambda x: one(x, case, end)[0], flat, False), ends
         )
         curvature = *_no_curvature(*jacobian.shape), jnp.zeros((*ends.shape[:1], 0, len(flat)))
     slack, slack_jacobian = jnp.zeros(0), jnp.zeros((0, len(flat)))
     if scenarios.limits.any:
-        slack, slack_jacobian = _with_jacobian(lambda x: slacks(scenarios, unravel(x)), flat)
+        slack, slack_jacobian = _with_jacobian(lambda x: slacks(scenarios, unravel(x)), flat, len(flat) <= FORWARD)
     return Linearisation(energies, jacobian, slack, slack_jacobian, *curvature)
 
 
@@ -303,14 +303,14 @@ def _every_plant(scenarios: Scenarios, function: Callable[..., Any], *rows: Any)
     return jax.vmap(along)(dict(scenarios.samples), rows)
 
 
-def _with_jacobian(function: Callable[[Array], Any], x: Array) -> tuple[Any, Any]:
-    """A function's value and Jacobian; derivatives that are not finite count as 0."""
+def _with_jacobian(function: Callable[[Array], Any], x: Array, forward: bool) -> tuple[Any, Any]:
+    """A function's value and Jacobian, by forward or reverse mode; derivatives that are not finite count as 0."""
 
     def twice(x: Array) -> tuple[Any, Any]:
         value = function(x)
         return value, value
 
-    mode = jax.jacfwd if len(x) <= FORWARD else jax.jacrev
+    mode = jax.jacfwd if forward else jax.jacrev
     jacobian, value = mode(twice, has_aux=True)(x)
     return value, jax.tree.map(jnp.nan_to_num, jacobian)
 
