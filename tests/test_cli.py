@@ -148,7 +148,7 @@ def test_another_process_finds_the_programs_and_tells_the_same(tmp_path):
 @pytest.mark.parametrize(
     ("stage", "status"),
     [
-        ("design.tuning.local_search.Descent.run", js.Status.INTERRUPTED),
+        ("design.tuning.local_search.Descent.running", js.Status.INTERRUPTED),
         ("reports.report.build", js.Status.CONVERGED),
         ("reports.report.figures", js.Status.CONVERGED),
     ],

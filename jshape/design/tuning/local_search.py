@@ -327,8 +327,8 @@ def around(
         found = Around(descents, _as_good(more, least), count)
         if least <= best.merit * (1 - CLOSER):
             continue
-        alone = found.back < SURE * count or best.met < TWICE
-        if i + 1 == rounds or not (found.few or (thorough and alone)):
+        doubtful = found.back < SURE * count or best.met < TWICE
+        if i + 1 == rounds or not (found.few or (thorough and doubtful)):
             break
         more = _elsewhere(found.descents, start, count, random)
         found = found._replace(descents=[*found.descents, *more], met=_as_good(more, least), sent=len(more))
