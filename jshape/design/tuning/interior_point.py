@@ -7,8 +7,7 @@ Python's lock alone. To do without it, call ``minimise_epigraph`` in its place.
 Source: Mehrotra (1992), predictor and corrector; Nocedal and Wright (2006), section 19.3.
 """
 
-from collections.abc import Generator
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -17,6 +16,7 @@ from jaxtyping import Array
 
 from jshape._blas import one_thread
 from jshape.compilation_cache import kept
+from jshape.design.tuning.computing import Computing, end_of
 from jshape.design.tuning.epigraph import Merit, Model, Space, Vector, auxiliary_variables
 from jshape.design.tuning.evaluate import Linearisation
 from jshape.design.tuning.objective import shares_of
@@ -45,21 +45,6 @@ ROUNDING = 1e-14
 
 UNBOUNDED = -1e6
 """The least that an auxiliary variable can be, in the merit's scale, where it has no bound."""
-
-
-T = TypeVar("T")
-
-Computing = Generator[None, None, T]
-"""What computes something and waits, ``yield``, while a program runs: others can go on meanwhile."""
-
-
-def end_of(computing: Computing[T]) -> T:
-    """What it comes to."""
-    while True:
-        try:
-            next(computing)
-        except StopIteration as end:
-            return end.value
 
 
 class Program(NamedTuple):

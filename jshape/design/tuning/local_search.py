@@ -17,10 +17,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jshape.design.tuning.computing import Computing, end_of
 from jshape.design.tuning.design_problem import DesignProblem
 from jshape.design.tuning.epigraph import Merit, Model, Vector, minimise_epigraph
 from jshape.design.tuning.evaluate import LOOSEST, Linearisation, Values
-from jshape.design.tuning.interior_point import Computing, end_of, minimising
+from jshape.design.tuning.interior_point import minimising
 from jshape.design.tuning.objective import value_of
 from jshape.design.tuning.scaled_problem import EXCEEDED, OPTIMAL, ScaledProblem, scale_of
 from jshape.design.tuning.scenarios import Point
@@ -86,7 +87,6 @@ AS_GOOD = 1e-3
 
 ENOUGH = 4
 """Searches from around the best design that say something of how many basins there are."""
-
 
 TOGETHER, ENDED = 3, object()
 """Searches that go on by turns, and what stands for the end of one."""

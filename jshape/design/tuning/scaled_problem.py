@@ -13,10 +13,11 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from jshape.compilation_cache import beside
+from jshape.design.tuning.computing import Computing, end_of
 from jshape.design.tuning.design_problem import DesignProblem
 from jshape.design.tuning.epigraph import Rows, Space, Vector
 from jshape.design.tuning.evaluate import FORWARD, LOOSEST, Linearisation, Values, departure, evaluate, linearise
-from jshape.design.tuning.interior_point import FEW, Computing, compile_program, end_of
+from jshape.design.tuning.interior_point import FEW, compile_program
 from jshape.design.tuning.objective import TAIL, value_of, weights_of
 from jshape.design.tuning.scenarios import Point
 from jshape.simulation.schedule import schedule
