@@ -8,6 +8,7 @@ import itertools
 import json
 import os
 import signal
+import subprocess
 import sys
 import threading
 import time
@@ -1028,7 +1029,8 @@ def test_an_interrupt_where_python_cannot_raise_it_comes_again(monkeypatch, capf
 
 @pytest.mark.slow
 def test_tuning_gives_the_numbers_of_the_problem_file(tmp_path):
-    """The process of the page, ``jshape tune`` on its problem file and its Python script, to the last digit."""
+    """The page and ``jshape tune`` on its problem file, to the last digit; a script, whose programs XLA may compile by
+    other flags, to rounding."""
     shown = changes.with_design(state.begin("TwoMass"), starts=4, impulses=2)
     seen = []
     found = asyncio.run(Work().run("tune", {"text": shown.text}, seen.append))
@@ -1036,13 +1038,15 @@ def test_tuning_gives_the_numbers_of_the_problem_file(tmp_path):
     assert seen
     path = tmp_path / state.FILE
     path.write_text(shown.text, encoding="utf-8")
-    result = CliRunner().invoke(app, ["tune", str(path), "--out", str(tmp_path / "results")])
-    assert result.exit_code == 0, result.output
+    command = [sys.executable, "-m", "jshape", "tune", str(path), "--out", str(tmp_path / "results")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
     record = json.loads((tmp_path / "results" / "shapers" / "tuned.json").read_text())
     assert [record["amplitudes"], record["times"]] == found["shapers"][""]
     problem = load(path)
     tuned = js.tune(problem.plant, problem.distance, **problem.tuning)
-    np.testing.assert_array_equal(tuned.shaper.times, found["shapers"][""][1])
+    np.testing.assert_allclose(tuned.shaper.amplitudes, found["shapers"][""][0], rtol=1e-12)
+    np.testing.assert_allclose(tuned.shaper.times, found["shapers"][""][1], rtol=1e-12)
 
 
 @pytest.mark.slow
@@ -1116,8 +1120,6 @@ def test_a_stop_keeps_the_best_shaper_so_far():
 
 @pytest.mark.slow
 def test_the_python_script_runs(tmp_path):
-    import subprocess
-
     shown = changes.with_design(state.begin("TwoMass"), starts=4, impulses=2)
     shown = changes.with_impulses(shown, *takeaway.closed_form(shown, "energy 2-impulse"))
     (tmp_path / state.FILE).write_text(shown.text, encoding="utf-8")
