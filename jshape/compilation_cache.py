@@ -48,6 +48,14 @@ except ImportError:  # Not of JAX's public interface: without it every program i
         return False
 
 
+try:
+    from jax._src.config import trace_context
+except ImportError:  # In forty times the time.
+
+    def trace_context() -> Any:
+        return tuple(getattr(jax.config, name, None) for name in jax.config.values)
+
+
 P = ParamSpec("P")
 R = TypeVar("R")
 
@@ -255,20 +263,14 @@ def kept(function: Callable[P, R]) -> Callable[P, R]:
         if _folder is None:
             return (lean if jax.default_backend() == "cpu" else plain)(*args, **kwargs)
         # Precision and the like, as they hold here and now.
-        settings = tuple(getattr(jax.config, name, None) for name in _settings())
+        settings = trace_context()
         kinds = tuple(_kind(leaf) for leaf in leaves)
         if (tree, kinds, settings) not in programs:
-            programs[tree, kinds, settings] = _program(function, leaves, tree, settings, _folder)
+            programs[tree, kinds, settings] = _program(function, leaves, tree, _folder)
         program = programs[tree, kinds, settings]
         return plain(*args, **kwargs) if program is None else program([leaf for leaf in leaves if eqx.is_array(leaf)])
 
     return call
-
-
-@functools.cache
-def _settings() -> tuple[str, ...]:
-    """The names of JAX's settings."""
-    return tuple(jax.config.values)
 
 
 def _kind(leaf: Any) -> Any:
@@ -298,11 +300,12 @@ def beside(function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> Futur
     return future
 
 
-def _program(function: Callable, leaves: list, tree: Any, settings: Any, folder: Path) -> Callable[[list], Any] | None:
+def _program(function: Callable, leaves: list, tree: Any, folder: Path) -> Callable[[list], Any] | None:
     """What computes the function of the arrays among the leaves; ``None`` where it cannot be kept."""
     kinds = [{"array": repr(jax.typeof(leaf))} if eqx.is_array(leaf) else leaf for leaf in leaves]
     named = jax.tree.unflatten(tree, kinds)
     name = f"{function.__module__}.{function.__qualname__}"
+    settings = [getattr(jax.config, name, None) for name in jax.config.values]
     try:
         key = repr(_describe((name, named, repr(settings), jax.default_backend(), jax.local_device_count())))
     except _NotOursError:

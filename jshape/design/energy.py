@@ -57,7 +57,7 @@ def two_impulse(plant: AbstractOscillator, distance: Distance, *, damping: str =
 
     Source: Chatlatanagulchai, Moonmangmee and Intarawirat (2017), Eqs. 2–5.
     """
-    return _swings(plant, distance, jnp.ones(1), damping)
+    return _swings(plant, distance, np.ones(1), damping)
 
 
 def three_impulse(plant: AbstractOscillator, distance: Distance, alpha: Any = 0.5, *, damping: str = "exact") -> Shaper:
@@ -93,7 +93,7 @@ def robust(plant: AbstractOscillator, distance: Distance, rests: Any = 1, *, dam
     """
     if isinstance(rests, int | np.integer) or np.ndim(rests) == 0:
         count = _check.count(rests, "rests", least=0)
-        return _swings(plant, distance, jnp.full(count + 1, 1 / (count + 1)), damping)
+        return _swings(plant, distance, np.full(count + 1, 1 / (count + 1)), damping)
     positions = _check.as_array(rests, "rests")
     if positions.ndim != 1:
         raise ValueError(f"rests must be a whole number or a list of positions, not of shape {positions.shape}")
@@ -172,12 +172,11 @@ def negative(plant: AbstractOscillator, distance: Distance, *, damping: str = "e
     return _checked(*_negative(plant, size, _effective(plant, damping)), size)
 
 
-def _swings(plant: AbstractOscillator, distance: Any, shares: Float[Array, " swings"], damping: str) -> Shaper:
+def _swings(plant: AbstractOscillator, distance: Any, shares: Array | np.ndarray, damping: str) -> Shaper:
     """The shaper whose swings cover these shares of the distance."""
     size = _check_arguments(plant, distance, damping)
     damping = _effective(plant, damping)
-    ways = size * shares
-    bases, times = _approximate_swings(plant, ways, damping)
+    ways, bases, times = _approximate_swings(plant, size, shares, damping)
     if damping == "exact":
         # One program, compiled once, serves every swing of every shaper.
         exact = [_exact_swing(plant, *swing) for swing in zip(bases, ways, times, strict=True)]
@@ -186,8 +185,9 @@ def _swings(plant: AbstractOscillator, distance: Any, shares: Float[Array, " swi
 
 
 @kept
-def _approximate_swings(plant: AbstractOscillator, ways: Array, damping: str) -> tuple[Array, Array]:
-    """Base positions (m) and durations (s) of swings of the given ways (m), without damping or nearly with it."""
+def _approximate_swings(plant: AbstractOscillator, size: Scalar, shares: Array, damping: str) -> tuple[Array, ...]:
+    """Ways (m), base positions (m) and durations (s) of swings, without damping or nearly with it."""
+    ways = size * shares
     bases = _bases(plant, ways)
     times = jax.vmap(lambda base, way: half_period(plant, -base, way - base))(bases, ways)
     if damping != "ignore":
@@ -196,7 +196,7 @@ def _approximate_swings(plant: AbstractOscillator, ways: Array, damping: str) ->
     if damping == "exact":
         # Only the beginning of a search then.
         bases = jnp.where(jnp.isnan(bases), FARTHEST * ways, bases)
-    return bases, times
+    return ways, bases, times
 
 
 def _assemble(bases: Array, ways: Array, times: Array, size: Scalar) -> tuple[Array | np.ndarray, Array | np.ndarray]:
@@ -365,6 +365,8 @@ def _newton(conditions: Callable[[Array], Array], start: Array) -> Array:
 
 def _effective(plant: AbstractOscillator, damping: str) -> str:
     """The treatment of damping: ``"ignore"`` where the damper's force vanishes."""
+    if damping == "ignore":
+        return damping
     forces = jnp.stack([jnp.asarray(plant.damper.force(jnp.asarray(v))) for v in (1e-3, 0.1, 10.0)])
     return "ignore" if _check.is_concrete(forces) and not np.any(np.asarray(forces)) else damping
 

@@ -110,7 +110,7 @@ def resolved(problem: DesignProblem) -> Resolved:
     """The values of the finer set, or as many more as the modes' phases ask for, ``MOST_RESOLVED`` plants at most."""
     axes = {name: np.unique(values) for name, values in problem.finer_samples().items()}
     scenarios, bare = problem.scenarios, Shaper([1.0], [0.0])
-    move = float(schedule(scenarios.plant, scenarios.command, bare).breaks[-1])
+    move = float(np.asarray(schedule(scenarios.plant, scenarios.command, bare).breaks)[-1])
     turns = _half_turns(problem, problem.bounds.longest + move)
     between = np.array([max(len(axis) - 1, 1) for axis in axes.values()], float)
     wanted = np.maximum(np.ceil(DENSE * np.array([turns[name] for name in axes]) / between), 1.0)
@@ -226,10 +226,11 @@ def energies_of(
 ) -> np.ndarray:
     """Energies of other plants, J, as many at a time as the problem has, so that its program computes these, too."""
     plants, size = len(next(iter(problem.scenarios.samples.values()))), len(next(iter(samples.values())))
-    energies = []
+    running = []
     for first in range(0, size, plants):
         at = np.minimum(np.arange(first, first + plants), size - 1)
         part = {name: _check.on_device(values[at]) for name, values in samples.items()}
         scenarios = dataclasses.replace(problem.scenarios, samples=part)
-        energies.append(np.asarray(evaluate(scenarios, point, np.float64(tolerance)).energies))
-    return np.concatenate(energies)[:size]
+        running.append(evaluate(scenarios, point, np.float64(tolerance)).energies)
+    # All are under way before the first is waited for: they share the cores.
+    return np.concatenate([np.asarray(energies) for energies in running])[:size]

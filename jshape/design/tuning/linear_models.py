@@ -81,7 +81,8 @@ class LinearModels:
     def _rates(self, samples: Mapping[str, Any]) -> np.ndarray:
         """Decay and angular frequency of each plant's modes, as complex numbers, 1/s."""
         scenarios = self.search.problem.scenarios
-        plants = [dict(zip(samples, values, strict=True)) for values in zip(*samples.values(), strict=True)]
+        each = zip(*map(np.asarray, samples.values()), strict=True)
+        plants = [dict(zip(samples, values, strict=True)) for values in each]
         omega, zeta = np.moveaxis(np.array([modes(scenarios.at(values).plant) for values in plants]), 2, 0)
         return -omega * zeta + 1j * omega * np.sqrt(np.maximum(1.0 - zeta**2, 0.0))
 
@@ -150,18 +151,19 @@ class LinearModels:
         gaps = durations[:, None] * random.dirichlet(np.ones(n - 1), count)
         x = np.concatenate([np.tile(bounds.random(random).amplitudes, (count, 1)), gaps], axis=1) / self.search.units
         rates, weights = self.rates[: self.given], self.weights[: self.given]
-        turned = self.phasors(x, rates)[1] * np.sqrt(weights)[:, :, None]
-        rows = np.concatenate([np.real(turned), np.imag(turned)], axis=2)
-        shares, least = np.full(rows.shape[:2], 1 / rows.shape[1]), np.full(count, np.inf)
+        # Energies as quadratic forms of the amplitudes, one matrix for each plant, in a row.
+        turned = np.swapaxes(self.phasors(x, rates)[1] * np.sqrt(weights)[:, :, None], 2, 3)
+        forms = np.real(turned @ np.conj(np.swapaxes(turned, 2, 3))).reshape(count, len(rates), n * n)
+        shares, least = np.full(forms.shape[:2], 1 / len(rates)), np.full(count, np.inf)
         for _ in range(1 if np.all(bounds.lower == bounds.upper) else LAWSON):
-            each = (rows * np.sqrt(shares)[:, :, None, None]).reshape(count, -1, n)
-            square = np.swapaxes(each, 1, 2) @ each
+            square = (shares[:, None] @ forms).reshape(count, n, n)
             square += (1e-9 * np.trace(square, axis1=1, axis2=2)[:, None, None] + 1e-300) * np.eye(n)
             solved = np.linalg.solve(square, np.ones((count, n, 1)))[..., 0]
             trial = x.copy()
             trial[:, :n] = solved / solved.sum(axis=1, keepdims=True)
             trial = _within(self.search, trial)
-            energies = np.sum((rows @ trial[:, None, :n, None])[..., 0] ** 2, axis=2)
+            twice = trial[:, :n, None] * trial[:, None, :n]
+            energies = np.maximum((forms @ twice.reshape(count, n * n, 1))[..., 0], 0.0)
             values = self._objectives(energies)
             x[values < least], least = trial[values < least], np.minimum(values, least)
             if self.search.problem.objective == "mean":
