@@ -92,18 +92,19 @@ plant of two states in large batches, which two million plants make up for (jaxl
 WHOLE: dict[str, str] = {}
 """Flags of XLA for all programs of a process that keeps them: it takes them so alone.
 
-Loops whose arrays take up to a megabyte become one piece of machine code each, in the place of one for each of their
-operations, and those follow one another, in the place of waiting for threads. Searches over nine plants take 4.1 for
-5.7 s (a crane of 5 m) and 2.3 for 3.5 s (a hardening pair), one residual energy of a double-pendulum crane among
-programs of its user's 0.4 for 2.4 ms and its gradient 2.5 for 37; a user's first gradient of it compiles for 33 s in
-the place of 22 (jaxlib 0.10)."""
+Loops whose arrays take up to half a megabyte become one piece of machine code each, in the place of one for each of
+their operations, and those follow one another, in the place of waiting for threads. Searches over nine plants take 4.1
+for 5.7 s (a crane of 5 m) and 1.8 for 3.5 s (a hardening pair), one residual energy of a double-pendulum crane among
+programs of its user's 0.7 for 1.8 ms and its gradient 3.3 for 43; a user's first gradient of it compiles for 29 s in
+the place of 20. With a whole megabyte a bridge crane's search would be no faster, and compile for 38 s in the place of
+24 (jaxlib 0.10)."""
 
 if tuple(map(int, version("jaxlib").split(".")[:2])) <= (0, 10):
     # An option that a later XLA no longer knows is an error.
     LEAN[_EMITTERS] = False
     WHOLE = {
         _EMITTERS: "false",
-        "xla_backend_extra_options": "xla_cpu_small_while_loop_byte_threshold=1000000",
+        "xla_backend_extra_options": "xla_cpu_small_while_loop_byte_threshold=500000",
         "xla_cpu_scheduler_type": "CPU_SCHEDULER_TYPE_MEMORY_OPTIMIZED",
     }
 

@@ -100,12 +100,12 @@ def test_scores_are_the_means_of_rollouts():
 
 
 @pytest.mark.slow
-def test_a_policy_abroad_acts_as_at_home(duffing, tmp_path):
-    policy = GRUPolicy(sizes_of(duffing), jax.random.key(0))
-    save_policy(
-        policy, tmp_path / "p.npz", dict(environment="DuffingPayload", preset="paper", context="hidden", action="modal")
-    )
-    away = parameters("DuffingPayload", "hard")
+@pytest.mark.parametrize("context", ["hidden", "observed"])
+def test_a_policy_abroad_acts_as_at_home(context, tmp_path):
+    home, away = (parameters("DuffingPayload", preset, context=context) for preset in ("paper", "hard"))
+    policy = GRUPolicy(sizes_of(home), jax.random.key(0))
+    about = dict(environment="DuffingPayload", preset="paper", context=context, action="modal")
+    save_policy(policy, tmp_path / "p.npz", about)
     found = named_policy(str(tmp_path / "p.npz"), away)
     assert isinstance(found, Transferred)
     state, observation = reset(jax.random.key(3), away)
@@ -113,14 +113,19 @@ def test_a_policy_abroad_acts_as_at_home(duffing, tmp_path):
     (memory, action), shaper = act(found, found.init(away), observation, away)
     # At home the same move is a greater share of the longest one, 1 m; here that is 1.2 m.
     at_home = observation.at[16 + away.action.size].multiply(1.2)
-    same_memory, same = act(policy, policy.init(duffing), at_home, duffing)
+    if context == "observed":
+        # The same payload, in halves of the range at home from its middle.
+        least, greatest = np.asarray(home.payload)
+        at_home = at_home.at[-1].set(2 * (state.payload - (least + greatest) / 2) / (greatest - least))
+        assert abs(float(at_home[-1] - observation[-1])) > 0.1
+    same_memory, same = act(policy, policy.init(home), at_home, home)
     np.testing.assert_allclose(action, same, atol=1e-6)
-    exact = duffing.action.shaper(same)
+    exact = home.action.shaper(same)
     np.testing.assert_allclose(shaper.times, exact.times, rtol=1e-5)
     assert float(jnp.abs(away.action.shaper(action).times[-1] - exact.times[-1])) > 1e-3
     # In the next move it observes what it did, which no action here stands for.
     (_, action), _ = act(found, (memory, action), observation, away)
-    _, same = act(policy, same_memory, at_home.at[16 : 16 + away.action.size].set(same), duffing)
+    _, same = act(policy, same_memory, at_home.at[16 : 16 + away.action.size].set(same), home)
     np.testing.assert_allclose(action, same, atol=1e-6)
 
 

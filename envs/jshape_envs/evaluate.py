@@ -21,6 +21,7 @@ from scipy import stats
 from jshape import _check
 from jshape.moves import AbstractPolicy, Choice, EnvState, Info, Observation, Params, rollout
 from jshape_envs.baselines import baseline
+from jshape_envs.families import as_in
 from jshape_envs.parameters import parameters
 from jshape_envs.policy import GRUPolicy, read_policy
 
@@ -220,8 +221,8 @@ def summary(scores: Scores) -> dict[str, Interval]:
 class Transferred(AbstractPolicy):
     """A policy on an environment with other params than those it was trained with.
 
-    Its actions mean what they meant there, and distances come to it in the same unit. Both environments must have the
-    same sensor and as many entries in an action.
+    Its actions mean what they meant there, and distances and payloads come to it in the same units. Both environments
+    must have the same sensor and as many entries in an action.
 
     Attributes:
         policy: the trained one.
@@ -237,8 +238,8 @@ class Transferred(AbstractPolicy):
     def act(self, memory: Any, observation: Observation, params: Params, state: EnvState) -> Choice:
         # The shaper is none of this environment's actions: what the policy did last, it observes from its memory.
         (memory, last), place = memory, params.sensor.size
-        scaled = observation.at[place : place + len(last)].set(last.astype(observation.dtype))
-        scaled = scaled.at[place + len(last)].multiply(params.distance[1] / self.home.distance[1])
+        scaled = as_in(self.home, observation, params)
+        scaled = scaled.at[place : place + len(last)].set(last.astype(observation.dtype))
         memory, action = self.policy.act(memory, scaled, self.home, state)
         return (memory, action), self.home.action.shaper(action)
 

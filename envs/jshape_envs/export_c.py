@@ -6,6 +6,7 @@ After each move the controller hands over what it observed and is given the acti
 Arithmetic is ``float``; the weights are written so that they are read back bit for bit.
 """
 
+import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 from string import Template
@@ -54,26 +55,15 @@ def policy_to_c(policy: GRUPolicy, entries: Sequence[str] = (), name: str = "pol
         hidden=policy.cell.hidden_size,
         width=policy.head.width_size,
         sensed=sizes.sensed,
-        gain=_literal(np.float32(policy.gain)),
+        gain=f"{np.float32(policy.gain)}f",
         arrays="\n\n".join(_array(f"{name}_{key}", np.asarray(value, np.float32)) for key, value in weights.items()),
     )
 
 
 def _array(name: str, values: np.ndarray) -> str:
-    """A constant array of C, of one or two dimensions."""
-    shape = "".join(f"[{n}]" for n in values.shape)
-    rows = values if values.ndim == 2 else values[None]
-    lines = [_wrapped([_literal(x) for x in row]) for row in rows]
-    body = ",\n".join(f"    {{\n{line}\n    }}" for line in lines) if values.ndim == 2 else lines[0]
+    """A constant array of C, of one or two dimensions; NumPy writes as many digits as are read back bit for bit."""
+    shape, lines = "".join(f"[{n}]" for n in values.shape), textwrap.TextWrapper(100, break_on_hyphens=False)
+    lines.initial_indent = lines.subsequent_indent = 8 * " "
+    rows = [lines.fill(", ".join(f"{value}f" for value in row)) for row in np.atleast_2d(values)]
+    body = ",\n".join(f"    {{\n{row}\n    }}" for row in rows) if values.ndim == 2 else rows[0]
     return f"static const float {name}{shape} = {{\n{body}\n}};"
-
-
-def _wrapped(items: list[str], each: int = 6) -> str:
-    rows = [", ".join(items[i : i + each]) for i in range(0, len(items), each)]
-    return ",\n".join(f"        {row}" for row in rows)
-
-
-def _literal(value: np.float32) -> str:
-    # Nine digits are exact for single precision.
-    text = f"{value:.9g}"
-    return f"{text}f" if any(c in text for c in ".e") else f"{text}.0f"

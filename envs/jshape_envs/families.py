@@ -58,13 +58,18 @@ class Declared(AbstractPolicy):
         return self.policy.init(self.params)
 
     def act(self, memory: Any, observation: Observation, params: Params, state: EnvState) -> Choice:
-        place, declared = observation_names(params).index, self.params
-        observation = observation.at[place("distance")].multiply(params.distance[1] / declared.distance[1])
-        if params.context != "hidden":
-            half, others = (jnp.diff(p.payload)[0] / 2 for p in (params, declared))
-            payload = jnp.mean(params.payload) + half * observation[place("payload")]
-            observation = observation.at[place("payload")].set((payload - jnp.mean(declared.payload)) / others)
-        return self.policy.act(memory, observation, self.params, state)
+        return self.policy.act(memory, as_in(self.params, observation, params), self.params, state)
+
+
+def as_in(declared: Params, observation: Observation, params: Params) -> Observation:
+    """An observation of one environment, its distance and payload in the units of another, the declared one."""
+    place = observation_names(params).index
+    observation = observation.at[place("distance")].multiply(params.distance[1] / declared.distance[1])
+    if params.context != "hidden":
+        half, others = (jnp.diff(p.payload)[0] / 2 for p in (params, declared))
+        payload = jnp.mean(params.payload) + half * observation[place("payload")]
+        observation = observation.at[place("payload")].set((payload - jnp.mean(declared.payload)) / others)
+    return observation
 
 
 class Dropouts(Sensor):
@@ -112,6 +117,9 @@ class Swaying(AbstractMachine):
     def known(self, moves: Int[Array, ""]) -> Float[Array, " known"]:
         return self.machine.known(moves)
 
+    def payload_unit(self) -> str:
+        return self.machine.payload_unit()
+
 
 class LaggedStep(Checked):
     """A step by an actuator that takes a while, at constant speed.
@@ -146,7 +154,8 @@ def with_sensor(params: Params, **values: Any) -> Params:
 
 
 def stiffness(params: Params, spring: float, others: float) -> Params:
-    """The params with a factor of a Duffing spring's cubic stiffness, and one of what else is stiff in a machine."""
+    """The params with a factor of a Duffing spring's cubic stiffness, and one of what else is stiff in a machine, or
+    long in a crane: leaves whose change a payload does not explain away."""
     names = ("nominal.gravity", "nominal.link.omega", "low", "high")
     return scaled(params, {"nominal.spring.k3": spring, **dict.fromkeys(names, others)})
 

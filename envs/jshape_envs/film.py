@@ -2,22 +2,22 @@
 
 import dataclasses
 from collections.abc import Iterator, Sequence
-from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, PRNGKeyArray
+from jaxtyping import PRNGKeyArray
 from matplotlib import animation
 
 from jshape import _check
-from jshape.moves import AbstractPolicy, EnvState, Params, move, plan_move, reset, watch_move
+from jshape.moves import AbstractPolicy, EnvState, Params, move, plan_move, reset
 from jshape.plants import AbstractPlant
 from jshape.reports.film import film_of_motions
 from jshape.reports.places import Motion, motion_of
 from jshape.shaper import Shaper
+from jshape.simulation.simulate import Response, simulate_fixed
 
 SAMPLES = 241
 """Instants of a move that are computed, from its beginning to the end of the sensor's window."""
@@ -83,8 +83,8 @@ class WatchedMove(NamedTuple):
     """
 
     plant: AbstractPlant
-    unshaped: Any
-    shaped: Any
+    unshaped: Response
+    shaped: Response
     payload: float
     distance: float
     residual: float
@@ -124,7 +124,7 @@ def watched_moves(
         memory, state, observation, ended, plant, runs, residual = _next(
             key, policy, memory, state, observation, params
         )
-        unshaped, shaped = map(as_response, runs)
+        unshaped, shaped = jax.device_get(runs)
         yield WatchedMove(plant, unshaped, shaped, float(before.payload), float(before.distance), float(residual))
         if ended:
             break
@@ -133,7 +133,7 @@ def watched_moves(
 @eqx.filter_jit
 def _next(
     key: PRNGKeyArray, policy: AbstractPolicy, memory: Any, state: EnvState, observation: Any, params: Params
-) -> tuple[Any, EnvState, Any, Any, AbstractPlant, list[dict[str, Array]], Any]:
+) -> tuple[Any, EnvState, Any, Any, AbstractPlant, list[Response], Any]:
     """A move by the policy, and the same one by no shaper; what comes after it."""
     memory, choice = policy.act(memory, observation, params, state)
     shaper = choice if isinstance(choice, Shaper) else params.action.shaper(choice.astype(params.period.dtype))
@@ -145,20 +145,9 @@ def _next(
     return memory, state, observation, terminated | truncated, plant, runs, info.residual
 
 
-def watched(plant: AbstractPlant, state: EnvState, shaper: Shaper, params: Params) -> dict[str, Array]:
-    """The trajectory of the next move with that shaper and of the sensor's window after it, as it is drawn.
-
-    Returns:
-        ``times`` (s), the ``command``, the ``payload``, its ``deflection`` and the ``states``, a row an instant.
-    """
+def watched(plant: AbstractPlant, state: EnvState, shaper: Shaper, params: Params) -> Response:
+    """The response to the next move with that shaper and in the sensor's window after it, as it is drawn."""
     plan = plan_move(plant, params.machine.command(state.distance, state.moves), shaper, state.position)
     horizon = plan.breaks[-1] + params.sensor.window
     steps = max(2, params.steps.window * params.sensor.samples * 2 // SAMPLES)
-    times, command, payload, states = watch_move(plant, plan, state.plant, horizon, SAMPLES, steps)
-    deflection = jax.vmap(plant.deflection)(states, command)
-    return dict(times=times, command=command, payload=payload, deflection=deflection, states=states)
-
-
-def as_response(run: dict[str, Array]) -> Any:
-    """The trajectory of ``watched`` as plain numbers with the names of a ``Response``."""
-    return SimpleNamespace(**{name: np.asarray(values) for name, values in run.items()})
+    return simulate_fixed(plant, plan, state.plant, horizon, SAMPLES, steps)

@@ -33,14 +33,12 @@ from jshape_envs.baselines.model_based import BankState, misfit, predicted
 from jshape_envs.baselines.observed import middle, observed, sensor_deviation
 from jshape_envs.baselines.posterior import FixedPayload, Hedge, tuned_shaper
 from jshape_envs.evaluate import episode_costs
-from jshape_envs.families import DAMPING, Declared, Family, scaled
+from jshape_envs.families import Declared, Family, damping, stiffness
 
 PAYLOADS = 21
 """Payloads of the bank, over their declared range and a quarter of it to either side."""
 VARIANTS = ((1.0, 1.0), (0.8, 1.0), (1.25, 1.0), (1.0, 2.5))
-"""Factors of stiffness (``STIFFNESS``) and damping (``DAMPING``) of the bank's plants; first the declared one."""
-STIFFNESS = ("nominal.spring.k3", "nominal.gravity", "nominal.link.omega", "low", "high")
-"""What is stiff in a machine, or long in a crane: leaves whose change a payload does not explain away."""
+"""Factors of stiffness and damping (``families``) of the bank's plants; first the declared one."""
 BEYOND = 0.1
 """Prior probability of a payload beyond the declared range, and of a stiffness or damping that is not the declared."""
 ROBUSTNESSES = (0.0, 0.25, 0.5, 1.0)
@@ -225,10 +223,7 @@ def guarded(
     payloads = np.linspace(max(least - quarter, least / 2), greatest + quarter, PAYLOADS)
     inside = (payloads >= least) & (payloads <= greatest)
     over_payloads = np.where(inside, (1 - BEYOND) / inside.sum(), BEYOND / (~inside).sum())
-    variants = []
-    for stiff, damped in VARIANTS:
-        factors: dict[str, float] = {**dict.fromkeys(STIFFNESS, stiff), **dict.fromkeys(DAMPING, damped)}
-        variants.append(scaled(params, factors).machine)
+    variants = [damping(stiffness(params, stiff, stiff), damped).machine for stiff, damped in VARIANTS]
     over_variants = np.where(np.arange(len(VARIANTS)) == 0, 1 - BEYOND, BEYOND / (len(VARIANTS) - 1))
     impulses = []
     for policy in (proposer, fallback, FixedPayload(middle(params), Hedge(params.period, params.period))):

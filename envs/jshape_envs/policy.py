@@ -161,14 +161,8 @@ def read_policy(path: Path) -> tuple[GRUPolicy, dict[str, Any]]:
 
 
 def policy_file(environment: str, preset: str = "paper", context: str = "hidden") -> Path:
-    """The file of a policy that comes with the package."""
+    """The file of the policy that comes with the package, or would, for an environment."""
     return POLICIES / f"{environment}_{preset}_{context}.npz"
-
-
-def shipped_policy(environment: str, preset: str = "paper", context: str = "hidden") -> Path | None:
-    """The file of the policy that comes with the package for an environment, if there is one."""
-    path = policy_file(environment, preset, context)
-    return path if path.exists() else None
 
 
 def named_arrays(tree: Any) -> dict[str, np.ndarray]:

@@ -21,7 +21,8 @@ from jshape.reports.film import Put, view_of
 from jshape.reports.places import motion_of
 from jshape.reports.style import COLOURS, STYLE
 from jshape.shaper import Shaper
-from jshape_envs.film import as_response, described, watched
+from jshape.simulation.simulate import Response
+from jshape_envs.film import described, watched
 
 FPS = 30
 SIZE = 6.4, 4.8
@@ -54,7 +55,7 @@ class Renderer:
         """The move to draw: from this state, with this action (none: the machine stands before its first move)."""
         given = jnp.zeros(self.params.action.size) if action is None else action
         plant, shaper, watched_move, residual = _watch(state, given.astype(self.params.period.dtype), self.params)
-        run = as_response(watched_move)
+        run = jax.device_get(watched_move)
         end = float(run.times[-1])
         whole = np.append(np.arange(0.0, end, 1 / FPS), end)
         self.times = whole[:1] if action is None else whole
@@ -144,8 +145,8 @@ def _positions(axes: Axes, run: Any, impulses: Any, times: np.ndarray) -> Put:
 
 
 @jax.jit
-def _watch(state: EnvState, action: Array, params: Params) -> tuple[AbstractPlant, Shaper, dict[str, Array], Array]:
-    """The plant, the shaper, the trajectory along the move, the normalised residual energy."""
+def _watch(state: EnvState, action: Array, params: Params) -> tuple[AbstractPlant, Shaper, Response, Array]:
+    """The plant, the shaper, the response along the move, the normalised residual energy."""
     machine = params.machine
     plant, shaper = machine.plant(state.payload, state.moves), params.action.shaper(action)
     plan = plan_move(plant, machine.command(state.distance, state.moves), shaper, state.position)

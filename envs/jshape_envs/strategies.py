@@ -7,7 +7,7 @@ from jshape.moves import AbstractPolicy, Params
 from jshape_envs.baselines import applicable, baseline
 from jshape_envs.evaluate import named_policy
 from jshape_envs.guard import guarded
-from jshape_envs.policy import shipped_policy
+from jshape_envs.policy import policy_file
 
 FIRST_DEBTS = {"HoistingCrane": math.inf}
 """First debts of the guards, as calibrated, of environments where 0 is too little; with an infinite one the fallback
@@ -21,7 +21,7 @@ def strategies(environment: str, params: Params) -> list[str]:
         environment: its name.
         params: of it.
     """
-    shipped = shipped_policy(environment, context=params.context)
+    shipped = policy_file(environment, context=params.context).exists()
     return [*applicable(params), *(["trained", "guarded"] if shipped else [])]
 
 
@@ -39,5 +39,5 @@ def strategy(name: str, environment: str, params: Params) -> AbstractPolicy:
     _check.one_of(name, "strategy", tuple(strategies(environment, params)))
     if name not in ("trained", "guarded"):
         return baseline(name, params)
-    trained = named_policy(str(shipped_policy(environment, context=params.context)), params)
+    trained = named_policy(str(policy_file(environment, context=params.context)), params)
     return trained if name == "trained" else guarded(params, trained, debt=FIRST_DEBTS.get(environment, 0.0))

@@ -1,1 +1,1 @@
-"""Trainings, presets and the leaderboard of the environments."""
+"""Trainings and the leaderboard of the environments."""

@@ -22,7 +22,7 @@ from jshape_envs.baselines import baseline  # noqa: E402
 from jshape_envs.evaluate import episode_costs, named_policy  # noqa: E402
 from jshape_envs.families import DECLARED, HELD_OUT, Declared  # noqa: E402
 from jshape_envs.guard import COUNTED, calibrated, guarded  # noqa: E402
-from jshape_envs.policy import shipped_policy  # noqa: E402
+from jshape_envs.policy import policy_file  # noqa: E402
 
 from experiments.learning.record import keep, read  # noqa: E402
 from experiments.markdown import table  # noqa: E402
@@ -69,7 +69,7 @@ def main() -> None:
 
 def contenders(name: str, params: Params) -> dict[str, AbstractPolicy]:
     """The classical strategies, the trained policy and the guarded one, by their names."""
-    trained = named_policy(str(shipped_policy(name)), params)
+    trained = named_policy(str(policy_file(name)), params)
     found = {each: baseline(each, params) for each in CLASSICAL}
     guard = guarded(params, trained, found["best-energy"], read(RECORD).get(f"{name} debt", 0.0))
     if f"{name} debt" not in read(RECORD):

@@ -1,18 +1,21 @@
 """Random design problems beside a search with fifty times the starts.
 
-    python -m experiments.reliability.searches --problems 200 --seed 0      # writes searches.md beside itself; hours
+    python -m experiments.reliability.searches --problems 200 --seed 3      # three hours of processor time
+    python -m experiments.reliability.searches --again                      # three quarters of one
 
 Every kind of problem (nominal, at durations that do and do not reach zero; worst case; mean; CVaR) with two to six
 impulses and every rule of amplitudes. The judge is the same search from 1,600 starting points of another seed instead
 of 32; where the search leaves nothing there is nothing to judge. Counted are the problems whose design lies within
 0.1 % of the better of both, and those that say that they converged more than half a percent above it. Finished
-problems are kept in the file that ``--rows`` names; with ``--again`` those of it are searched anew, beside the judge's
-values, or better ones of earlier searches, which take most of the time.
+problems are kept in searches.json, and the page, searches.md, is made of them; with ``--again`` they are searched anew,
+beside the judge's values, or better ones of earlier searches, which take most of the time.
 """
 
 import argparse
 import json
+import multiprocessing
 import time
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,6 +24,7 @@ import numpy as np
 
 import jshape as js
 from experiments import markdown
+from jshape._files import whole
 from jshape.design.energy import two_impulse
 from jshape.design.linear import zv
 from jshape.simulation.simulate import natural_frequencies
@@ -36,6 +40,8 @@ ZERO = 1e-9
 
 FINE = 201
 """Plants on which worst cases are compared."""
+
+RECORD = Path(__file__).with_suffix(".json")
 
 KINDS = ("nominal", "nominal, at a boundary", "worst", "mean", "cvar")
 
@@ -178,36 +184,42 @@ def _cell(value: Any) -> str:
     return f"{value:.7g}" if isinstance(value, float) else str(value)
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--problems", type=int, default=200)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--rows", type=Path, help="file that keeps finished problems")
-    parser.add_argument("--again", action="store_true", help="search those anew, beside the best values known of them")
-    options = parser.parse_args()
-    if options.again and not options.rows:
-        parser.error("--again needs --rows")
+def prepare() -> None:
+    """Set JAX up, in every process."""
     jax.config.update("jax_enable_x64", True)
     js.keep_programs()
-    kept = options.rows.read_text(encoding="utf-8").splitlines() if options.rows and options.rows.exists() else []
-    rows = [json.loads(line) for line in kept]
-    if options.again:
-        rows = [run(row["kind"], row["index"], options.seed, row) for row in rows]
-        options.rows.write_text("".join(json.dumps(row) + "\n" for row in rows), encoding="utf-8")
-    begin, before = time.monotonic(), len(rows)
-    for i in range(before, options.problems):
-        rows.append(run(KINDS[i % len(KINDS)], i // len(KINDS), options.seed))
-        if options.rows:
-            with options.rows.open("a", encoding="utf-8") as file:
-                file.write(json.dumps(rows[-1]) + "\n")
-        left = (time.monotonic() - begin) / (i + 1 - before) * (options.problems - i - 1)
-        row = rows[-1]
-        print(
-            f"{i + 1}/{options.problems}, {left / 60:.0f} min left: {row['kind']}, {excess(row):.2%} above", flush=True
-        )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--problems", type=int, default=0, help="how many, those that are kept among them")
+    parser.add_argument("--seed", type=int, default=3)
+    parser.add_argument("--processes", type=int, default=1)
+    parser.add_argument("--again", action="store_true", help="search those anew, beside the best values known of them")
+    options = parser.parse_args()
+    kept = json.loads(RECORD.read_text(encoding="utf-8")) if RECORD.exists() else {"seed": options.seed, "rows": []}
+    if kept["seed"] != options.seed:
+        parser.error(f"{RECORD} holds problems of --seed {kept['seed']}, not {options.seed}")
+    rows = {(row["index"], row["kind"]): row for row in kept["rows"]}
+    wanted = [(i // len(KINDS), KINDS[i % len(KINDS)]) for i in range(options.problems)]
+    wanted = [*(rows if options.again else ()), *(one for one in wanted if one not in rows)]
+    begin, spawn = time.monotonic(), multiprocessing.get_context("spawn")
+    pool = ProcessPoolExecutor(options.processes, spawn, prepare)
+    try:
+        running = [pool.submit(run, kind, index, options.seed, rows.get((index, kind))) for index, kind in wanted]
+        for done, each in enumerate(as_completed(running), 1):
+            row = each.result()
+            rows[row["index"], row["kind"]] = row
+            with whole(RECORD) as file:
+                ordered = sorted(rows.values(), key=lambda row: (row["index"], KINDS.index(row["kind"])))
+                file.write(json.dumps({"seed": options.seed, "rows": ordered}, indent=1).encode() + b"\n")
+            left = (time.monotonic() - begin) / done * (len(wanted) - done)
+            print(f"{done}/{len(wanted)}, {left / 60:.0f} min left: {row['kind']}, {excess(row):.2%} above", flush=True)
+    finally:
+        pool.shutdown(cancel_futures=True)
     title = f"{len(rows)} design problems beside a search with {FACTOR} times the starts"
     command = f"python -m experiments.reliability.searches --problems {len(rows)} --seed {options.seed}"
-    markdown.write_beside(__file__, title, command, report(rows))
+    markdown.write_beside(__file__, title, command, report([*rows.values()]))
 
 
 if __name__ == "__main__":

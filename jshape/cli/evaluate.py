@@ -48,7 +48,7 @@ def evaluate(
     from jshape_envs.evaluate import evaluate, named_policy, summary
     from jshape_envs.families import FAMILIES, Declared
     from jshape_envs.parameters import parameters
-    from jshape_envs.policy import shipped_policy
+    from jshape_envs.policy import policy_file
     from jshape_envs.strategies import strategy
 
     from jshape import _check
@@ -66,7 +66,7 @@ def evaluate(
     chosen = dict(
         environment=environment, preset=preset, context=context, family=family, episodes=episodes, seeds=seeds
     )
-    shipped = shipped_policy(environment, context=context)
+    shipped = policy_file(environment, context=context).exists()
     names = list(dict.fromkeys(policy)) or [*applicable(params), *(["trained"] if shipped else [])]
     for name in names:
         if name not in (*BASELINES, "trained", "guarded") and not name.endswith(".npz"):

@@ -31,7 +31,6 @@ from .physics import Steps as Steps
 from .physics import plan_move as plan_move
 from .physics import run_move as run_move
 from .physics import run_window as run_window
-from .physics import watch_move as watch_move
 from .policy import AbstractPolicy as AbstractPolicy
 from .policy import Choice as Choice
 from .policy import Observation as Observation

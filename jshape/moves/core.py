@@ -198,9 +198,7 @@ def move(
     command = machine.command(state.distance, state.moves)
     plan = plan_move(plant, command, shaper, state.position)
     after, energy = run_move(plant, plan, state.plant, params.steps)
-    end, deflection, diverged = run_window(
-        plant, plan, after, params.sensor.window, params.sensor.samples, params.steps
-    )
+    end, deflection, diverged = run_window(plant, plan, after, params.sensor, params.steps)
 
     reference, oracle_cost = bare_energy_and_oracle_cost(state, params)
     diverged |= ~jnp.isfinite(energy)

@@ -10,7 +10,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from jshape._types import Scalar, State
-from jshape.command import AbstractCommand, polynomial
+from jshape.command import AbstractCommand
+from jshape.moves.sensor import Sensor
 from jshape.plants import AbstractPlant
 from jshape.plants.base import Coast
 from jshape.shaper import Shaper, Shaping
@@ -67,7 +68,7 @@ def run_move(plant: AbstractPlant, plan: Schedule, state: State, steps: Steps) -
 
 
 def run_window(
-    plant: AbstractPlant, plan: Schedule, state: State, window: Scalar, samples: int, steps: Steps
+    plant: AbstractPlant, plan: Schedule, state: State, sensor: Sensor, steps: Steps
 ) -> tuple[State, Float[Array, " samples"], Bool[Array, ""]]:
     """The state at the end of the sensor's window, the deflections at its samples, and whether the plant has diverged.
 
@@ -75,8 +76,7 @@ def run_window(
         plant: the plant of this move.
         plan: of the move that has just ended.
         state: right after the last break.
-        window: length of the window, s.
-        samples: number of samples, evenly over the window.
+        sensor: has the window, and when it takes samples.
         steps: how finely it is integrated.
 
     Returns:
@@ -86,14 +86,13 @@ def run_window(
     inputs, place = plan.final_inputs(plant), plan.final
     coast = _coast(plant, plan)
     if coast is None:
-        last = Segments(plan.breaks[-1:], window[None], jnp.zeros_like(plan.breaks[-1:]), plan.coefficients[-1:])
-        count = samples * steps.window
+        last = Segments(plan.breaks[-1:], sensor.window[None], jnp.zeros_like(plan.breaks[-1:]), plan.coefficients[-1:])
+        count = sensor.samples * steps.window
         end, _, saved = integrate(field_of(plant), state, last.duration, last, count, steps.method, save=True)
         assert saved is not None
         states = saved[0, steps.window - 1 :: steps.window].T
     else:
-        times = window * jnp.arange(1, samples + 1, dtype=window.dtype) / samples
-        states = jax.vmap(lambda time: coast(state, inputs, time), out_axes=1)(times)
+        states = jax.vmap(lambda time: coast(state, inputs, time), out_axes=1)(sensor.times)
         end = states[:, -1]
 
     def along(y: State) -> Scalar:
@@ -124,29 +123,6 @@ def greatest_energy(plant: AbstractPlant, command: AbstractCommand, steps: Steps
 
     along = jax.vmap(jax.vmap(energy, in_axes=(None, 0, 0)))(segments, states, local)
     return jnp.maximum(residual, jnp.max(along))
-
-
-def watch_move(
-    plant: AbstractPlant, plan: Schedule, state: State, horizon: Scalar, samples: int, steps: int
-) -> tuple[Array, Array, Array, Float[Array, "samples state"]]:
-    """The trajectory of a move, to look at.
-
-    Args:
-        plant: the plant of this move.
-        plan: of the move.
-        state: in which it begins.
-        horizon: its end, s.
-        samples: number of instants, evenly spaced.
-        steps: integration steps between two instants.
-
-    Returns:
-        Times (s), the command's and the payload's position (m), and the plant's states.
-    """
-    times = horizon * jnp.linspace(0.0, 1.0, samples, dtype=state.dtype)
-    segments, at = plan.sampled(times)
-    states = all_states(plant, segments, state, steps)[:, 0][at]
-    command = jax.vmap(polynomial)(segments.coefficients[at], segments.age[at])
-    return times, command, jax.vmap(plant.payload)(states, command), states
 
 
 def _coast(plant: AbstractPlant, plan: Schedule) -> Coast | None:

@@ -49,6 +49,11 @@ class Sensor(Checked):
         """Number of entries of a reading."""
         return self.samples if self.kind == "samples" else 4
 
+    @property
+    def times(self) -> Times:
+        """When the samples are taken, s after the last impulse."""
+        return self.window * jnp.arange(1, self.samples + 1, dtype=self.window.dtype) / self.samples
+
     def read(self, deflection: Float[Array, " samples"], noise: Float[Array, " samples"]) -> Float[Array, " size"]:
         """The reading of these deflections (m), within [−1, 1]; 0 where one is not finite.
 

@@ -158,7 +158,7 @@ def simulate(
         rtol, atol = max(rtol, floor), max(atol, floor / 100)
         steps = _steps_between(plant, plan, horizon, samples)
         return _simulate_adaptive(plant, plan, state, horizon, samples, rtol, atol, adjoint, steps)
-    return _simulate_fixed(plant, plan, state, horizon, samples, _steps_between(plant, plan, horizon, samples))
+    return simulate_fixed(plant, plan, state, horizon, samples, _steps_between(plant, plan, horizon, samples))
 
 
 def final_state(
@@ -334,7 +334,10 @@ def _fixed_states(plant, segments: Segments, state: State, at, steps: int) -> tu
 
 
 @kept
-def _simulate_fixed(plant, plan, state, horizon, samples, steps) -> Response:
+def simulate_fixed(
+    plant: AbstractPlant, plan: Schedule, state: State, horizon: Scalar, samples: int, steps: int
+) -> Response:
+    """The response from a state, at as many instants evenly from 0 to the horizon (s), ``steps`` fixed steps apart."""
     times = horizon * jnp.linspace(0.0, 1.0, samples, dtype=state.dtype)
     segments, at = plan.sampled(times)
     states, error = _fixed_states(plant, segments, state, at, steps)

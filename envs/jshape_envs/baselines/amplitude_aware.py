@@ -13,7 +13,7 @@ from jaxtyping import Array, Float, Int
 from jshape._types import Scalar
 from jshape.moves import CASES, AbstractPolicy, Choice, EnvState, Observation, Params, plan_move, run_move, run_window
 from jshape_envs.baselines.frequency import Tones, fit_tones
-from jshape_envs.baselines.observed import evenly, frequency_bands, middle, observed, sample_times, sensor_deviation
+from jshape_envs.baselines.observed import evenly, frequency_bands, middle, observed, sensor_deviation
 from jshape_envs.baselines.posterior import Hedge, no_hedge, tuned_shaper
 
 PAYLOADS, SWINGS = 33, 24
@@ -59,7 +59,7 @@ class AmplitudeAware(AbstractPolicy):
 
     def act(self, memory: PayloadEstimate, observation: Observation, params: Params, state: EnvState | None) -> Choice:
         samples, distance = observed(observation, params)
-        tones = fit_tones(samples, sample_times(params), self.bands, sensor_deviation(params))
+        tones = fit_tones(samples, params.sensor.times, self.bands, sensor_deviation(params))
         case = params.machine.case(memory.distance, memory.made - 1)
         resolved = (memory.made > 0) & tones.resolved(self.bands)[0]
         payload = jnp.where(resolved, self.payload(case, tones), memory.payload)
@@ -84,7 +84,7 @@ def amplitude_aware(params: Params) -> AmplitudeAware:
 @eqx.filter_jit
 def _table(params: Params, bands: Any, payloads: Any) -> tuple[Array, Array]:
     """Amplitudes (m) and frequencies (rad/s) over cases × payloads × sizes of swing."""
-    machine, sensor, size = params.machine, params.sensor, params.distance[1]
+    machine, size = params.machine, params.distance[1]
 
     def one(case: int, payload: Scalar, share: Scalar) -> tuple[Scalar, Scalar]:
         sign, moves = machine.example(case)
@@ -94,8 +94,8 @@ def _table(params: Params, bands: Any, payloads: Any) -> tuple[Array, Array]:
         after, _ = run_move(plant, plan, plant.rest_state(plant.zero_inputs()), params.steps)
         # The residual vibration of the bare move, and every share of it.
         start = rest + share * (after - rest)
-        _, deflection, _ = run_window(plant, plan, start, sensor.window, sensor.samples, params.steps)
-        found = fit_tones(deflection, sample_times(params), bands, jnp.zeros_like(size))
+        _, deflection, _ = run_window(plant, plan, start, params.sensor, params.steps)
+        found = fit_tones(deflection, params.sensor.times, bands, jnp.zeros_like(size))
         return found.amplitude[0], found.omega[0]
 
     shares = jnp.geomspace(0.01, 1.0, SWINGS, dtype=size.dtype)

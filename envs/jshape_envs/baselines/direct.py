@@ -19,7 +19,7 @@ from jshape.adaptive.strategies.extremum_seeking import SeekingState
 from jshape.design.linear import multi_mode
 from jshape.moves import AbstractPolicy, Choice, EnvState, Observation, Params
 from jshape_envs.baselines.frequency import fit_tones, peaks
-from jshape_envs.baselines.observed import frequency_bands, middle, modes_of, observed, sample_times, sensor_deviation
+from jshape_envs.baselines.observed import frequency_bands, middle, modes_of, observed, sensor_deviation
 
 WINDOWS = 2
 """Number of windows over which the power of the Fourier transform is averaged."""
@@ -77,7 +77,7 @@ class DirectAdaptive(AbstractPolicy):
         samples, distance = observed(observation, params)
         moved = memory.made > 0
         windows = jnp.concatenate([jnp.where(moved, samples, 0.0)[None], memory.windows[:-1]])
-        found, height = peaks(windows, sample_times(params), self.bands)
+        found, height = peaks(windows, params.sensor.times, self.bands)
         omega = jnp.where(moved & (height > CLEAR * sensor_deviation(params)), found, memory.omega)
         cost = jnp.mean(samples**2) / memory.distance**2
         seeking, zeta = self.seeking.step(memory.seeking, jnp.where(moved, cost, jnp.nan))
@@ -140,7 +140,7 @@ class FrequencyTracker(AbstractPolicy):
     ) -> Choice:
         # Before the first move there is noise alone, which resolves nothing.
         samples, _ = observed(observation, params)
-        found = fit_tones(samples, sample_times(params), self.bands, sensor_deviation(params))
+        found = fit_tones(samples, params.sensor.times, self.bands, sensor_deviation(params))
         omega = jnp.where(found.resolved(self.bands), found.omega, memory)
         return omega, multi_mode([(self.scale * w, self.zeta) for w in omega], self.kind)
 

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from jshape._types import Scalar
+from jshape.vibration import transform
 from jshape_envs.baselines.observed import evenly
 
 GRID = 64
@@ -40,21 +41,6 @@ class Tones(NamedTuple):
         return self.deviation < PRECISION * (bands[:, 1] - bands[:, 0])
 
 
-def transform(
-    samples: Float[Array, " samples"], times: Float[Array, " samples"], omega: Float[Array, " frequencies"]
-) -> Float[Array, " frequencies"]:
-    """|Σ x exp(−iωt)|²: the squared magnitude of the discrete Fourier transform between its bins, as padding by zeros
-    would give it.
-
-    Args:
-        samples: in any unit.
-        times: of the samples, s.
-        omega: frequencies, rad/s.
-    """
-    angle = jnp.outer(omega, times)
-    return (jnp.cos(angle) @ samples) ** 2 + (jnp.sin(angle) @ samples) ** 2
-
-
 def peaks(
     windows: Float[Array, "windows samples"], times: Float[Array, " samples"], bands: Float[Array, "modes 2"]
 ) -> tuple[Float[Array, " modes"], Float[Array, " modes"]]:
@@ -71,7 +57,8 @@ def peaks(
 
     def one(band: Float[Array, "2"]) -> tuple[Scalar, Scalar]:
         grid = evenly(band, GRID)
-        power = jnp.mean(jax.vmap(lambda x: transform(x, times, grid))(windows), axis=0)
+        # Between the bins of the discrete Fourier transform, as padding by zeros would give it.
+        power = jnp.mean(jax.vmap(lambda x: jnp.abs(transform(x, times, 1j * grid)) ** 2)(windows), axis=0)
         return _at_peak(grid, power), 2 / len(times) * jnp.sqrt(jnp.max(power))
 
     return jax.vmap(one)(bands)

@@ -103,11 +103,11 @@ def model_based(params: Params, models: int = 17) -> ModelBased:
 def predicted(params: Params, memory: BankState, payload: Scalar) -> tuple[State, Float[Array, " samples"], Scalar]:
     """The state and the deflections (m) that the last move ends with, had it been made with that payload, and the
     residual energy (J) after its last impulse."""
-    machine, sensor = params.machine, params.sensor
+    machine = params.machine
     plant = machine.plant(payload, memory.made - 1)
     plan = plan_move(plant, machine.command(memory.distance, memory.made - 1), memory.shaper, memory.position)
     after, energy = run_move(plant, plan, memory.plant, params.steps)
-    end, deflection, _ = run_window(plant, plan, after, sensor.window, sensor.samples, params.steps)
+    end, deflection, _ = run_window(plant, plan, after, params.sensor, params.steps)
     end = jnp.where(params.carry, end, plant.rest_state(plan.final_inputs(plant)))
     # A model that diverges is the worst of predictions, not none at all.
     return jnp.nan_to_num(end), jnp.nan_to_num(deflection, nan=jnp.inf, posinf=jnp.inf), energy

@@ -38,12 +38,6 @@ def observed(observation: Float[Array, " observation"], params: Params) -> Obser
     return Observed(observation[: sensor.samples] * sensor.reach, distance)
 
 
-def sample_times(params: Params) -> Float[Array, " samples"]:
-    """When the sensor's samples are taken, s after the last impulse."""
-    count = params.sensor.samples
-    return params.sensor.window * jnp.arange(1, count + 1, dtype=params.period.dtype) / count
-
-
 def sensor_deviation(params: Params) -> Scalar:
     """Standard deviation of a sample, of noise and rounding together, m."""
     return jnp.sqrt(params.sensor.noise**2 + params.sensor.resolution**2 / 12)

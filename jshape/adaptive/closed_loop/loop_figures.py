@@ -16,11 +16,6 @@ EVERY = 1.0
 """Between two spectra, s."""
 
 
-def _colours(traces: Mapping[str, Any]) -> dict[str, str]:
-    """One colour for each run, the same in every figure; the unshaped one is grey."""
-    return {name: look["color"] for name, look in looks(traces).items()}
-
-
 def spectra(
     samples: Any, band: tuple[float, float], sample_time: float, points: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -95,7 +90,8 @@ def adaptation(traces: Mapping[str, Trace], schedule: Schedule, true: Any, sampl
         true: frequencies with each load, rad/s, shape (loads, modes).
         sample_time: s.
     """
-    colours = _colours(traces)
+    # Of all runs, so that each has the same colour in every figure.
+    look = looks(traces)
     traces = {name: trace for name, trace in traces.items() if trace.omega.shape[1]}
     with mpl.rc_context(STYLE):
         figure, axes = plt.subplots(2, 2, figsize=(2 * WIDTH, 3.6), sharex=True)
@@ -103,7 +99,7 @@ def adaptation(traces: Mapping[str, Trace], schedule: Schedule, true: Any, sampl
         for mode in range(2):
             axes[0, mode].plot(time, np.asarray(true)[np.asarray(schedule.which), mode], color="0.6", label="true")
             for name, trace in traces.items():
-                line = dict(color=colours[name], label=name, linewidth=0.9)
+                line = dict(color=look[name]["color"], label=name, linewidth=0.9)
                 axes[0, mode].step(time[::20], trace.omega[::20, mode], where="post", **line)
                 axes[1, mode].step(time[::20], trace.zeta[::20, mode], where="post", **line)
             axes[0, mode].set_title(f"mode {mode + 1}", loc="left")
@@ -118,7 +114,7 @@ def accumulated(values: Mapping[str, Any]) -> Figure:
     with mpl.rc_context(STYLE):
         figure, axis = plt.subplots(figsize=(2 * WIDTH, 2.2))
         for name, value in values.items():
-            axis.plot(range(1, len(value) + 1), value, color=_colours(values)[name], marker="o", ms=2, label=name)
+            axis.plot(range(1, len(value) + 1), value, color=looks(values)[name]["color"], marker="o", ms=2, label=name)
         axis.set(yscale="log", xlabel="move", ylabel="∫ |a$_p$| dt (m/s)")
         figure.legend(ncols=len(values), loc="outside upper center")
         return figure
@@ -136,7 +132,7 @@ def moves(traces: Mapping[str, Trace], schedule: Schedule, sample_time: float, f
             axis.plot(
                 time, np.degrees(np.asarray(schedule.reference)[there]), color="0.35", linestyle="--", linewidth=0.8
             )
-            axis.plot(time, np.degrees(np.asarray(trace.payload)[there]), color=_colours(traces)[name])
+            axis.plot(time, np.degrees(np.asarray(trace.payload)[there]), color=looks(traces)[name]["color"])
             axis.set_title(name, loc="left")
             axis.set_ylabel("θ$_p$ (°)")
         axes[-1, 0].set_xlabel("time (s)")

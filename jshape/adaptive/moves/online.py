@@ -9,11 +9,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
+from scipy.interpolate import PPoly
 
 from jshape import _check
 from jshape.adaptive.formulas import like
 from jshape.moves.physics import of_first_axis
-from jshape.moves.policy import Choice
 from jshape.moves.scheduled import AbstractMoves, ScheduledObservation
 from jshape.shaper import Shaper
 from jshape.simulation.schedule import Schedule, schedule
@@ -76,8 +76,8 @@ class OnlineMoves:
             raise ValueError(f"sample_time must divide the {spacing:g} s between readings, not be {sample_time:g}")
         self._last = self._stride * (len(self._times) - 1)
         self._strategy, self._thread = strategy, ThreadPoolExecutor(1, "plan of a move")
-        self._act: Any = eqx.filter_jit(_act)
-        self._replan: Any = eqx.filter_jit(_replan)
+        self._act: Any = eqx.filter_jit(type(strategy).act)
+        self._replan: Any = eqx.filter_jit(type(strategy).replan)
         self._schedule: Any = eqx.filter_jit(_schedule)
         memory = strategy.init(task)
         # Of types that stay: a weak one would have everything compiled anew at the second move.
@@ -119,7 +119,7 @@ class OnlineMoves:
         last, first = (known if self._known is None else self._known), self._known is None
         made = jnp.asarray(self._made)
         observation = ScheduledObservation(known, last, jnp.asarray(self._readings), made)
-        memory, shaper = self._act(self._strategy, self.memory, observation)
+        memory, shaper = self._act(self._strategy, self.memory, observation, self._strategy.model, None)
         self._known, self._made, self._age, self._next = known, self._made + 1, 0, None
         self._readings = np.full_like(self._readings, np.nan)
         self._instants = np.asarray(self._strategy.instants(shaper)).tolist()
@@ -195,14 +195,6 @@ class OnlineMoves:
         return Plan(like(self.memory, memory), shaper, commands, jumps)
 
 
-def _act(strategy: "Adapting", memory: Any, observation: ScheduledObservation) -> Choice:
-    return strategy.act(memory, observation, strategy.model, None)
-
-
-def _replan(strategy: "Adapting", *known: Any) -> tuple[Any, Shaper]:
-    return strategy.replan(*known)
-
-
 def _schedule(task: AbstractMoves, known: Any, shaper: Shaper) -> Schedule:
     plant = task.plant(task.nominal(), known)
     return schedule(plant, task.command(known), of_first_axis(plant, shaper))
@@ -222,16 +214,6 @@ def _means(breaks: np.ndarray, coefficients: np.ndarray, at: np.ndarray) -> np.n
     What is held between samples then has the move's own integral: neither late by half a sample, nor are impulses that
     come between two samples shifted.
     """
-    integrals = [coefficients[..., power] / (power + 1) for power in range(coefficients.shape[-1])]
-
-    def integral(piece: Any, age: np.ndarray) -> np.ndarray:
-        age = age.reshape(-1, *[1] * (coefficients.ndim - 2))
-        value = np.zeros_like(integrals[0][piece])
-        for one in reversed(integrals):
-            value = (value + one[piece]) * age
-        return value
-
-    through = integral(slice(-1), np.diff(breaks))
-    before = np.concatenate([np.zeros_like(through[:1]), np.cumsum(through, axis=0)])
-    active = np.searchsorted(breaks, at, side="right") - 1
-    return np.diff(before[active] + integral(active, at - breaks[active]), axis=0) / (at[1] - at[0])
+    # Highest power first; the last piece goes on.
+    pieces = PPoly(np.moveaxis(coefficients, -1, 0)[::-1], np.append(breaks, breaks[-1] + 1.0))
+    return np.diff(pieces.antiderivative()(at), axis=0) / (at[1] - at[0])

@@ -13,38 +13,25 @@ from jshape._types import ArrayLike
 from jshape.adaptive.formulas import Numbers
 
 
-def transition_zvd(numbers: Numbers, omega: ArrayLike, zeta: ArrayLike, rest: Any) -> tuple[Any, Any]:
-    """Amplitudes and times of five impulses with Σ A = 1, Σ A exp(−p t) = ρ and Σ A t exp(−p t) = 0; p the mode's pole.
+def transition(
+    numbers: Numbers, omega: ArrayLike, zeta: ArrayLike, total: Any, rest: Any, slope: Any = 0.0
+) -> tuple[Any, Any]:
+    """Amplitudes and times of five impulses with Σ A = S, Σ A exp(−p t) = ρ and Σ A t exp(−p t) = σ; p the mode's pole.
 
     Args:
         numbers: JAX or NumPy.
         omega: undamped natural frequency, rad/s.
         zeta: damping ratio.
+        total: S, 1 for a whole move.
         rest: ρ, complex, what the impulses alone are to leave: minus the phasor that the mode has at the time of the
-            first impulse, over the one that a full step would give it.
+            first impulse, over the one that a full step would give it; of any shape.
+        slope: σ, s, complex, of the same shape; 0, as of a ZVD shaper, unless given.
 
     Returns:
-        Amplitudes and times (s), both of shape (5,). Amplitudes are positive for small ρ.
+        Amplitudes, of shape (5, …), positive for small ρ and S = 1, and times (s), of shape (5,).
 
     Source: Singer and Seering's (1990) ZVD with the initial state of Dhanda, Vaughan and Singhose; the five equations
         are solved by hand.
-    """
-    return transition(numbers, omega, zeta, 1.0, rest, 0.0 * rest)
-
-
-def transition(numbers: Numbers, omega: Any, zeta: Any, total: Any, rest: Any, slope: Any) -> tuple[Any, Any]:
-    """Amplitudes and times of five impulses with Σ A = S, Σ A exp(−p t) = ρ and Σ A t exp(−p t) = σ.
-
-    Args:
-        numbers: JAX or NumPy.
-        omega: undamped natural frequency, rad/s.
-        zeta: damping ratio.
-        total: S.
-        rest: ρ, complex; of any shape.
-        slope: σ, s, complex, of the same shape.
-
-    Returns:
-        Amplitudes, of shape (5, …), and times (s), of shape (5,).
     """
     xp = numbers.xp
     root = xp.sqrt(1 - zeta * zeta)

@@ -117,7 +117,7 @@ class DirectAdaptive(AbstractStrategy):
         reference, seeking = float(reference), self.seeking and self.seeking.online()
         state = DirectState(
             self.shaper.online(reference).state, tuple(dft.initial() for dft in self.dfts),
-            seeking and seeking.state, seeking and seeking.parameters.tolist(), np.nan, reference, False, 0,
+            seeking and seeking.state, seeking and seeking.parameters, np.nan, reference, False, 0,
         )  # fmt: skip
         own = SimpleNamespace(
             cascade=self.cascade, dfts=tuple(map(plain, self.dfts)), seeking=seeking and seeking.own,
@@ -155,7 +155,7 @@ def _after_move(own: Any, numbers: Numbers, state: DirectState) -> tuple[Any, An
     """The extremum seeking at an edge and its damping ratios: a step, unless the cost has another cause than those."""
     counts = state.steady & _agree(numbers.xp, state.shaper) & ((state.cost > own.cost_unit) == 0)  # true for a NaN
     stepped = advanced(numbers, own.seeking, state.seeking, state.cost / own.cost_unit)
-    seeking = numbers.select(counts, stepped, skipped(numbers, own.seeking, state.seeking))
+    seeking = numbers.select(counts, stepped, skipped(own.seeking, state.seeking))
     return seeking, perturbed(numbers, own.seeking, seeking)
 
 

@@ -13,8 +13,6 @@ the direction that lowers it. A *continuous* scheme takes a step every sample. A
 (``step_time=1``): one perturbation a move, frequencies in rad a move, the cost that of the whole move.
 """
 
-from collections.abc import Callable
-from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -24,7 +22,7 @@ from jaxtyping import Array, Float
 
 from jshape import _check
 from jshape.adaptive.arguments import check_each, check_positive
-from jshape.adaptive.formulas import JAX, NUMPY, Numbers, as_jax, as_lists, like, plain
+from jshape.adaptive.formulas import JAX, NUMPY, Numbers, as_jax, as_numpy, like, plain
 
 
 class SeekingState(NamedTuple):
@@ -138,7 +136,7 @@ class ExtremumSeeking(eqx.Module):
 
         The costs before are no measure of those to come, so that the next one counts as the first.
         """
-        return like(state, skipped(JAX, self, state))
+        return like(state, skipped(self, state))
 
     def parameters(self, state: SeekingState) -> Array:
         """The parameters to use now, perturbed, shape (parameters,)."""
@@ -171,45 +169,24 @@ class ExtremumSeeking(eqx.Module):
         return OnlineSeeking(self)
 
 
-# Formulas for all parameters: ``own`` is an ``ExtremumSeeking`` in JAX, and a list of what has its fields, one a
-# parameter, in plain numbers; so is the state.
+# Formulas for all parameters at once; ``own``: an ``ExtremumSeeking``, or whatever has its fields (``plain``).
 
 
-def advanced(numbers: Numbers, own: Any, state: Any, cost: Any) -> Any:
-    """The state after a step with that cost, one for all or one a parameter."""
-    return _each(_advance, numbers, own, state, cost)
-
-
-def skipped(numbers: Numbers, own: Any, state: Any) -> Any:
-    """The state after a step without a cost."""
-    return _each(_skip, numbers, own, state)
-
-
-def perturbed(numbers: Numbers, own: Any, state: Any) -> Any:
+def perturbed(numbers: Numbers, own: Any, state: SeekingState) -> Any:
     """The parameters to use now."""
-    return _each(_perturbed, numbers, own, state)
+    return state.centre + own.amplitude * numbers.xp.sin(state.phase)
 
 
-def _each(formula: Callable[..., Any], numbers: Numbers, own: Any, state: Any, *cost: Any) -> Any:
-    if numbers is JAX:
-        return formula(numbers, own, state, *cost)
-    costs = (np.broadcast_to(np.asarray(value, float), len(state)).tolist() for value in cost)
-    return [formula(numbers, *each) for each in zip(own, state, *costs, strict=True)]
-
-
-def _perturbed(numbers: Numbers, own: Any, state: SeekingState) -> Any:
-    return state.centre + own.amplitude * numbers.math.sin(state.phase)
-
-
-def _advance(numbers: Numbers, own: Any, state: SeekingState, cost: Any) -> SeekingState:
-    select, math, time = numbers.select, numbers.math, own.step_time
+def advanced(numbers: Numbers, own: Any, state: SeekingState, cost: Any) -> SeekingState:
+    """The state after a step with that cost, one for all or one a parameter."""
+    xp, select, time = numbers.xp, numbers.xp.where, own.step_time
     usable = abs(cost) < np.inf  # false for a NaN
     value = select(usable, cost, 0.0)
     # The slow part begins with the first cost, which is no slope.
     mean = select(state.begun, state.mean, value)
-    slope = (value - mean) * math.sin(state.phase)
+    slope = (value - mean) * xp.sin(state.phase)
     # How much of the way to a new value the two filters go in a step.
-    high_share, low_share = -math.expm1(-own.high_pass * time), -math.expm1(-own.low_pass * time)
+    high_share, low_share = -xp.expm1(-own.high_pass * time), -xp.expm1(-own.low_pass * time)
     # x̂' = γ v and v' = l (ξ − v) with ξ held over the step.
     advance = slope * time + (state.low - slope) * low_share / own.low_pass
     centre = state.centre + own.gain * advance
@@ -224,7 +201,8 @@ def _advance(numbers: Numbers, own: Any, state: SeekingState, cost: Any) -> Seek
     )
 
 
-def _skip(numbers: Numbers, own: Any, state: SeekingState) -> SeekingState:
+def skipped(own: Any, state: SeekingState) -> SeekingState:
+    """The state after a step without a cost."""
     return state._replace(low=0.0 * state.low, phase=_turned(own, state), begun=state.begun & False)
 
 
@@ -233,43 +211,36 @@ def _turned(own: Any, state: SeekingState) -> Any:
 
 
 class OnlineSeeking:
-    """Extremum seeking as a plain object, in Python numbers.
+    """Extremum seeking as a plain object, in NumPy arrays.
 
     Attributes:
-        state: the whole state, one parameter after another.
+        state: the whole state.
     """
 
     def __init__(self, seeking: ExtremumSeeking):
-        self._check = seeking.check_costs
-        start = zip(*as_lists(seeking.start()), strict=True)
-        self.state = [SeekingState(*one) for one in start]
-        count, fields = len(self.state), vars(plain(seeking)).items()
-        self.own = [
-            SimpleNamespace(**{name: value[i].item() if np.ndim(value) else value for name, value in fields})
-            for i in range(count)
-        ]
+        self._check, self.own, self.state = seeking.check_costs, plain(seeking), as_numpy(seeking.start())
 
     @property
     def centre(self) -> np.ndarray:
         """The parameters without their perturbation, shape (parameters,)."""
-        return np.array([one.centre for one in self.state])
+        return self.state.centre
 
     @property
     def missing(self) -> np.ndarray:
         """The number of costs that were not numbers, shape (parameters,)."""
-        return np.array([one.missing for one in self.state])
+        return self.state.missing
 
     @property
     def parameters(self) -> np.ndarray:
         """The parameters to use now, perturbed, shape (parameters,)."""
-        return np.array(perturbed(NUMPY, self.own, self.state))
+        return perturbed(NUMPY, self.own, self.state)
 
     def skip(self) -> None:
         """Go on to the next perturbation; the cost that comes then counts as the first."""
-        self.state = skipped(NUMPY, self.own, self.state)
+        self.state = skipped(self.own, self.state)
 
     def push(self, cost: Any) -> np.ndarray:
         """The parameters to use next, given the cost of those that were used last: one for all, or one a parameter."""
         self._check(cost)
-        self.state = advanced(NUMPY, self.own, self.state, cost)
+        self.state = advanced(NUMPY, self.own, self.state, np.asarray(cost, float))
         return self.parameters

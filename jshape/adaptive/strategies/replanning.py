@@ -103,11 +103,7 @@ def replanned(
     def anew(queue: Queue, plan: Plan) -> tuple[Queue, Plan]:
         return _anew(own, numbers, queue, plan, omega, zeta, swing)
 
-    return numbers.when(leaves > TOLERANCE * abs(plan.change), anew, _as_it_was, queue, plan)
-
-
-def _as_it_was(queue: Queue, plan: Plan) -> tuple[Queue, Plan]:
-    return queue, plan
+    return numbers.when(leaves > TOLERANCE * abs(plan.change), anew, lambda *same: same, queue, plan)
 
 
 def _anew(

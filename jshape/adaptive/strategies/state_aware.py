@@ -5,7 +5,6 @@ change of the reference is shaped by the shaper of its moment, so that nothing h
 that begins while the payload still swings gets a shaper that cancels this swing as well.
 """
 
-from functools import partial
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -21,7 +20,7 @@ from jshape.adaptive.identifiers.reasons import FOUND
 from jshape.adaptive.identifiers.sensor import LIMIT, Sensor, checked
 from jshape.adaptive.shapers.increments import IncrementShaper, Queue
 from jshape.adaptive.shapers.repeated import repeated
-from jshape.adaptive.shapers.transition import transition_zvd
+from jshape.adaptive.shapers.transition import transition
 from jshape.adaptive.strategies.replanning import Plan, begun, no_plan, replanned
 from jshape.adaptive.strategies.strategy import AbstractStrategy, Decision, Readings
 from jshape.design import linear
@@ -166,12 +165,15 @@ class StateAware(AbstractStrategy):
         def shaper(change: Any) -> tuple[Any, Any]:
             return plan.amounts[0] / select(change == 0, 1.0, change), plan.times[0]
 
-        plan = numbers.when(change != 0, begin, _itself, plan)
+        def anew(*old: Any) -> tuple[Queue, Plan]:
+            return replanned(self, numbers, *old, mode.omega, mode.zeta, _unit(self, numbers, mode)[0])
+
+        plan = numbers.when(change != 0, begin, lambda same: same, plan)
         queue = self.queue.advance(numbers, state.queue, reference, shaper)
         if self.replans:
             fresh = (mode.omega != state.mode.omega) & (plan.age * self.sample_time >= plan.wait)
             due = fresh & (queue.left > 0) & (plan.made > 0) & (plan.made <= self.replans)
-            queue, plan = numbers.when(due, partial(_planned_anew, self, numbers, mode), _itself, (queue, plan))
+            queue, plan = numbers.when(due, anew, lambda *same: same, queue, plan)
         quiet = select(queue.left > 0, 0.0, state.quiet + self.sample_time)
         rejected = state.rejected + select(usable, 0, 1)
         omega, zeta = (
@@ -200,7 +202,7 @@ class StateAware(AbstractStrategy):
         worst, tuned = 0.0, np.geomspace(*self.band, 2000)
         phases = np.append(np.exp(1j * np.linspace(0, 2 * np.pi, 73)) * float(self.correction), 0.0)
         for tuned_zeta in np.linspace(0, self.zeta_limit, 5):
-            amplitudes, times = transition_zvd(NUMPY, 1.0, tuned_zeta, phases)
+            amplitudes, times = transition(NUMPY, 1.0, tuned_zeta, 1.0, phases)
             # As the envelope at the last impulse, like V.
             waves = np.exp(pole * (times[-1] - times[:, None]) / tuned)
             left = np.sum(np.abs(amplitudes), axis=0) if self.replans else np.abs(amplitudes.T @ waves)
@@ -254,16 +256,7 @@ def _shaper(
     size = abs(rest)
     possible = possible & xp.isfinite(size)
     rest = select(possible, rest * xp.minimum(1.0, own.correction / xp.maximum(size, 1e-12)), 0.0 * rest)
-    amplitudes, times = transition_zvd(numbers, mode.omega, mode.zeta, rest)
+    amplitudes, times = transition(numbers, mode.omega, mode.zeta, 1.0, rest)
     amplitudes = (amplitudes[:, None] * own.others.amplitudes[None, :]).reshape(-1)
     times = (times[:, None] + own.others.times[None, :]).reshape(-1)
     return (amplitudes, times), select(possible, swing, 0.0 * swing)
-
-
-def _planned_anew(own: Any, numbers: Numbers, mode: Mode, both: tuple[Queue, Plan]) -> tuple[Queue, Plan]:
-    """``replanning.replanned`` by the mode as it is now known."""
-    return replanned(own, numbers, *both, mode.omega, mode.zeta, _unit(own, numbers, mode)[0])
-
-
-def _itself(value: Any) -> Any:
-    return value
