@@ -27,7 +27,7 @@ NOT_OUR_WORDS = (
     "gets lost",
     "is lost",
 )
-"""What DESIGN.md's vocabulary replaces: infeasible, leakage, diverged, multipliers, rejected."""
+"""What the vocabulary of CONTRIBUTING.md replaces: infeasible, leakage, diverged, multipliers, rejected."""
 
 
 def files() -> dict[str, Path]:

@@ -37,8 +37,8 @@ FIXED = CLASSICAL[:2]
 
 HEAD = """# Never worse
 
-Written by `python -m experiments.learning.never_worse`: episodes of 64 moves, the same for every policy:
-{episodes}.
+Written by `python -m experiments.learning.never_worse declared` and `… held-out`: episodes of 64 moves, the same for
+every policy: {episodes}.
 *Cost beyond the oracle's* (regret) in thousandths a move, mean over the episodes. *Pays more*: episodes in which the
 guarded policy costs more than the better of the two fixed shapers (`best-energy`, `best-fixed`: the one of least mean
 cost in that row); *worst*: by how much, in thousandths a move, in the worst of them. Every policy knows the declared
@@ -148,7 +148,8 @@ def verdict(rows: dict[str, Any]) -> str:
     """The figures that miss the goals."""
     if not rows:
         return ""
-    overall = np.mean([row["more"]["guarded"] for row in rows.values()])
+    shares = [row["more"]["guarded"] for row in rows.values()]
+    overall = np.average(shares, weights=[EPISODES[key.split()[0]] for key in rows])
     many = {key: row["more"]["guarded"] for key, row in rows.items() if row["more"]["guarded"] > 0.1}
     best = {key: min(CLASSICAL, key=lambda each, row=row: row["regret"][each]) for key, row in rows.items()}
     behind = {key: row for key, row in rows.items() if row["regret"]["guarded"] > row["regret"][best[key]]}

@@ -83,9 +83,9 @@ def _section(machine: Machine, rows: dict[str, Any]) -> list[str]:
             continue
         cells.append([*_cells(name, row), *taken])
         if row["excess"] > 1e-6:
-            notes.append(f"{name} passes a limit by {row['excess']:.2%}.")
+            notes.append(f"{name} exceeds a limit by {row['excess']:.2%}.")
     about = f"{machine.about[0].upper()}{machine.about[1:]}."
-    return [f"## {machine.title}", "", *textwrap.wrap(about, 120), "", *table(head, cells), *notes]
+    return [f"## {machine.title}", "", *textwrap.wrap(about, 120), "", *table(head, cells), *([""] if notes else []), *notes]
 
 
 def _cells(name: str, row: dict[str, Any]) -> list[str]:
@@ -112,21 +112,25 @@ def _conclusions(record: dict[str, Any]) -> list[str]:
 
 def _winners(record: dict[str, Any]) -> list[str]:
     """Every rival for any later move that lies below a front of jshape's, and how many there are."""
-    lines, below, count = [], {"worst": 0, "later": 0}, 0
+    lines, below, alone, count = [], {"worst": 0, "later": 0}, {"worst": 0, "later": 0}, 0
     for name, machine in machines().items():
         rows = rows_of(record, name)
+        # Specified insensitivity is jshape's as it is computed here, and Singer and Seering's as an idea.
+        tuned = {other: row for other, row in rows.items() if row["family"] != "specified insensitivity"}
         for rival, row in rows.items():
             if row["again"] or is_ours(row) or row["family"] == "bare":
                 continue
             count += 1
             for column in below:
+                alone[column] += bool(_below(tuned, row, column))
                 if words := _below(rows, row, column):
                     below[column] += 1
                     lines.append(f"- {machine.title}, {rival}: {words}")
     return [
         f"Of {count} results of rivals that work on any later move, {below['worst']} lie below jshape's front on this",
-        f"move, {below['later']} below that on later moves, where its shapers are those tuned for this one, too. The",
-        "goal was none.",
+        f"move, {below['later']} below that on later moves, where its shapers are those tuned for this one, too.",
+        "Specified insensitivity (Singer and Seering 1992), as jshape computes it, counts as jshape's here. Below the",
+        f"tuned shapers alone: {alone['worst']} of them on this move, {alone['later']} on later ones.",
         "",
         *(lines or ["- none"]),
     ]

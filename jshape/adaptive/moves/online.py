@@ -53,9 +53,9 @@ class OnlineMoves:
     The command that ``push`` gives holds from the reading to the next one. So of a step a reading at an impulse is left
     out: it comes before the jump, where the model has it after.
 
-    A sample takes a microsecond or two. Plans within a move take milliseconds and are made in a thread, while the loop
-    goes on: a plan is made of the readings until an instant, holds from ``lead`` later, and is dropped if it is not
-    ready by then. What has been commanded stays, so that the command never jumps but where an impulse comes.
+    A sample takes two to three microseconds. Plans within a move take milliseconds and are made in a thread, while the
+    loop goes on: a plan is made of the readings until an instant, holds from ``lead`` later, and is dropped if it is
+    not ready by then. What has been commanded stays, so that the command never jumps but where an impulse comes.
 
     Attributes:
         shaper: of the move under way.

@@ -54,8 +54,8 @@ def tune(
 ) -> Solution:
     """Minimise the residual energy of one or many plants over the amplitudes and times of a shaper.
 
-    ``"second-order"`` is, for the nominal plant alone, Levenberg–Marquardt (optimistix) on the residual state, all
-    starts side by side; of those that reach zero the first counts, and the closed forms come first. Otherwise, and
+    ``"second-order"`` is, for the nominal plant alone, Levenberg–Marquardt within the bounds on the departure from
+    rest, from one start after the other, the closed forms first, until one reaches zero with all impulses. Else, and
     where zero is out of reach, the best starts are refined in a trust region: quadratic models of all energies, whose
     objective an interior point minimises. Where plants of a set take long to simulate, the best designs of their linear
     models are among the starts, and where two searches of the models agree, little else is refined. In the worst case
