@@ -83,9 +83,9 @@ def _section(machine: Machine, rows: dict[str, Any]) -> list[str]:
             continue
         cells.append([*_cells(name, row), *taken])
         if row["excess"] > 1e-6:
-            notes.append(f"{name} exceeds a limit by {row['excess']:.2%}.")
+            notes += [*([] if notes else [""]), f"{name} exceeds a limit by {row['excess']:.2%}."]
     about = f"{machine.about[0].upper()}{machine.about[1:]}."
-    return [f"## {machine.title}", "", *textwrap.wrap(about, 120), "", *table(head, cells), *([""] if notes else []), *notes]
+    return [f"## {machine.title}", "", *textwrap.wrap(about, 120), "", *table(head, cells), *notes]
 
 
 def _cells(name: str, row: dict[str, Any]) -> list[str]:
