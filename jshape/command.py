@@ -102,7 +102,8 @@ class PiecewisePolynomial(AbstractCommand):
         smoothness: order of the lowest derivative that jumps.
 
     Raises:
-        ValueError: for shapes that do not fit, unsorted breaks or values that are not finite.
+        ValueError: for shapes that do not fit, unsorted breaks, values that are not finite, and derivatives below
+            ``smoothness`` that jump.
     """
 
     breaks: Breaks = eqx.field(converter=Argument(finite, convert=as_array))
@@ -116,6 +117,25 @@ class PiecewisePolynomial(AbstractCommand):
                 f"{self.coefficients.shape} and {self.breaks.shape}"
             )
         _check.instants(self.breaks, "breaks")
+        if self.smoothness > 0 and _check.is_concrete(self.breaks, self.coefficients):
+            self._check_smoothness()
+
+    def _check_smoothness(self):
+        breaks, rows = np.asarray(self.breaks, float), np.asarray(self.coefficients, float)
+        # Pieces between breaks that coincide last for no time.
+        lasting = [*(np.diff(breaks) > 1e-12 * breaks[-1]), True]
+        breaks, rows = breaks[lasting], rows[lasting]
+        for order in range(self.smoothness):
+            curves = [np.polynomial.Polynomial(row).deriv(order) for row in rows]
+            begins = np.array([curve(0.0) for curve in curves])
+            ends = np.array([0.0, *(curve(time) for curve, time in zip(curves, np.diff(breaks), strict=False))])
+            jumps = np.abs(begins - ends)
+            if np.any(jumps > 1e-6 * max(np.max(np.abs(begins)), np.max(np.abs(ends)))):
+                at = int(np.argmax(jumps))
+                raise ValueError(
+                    f"smoothness must be {order}, not {self.smoothness}: the derivative of that order jumps by "
+                    f"{jumps[at]:.4g} at {breaks[at]:.4g} s"
+                )
 
     def pieces(self) -> tuple[Breaks, Coefficients]:
         return self.breaks, self.coefficients

@@ -46,6 +46,8 @@ from jshape.simulation.trajectory import (
     fine_steps,
     first_above,
     last_above,
+    tail,
+    timed,
     trajectory,
 )
 
@@ -249,7 +251,7 @@ def settling_time(
         initial_state: at rest at input 0 unless given.
 
     Returns:
-        s; infinite where the payload has not settled by then.
+        s; infinite where the payload has not settled a period before that ends.
 
     Raises:
         ValueError: unless band and periods are positive.
@@ -258,15 +260,18 @@ def settling_time(
     _check.positive(periods, "periods")
     plan, plant, state = _prepare(plant, shaper, distance, initial_state)
     along = _along(plant, plan, state, periods, "payload")
-    return _settling_time(plant, plan, along, _check.as_array(band, "band"))
+    # One that swings on is within the band twice a period.
+    within = tail(plant, plan, min(1.0, periods / 2))
+    return _settling_time(plant, plan, along, _check.as_array(band, "band"), within)
 
 
 @kept
-def _settling_time(plant: AbstractPlant, plan: Schedule, along: Trajectory, band: Scalar) -> PerAxis:
+def _settling_time(plant: AbstractPlant, plan: Schedule, along: Trajectory, band: Scalar, within: Scalar) -> PerAxis:
     def settled(along: Trajectory, target: Scalar, distance: Scalar) -> Scalar:
         limit = band * jnp.abs(distance)
         sides = [last_above(sign * (along.value - target) - limit, sign * along.slope, along) for sign in (1, -1)]
-        return jnp.maximum(*sides)
+        last = jnp.maximum(*sides)
+        return jnp.where(last > along.time[-1, -1] - within, jnp.inf, last)
 
     return _over_distance(settled, plant, plan, along)
 
@@ -383,12 +388,17 @@ def _along(plant, plan: Schedule, state: State, periods: float, name: str) -> Tr
     """The named quantity along a move, with more steps until it is accurate; NaN where a traced one is not.
 
     Raises:
-        ValueError: where it is not accurate with the most steps there are.
+        ValueError: where it is not accurate with the most steps there are, and for a spring without stiffness at rest.
     """
-    steps = fine_steps(plant, plan, periods)
+    steps, observed = fine_steps(plant, plan, periods), timed(plant)
+    if _check.is_concrete(observed) and not observed:
+        raise ValueError(
+            f"plant: a {type(plant).__name__} whose spring has no stiffness at rest has no period that says how long"
+            f" its {name} is to be observed after the move; simulate takes a horizon"
+        )
     along = trajectory(plant, plan, state, periods, name, steps)
     if not _check.is_concrete(along.value):
-        flagged = jnp.where(along.met | along.diverged, along.value, jnp.nan)
+        flagged = jnp.where((along.met & observed) | along.diverged, along.value, jnp.nan)
         return eqx.tree_at(lambda along: along.value, along, flagged)
     while not (along.met or along.diverged):
         steps *= 4
@@ -418,7 +428,7 @@ def _energy_and_vibration(plant, plan: Schedule, state, steps: int | None, fine:
         amplitude = amplitude / jnp.abs(_target(plant, plan) - _start(plant, plan))
         diverged = end.diverged | ~jnp.isfinite(amplitude)
     else:
-        still = Schedule(jnp.zeros_like(plan.breaks[-1:]), plan.coefficients[-1:])
+        still = Schedule(plan.breaks[-1:], plan.coefficients[-1:])
         along = trajectory(plant, still, end.state, 2.0, "payload", fine)
 
         def departure(along: Trajectory, target: Scalar, distance: Scalar) -> Scalar:
@@ -427,6 +437,7 @@ def _energy_and_vibration(plant, plan: Schedule, state, steps: int | None, fine:
 
         amplitude = _over_distance(departure, plant, plan, along)
         diverged = end.diverged | along.diverged
+        amplitude = jnp.where(timed(plant), amplitude, jnp.nan)
         met = met & (along.met | along.diverged)
     vibration = jnp.where(met, jnp.where(diverged, jnp.inf, amplitude), jnp.nan)
     return energy_at_end(plant, plan, end)[0], vibration, end.error, met

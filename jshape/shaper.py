@@ -156,8 +156,8 @@ class Shaper(Checked):
             The taps, shape (taps,); they sum to 1.
 
         Raises:
-            ValueError: for a sample time that is not positive, an unknown method, ``"zeros"`` without modes, or modes
-                too many or too fast for that sample time.
+            ValueError: for a sample time that is not positive, an unknown method, ``"nearest"`` where one tap is left,
+                which shapes nothing, ``"zeros"`` without modes, or modes too many or too fast for that sample time.
         """
         sample_time = _check.scalar(sample_time, "sample_time")
         _check.positive(sample_time, "sample_time")
@@ -169,6 +169,11 @@ class Shaper(Checked):
         if method == "nearest":
             taps = np.zeros(int(np.rint(position).max()) + 1)
             np.add.at(taps, np.rint(position).astype(int), amplitudes)
+            if np.count_nonzero(np.abs(taps) > 1e-9) < 2 and np.ptp(position[amplitudes != 0]) > 0.5:
+                raise ValueError(
+                    f"sample_time {float(sample_time):g} s is too long: of impulses over {float(self.duration):.4g} s"
+                    " one tap is left, which shapes nothing; method 'split' leaves more"
+                )
             return taps
         taps = np.zeros(int(np.ceil(position).max()) + 1)
         below, share = np.floor(position).astype(int), position - np.floor(position)

@@ -437,3 +437,12 @@ def test_wrong_commands(build, message):
 def test_no_pieces():
     with pytest.raises(ValueError, match="one row for each of the breaks, at least one, not shapes"):
         PiecewisePolynomial([], np.ones((0, 1)))
+
+
+def test_a_smoothness_that_the_pieces_do_not_have_is_refused():
+    ramp = [0.0, 2.0], [[0.0, 0.5], [1.0, 0.0]]
+    assert PiecewisePolynomial(*ramp, smoothness=1).smoothness == 1
+    with pytest.raises(ValueError, match=r"smoothness must be 1, not 2: .* jumps by 0.5 at 0 s"):
+        PiecewisePolynomial(*ramp, smoothness=2)
+    with pytest.raises(ValueError, match=r"smoothness must be 0, not 1: .* jumps by 1 at 2 s"):
+        PiecewisePolynomial([0.0, 2.0], [[0.0, 0.5], [2.0, 0.0]], smoothness=1)

@@ -348,3 +348,35 @@ def test_any_bytes_are_told(tmp_path, content):
 @given(edits=st.lists(EDITS, min_size=1, max_size=4))
 def test_two_thousand_corrupt_files(tmp_path, edits):
     survives(tmp_path / "corrupt.csv", edits)
+
+
+@pytest.mark.parametrize(
+    ("name", "spectrum", "factor"),
+    [("Time (msec)", False, 1e-3), ("t_usec", False, 1e-6), ("Frequency (rad/sec)", True, 1.0), ("omega", True, 1.0)],
+)
+def test_units_in_words(name, spectrum, factor):
+    assert axis_unit(name, spectrum) == factor
+
+
+@pytest.mark.parametrize(("name", "spectrum"), [("time (h)", False), ("omega [1/s]", True), ("t [fortnights]", False)])
+def test_an_unknown_unit_is_no_second(name, spectrum):
+    with pytest.raises(RecordError, match=r"the unit .* is none of"):
+        axis_unit(name, spectrum)
+
+
+@pytest.mark.parametrize(
+    ("head", "words"), [(",time,x", "name the columns, 'time' first"), ("sample,x,y", "give its sample_rate")]
+)
+def test_a_column_that_counts_rows_is_no_time(head, words, tmp_path):
+    path = tmp_path / "table.csv"
+    path.write_text("\n".join([head, *(f"{k},{0.01 * k},{np.sin(k)}" for k in range(50))]), encoding="utf-8")
+    with pytest.raises(RecordError, match=words):
+        read_csv(path)
+
+
+def test_magnitude_and_phase_are_not_real_and_imaginary(tmp_path):
+    path = tmp_path / "bode.csv"
+    rows = [f"{k},{1 / k},{-10 * k}" for k in range(1, 40)]
+    path.write_text("\n".join(["Frequency (Hz),Magnitude (dB),Phase (deg)", *rows]), encoding="utf-8")
+    with pytest.raises(RecordError, match=r"real and imaginary columns in pairs are needed, not Magnitude"):
+        identify_csv(path, kind="frequency-response")

@@ -5,6 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from scipy.optimize import brentq, minimize_scalar
 
@@ -468,3 +469,56 @@ def test_tolerance():
         js.residual_energy(plant, shaper, 1.0, tolerance=1e-3, steps=4)
     with pytest.raises(ValueError, match="tolerance must be greater than 0, not 0"):
         js.residual_energy(plant, shaper, 1.0, tolerance=0.0)
+
+
+@pytest.mark.parametrize("plant", [plants.ModalPlant(2 * np.pi), plants.ModalPlant(2 * np.pi, 0.001)])
+def test_what_swings_on_has_not_settled(plant):
+    """After a ramp of 1.5 periods a mode swings by 2/(3π) of the move, and is within the band at the window's end."""
+    assert js.settling_time(plant, None, js.Sampled([0, 1.5], [0, 1])) == np.inf
+
+
+def test_a_slowly_damped_mode_settles_when_its_envelope_does():
+    # The swing decays during the ramp, too, and comes out of the band every half period.
+    found = js.settling_time(plants.ModalPlant(2 * np.pi, 0.001), None, js.Sampled([0, 1.5], [0, 1]), periods=500)
+    assert found == pytest.approx(0.75 + np.log(2 / (3 * np.pi) / 0.02) / (0.001 * 2 * np.pi), abs=0.5)
+
+
+def test_a_spring_without_stiffness_at_rest_has_no_period():
+    """How long a payload must be observed depends on how far it swings then: no number is right for every move."""
+    plant = plants.TwoMass(spring=plants.PowerLawSpring(1000.0, 3))
+    with pytest.raises(ValueError, match="plant: a TwoMass whose spring has no stiffness at rest"):
+        js.overshoot(plant, None, 1.0)
+    assert np.isnan(jax.jit(lambda d: js.overshoot(plant, None, d))(1.0))
+    forced = plants.ForcedMass(1.0, plants.PowerLawSpring(1000.0, 3))
+    assert np.isnan(js.residual_vibration(forced, js.Shaper([0.5, 0.5], [0.0, 0.3]), 8.0))
+    with pytest.raises(ValueError, match="peak_deflection: a ForcedMass whose spring has no stiffness at rest"):
+        js.tune(forced, 8.0, impulses=2, duration=(0.04, 0.06), peak_deflection=0.1)
+
+
+def test_residual_vibration_of_a_plant_that_varies_in_time():
+    """The clock goes on after the move: a mode whose frequency falls, beside SciPy's DOP853 from there on."""
+
+    class Falling(plants.AbstractPlant):
+        omega: jax.Array
+        drive = "displacement"
+
+        def vector_field(self, t, state, inputs):
+            x, v = state
+            return jnp.stack([v, -(self.omega**2) * jnp.exp(-0.5 * t) * (x - inputs)])
+
+        def residual_energy(self, state, inputs):
+            x, v = state
+            return v**2 / 2 + self.omega**2 * (x - inputs) ** 2 / 2
+
+        def rest_state(self, inputs):
+            return jnp.stack([inputs, jnp.zeros_like(inputs)])
+
+    def field(t, y):
+        return [y[1], -((2 * np.pi) ** 2) * np.exp(-0.5 * t) * (y[0] - min(t / 4, 1.0))]
+
+    moving = solve_ivp(field, (0.0, 4.0), [0.0, 0.0], "DOP853", rtol=1e-11, atol=1e-12)
+    after = solve_ivp(
+        field, (4.0, 6.0), moving.y[:, -1], "DOP853", rtol=1e-11, atol=1e-12, t_eval=np.linspace(4.0, 6.0, 20001)
+    )
+    found = js.residual_vibration(Falling(jnp.asarray(2 * np.pi)), None, js.Sampled([0, 4.0], [0, 1.0]))
+    assert found == pytest.approx(np.max(np.abs(after.y[0] - 1)), rel=1e-4)

@@ -666,3 +666,9 @@ def test_bob_rod_crane_ships():
         ends[0], abs=6e-3
     )
     assert 0.99 < ends[1] <= 1
+
+
+def test_copies_that_meet_do_not_add_their_accelerations():
+    """Breaks of shaped copies coincide: between them nothing lasts, and nothing accelerates."""
+    command = js.Shaper([1, -1, 1], [0, 2, 4]).shape(js.Trapezoid(4, 1, 0.5))
+    assert "kept: acceleration 0.5 of 0.6" in js.plants.Trolley(acceleration_limit=0.6).check(command).message

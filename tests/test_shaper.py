@@ -428,3 +428,11 @@ def test_wrong_method_and_modes():
         shaper.digitise(0.01, "zeros", [(9.0, 1.7)])
     with pytest.raises(ValueError, match=r"modes cannot all be placed exactly with \d+ taps at a sample time of 0.2 s"):
         shaper.digitise(0.2, "zeros", [(9.0, 0.017), (3.0, 0.1), (5.0, 0.0)])
+
+
+def test_a_filter_that_would_shape_nothing_is_refused():
+    """A UM-ZV at 2 Hz, sampled at 0.12 s: its last impulses, 1 and -1, would fall on one sample."""
+    shaper = linear.um_zv(4 * np.pi)
+    with pytest.raises(ValueError, match=r"sample_time 0.12 s is too long: of impulses over 0.1667 s one tap is left"):
+        shaper.digitise(0.12)
+    np.testing.assert_allclose(shaper.digitise(0.12, "split").sum(), 1.0)

@@ -397,3 +397,12 @@ def test_single_precision_is_respected(runs):
     np.testing.assert_allclose(run.states, runs["fixed"].states, atol=5e-5)
     with jax.enable_x64(False), pytest.warns(UserWarning, match="JAX is in its 32-bit mode"):
         js.simulate(two_mass(), 1.0, samples=2, method="fixed")
+
+
+def test_states_that_are_not_known_have_not_converged():
+    """Fixed steps, chosen for the move, are too few for a swing that begins far beyond it."""
+    plant = plants.TwoMass(spring=plants.Duffing(10.0, 1000.0))
+    found = js.simulate(plant, 1.0, initial_state=[5.0, 0.0], method="fixed", horizon=5.0)
+    assert found.status == js.Status.STOPPED
+    assert found.message.startswith("stopped: states within about")
+    assert js.simulate(plant, 1.0).converged

@@ -343,3 +343,16 @@ def test_its_figure():
     axes = plot.joints((AT, motion(AT)[:, :, 0]), (AT + 0.1, motion(AT)[:, :, 0]), ["shoulder (rad)", "_elbow"])
     assert [axis.get_title(loc="left") for axis in axes[:, 0]] == ["shoulder (rad)", " _elbow"]
     np.testing.assert_array_equal(axes[1, 0].lines[1].get_xdata(), AT + 0.1)
+
+
+@pytest.mark.parametrize(("head", "second"), [("time", 1.0), ("time_ns", 1e9)])
+def test_stamps_since_1970_come_back(head, second, tmp_path):
+    """As robots record them: 0.004 s apart, at 1.7 billion seconds."""
+    times = 1.7e9 + 0.004 * np.arange(50)
+    rows = [f"{round(time * second)},{k}" if second > 1 else f"{float(time)!r},{k}" for k, time in enumerate(times)]
+    path = tmp_path / "epoch.csv"
+    path.write_text("\n".join([f"{head},j1", *rows]) + "\n", encoding="utf-8")
+    read = read_trajectory(path)
+    write_trajectory(tmp_path / "out.csv", read)
+    again = read_trajectory(tmp_path / "out.csv")
+    np.testing.assert_allclose(again.times, read.times, rtol=0, atol=1e-6)

@@ -17,11 +17,22 @@ from jshape.identification.records import Record, RecordError
 MISSING_WORDS = ("", "nan", "na", "n/a", "null", "none", "-", "--", "#n/a", "missing")
 """What stands in a cell that has no number, in small letters."""
 
-UNITS = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "ns": 1e-9, "min": 60.0}
+UNITS = {
+    **dict.fromkeys(("s", "sec", "secs", "second", "seconds"), 1.0),
+    **dict.fromkeys(("ms", "msec", "msecs", "millis", "millisecond", "milliseconds"), 1e-3),
+    **dict.fromkeys(("us", "µs", "μs", "usec", "usecs", "micros", "microsecond", "microseconds"), 1e-6),
+    **dict.fromkeys(("ns", "nsec", "nsecs", "nanos", "nanosecond", "nanoseconds"), 1e-9),
+    "min": 60.0,
+}
 """Units of time that a header may name, in s."""
 
-FREQUENCIES = {"hz": 2 * math.pi, "khz": 2000 * math.pi, "rad/s": 1.0, "rad_s": 1.0}
+FREQUENCIES = {"hz": 2 * math.pi, "khz": 2000 * math.pi, **dict.fromkeys(("rpm", "cpm"), 2 * math.pi / 60)}
+FREQUENCIES |= dict.fromkeys(("rad/s", "rad_s", "rad/sec", "rad_sec", "rad s^-1"), 1.0)
 """Units of frequency that a header may name, in rad/s."""
+
+COUNTS = ("index", "sample", "samples", "n", "no", "nr", "row", "#", "")
+TIMES = ("t", "time", "zeit", "temps", "tiempo", "timestamp", "f", "freq", "frequency")
+"""Names of columns that count rows, and of some that hold times or frequencies, in small letters, without a unit."""
 
 LONGEST = 16
 """Characters at the end of a name in which a unit is looked for."""
@@ -77,6 +88,8 @@ def read_csv(
     if inputs is not None:
         driven, data, names = data[:, -1], data[:, :-1], names[:-1]
     if sample_rate is None:
+        if header and columns is None:
+            _check_axis(f"{path}:{numbers[max(begin - 1, 0)]}", [header[j] for j in chosen], data[:, 0])
         axis, data = data[:, 0] * axis_unit(names[0], spectrum), data[:, 1:]
         names = names[1:]
     else:
@@ -191,16 +204,33 @@ def _missing(cell: str) -> bool:
     return cell.strip().lower() in MISSING_WORDS
 
 
+def _check_axis(where: str, names: list[str], values: np.ndarray) -> None:
+    """Refuse a first column that counts rows, as tables are written with an index."""
+    bare = [re.split(r"[\[(,_]", name.strip().lower())[0].strip() for name in names]
+    if bare[0] in COUNTS and len(values) > 1 and np.all(np.diff(values) == 1):
+        other = next((name for name, word in zip(names, bare, strict=True) if word in TIMES), None)
+        instead = "give its sample_rate" if other is None else f"name the columns, {other.strip()!r} first"
+        raise RecordError(f"{where}: the first column, {names[0].strip()!r}, counts rows; {instead}")
+
+
 def axis_unit(name: str, spectrum: bool) -> float:
-    """The factor to SI units of the column's name: what stands in brackets or after the last separator."""
+    """The factor to SI units of the column's name: what stands in brackets or after the last separator.
+
+    Raises:
+        RecordError: for a unit in brackets that is not known.
+    """
     known, name = FREQUENCIES if spectrum else UNITS, name.lower()
-    inside = re.search(r"[\[(]\s*([\wµμ/]+)\s*[\])]", name)
+    inside = re.search(r"[\[(]\s*([^\[\]()]+?)\s*[\])]", name)
     # No unit is as long as what is looked at: a file may have names of any length.
     end = f" {name}"[-LONGEST:].rstrip("]) \t")
     found = re.fullmatch(rf".*[\[(/_,\s]({'|'.join(known)})", end, re.DOTALL)
     for match in (inside, found):
         if match and match[1] in known:
             return known[match[1]]
+    if inside:
+        raise RecordError(f"column {printable(name)!r}: the unit {inside[1]!r} is none of {', '.join(known)}")
+    if spectrum and name.strip() in ("omega", "ω"):
+        return 1.0
     if spectrum:
         return next((known[unit] for unit in sorted(known, key=len, reverse=True) if name.endswith(unit)), 2 * math.pi)
     return 1.0

@@ -1,6 +1,7 @@
 """``js.identify_csv``: from a file to modes; every complaint begins with the file."""
 
 import dataclasses
+import re
 from pathlib import Path
 
 from jshape import _check
@@ -50,6 +51,9 @@ def identify_csv(
         read = read_csv(path, columns, inputs, sample_rate, spectrum)
         values, names = read.values, read.names
         if kind == "frequency-response":
+            polar = [name for name in names if re.search(r"mag|phase|\bdb\b|°|\bdeg\b", name, re.I)]
+            if polar:
+                raise RecordError(f"real and imaginary columns in pairs are needed, not {', '.join(polar)}")
             if len(names) % 2:
                 raise RecordError(f"real and imaginary columns in pairs are needed, not {', '.join(names)}")
             values, names = values[:, ::2] + 1j * values[:, 1::2], names[::2]

@@ -182,6 +182,8 @@ def _gains(
         if aside.any():
             which = ", ".join(f"{w / 2 / np.pi:.4g} Hz" for w in omega[aside])
             notes.append(f"{name}: out of phase with a position at {which} (a speed, a delay): gains are sizes only")
+        elif (channel.real < 0).all():
+            notes.append(f"{name}: against the input in every mode, as an acceleration is: the gains are no position's")
     return gains, notes
 
 

@@ -103,7 +103,9 @@ def peaks(command: Any) -> tuple[float, float]:
     size = max(float(np.max(np.abs(coefficients[:, 0]))), 1e-300)
     speed = acceleration = 0.0
     before = np.zeros(2)
-    for row, duration in zip(coefficients, [*durations, 0.0], strict=True):
+    # Pieces between breaks that coincide last for no time: only what comes before and after them meets.
+    lasting = [*(durations > 1e-12 * breaks[-1]), True]
+    for row, duration in zip(coefficients[lasting], [*durations[lasting[:-1]], 0.0], strict=True):
         path = np.polynomial.Polynomial(row)
         after = np.array([path(0.0), path.deriv()(0.0)])
         jump = np.abs(after - before)

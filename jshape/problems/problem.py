@@ -187,9 +187,11 @@ def _units(plant: AbstractPlant) -> Units:
 
 def _question(name: str, multiples: np.ndarray, nominal: float, draft: Draft) -> list[str]:
     """Question multiples of nominal that are far from 1."""
-    greatest = float(np.max(np.abs(multiples)))
+    greatest, least = float(np.max(np.abs(multiples))), float(np.min(multiples))
     if greatest <= GREATEST_MULTIPLE:
-        return []
+        if least > 0 or nominal == 0:
+            return []
+        greatest = least
     unit = draft.over[name].unit or ""
     words = f"{greatest:g} times the nominal {nominal:g} {unit}".rstrip()
     if draft.over[name].absolute:

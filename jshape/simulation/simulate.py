@@ -40,6 +40,9 @@ _ORDER = {"dopri8": 8, "tsit5": 5}
 
 _MOST_STEPS = 65536
 
+INACCURATE = 1e-3
+"""The error of a response, relative to the greatest state, beyond which it has not converged."""
+
 
 class Response(Result, eqx.Module):
     """The response of a plant to a command. All arrays have a leading time axis; of a plant of several axes command,
@@ -67,14 +70,20 @@ class Response(Result, eqx.Module):
 
     @property
     def status(self) -> Status:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """``CONVERGED`` or ``DIVERGED``; for concrete responses, not under a JAX transformation."""
-        return Status.DIVERGED if bool(self.diverged) else Status.CONVERGED
+        """``CONVERGED``, ``STOPPED`` where the states are not known to a thousandth of the greatest, or ``DIVERGED``.
+
+        For concrete responses, not under a JAX transformation.
+        """
+        if bool(self.diverged):
+            return Status.DIVERGED
+        known = float(self.error) <= INACCURATE * float(np.max(np.abs(self.states), initial=0.0))
+        return Status.CONVERGED if known else Status.STOPPED
 
     @property
     def message(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
         """The status in a sentence, with the states' accuracy."""
         if not bool(self.diverged):
-            return f"converged: states within about {float(self.error):.1e}"
+            return f"{self.status.value}: states within about {float(self.error):.1e}"
         finite = np.all(np.isfinite(np.asarray(self.states)), axis=1)
         until = "" if finite.all() else f"; not finite from {float(self.times[np.argmin(finite)]):.4g} s on"
         return f"diverged: the plant left the region from which it returns to rest{until}"

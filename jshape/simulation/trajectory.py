@@ -12,6 +12,7 @@ from jshape import _check
 from jshape._types import Scalar
 from jshape.command import polynomial
 from jshape.compilation_cache import kept
+from jshape.plants import AbstractOscillator
 from jshape.simulation.integrate import integrate
 from jshape.simulation.schedule import Schedule, Segments, inputs_at
 from jshape.simulation.simulate import fastest
@@ -63,6 +64,12 @@ def tail(plant, plan: Schedule, periods: float) -> Scalar:
     """That many periods of the slowest mode (of the command's duration, where there is none), s."""
     lowest = jnp.min(plant.natural_frequency())
     return periods * jnp.where(lowest > 0, 2 * jnp.pi / jnp.where(lowest > 0, lowest, 1.0), plan.breaks[-1])
+
+
+@kept
+def timed(plant) -> Array:
+    """Whether a period says how long to look after a move: a spring without stiffness at rest has none."""
+    return (jnp.min(plant.natural_frequency()) > 0) | (not isinstance(plant, AbstractOscillator))
 
 
 @kept

@@ -193,12 +193,18 @@ def write_trajectory(path: Path, trajectory: Trajectory) -> None:
 
 
 def _as_csv(trajectory: Trajectory) -> str:
-    form, lines = trajectory.form, []
+    form, lines, digits = trajectory.form, [], _digits(trajectory.times)
     for time, row in zip(trajectory.times * trajectory.form.second, trajectory.states[:, :, 0], strict=True):
-        # Twelve digits: whole multiples of a sample time are written as such.
-        cells = [f"{time:.12g}", *(repr(float(value)) for value in row)]
+        # So few digits that whole multiples of a sample time are written as such; nanoseconds since 1970 are whole.
+        cells = [f"{time:.0f}" if abs(time) >= 1e15 else f"{time:.{digits}g}", *(repr(float(value)) for value in row)]
         lines.append(form.separator.join(cell.replace(".", ",") if form.comma else cell for cell in cells))
     return "\n".join([*([form.head] if form.head else []), *lines]) + "\n"
+
+
+def _digits(times: np.ndarray) -> int:
+    """Digits that tell the times apart, and say each to a ten-thousandth of the shortest step: 12 to 17."""
+    shortest = np.min(np.diff(times), initial=np.inf)
+    return int(np.clip(np.ceil(np.log10(max(np.max(np.abs(times)) / shortest, 1.0))) + 4, 12, 17))
 
 
 def _as_json(trajectory: Trajectory) -> str:

@@ -17,7 +17,7 @@ from jshape.plants import AbstractPlant
 from jshape.shaper import Shaper, shaped
 from jshape.simulation.schedule import schedule
 from jshape.simulation.simulate import fastest, initial
-from jshape.simulation.trajectory import extremes, tail, trajectory
+from jshape.simulation.trajectory import extremes, tail, timed, trajectory
 
 PARTS = 8
 """Parts of a segment of the command between which its extremes are those of cubics: exact up to degree 4 of a command.
@@ -67,11 +67,16 @@ def deflection_slack(scenarios: Scenarios, point: Point) -> Array:
         value, slope = (x[..., _place(plant, axis)] if axis else x for x in (along.value, along.slope))
         peaks = [jnp.max(extremes(sign * value, sign * slope, along.step), axis=-1) for sign in (1, -1)]
         slacks.append(1 - jnp.concatenate(peaks) / limit)
-    return jnp.concatenate(slacks)
+    return jnp.where(timed(plant), jnp.concatenate(slacks), jnp.nan)
 
 
-def check(limits: Limits, command: AbstractCommand) -> None:
-    """*Raises* ``ValueError`` for a limit that this command cannot keep with any shaper."""
+def check(limits: Limits, command: AbstractCommand, plant: AbstractPlant) -> None:
+    """*Raises* ``ValueError`` for a limit that this command cannot keep with any shaper, or that nothing can judge."""
+    if limits.peak_deflection and not timed(plant):
+        raise ValueError(
+            f"peak_deflection: a {type(plant).__name__} whose spring has no stiffness at rest has no period that says"
+            " how long it is to be observed after the move"
+        )
     each = dict(command.items()) if isinstance(command, Axes) else {"": command}
     for axis in limits.speed_limit:
         if each[axis].smoothness < 1:

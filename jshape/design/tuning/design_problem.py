@@ -119,7 +119,7 @@ def design_problem(
     leaves = designed_leaves(plant, also, uncertain)
     count = len(groups) or 1
     bounds = design_bounds(impulses, amplitudes, limit, _durations(plant, impulses, duration), leaves, count)
-    constraints.check(limits, command)
+    constraints.check(limits, command, plant)
     fine_steps = 1
     if limits.peak_deflection:
         fine_steps = constraints.fine_steps(plant, command, bounds.longest, impulses)
