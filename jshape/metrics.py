@@ -146,7 +146,7 @@ def residual_vibration(
         tolerance: of the residual energy, as in ``residual_energy``.
 
     Returns:
-        A fraction; infinite where the plant diverged.
+        A fraction; infinite where the plant diverged, NaN where the payload ends where it began.
 
     Source: Moonmangmee and Chatlatanagulchai (2025), before Fig. 5, there read off the first overshoot.
     """
@@ -425,8 +425,9 @@ def _energy_and_vibration(plant, plan: Schedule, state, steps: int | None, fine:
     met = end.met
     if isinstance(plant, AbstractOscillator) and plant.drives()[0] == "displacement":
         amplitude = plant.spring.amplitude(plant.residual_energy(end.state, inputs))
-        amplitude = amplitude / jnp.abs(_target(plant, plan) - _start(plant, plan))
         diverged = end.diverged | ~jnp.isfinite(amplitude)
+        distance = jnp.abs(_target(plant, plan) - _start(plant, plan))
+        amplitude = jnp.where(distance > 0, amplitude / jnp.where(distance > 0, distance, 1.0), jnp.nan)
     else:
         still = Schedule(plan.breaks[-1:], plan.coefficients[-1:])
         along = trajectory(plant, still, end.state, 2.0, "payload", fine)
@@ -452,12 +453,12 @@ def _amplitude(along: Trajectory) -> Scalar:
 def _over_distance(measure: Callable[..., Array], plant, plan: Schedule, along: Trajectory) -> Array:
     """``measure(trajectory, target, distance)`` of the payload's every axis; infinite where the plant diverged.
 
-    Of several axes, NaN for those that do not move.
+    NaN where the payload ends where it began.
     """
     target = _target(plant, plan)
     distance = target - _start(plant, plan)
     value = along_each_axis(measure, along, target, distance)
-    value = jnp.where((distance == 0) & bool(plant.axes), jnp.nan, value)
+    value = jnp.where(distance == 0, jnp.nan, value)
     return jnp.where(along.diverged, jnp.inf, value)
 
 

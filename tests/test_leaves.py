@@ -145,3 +145,11 @@ def test_entries_beyond_a_list():
         leaf(MODES, "omega.2")
     with pytest.raises(ValueError, match="unknown leaf 'omega'"):
         with_leaves(MODES, {"omega": jnp.ones(2)})
+
+
+def test_a_plant_that_allows_each_value_alone_is_checked_at_the_corners_of_the_set():
+    """A link's servo is stable with either value beside the nominal other one, and not with both."""
+    link = js.plants.FlexibleLink(load=0.0, servo_omega=40.0, servo_zeta=0.9, servo_integral=30.0)
+    over = {"servo_zeta": [0.5, 1.0], "servo_integral": [1.0, 1.5]}
+    with pytest.raises(ValueError, match=r"over: .*, with servo_zeta 0.45, servo_integral 45"):
+        js.sweep(link, js.design.linear.zv(8.5, 0.017), 0.5, over=over)

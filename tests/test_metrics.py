@@ -522,3 +522,30 @@ def test_residual_vibration_of_a_plant_that_varies_in_time():
     )
     found = js.residual_vibration(Falling(jnp.asarray(2 * np.pi)), None, js.Sampled([0, 4.0], [0, 1.0]))
     assert found == pytest.approx(np.max(np.abs(after.y[0] - 1)), rel=1e-4)
+
+
+def test_a_users_free_pair_is_observed_as_the_one_of_the_library():
+    """Two masses on a spring, pushed: that the pair may be anywhere is no mode of frequency 1e-17."""
+
+    class Pair(plants.AbstractPlant):
+        stiffness: jax.Array
+        drive = "force"
+
+        def vector_field(self, t, state, inputs):
+            x, y, v, w = state
+            pull = self.stiffness * (y - x)
+            return jnp.stack([v, w, inputs + pull, -pull])
+
+        def residual_energy(self, state, inputs):
+            x, y, v, w = state
+            return (v - w) ** 2 / 4 + self.stiffness * (y - x) ** 2 / 2
+
+        def rest_state(self, inputs):
+            return jnp.zeros(4)
+
+        def deflection(self, state, inputs):
+            return state[1] - state[0]
+
+    push = js.command.Pulse(1.0, 0.3)
+    known = js.peak_deflection(plants.ForcedTwoMass(1.0, 1.0, plants.LinearSpring(20.0)), None, push)
+    assert js.peak_deflection(Pair(jnp.asarray(20.0)), None, push) == pytest.approx(float(known), rel=1e-6)

@@ -136,6 +136,9 @@ class AbstractPlant(Checked):
         state = self.rest_state(zero)
         matrix = jax.jacfwd(lambda y: self.vector_field(jnp.zeros(()), y, zero))(state)
         magnitude = jnp.sort(jnp.abs(jnp.linalg.eigvals(matrix)))
+        # What is free to go anywhere has two eigenvalues of 0, which come out as the root of rounding.
+        eps = float(jnp.finfo(magnitude.dtype).eps)
+        magnitude = jnp.where(magnitude <= eps**0.5 * magnitude[-1], 0.0, magnitude)
         frequencies = magnitude[::2]
         return frequencies[0] if len(frequencies) == 1 else frequencies
 

@@ -228,7 +228,8 @@ class ForceSpring(AbstractFunctionSpring):
     """A spring by its force: any JAX function of the deflection, odd or not.
 
     The potential is the force's integral, by Gauss–Legendre quadrature with 64 points: exact to rounding for smooth
-    forces.
+    forces. **Of a force with kinks it is known to about 1e-4 only, of a steep one worse, and errors that are stated of
+    energies leave that out**: give the potential (``PotentialSpring``), or take ``SaturatingSpring``.
 
     Attributes:
         function: deflection (m) → force (N), as in ``PotentialSpring``.

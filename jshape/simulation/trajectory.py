@@ -62,7 +62,9 @@ def fine_steps(plant, plan: Schedule, periods: float) -> int:
 @kept
 def tail(plant, plan: Schedule, periods: float) -> Scalar:
     """That many periods of the slowest mode (of the command's duration, where there is none), s."""
-    lowest = jnp.min(plant.natural_frequency())
+    frequencies = plant.natural_frequency()
+    lowest = jnp.min(jnp.where(frequencies > 0, frequencies, jnp.inf))
+    lowest = jnp.where(jnp.isfinite(lowest), lowest, 0.0)
     return periods * jnp.where(lowest > 0, 2 * jnp.pi / jnp.where(lowest > 0, lowest, 1.0), plan.breaks[-1])
 
 

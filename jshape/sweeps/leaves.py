@@ -10,6 +10,7 @@ Where a move is uncertain, too, its leaves follow ``command.``: ``"command.dista
 ``"command.slew.distance"``, ``"command.delay.hoist"``.
 """
 
+import itertools
 import math
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
@@ -27,6 +28,9 @@ from jshape.plants import AbstractPlant
 
 MOVE = "command."
 """What the names of a command's leaves begin with."""
+
+MOST_CORNERED = 6
+"""Leaves at most whose set's corners, all combinations of least and greatest values, are checked."""
 
 
 Tree = TypeVar("Tree", bound=eqx.Module)
@@ -145,6 +149,7 @@ def check_over(
         xp = _check.numerics(values, nominal)
         absolute[name] = _check.on_device(xp.asarray(values) * xp.asarray(nominal)) if relative else values
         _check_construction(tree, place, absolute[name], name)
+    _check_corners(plant, {name: values for name, values in absolute.items() if name not in moves})
     return absolute
 
 
@@ -193,3 +198,18 @@ def _check_construction(tree: Any, place: str, values: Array, name: str) -> None
             _check.recheck(with_leaves(tree, {place: value}))
         except ValueError as error:
             raise ValueError(f"over[{name!r}]: {error}") from None
+
+
+def _check_corners(plant: AbstractPlant, absolute: Mapping[str, Array]) -> None:
+    """The same of several leaves together, at the corners of their set: a plant may allow each by itself alone."""
+    if not 1 < len(absolute) <= MOST_CORNERED or not _check.is_concrete(plant, absolute):
+        return
+    ends = [(np.min(values), np.max(values)) for values in map(np.asarray, absolute.values())]
+    for corner in itertools.product(*ends):
+        together = dict(zip(absolute, map(_check.on_device, corner), strict=True))
+        try:
+            _check.recheck(with_leaves(plant, together))
+        except ValueError as error:
+            raise ValueError(
+                f"over: {error}, with {', '.join(f'{name} {float(value):g}' for name, value in together.items())}"
+            ) from None
