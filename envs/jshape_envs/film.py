@@ -50,7 +50,7 @@ def episode_film(
     watched, captions = list(watched_moves(params, policy, moves, seed, payloads)), []
     for number, each in enumerate(watched, 1):
         for label, run in zip(parts, (each.unshaped, each.shaped), strict=True):
-            parts[label].append(motion_of(each.plant, run, np.arange(0.0, run.times[-1], interval / 1000)))
+            parts[label].append(motion_of(each.plant, run, np.arange(0.0, float(run.times[-1]), interval / 1000)))
         captions += [f"move {number}: {described(each, params)}"] * len(parts[name][-1].places)
     motions = {
         label: Motion(

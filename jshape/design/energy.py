@@ -185,7 +185,7 @@ def _swings(plant: AbstractOscillator, distance: Any, shares: Array | np.ndarray
 
 
 @kept
-def _approximate_swings(plant: AbstractOscillator, size: Scalar, shares: Array, damping: str) -> tuple[Array, ...]:
+def _approximate_swings(plant: AbstractOscillator, size: Scalar, shares: Any, damping: str) -> tuple[Array, ...]:
     """Ways (m), base positions (m) and durations (s) of swings, without damping or nearly with it."""
     ways = size * shares
     bases = _bases(plant, ways)

@@ -9,13 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from jshape._types import ArrayLike
 from jshape.adaptive.formulas import Numbers
 
 
-def transition(
-    numbers: Numbers, omega: ArrayLike, zeta: ArrayLike, total: Any, rest: Any, slope: Any = 0.0
-) -> tuple[Any, Any]:
+def transition(numbers: Numbers, omega: Any, zeta: Any, total: Any, rest: Any, slope: Any = 0.0) -> tuple[Any, Any]:
     """Amplitudes and times of five impulses with Σ A = S, Σ A exp(−p t) = ρ and Σ A t exp(−p t) = σ; p the mode's pole.
 
     Args:

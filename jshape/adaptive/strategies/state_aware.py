@@ -165,8 +165,8 @@ class StateAware(AbstractStrategy):
         def shaper(change: Any) -> tuple[Any, Any]:
             return plan.amounts[0] / select(change == 0, 1.0, change), plan.times[0]
 
-        def anew(*old: Any) -> tuple[Queue, Plan]:
-            return replanned(self, numbers, *old, mode.omega, mode.zeta, _unit(self, numbers, mode)[0])
+        def anew(queue: Queue, plan: Plan) -> tuple[Queue, Plan]:
+            return replanned(self, numbers, queue, plan, mode.omega, mode.zeta, _unit(self, numbers, mode)[0])
 
         plan = numbers.when(change != 0, begin, lambda same: same, plan)
         queue = self.queue.advance(numbers, state.queue, reference, shaper)
