@@ -248,6 +248,11 @@ QUESTIONED = {
         'low = "1 t", high = "8 t"',
         "8000 kg is 8000 times",
     ),
+    "a change in the place of a multiple": (
+        "m2 = { low = 0.8, high = 1.2 }",
+        '"spring.k3" = { low = "-20 %", high = "20 %" }',
+        "-0.2 is read as -0.2 times the nominal 100",
+    ),
     "millimetres": ("distance = 1.0", "distance = 1000.0", "distance: 1000 is read as 1000 m"),
     "grams": ("m2 = 1.0", "m2 = 1e7", "plant.m2: 1e+07 is read as 1e+07 kg"),
 }

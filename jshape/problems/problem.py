@@ -189,7 +189,7 @@ def _question(name: str, multiples: np.ndarray, nominal: float, draft: Draft) ->
     """Question multiples of nominal that are far from 1."""
     greatest, least = float(np.max(np.abs(multiples))), float(np.min(multiples))
     if greatest <= GREATEST_MULTIPLE:
-        if least > 0 or nominal == 0:
+        if least >= 0:
             return []
         greatest = least
     unit = draft.over[name].unit or ""
