@@ -380,3 +380,12 @@ def test_magnitude_and_phase_are_not_real_and_imaginary(tmp_path):
     path.write_text("\n".join(["Frequency (Hz),Magnitude (dB),Phase (deg)", *rows]), encoding="utf-8")
     with pytest.raises(RecordError, match=r"real and imaginary columns in pairs are needed, not Magnitude"):
         identify_csv(path, kind="frequency-response")
+
+
+def test_real_and_imaginary_columns_are_taken_by_any_name(tmp_path):
+    path, omega = tmp_path / "frf.csv", 2 * np.pi * np.linspace(1.0, 30.0, 300)
+    response = (2 * np.pi * 10) ** 2 / ((2 * np.pi * 10) ** 2 - omega**2 + 2j * 0.02 * (2 * np.pi * 10) * omega)
+    rows = [f"{w!r},{h.real!r},{h.imag!r}" for w, h in zip(omega.tolist(), response.tolist(), strict=True)]
+    path.write_text("\n".join(["Frequency (rad/sec),x_real,x_imag", *rows]), encoding="utf-8")
+    found = identify_csv(path, kind="frequency-response")
+    np.testing.assert_allclose(found.omega, 2 * np.pi * 10, rtol=1e-6)

@@ -51,7 +51,7 @@ def identify_csv(
         read = read_csv(path, columns, inputs, sample_rate, spectrum)
         values, names = read.values, read.names
         if kind == "frequency-response":
-            polar = [name for name in names if re.search(r"mag|phase|\bdb\b|°|\bdeg\b", name, re.I)]
+            polar = [name for name in names if re.search(r"(?<![a-z])mag(?!net)|phase|\bdb\b|°|\bdeg\b", name, re.I)]
             if polar:
                 raise RecordError(f"real and imaginary columns in pairs are needed, not {', '.join(polar)}")
             if len(names) % 2:
