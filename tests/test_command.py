@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import jshape as js
 from jshape.command import (
     PiecewisePolynomial,
     Pulse,
@@ -446,3 +447,10 @@ def test_a_smoothness_that_the_pieces_do_not_have_is_refused():
         PiecewisePolynomial(*ramp, smoothness=2)
     with pytest.raises(ValueError, match=r"smoothness must be 0, not 1: .* jumps by 1 at 2 s"):
         PiecewisePolynomial([0.0, 2.0], [[0.0, 0.5], [2.0, 0.0]], smoothness=1)
+
+
+def test_shaped_copies_keep_their_smoothness_in_single_precision():
+    """Sums of many copies, of large amplitudes and either sign, jump by rounding: that is no claim to refuse."""
+    with jax.enable_x64(False):
+        shaper = js.Shaper(jnp.asarray([30.0, -60.0, 31.0]), jnp.asarray([0.0, 0.7, 211.3]))
+        assert shaper.shape(js.Trapezoid(300.0, 1.0, 0.5)).smoothness == 2
