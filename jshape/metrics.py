@@ -43,9 +43,11 @@ from jshape.simulation.trajectory import (
     Trajectory,
     along_each_axis,
     extremes,
+    farthest_later,
     fine_steps,
     first_above,
     last_above,
+    parts_after,
     tail,
     timed,
     trajectory,
@@ -114,11 +116,7 @@ def residual_energy_and_error(
         steps = steps_for(plant, plan, method)
     energy, error, met = energy_with_error(plant, plan, state, steps, method, as_tolerance(tolerance, state))
     if _check.is_concrete(energy):
-        require_met(plant, plan, met, error, tolerance)
-        if np.any(np.isnan(np.asarray(energy))):
-            raise ValueError(
-                f"distance: {type(plant).__name__} has no rest at its final input, {_check.show(plan.final)}"
-            )
+        require_met(plant, plan, energy, met, error, tolerance)
     return energy, error
 
 
@@ -173,7 +171,7 @@ def _residuals(plant, shaper, distance, initial_state, steps: int | None, tolera
         plant, plan, state, steps, fine, as_tolerance(tolerance, state)
     )
     if _check.is_concrete(vibration):
-        require_met(plant, plan, met, error, tolerance)
+        require_met(plant, plan, energy, met, error, tolerance)
     return energy, vibration
 
 
@@ -251,7 +249,8 @@ def settling_time(
         initial_state: at rest at input 0 unless given.
 
     Returns:
-        s; infinite where the payload has not settled a period before that ends.
+        s; infinite where the payload has not settled a period before that ends, or will leave the band again, as
+        modes that beat do.
 
     Raises:
         ValueError: unless band and periods are positive.
@@ -260,20 +259,22 @@ def settling_time(
     _check.positive(periods, "periods")
     plan, plant, state = _prepare(plant, shaper, distance, initial_state)
     along = _along(plant, plan, state, periods, "payload")
-    # One that swings on is within the band twice a period.
     within = tail(plant, plan, min(1.0, periods / 2))
     return _settling_time(plant, plan, along, _check.as_array(band, "band"), within)
 
 
 @kept
 def _settling_time(plant: AbstractPlant, plan: Schedule, along: Trajectory, band: Scalar, within: Scalar) -> PerAxis:
-    def settled(along: Trajectory, target: Scalar, distance: Scalar) -> Scalar:
+    later = jnp.broadcast_to(farthest_later(plant, plan, along), along.value.shape[2:])
+
+    def settled(along: Trajectory, target: Scalar, distance: Scalar, later: Scalar) -> Scalar:
         limit = band * jnp.abs(distance)
         sides = [last_above(sign * (along.value - target) - limit, sign * along.slope, along) for sign in (1, -1)]
         last = jnp.maximum(*sides)
-        return jnp.where(last > along.time[-1, -1] - within, jnp.inf, last)
+        # One that swings on is within the band twice a period; of several modes, for as long as a beat.
+        return jnp.where((last > along.time[-1, -1] - within) | (later > limit), jnp.inf, last)
 
-    return _over_distance(settled, plant, plan, along)
+    return _over_distance(settled, plant, plan, along, later)
 
 
 def rise_time(
@@ -390,13 +391,14 @@ def _along(plant, plan: Schedule, state: State, periods: float, name: str) -> Tr
     Raises:
         ValueError: where it is not accurate with the most steps there are, and for a spring without stiffness at rest.
     """
-    steps, observed = fine_steps(plant, plan, periods), timed(plant)
+    parts, observed = parts_after(plant, plan, periods), timed(plant)
+    steps = fine_steps(plant, plan, periods, parts)
     if _check.is_concrete(observed) and not observed:
         raise ValueError(
             f"plant: a {type(plant).__name__} whose spring has no stiffness at rest has no period that says how long"
             f" its {name} is to be observed after the move; simulate takes a horizon"
         )
-    along = trajectory(plant, plan, state, periods, name, steps)
+    along = trajectory(plant, plan, state, periods, name, steps, parts)
     if not _check.is_concrete(along.value):
         flagged = jnp.where((along.met & observed) | along.diverged, along.value, jnp.nan)
         return eqx.tree_at(lambda along: along.value, along, flagged)
@@ -407,7 +409,7 @@ def _along(plant, plan: Schedule, state: State, periods: float, name: str) -> Tr
                 f"distance: {name} of {type(plant).__name__} is not accurate to {ACCURACY:g} with {steps // 4} steps a "
                 "segment; shorten the move"
             )
-        along = trajectory(plant, plan, state, periods, name, steps)
+        along = trajectory(plant, plan, state, periods, name, steps, parts)
     return along
 
 
@@ -424,8 +426,9 @@ def _energy_and_vibration(plant, plan: Schedule, state, steps: int | None, fine:
     inputs = plan.final_inputs(plant)
     met = end.met
     if isinstance(plant, AbstractOscillator) and plant.drives()[0] == "displacement":
-        amplitude = plant.spring.amplitude(plant.residual_energy(end.state, inputs))
-        diverged = end.diverged | ~jnp.isfinite(amplitude)
+        stored = plant.residual_energy(end.state, inputs)
+        amplitude = jnp.where(jnp.isnan(stored), jnp.nan, plant.spring.amplitude(stored))
+        diverged = end.diverged | jnp.isinf(amplitude)
         distance = jnp.abs(_target(plant, plan) - _start(plant, plan))
         amplitude = jnp.where(distance > 0, amplitude / jnp.where(distance > 0, distance, 1.0), jnp.nan)
     else:
@@ -450,15 +453,15 @@ def _amplitude(along: Trajectory) -> Scalar:
     return jnp.max(jnp.stack(both))
 
 
-def _over_distance(measure: Callable[..., Array], plant, plan: Schedule, along: Trajectory) -> Array:
-    """``measure(trajectory, target, distance)`` of the payload's every axis; infinite where the plant diverged.
+def _over_distance(measure: Callable[..., Array], plant, plan: Schedule, along: Trajectory, *rows: Array) -> Array:
+    """``measure(trajectory, target, distance, *rows)`` of the payload's every axis; infinite where the plant diverged.
 
-    NaN where the payload ends where it began.
+    NaN where the payload ends where it began, and where the trajectory is not accurate.
     """
     target = _target(plant, plan)
     distance = target - _start(plant, plan)
-    value = along_each_axis(measure, along, target, distance)
-    value = jnp.where(distance == 0, jnp.nan, value)
+    value = along_each_axis(measure, along, target, distance, *rows)
+    value = jnp.where((distance == 0) | jnp.any(jnp.isnan(along.value)), jnp.nan, value)
     return jnp.where(along.diverged, jnp.inf, value)
 
 

@@ -230,12 +230,12 @@ def test_sweep(sensor):
     _, position, states = lsim(machine, command, times, X0=[0.3, -0.2, 1.0, 0.0])
     clean = position if sensor == "position" else (states @ a.T + command[:, None] * b.T)[:, 2:] @ GAINS
     values = clean + 0.01 * np.std(clean) * random.standard_normal(len(times))
-    found = identify(times, values, kind="sweep", inputs=command)
+    found = identify(times, values, kind="sweep", inputs=command, measured=sensor)
     assert len(found.omega) == 2
     assert np.all(np.abs(found.omega - OMEGA) < 4 * found.omega_std)
     assert np.all(np.abs(found.zeta - ZETA) < 4 * found.zeta_std)
+    np.testing.assert_allclose(found.gains[:, 0], GAINS, rtol=0.01)
     if sensor == "position":
-        np.testing.assert_allclose(found.gains[:, 0], GAINS, rtol=0.01)
         # Another command, predicted by the fit and by SciPy.
         other = np.sign(np.sin(3 * times)) * np.minimum(times, 1)
         fresh = found.predict(times, other)[:, 0]
@@ -256,6 +256,28 @@ def test_frequency_response():
     assert np.all(np.abs(found.zeta - ZETA) < 4 * found.zeta_std)
     np.testing.assert_allclose(found.gains[:, 0], GAINS, rtol=0.01)
     assert np.max(np.abs(found.predict()[:, 0] - clean)) < 0.03
+
+
+@pytest.mark.parametrize(("sensor", "order"), [("position", 0), ("velocity", 1), ("acceleration", 2)])
+def test_gains_are_those_of_a_position_whatever_was_measured(sensor, order):
+    """A ring-down's, a step's and a frequency response's, from the same machine seen by each sensor."""
+    times = np.arange(0, 8, 0.005)
+    poles = OMEGA * (-ZETA + 1j * np.sqrt(1 - ZETA**2))
+    residues = -GAINS * (1 - 1j * ZETA / np.sqrt(1 - ZETA**2)) * poles**order
+    values = np.sum((residues * np.exp(poles * times[:, None])).real, axis=1)
+    values = values + 1e-3 * np.std(values) * np.random.default_rng(0).standard_normal(len(times))
+    for kind in ("ring-down", "step"):
+        np.testing.assert_allclose(identify(times, values, kind=kind, measured=sensor).gains[:, 0], GAINS, atol=2e-3)
+    axis = 1j * 2 * np.pi * np.linspace(0.5, 15, 600)[:, None]
+    response = np.sum(GAINS * OMEGA**2 / (axis**2 + 2 * ZETA * OMEGA * axis + OMEGA**2), axis=1) * axis[:, 0] ** order
+    found = identify(axis[:, 0].imag, response, kind="spectrum", measured=sensor)
+    np.testing.assert_allclose(found.gains[:, 0], GAINS, rtol=1e-6)
+    assert found.measured == sensor
+    if order == 2:
+        taken = identify(axis[:, 0].imag, response, kind="spectrum")
+        assert any('measured="acceleration"' in note for note in taken.notes)
+        with pytest.raises(ValueError, match="measured must be one of 'position', 'velocity'"):
+            identify(times, values, measured="speed")
 
 
 def shaken(random):

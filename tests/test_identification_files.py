@@ -102,6 +102,29 @@ def test_a_unit_is_what_stands_after_the_last_separator(name, spectrum, factor):
     assert time.process_time() - begin < 1
 
 
+@pytest.mark.parametrize(
+    ("header", "measured"),
+    [
+        ("t,x,y", "position"),
+        ("t,accel_x,accel_y", "acceleration"),
+        ("t,x (m/s²),y (mm/s^2)", "acceleration"),
+        ("t,x [g],y [g]", "acceleration"),
+        ("t,gyro_x,gyro_z", "velocity"),
+        ("t,x [mm/s],v [rad/s]", "velocity"),
+        ("t,accel_x,y", "position"),
+        ("t,accuracy,y", "position"),
+    ],
+)
+def test_what_was_measured_by_the_names_of_the_columns(path, header, measured):
+    path.write_text(text(header), encoding="utf-8")
+    found = identify_csv(path)
+    assert found.measured == measured
+    assert any("as the name says" in note for note in found.notes) == (measured != "position")
+    assert identify_csv(path, measured="position").measured == "position"
+    if "[g]" in header:
+        np.testing.assert_allclose(found.values, 9.80665 * identify_csv(path, measured="position").values, rtol=1e-12)
+
+
 def test_encodings(path):
     for encoding in ("utf-16", "cp1252"):
         path.write_bytes(text("Zeit;Höhe;Länge", ";", comma=True).encode(encoding))

@@ -133,6 +133,6 @@ def test_at_the_prompt(tmp_path):
     for axis in "xy":
         assert (out / f"prediction_{axis}.png").stat().st_size > 10_000
         assert (out / f"prediction_{axis}.csv").exists()
-    result = run(app, [paths[0], "--measured", "acceleration", "--out", str(tmp_path / "other")])
+    result = run(app, [paths[0], "--measured", "speed", "--out", str(tmp_path / "other")])
     assert result.exit_code == 2
-    assert "measured: is for two records, with --along-y" in " ".join(result.output.split())
+    assert "measured must be one of 'position', 'velocity', 'acceleration', not 'speed'" in result.output

@@ -175,6 +175,7 @@ def test_a_traced_trajectory_is_right_infinite_or_no_number():
 def test_steps_along_a_move_are_refined_until_they_are_enough(monkeypatch):
     expected = float(js.overshoot(PLANT, SHAPER, 1.0))
     monkeypatch.setattr(metrics, "fine_steps", lambda *_: 16)
+    monkeypatch.setattr(metrics, "parts_after", lambda *_: 1)
     assert float(js.overshoot(PLANT, SHAPER, 1.0)) == pytest.approx(expected, abs=1e-3)
     monkeypatch.setattr(metrics, "MOST_STEPS", 63)
     with pytest.raises(ValueError, match="payload of Displaced is not accurate to 1e-06 with 16 steps a segment"):
@@ -549,3 +550,70 @@ def test_a_users_free_pair_is_observed_as_the_one_of_the_library():
     push = js.command.Pulse(1.0, 0.3)
     known = js.peak_deflection(plants.ForcedTwoMass(1.0, 1.0, plants.LinearSpring(20.0)), None, push)
     assert js.peak_deflection(Pair(jnp.asarray(20.0)), None, push) == pytest.approx(float(known), rel=1e-6)
+
+
+def test_modes_that_beat_have_not_settled():
+    """Two modes 1 % apart are quiet from 23 s to 60 s, and swing out of the band again and again until they decay."""
+    shaper = js.Shaper([0.5, 0.5], [0.0, 1.0])
+    times = np.linspace(0, 800, 800_001)
+
+    def last_outside(omega, zeta, band):
+        """Of the closed form, before 800 s."""
+        beyond = np.zeros_like(times) - 1
+        for start in (0.0, 1.0):
+            since = np.maximum(times - start, 0)
+            for w in omega:
+                fast = w * np.sqrt(1 - zeta**2)
+                swing = np.exp(-zeta * w * since) * (np.cos(fast * since) + zeta * w / fast * np.sin(fast * since))
+                beyond += (times >= start) * (1 - swing) / (2 * len(omega))
+        return times[np.flatnonzero(np.abs(beyond) > band)[-1]]
+
+    omega = np.array([2.5, 2.575])
+    for zeta, band in ((0.0, 0.2), (0.001, 0.2)):
+        assert last_outside(omega, zeta, band) > 80
+        assert (
+            js.settling_time(plants.ModalPlant(omega, np.full(2, zeta), np.full(2, 0.5)), shaper, 1.0, band) == np.inf
+        )
+    damped = plants.ModalPlant(omega, np.full(2, 0.03), np.full(2, 0.5))
+    assert float(js.settling_time(damped, shaper, 1.0, 0.1)) == pytest.approx(last_outside(omega, 0.03, 0.1), abs=2e-3)
+
+
+def test_no_settling_time_where_the_trajectory_is_not_accurate():
+    """Traced, a mode a thousand times as fast as the other is beyond the steps that there are: NaN, and not 0."""
+    plant = plants.ModalPlant([1.0, 3000.0], [0.05, 0.05], [0.5, 0.5])
+    for measure in (js.settling_time, js.rise_time, js.overshoot):
+        assert np.isnan(jax.jit(lambda plant, measure=measure: measure(plant, SHAPER, 1.0))(plant))
+
+
+def test_a_payload_that_was_lowered_is_observed_for_its_longer_periods():
+    """The cable's length at the end of the move counts; beside a dense run of DOP853 over forty periods."""
+    plant, profile = plants.HoistingCrane(2.0), ((0.5, 1.0, 3.0), (1.0, 2.0, 8.0))
+    command = js.Axes(
+        **{
+            name: js.Trapezoid(way, speed, pace)
+            for name, (pace, speed, way) in zip(("trolley", "hoist"), profile, strict=True)
+        }
+    )
+
+    def along(t, pace, speed, way):
+        ramp, end = speed / pace, way / speed + speed / pace
+        if t < ramp:
+            return pace * t**2 / 2, pace * t, pace
+        if t < end - ramp:
+            return speed * (t - ramp / 2), speed, 0.0
+        return (way - pace * (end - t) ** 2 / 2, pace * (end - t), -pace) if t < end else (way, 0.0, 0.0)
+
+    def field(t, y):
+        (_, _, push), (way, rate, _) = (along(t, *each) for each in profile)
+        return [y[1], -(2 * rate * y[1] + 9.81 * np.sin(y[0]) + push * np.cos(y[0])) / (2 + way)]
+
+    state, end = [0.0, 0.0], 6.0
+    for start, stop in ((0, 2), (2, 3), (3, 4), (4, 5), (5, 6)):
+        state = solve_ivp(field, (start + 1e-12, stop - 1e-12), state, "DOP853", rtol=1e-12, atol=1e-12).y[:, -1]
+    late = solve_ivp(field, (end, end + 250), state, "DOP853", rtol=1e-12, atol=1e-12, dense_output=True)
+    expected = np.max(10 * np.sin(late.sol(np.linspace(end, end + 250, 500_001))[0])) / 3
+    assert float(js.overshoot(plant, None, command)[0]) == pytest.approx(expected, rel=1e-8)
+    lengthened = 2 * np.pi * np.sqrt(10 / 9.81)
+    assert 2 * np.pi / float(plant.natural_frequency_at(((0.0, 0.0), (0.0, 8.0)))) == pytest.approx(
+        lengthened, rel=1e-12
+    )

@@ -149,6 +149,47 @@ def test_one_spring_in_three_spellings(plant):
         assert float(shaper.times[1]) == pytest.approx(0.591240537428156, rel=1e-12)
 
 
+PLACES, PULLS = np.array([-3.0, -0.5, -0.2, 0.0, 0.3, 0.7, 3.0]), np.array([-60.0, -9.0, -2.0, 0.0, 3.0, 14.0, 30.0])
+
+
+def _table(x):
+    return jnp.interp(x, PLACES, PULLS)
+
+
+def test_a_spring_by_a_table_of_forces():
+    """Between the kinks that are named the potential is exact, beside the sum of trapezia; across others it is NaN."""
+    spring, unnamed = (plants.ForceSpring(_table, kinks=kinks) for kinks in (PLACES, ()))
+    for x in (-1.7, -0.3, -0.1, 0.2, 0.45, 1.9):
+        corners = np.unique(np.concatenate([[0.0, x], PLACES[np.abs(PLACES - x / 2) < abs(x) / 2]]))
+        exact = np.sign(x) * np.trapezoid(np.interp(corners, PLACES, PULLS), corners)
+        at, alone = jnp.asarray(x), -0.2 <= x <= 0.3
+        assert float(spring.potential(at)) == pytest.approx(exact, rel=1e-14)
+        assert float(jax.grad(spring.potential)(at)) == pytest.approx(float(_table(at)), rel=1e-13)
+        found = float(unnamed.potential(at))
+        assert found == pytest.approx(exact, rel=1e-14) if alone else np.isnan(found)
+    stop = plants.ForceSpring(lambda x: 5 * x + 100 * jnp.sign(x) * jnp.maximum(jnp.abs(x) - 0.3, 0.0), True, (0.3,))
+    assert float(stop.potential(jnp.asarray(-0.8))) == pytest.approx(5 * 0.64 / 2 + 100 * 0.25 / 2, rel=1e-14)
+    with pytest.raises(ValueError, match="kinks must be finite deflections in m, not 'abc'"):
+        plants.ForceSpring(_table, kinks="abc")
+
+
+def test_kinks_without_a_name_give_no_number():
+    shaper = js.Shaper([0.5, 0.5], [0.0, 0.4])
+    plant, named = (plants.TwoMass(1.0, 1.0, plants.ForceSpring(_table, kinks=kinks)) for kinks in ((), PLACES))
+    for measure in (js.residual_energy, js.residual_vibration):
+        with pytest.raises(ValueError, match="a ForceSpring with kinks has to name them"):
+            measure(plant, shaper, 0.9, tolerance=1e-8)
+        assert np.isnan(jax.jit(lambda plant, measure=measure: measure(plant, shaper, 0.9, tolerance=1e-8))(plant))
+
+    def moved(t, y, base):
+        return [y[1], -np.interp(y[0] - base, PLACES, PULLS)]
+
+    middle = solve_ivp(moved, (0.0, 0.4), [0.0, 0.0], "DOP853", args=(0.45,), rtol=1e-12, atol=1e-13, max_step=1e-3)
+    (x, v), potential = middle.y[:, -1], named.spring.potential
+    expected = v**2 / 2 + float(potential(jnp.asarray(x - 0.9)))
+    assert float(js.residual_energy(named, shaper, 0.9, tolerance=1e-8)) == pytest.approx(expected, rel=1e-7)
+
+
 class Sinh(eqx.Module):
     """A force with a parameter of its own."""
 

@@ -41,13 +41,14 @@ def identify(
         ),
     ] = None,
     measured: Annotated[
-        str, typer.Option(help="With --along-y: whether the channels are position or acceleration (m/s²).")
-    ] = "position",
+        str | None,
+        typer.Option(
+            help="Whether the channels are position, velocity or acceleration; as their names say if not given."
+        ),
+    ] = None,
     out: Out = None,
 ) -> None:
     """Find a machine's frequencies and damping ratios, with their uncertainty, and write a problem file for them."""
-    if along_y is None and measured != "position":
-        raise ValueError("measured: is for two records, with --along-y")
     prepare_jax()
     from jshape._files import check_unedited
     from jshape.identification.files import write
@@ -66,13 +67,14 @@ def identify(
                 kind=kind,
                 inputs=input_,
                 modes=modes,
+                measured=measured,
                 sample_rate=sample_rate,
                 progress=progress,
             )
             for each in (data, along_y)
             if each is not None
         ]
-        found = records[0] if along_y is None else identify_planar(*records, measured=measured)
+        found = records[0] if along_y is None else identify_planar(*records)
         step("files")
         files = write(found, folder, data.name if along_y is None else f"{data.name} and {along_y.name}")
     for note in found.notes:

@@ -2,7 +2,10 @@
 
 import dataclasses
 import re
+from collections.abc import Sequence
 from pathlib import Path
+
+import numpy as np
 
 from jshape import _check
 from jshape._types import Progress
@@ -13,6 +16,13 @@ from jshape.identification.result import Identified
 
 FILE_KINDS = (*KINDS, "frequency-response")
 
+_IN_G = r"[\[(]\s*g\s*[\])]"
+_SIGNS = {
+    "acceleration": r"(?<![a-z])acc(el|[_ \[(]|$)|/\s*s\s*(²|\^2|\*\*2|2)|" + _IN_G,
+    "velocity": r"(?<![a-z])(vel(ocity)?|speed|gyro)(?![a-z])|/\s*s\s*([\])]|$)",
+}
+"""What the names of columns say that channels are, beginning with the most derived."""
+
 
 def identify_csv(
     path: str | Path,
@@ -21,6 +31,7 @@ def identify_csv(
     kind: str = "ring-down",
     inputs: str | None = None,
     modes: int | None = None,
+    measured: str | None = None,
     sample_rate: float | None = None,
     progress: Progress | None = None,
 ) -> Identified:
@@ -35,6 +46,8 @@ def identify_csv(
             channels as pairs of columns, real and imaginary.
         inputs: the column of what drove the machine.
         modes: how many; by Bayes's information criterion unless given.
+        measured: as in ``identify``; unless given, what the channels' names or units say (``accel_x``, ``a (m/s²)``),
+            and a note says so.
         sample_rate: Hz, where no column holds times.
         progress: called before each further mode.
 
@@ -57,12 +70,17 @@ def identify_csv(
             if len(names) % 2:
                 raise RecordError(f"real and imaginary columns in pairs are needed, not {', '.join(names)}")
             values, names = values[:, ::2] + 1j * values[:, 1::2], names[::2]
+        told = _measured(names)
+        in_g = np.array([bool(re.search(_IN_G, name, re.I)) for name in names])
+        if (measured or told) == "acceleration":
+            values = values * np.where(in_g, 9.80665, 1.0)
         found = identify(
             read.axis,
             values,
             kind="spectrum" if spectrum else kind,
             inputs=read.inputs,
             modes=modes,
+            measured=measured or told,
             names=names,
             progress=progress,
             where=read.where,
@@ -70,4 +88,15 @@ def identify_csv(
     except RecordError as error:
         message = str(error)
         raise RecordError(message if message.startswith(str(path)) else f"{path}: {message}") from None
-    return dataclasses.replace(found, notes=(*read.notes, *found.notes))
+    notes = list(read.notes)
+    if (measured or told) == "acceleration" and in_g.any():
+        notes.append("accelerations in g are taken as m/s², 9.80665 times as many")
+    if measured is None and told != "position":
+        notes.append(f'{", ".join(names)}: {told}, as the name says; measured="position" reads it otherwise')
+    return dataclasses.replace(found, notes=(*notes, *found.notes))
+
+
+def _measured(names: Sequence[str]) -> str:
+    """What the channels are by their names, a position unless all of them say the same otherwise."""
+    said = {next((word for word, sign in _SIGNS.items() if re.search(sign, name, re.I)), "position") for name in names}
+    return said.pop() if len(said) == 1 else "position"

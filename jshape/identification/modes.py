@@ -18,7 +18,7 @@ from jshape.identification._projection import STEEPEST, AbstractFamily, Fit, fit
 from jshape.identification._search import search
 from jshape.identification._uncertainty import is_white
 from jshape.identification.records import FEWEST, Record, RecordError, Where, check_record, longest_stretch, row
-from jshape.identification.result import Identified
+from jshape.identification.result import MEASURED, Identified, of_position
 from jshape.identification.ring_down import RingDown
 from jshape.identification.spectrum import FrequencyResponse, PowerSpectrum
 from jshape.identification.step import after_the_step, driven_residue, step_residue
@@ -35,6 +35,7 @@ def identify(
     kind: str = "ring-down",
     inputs: Any = None,
     modes: int | None = None,
+    measured: str = "position",
     names: Sequence[str] | None = None,
     progress: Progress | None = None,
     where: Where = row,
@@ -53,6 +54,8 @@ def identify(
         inputs: the command at the same times, needed by a sweep; a step without it begins at the first sample and
             yields shares of the vibration instead of gains.
         modes: how many; by Bayes's information criterion unless given.
+        measured: what the channels are: ``"position"``, ``"velocity"`` or ``"acceleration"``. Gains are those of a
+            position, in its unit: of an accelerometer in m/s² and a command in m, none.
         names: of the channels.
         progress: called before each further mode.
         where: says where a row stands, for messages.
@@ -65,6 +68,7 @@ def identify(
     Source: Golub and Pereyra (1973), variable projection; Djurić (1996), the number of modes.
     """
     _check.one_of(kind, "kind", KINDS)
+    _check.one_of(measured, "measured", MEASURED)
     modes = None if modes is None else _check.count(modes, "modes")
     if kind in ("ring-down", "spectrum") and inputs is not None:
         raise ValueError(f'inputs: a {kind} takes none; kind="step" and kind="sweep" do')
@@ -91,7 +95,7 @@ def identify(
             level = found.fitted(family)[:, 0]
             family = PowerSpectrum(family.axis, family.data, np.maximum(level, 0.05 * family.data[:, 0]))
             found = fit(family, found.omega, found.zeta, found.noise)
-    return _result(record, kind, family, found, criteria, centre, scale, size, modes)
+    return _result(record, kind, family, found, criteria, centre, scale, size, modes, measured)
 
 
 def _family(record: Record, kind: str) -> tuple[AbstractFamily, np.ndarray, np.ndarray]:
@@ -120,6 +124,7 @@ def _result(
     scale: np.ndarray,
     size: float,
     modes: int | None,
+    measured: str,
 ) -> Identified:
     """The modes among what was fitted, in the record's units, with everything that is to be said about them."""
     if not len(found.omega):
@@ -142,7 +147,7 @@ def _result(
     begin, width = family.background.shape[1], family.columns(omega[0], zeta[0])[0].shape[1]
     factors = [found.factors[begin + i * width : begin + (i + 1) * width] for i in kept]
     residues = np.stack([family.residue(part) for part in factors]) * scale
-    gains, more = _gains(record, kind, omega, zeta, residues, size)
+    gains, more = _gains(record, kind, omega, zeta, residues, size, measured)
     covariance = covariance[np.ix_(place, place)]
     explained = 1 - found.squares / np.maximum(np.sum((family.weights[:, None] * family.data) ** 2, axis=0), 1e-300)
     notes += more + _warnings(record, kind, family, found, omega, zeta, explained)
@@ -159,14 +164,15 @@ def _result(
     return Identified(
         kind, omega, zeta, covariance, residues, gains, noise, criteria,
         Status.CONVERGED if found.converged else Status.STOPPED, message, tuple(notes),
-        record.axis, record.values, record.inputs, record.names, family, found, (centre, scale),
+        record.axis, record.values, record.inputs, record.names, measured, family, found, (centre, scale),
     )  # fmt: skip
 
 
 def _gains(
-    record: Record, kind: str, omega: np.ndarray, zeta: np.ndarray, residues: np.ndarray, size: float
+    record: Record, kind: str, omega: np.ndarray, zeta: np.ndarray, residues: np.ndarray, size: float, measured: str
 ) -> tuple[np.ndarray, list[str]]:
-    """Each mode's part of the payload, modes × channels, and a note where a channel is no position."""
+    """Each mode's part of the payload, modes × channels, and a note where a channel is not what was measured."""
+    residues = of_position(residues, omega, zeta, measured)
     known = record.inputs is not None or np.iscomplexobj(record.values)
     if not known and kind != "step":
         return np.abs(residues) / np.sum(np.abs(residues), axis=0), []
@@ -181,9 +187,10 @@ def _gains(
         aside = np.abs(channel.imag) > 0.5 * np.abs(channel)
         if aside.any():
             which = ", ".join(f"{w / 2 / np.pi:.4g} Hz" for w in omega[aside])
-            notes.append(f"{name}: out of phase with a position at {which} (a speed, a delay): gains are sizes only")
-        elif (channel.real < 0).all():
-            notes.append(f"{name}: against the input in every mode, as an acceleration is: the gains are no position's")
+            notes.append(f"{name}: out of phase with a {measured} at {which} (a speed, a delay): gains are sizes only")
+        elif measured == "position" and (channel.real < 0).all():
+            otherwise = 'measured="acceleration" (--measured acceleration) gives a position\'s gains'
+            notes.append(f"{name}: against the input in every mode, as an acceleration is; {otherwise}")
     return gains, notes
 
 

@@ -5,12 +5,10 @@ import dataclasses
 import numpy as np
 
 from jshape import _check
-from jshape.identification.result import AbstractIdentified, Identified
+from jshape.identification.result import AbstractIdentified, Identified, of_position
 from jshape.identification.step import step_residue
 from jshape.plants import PlanarModes
 from jshape.status import Status
-
-MEASURED = ("position", "acceleration")
 
 NEAR = 0.03
 """Two records' frequencies that differ by less, relative to either, are of one mode, as are those within three standard
@@ -80,14 +78,14 @@ def identify_planar(along_x: Identified, along_y: Identified, *, measured: str =
             ``"step"``, with or without its input, ``"sweep"`` or a frequency response. A step without its input counts
             as one forwards.
         along_y: likewise while it moved along y.
-        measured: ``"acceleration"`` where the channels are those of an accelerometer in m/s², else ``"position"``.
+        measured: ``"acceleration"`` where records that were identified as positions are an accelerometer's, in m/s².
 
     Raises:
         ValueError: for records of another kind or number of channels, and for a mode that moves against its command.
 
     Source: Ewins (2000), Modal Testing, Section 4: the residues of a mode are the products of its components.
     """
-    _check.one_of(measured, "measured", MEASURED)
+    _check.one_of(measured, "measured", ("position", "acceleration"))
     records, pairs = (along_x, along_y), _paired(along_x, along_y)
     rows = [_gains(record, name, own, measured) for own, (name, record) in enumerate(zip("xy", records, strict=True))]
     matrices = np.zeros((len(pairs), 2, 2))
@@ -149,7 +147,7 @@ def _gains(record: Identified, name: str, own: int, measured: str) -> np.ndarray
         record: what was identified.
         name: of the axis that moved.
         own: its index.
-        measured: what the channels are.
+        measured: what the channels are where they were taken for positions.
     """
     if record.gains.shape[1] != 2:
         raise ValueError(f"along_{name} must have two channels, along x and along y, not {', '.join(record.names)}")
@@ -161,9 +159,10 @@ def _gains(record: Identified, name: str, own: int, measured: str) -> np.ndarray
         )
     gains = record.gains
     if not known:
-        ratio = record.residues / step_residue(record.zeta)[:, None]
+        residues = of_position(record.residues, record.omega, record.zeta, record.measured)
+        ratio = residues / step_residue(record.zeta)[:, None]
         gains = np.where(ratio.real < 0, -1.0, 1.0) * np.abs(ratio)
-    if measured == "acceleration":
+    if measured == "acceleration" and record.measured == "position":
         # The residue at the pole λ is λ² times that of the position, and |λ| is ω.
         gains = -gains / record.omega[:, None] ** 2
     if known:

@@ -10,6 +10,15 @@ from jshape.identification._uncertainty import half_width
 from jshape.plants import ModalPlant
 from jshape.status import Result, Status
 
+MEASURED = ("position", "velocity", "acceleration")
+"""What a sensor sees, each the derivative of the one before."""
+
+
+def of_position(residues: np.ndarray, omega: np.ndarray, zeta: np.ndarray, measured: str) -> np.ndarray:
+    """The residues of a position, modes × channels: at the pole λ a derivative's are λ times as great."""
+    pole = omega * (-zeta + 1j * np.sqrt(1 - zeta**2))
+    return residues / pole[:, None] ** MEASURED.index(measured)
+
 
 class AbstractIdentified(Result):
     """Modes with their uncertainty."""
@@ -68,6 +77,7 @@ class Identified(AbstractIdentified):
         values: likewise, shape (rows, channels).
         inputs: likewise, shape (rows,), or ``None``.
         names: of the channels.
+        measured: what they are; the gains are those of a position.
     """
 
     kind: str
@@ -85,6 +95,7 @@ class Identified(AbstractIdentified):
     values: np.ndarray
     inputs: np.ndarray | None
     names: tuple[str, ...]
+    measured: str
     _family: AbstractFamily = dataclasses.field(repr=False)
     _fit: Fit = dataclasses.field(repr=False)
     _scale: tuple[np.ndarray, np.ndarray] = dataclasses.field(repr=False)

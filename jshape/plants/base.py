@@ -132,9 +132,20 @@ class AbstractPlant(Checked):
         A scalar where there is only one. They come from the eigenvalues of the linearised equation, which JAX computes
         on the CPU alone; a plant with a formula overrides this.
         """
-        zero = self.zero_inputs()
-        state = self.rest_state(zero)
-        matrix = jax.jacfwd(lambda y: self.vector_field(jnp.zeros(()), y, zero))(state)
+        return self._linearised_frequency(self.zero_inputs())
+
+    def natural_frequency_at(self, inputs: Inputs) -> Float[Array, "..."]:
+        """The same about rest at other inputs, such as those after a move, rad/s.
+
+        A formula for ``natural_frequency`` holds at every input unless a plant overrides this, too.
+        """
+        if type(self).natural_frequency is not AbstractPlant.natural_frequency:
+            return self.natural_frequency()
+        return self._linearised_frequency(inputs)
+
+    def _linearised_frequency(self, inputs: Inputs) -> Float[Array, "..."]:
+        state = self.rest_state(inputs)
+        matrix = jax.jacfwd(lambda y: self.vector_field(jnp.zeros(()), y, inputs))(state)
         magnitude = jnp.sort(jnp.abs(jnp.linalg.eigvals(matrix)))
         # What is free to go anywhere has two eigenvalues of 0, which come out as the root of rounding.
         eps = float(jnp.finfo(magnitude.dtype).eps)

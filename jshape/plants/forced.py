@@ -48,6 +48,10 @@ class ForcedMass(AbstractOscillator):
         # Reached from 0: the nearest place where the spring balances the force, and on the force's side.
         return nearest_root(lambda x: self.spring.force(x) - force, jnp.sign(force))
 
+    def natural_frequency_at(self, inputs: Inputs) -> Scalar:
+        """√(spring stiffness / mass) where the spring balances that force, rad/s."""
+        return jnp.sqrt(self.spring.stiffness(self.rest_deflection(inputs)) / self.mass)
+
     def deflection(self, state, position) -> Scalar:
         """The spring's stretch, m: the mass's own position."""
         return state[0]

@@ -104,8 +104,12 @@ class HoistingCrane(AbstractCrane):
 
     def natural_frequency(self) -> Scalar:
         """√(g / l) with the cable as it is at the beginning, rad/s; √((1 + m/M) g / l) with a force as input."""
+        return self.natural_frequency_at(self.zero_inputs())
+
+    def natural_frequency_at(self, inputs: Inputs) -> Scalar:
+        """The same with the cable as it is at those inputs, rad/s."""
         gain = 1 + self.payload_mass / self.trolley.mass if self.drive == "force" else 1.0
-        return jnp.sqrt(gain * self.gravity / self.cable_length)
+        return jnp.sqrt(gain * self.gravity / self.driven(inputs).lengths[0])
 
 
 def check_cable(length: Scalar, ways: Float[np.ndarray, " breaks"]) -> None:

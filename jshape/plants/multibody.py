@@ -310,7 +310,11 @@ class Multibody(AbstractPlant):
 
     def natural_frequency(self) -> Float[Array, "..."]:
         """Undamped natural frequencies at rest where the command is 0, rad/s, ascending; a scalar if there is one."""
-        frequencies = jnp.sqrt(_squares(self))
+        return self.natural_frequency_at(self.zero_inputs())
+
+    def natural_frequency_at(self, inputs: Inputs) -> Float[Array, "..."]:
+        """The same at rest with the driven joints where they are at those inputs, rad/s."""
+        frequencies = jnp.sqrt(_squares(self, self._still(inputs)))
         return frequencies[0] if len(self.tree.free) == 1 else frequencies
 
 
@@ -374,10 +378,10 @@ def _equilibrium(plant: Multibody, ways: dict[str, Array]) -> Array:
 
 
 @kept
-def _squares(plant: Multibody) -> Array:
+def _squares(plant: Multibody, ways: dict[str, Array]) -> Array:
     """Squares of the natural frequencies at rest, ascending: the eigenvalues of L⁻¹ K L⁻ᵀ with M = L Lᵀ."""
-    rest = plant.rest_state(plant.zero_inputs())[: len(plant.tree.free)]
-    ways = {axis: jnp.zeros_like(rest[0]) for _, axis in plant.tree.driven}
+    rest = _equilibrium(plant, ways)
     root = jnp.linalg.cholesky(plant.mass_matrix(rest, ways))
-    half = jax.scipy.linalg.solve_triangular(root, plant.stiffness_matrix(rest), lower=True)
+    stiffness = jax.jacfwd(lambda q: _slope_of(plant, ways, q))(rest)
+    half = jax.scipy.linalg.solve_triangular(root, stiffness, lower=True)
     return jnp.linalg.eigvalsh(jax.scipy.linalg.solve_triangular(root, half.T, lower=True))

@@ -117,7 +117,11 @@ class AbstractSlewingCrane(AbstractPlant):
 
     def natural_frequency(self) -> Scalar:
         """√(g / l) with the cable as it is at the beginning, rad/s: the same for both directions of small swings."""
-        return jnp.sqrt(self.gravity / self.cable_length)
+        return self.natural_frequency_at(self.zero_inputs())
+
+    def natural_frequency_at(self, inputs: Inputs) -> Scalar:
+        """The same with the cable as it is at those inputs, rad/s."""
+        return jnp.sqrt(self.gravity / self.suspension(inputs).length)
 
 
 def _risen(state: State) -> Scalar:

@@ -116,3 +116,7 @@ class TwoLinkArm(AbstractPlant):
     def natural_frequency(self) -> Float[Array, "2"]:
         """Both undamped natural frequencies at the beginning, rad/s, ascending."""
         return self.frequencies(jnp.zeros_like(self.elbow_angle))
+
+    def natural_frequency_at(self, inputs: Inputs) -> Float[Array, "2"]:
+        """Both with the elbow's motor as it stands at those inputs, rad/s, ascending."""
+        return self.frequencies(inputs[1][0])

@@ -188,13 +188,13 @@ def integrate(
     steps: int,
     method: str = "dopri8",
     save: bool = False,
-) -> tuple[State, State, Float[Array, "segments steps state"] | None]:
+) -> tuple[State, Float[Array, "... state"], Float[Array, "segments steps state"] | None]:
     """Through all segments in order, ``steps`` equal steps in each.
 
     ``durations``: s, may be 0. ``data``: arrays with a leading axis over the segments, handed to ``field`` a segment
     at a time. Returns the last state, the sum of the steps' absolute error estimates (those of the tableau's
-    lower-order solution: an upper bound in practice) and, with ``save``, the state after every step. *Raises*
-    ``ValueError`` for an unknown method or no steps.
+    lower-order solution: an upper bound in practice) and, with ``save``, the state after every step; the sums are then
+    those up to each step, too. *Raises* ``ValueError`` for an unknown method or no steps.
     """
     tableau = tableau_of(method)
     steps = _check.count(steps, "steps")
@@ -212,7 +212,7 @@ def integrate(
         after, local = runge_kutta_step(tableau, slope, jnp.stack(state), step)
         error = tuple(e + jnp.abs(local[i]) for i, e in enumerate(error))
         after = tuple(after)
-        return (after, error), (after if save else None)
+        return (after, error), ((after, error) if save else None)
 
     dtype = jnp.result_type(state, durations)
 
@@ -223,5 +223,7 @@ def integrate(
     items = (repeat((durations / steps).astype(dtype)), index, jax.tree.map(repeat, data))
     begin = tuple(state.astype(dtype))
     (end, error), saved = jax.lax.scan(advance, (begin, tuple(map(jnp.zeros_like, begin))), items)
-    saved = jnp.stack(saved, axis=-1).reshape(len(durations), steps, -1) if save else None
-    return jnp.stack(end), jnp.stack(error), saved
+    if not save:
+        return jnp.stack(end), jnp.stack(error), None
+    states, errors = (jnp.stack(rows, axis=-1).reshape(len(durations), steps, -1) for rows in saved)
+    return jnp.stack(end), errors, states

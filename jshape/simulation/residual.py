@@ -68,12 +68,18 @@ def as_tolerance(tolerance: Any, state: State) -> Scalar:
     )
 
 
-def require_met(plant: AbstractPlant, plan: Schedule, met: Any, error: Any, tolerance: Any) -> None:
-    """*Raises* ``ValueError`` unless the tolerance of a concrete result was met."""
+def require_met(plant: AbstractPlant, plan: Schedule, energy: Any, met: Any, error: Any, tolerance: Any) -> None:
+    """*Raises* ``ValueError`` unless the tolerance of a concrete result was met, and the energy is a number."""
+    name = type(plant).__name__
+    if np.any(np.isnan(np.asarray(energy))) and np.all(np.asarray(met)):
+        if np.all(np.isfinite(np.asarray(plant.rest_state(plan.final_inputs(plant))))):
+            words = "a ForceSpring with kinks has to name them, kinks=…"
+            raise ValueError(f"plant: the residual energy of {name} is not known ({words})")
+        raise ValueError(f"distance: {name} has no rest at its final input, {_check.show(plan.final)}")
     if not np.all(np.asarray(met)):
         asked = "the default" if tolerance is None else f"{tolerance:g}"
         raise ValueError(
-            f"tolerance ({asked}) was not met: the residual energy of {type(plant).__name__} after "
+            f"tolerance ({asked}) was not met: the residual energy of {name} after "
             f"{float(plan.breaks[-1]):.4g} s is known to about {float(np.max(np.asarray(error))):.2g} J only, with the "
             "most steps there are; ask for a larger tolerance, or shorten the move"
         )

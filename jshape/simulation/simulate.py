@@ -236,8 +236,8 @@ def with_arrays(plant: AbstractPlant) -> AbstractPlant:
 
 @kept
 def default_horizon(plant: AbstractPlant, plan: Schedule) -> Scalar:
-    """The command's duration and four periods of the slowest mode (or half as long again, if there is no period)."""
-    lowest = jnp.min(plant.natural_frequency())
+    """The command's duration and four periods of the slowest mode after it (half as long again without a period)."""
+    lowest = jnp.min(plant.natural_frequency_at(plan.final_inputs(plant)))
     periods = jnp.where(lowest > 0, 8 * jnp.pi / jnp.where(lowest > 0, lowest, 1.0), 0.0)
     end = plan.breaks[-1]
     return jnp.where(lowest > 0, end + periods, jnp.where(end > 0, 1.5 * end, 1.0))

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from jshape import _check
-from jshape._types import Scalar
+from jshape._types import Scalar, State
 from jshape.command import polynomial
 from jshape.compilation_cache import kept
 from jshape.plants import AbstractOscillator
@@ -25,6 +25,9 @@ pieces are about as accurate."""
 COARSEST = 1e-3
 """The most that rounding may leave, however many steps there are."""
 
+_LATER = 4096
+"""Instants at which a plant is looked at after a trajectory's end."""
+
 
 class Trajectory(eqx.Module):
     """A quantity along a move.
@@ -37,6 +40,7 @@ class Trajectory(eqx.Module):
         diverged: whether the plant diverged.
         met: whether the embedded errors of all steps stay below that part of each state's greatest magnitude, or are
             rounding: of a mode that is at rest there is nothing else.
+        end: the state at the end.
     """
 
     time: Float[Array, "segments points"]
@@ -45,24 +49,35 @@ class Trajectory(eqx.Module):
     step: Float[Array, " segments"]
     diverged: Bool[Array, ""]
     met: Bool[Array, ""]
+    end: State
 
 
-def fine_steps(plant, plan: Schedule, periods: float) -> int:
-    """Steps a segment, and for that many slow periods after the move, fine enough for the extremes between them.
+def fine_steps(plant, plan: Schedule, periods: float, parts: int = 1) -> int:
+    """Steps a segment, and a part of that many slow periods after the move, fine enough for the extremes between them.
 
     Cubic pieces err by (ω step)⁴/384 of the amplitude: 2e-9 at 0.03 rad of the fastest mode a step.
     """
     if not _check.is_concrete(plant, plan):
-        return 256 * int(np.ceil(periods))
-    longest = max(float(tail(plant, plan, periods)), float(np.max(np.diff(np.asarray(plan.breaks)), initial=0.0)))
+        return 256 * int(np.ceil(periods / parts)) * min(parts, 2)
+    segments = np.diff(np.asarray(plan.breaks))
+    longest = max(float(tail(plant, plan, periods)) / parts, float(np.max(segments, initial=0.0)))
     angle = fastest(plant, plan) * longest
-    return 2 ** int(np.clip(np.ceil(np.log2(max(angle, 1.0) / 0.03)), 8, 20)) if np.isfinite(angle) else 4096
+    most = 2**20 // parts
+    return min(2 ** max(int(np.ceil(np.log2(max(angle, 1.0) / 0.03))), 8), most) if np.isfinite(angle) else 4096
+
+
+def parts_after(plant, plan: Schedule, periods: float) -> int:
+    """In how many parts, each about as long as the longest segment of the move, the time after it is integrated."""
+    if not _check.is_concrete(plant, plan):
+        return int(np.ceil(periods / 5))
+    after, longest = float(tail(plant, plan, periods)), float(np.max(np.diff(np.asarray(plan.breaks)), initial=0.0))
+    return 2 ** int(np.clip(np.ceil(np.log2(max(after / longest, 1.0))), 0, 6)) if longest > 0 else 1
 
 
 @kept
 def tail(plant, plan: Schedule, periods: float) -> Scalar:
-    """That many periods of the slowest mode (of the command's duration, where there is none), s."""
-    frequencies = plant.natural_frequency()
+    """That many periods of the slowest mode at the end of the move (of its duration, where there is none), s."""
+    frequencies = plant.natural_frequency_at(plan.final_inputs(plant))
     lowest = jnp.min(jnp.where(frequencies > 0, frequencies, jnp.inf))
     lowest = jnp.where(jnp.isfinite(lowest), lowest, 0.0)
     return periods * jnp.where(lowest > 0, 2 * jnp.pi / jnp.where(lowest > 0, lowest, 1.0), plan.breaks[-1])
@@ -82,7 +97,7 @@ def trajectory(plant, plan: Schedule, state, periods: float, name: str, steps: i
     age = after * jnp.arange(parts)
     last = Segments(plan.breaks[-1] + age, after, age, jnp.repeat(plan.coefficients[-1:], parts, axis=0))
     segments = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), moving, last)
-    _, error, states = integrate(field_of(plant), state, segments.duration, segments, steps, save=True)
+    _, errors, states = integrate(field_of(plant), state, segments.duration, segments, steps, save=True)
     assert states is not None
     first = jnp.concatenate([state[None], states[:-1, -1]])
     states = jnp.concatenate([first[:, None], states], axis=1)
@@ -92,11 +107,12 @@ def trajectory(plant, plan: Schedule, state, periods: float, name: str, steps: i
     def at(segment: Segments, y, time):
         age = segment.age + time
         inputs = inputs_at(plant, segment.coefficients, age)
+        outside = plant.diverged(y, inputs)
         rate = plant.vector_field(segment.begin + time, y, inputs)
         position, velocity = (polynomial(segment.coefficients, age, k) for k in (0, 1))
-        return jax.jvp(quantity, (y, position), (rate, velocity))
+        return *jax.jvp(quantity, (y, position), (rate, velocity)), outside
 
-    value, slope = jax.vmap(jax.vmap(at, in_axes=(None, 0, 0)))(segments, states, local)
+    value, slope, outside = jax.vmap(jax.vmap(at, in_axes=(None, 0, 0)))(segments, states, local)
     diverged = plant.diverged(states[-1, -1], plan.final_inputs(plant)) | ~jnp.all(jnp.isfinite(value))
     rounding = 4 * float(jnp.finfo(states.dtype).eps) * steps * len(segments.begin)
     accuracy = max(ACCURACY, min(rounding, COARSEST))
@@ -104,8 +120,38 @@ def trajectory(plant, plan: Schedule, state, periods: float, name: str, steps: i
     matrix = jax.jacfwd(lambda y: plant.vector_field(segments.begin[-1], y, plan.final_inputs(plant)))(states[-1, -1])
     # What the states' last digits leave in their rates, summed up over the move.
     floor = 4 * float(jnp.finfo(states.dtype).eps) * duration * (jnp.abs(matrix) @ greatest)
-    met = jnp.all(error <= accuracy * greatest + floor)
-    return Trajectory(segments.begin[:, None] + local, value, slope, segments.duration / steps, diverged, met)
+    met = jnp.all(errors[-1, -1] <= accuracy * greatest + floor)
+    # What steps that are too long make of a plant does not count: it has left where they were still short enough.
+    far = jax.lax.cummax(jnp.abs(states[:, 1:]).reshape(-1, len(greatest))).reshape(errors.shape)
+    sound = jnp.all(jnp.isfinite(far) & (errors <= accuracy * far), axis=-1)
+    diverged &= jnp.any(outside[:, 1:] & sound)
+    times, step = segments.begin[:, None] + local, segments.duration / steps
+    return Trajectory(times, value, slope, step, diverged, met, states[-1, -1])
+
+
+def farthest_later(plant, plan: Schedule, along: Trajectory) -> Array:
+    """How far the payload still swings from its rest after a trajectory's end, of each axis; 0 for a single mode.
+
+    Modes that beat are quiet for a while and come back. The plant linearised about its rest is followed for two of its
+    longest beats, and at least for as long again as the move and what was observed after it.
+    """
+    inputs = plan.final_inputs(plant)
+    frequencies, rest = plant.natural_frequency_at(inputs), plant.rest_state(inputs)
+    if frequencies.ndim == 0 or jax.default_backend() != "cpu":
+        # A single mode's swings are seen; and eigenvectors of a matrix like this one are computed on processors alone.
+        return jnp.zeros(())
+    apart = jnp.diff(jnp.sort(frequencies))
+    close = apart > 1e-9 * jnp.max(frequencies)
+    beat = jnp.max(jnp.where(close, 2 * jnp.pi / jnp.where(close, apart, 1.0), 0.0))
+    times = jnp.maximum(2 * beat, along.time[-1, -1]) * jnp.linspace(0.0, 1.0, _LATER)
+    matrix = jax.jacfwd(lambda y: plant.vector_field(plan.breaks[-1], y, inputs))(rest)
+    values, vectors = jnp.linalg.eig(jax.lax.stop_gradient(matrix))
+    parts = jnp.linalg.solve(vectors, (along.end - rest).astype(vectors.dtype))
+    swings = (jnp.abs(values) > 1e-6 * jnp.max(frequencies)) & jnp.isfinite(parts)
+    rates = jnp.minimum(values.real, 0.0) + 1j * values.imag
+    parts = jnp.where(swings, parts, 0.0)[:, None] * jnp.exp(jnp.outer(rates, times))
+    seen = jax.jacfwd(lambda y: plant.payload(y, plan.final))(rest)
+    return jnp.max(jnp.abs((seen @ vectors @ parts).real), axis=-1)
 
 
 def along_each_axis(measure: Callable[..., Array], along: Trajectory, *rows: Array) -> Array:
