@@ -21,6 +21,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jshape import _check
+from jshape._roots import greatest
 from jshape._types import ArrayLike, Number, PerAxis, Scalar, State
 from jshape.command import Distance
 from jshape.compilation_cache import kept
@@ -199,11 +200,11 @@ def overshoot(
 
 @kept
 def _overshoot(plant: AbstractPlant, plan: Schedule, along: Trajectory) -> PerAxis:
-    def greatest(along: Trajectory, target: Scalar, distance: Scalar) -> Scalar:
+    def passed(along: Trajectory, target: Scalar, distance: Scalar) -> Scalar:
         beyond = extremes((along.value - target) / distance, along.slope / distance, along.step)
-        return jnp.maximum(jnp.max(beyond), 0.0)
+        return jnp.maximum(greatest(beyond), 0.0)
 
-    return _over_distance(greatest, plant, plan, along)
+    return _over_distance(passed, plant, plan, along)
 
 
 def peak_deflection(
@@ -450,7 +451,7 @@ def _energy_and_vibration(plant, plan: Schedule, state, steps: int | None, fine:
 def _amplitude(along: Trajectory) -> Scalar:
     """The greatest magnitude of a quantity along a move."""
     both = [extremes(sign * along.value, sign * along.slope, along.step) for sign in (1, -1)]
-    return jnp.max(jnp.stack(both))
+    return greatest(jnp.stack(both))
 
 
 def _over_distance(measure: Callable[..., Array], plant, plan: Schedule, along: Trajectory, *rows: Array) -> Array:

@@ -141,9 +141,12 @@ def test_segments_follow_each_other():
         state, local, _ = through(duration[None], state, push[None])
         np.testing.assert_allclose(states[i, -1], state, rtol=0, atol=1e-15)
         total = total + local
+        np.testing.assert_allclose(error[i, -1], total, rtol=0, atol=24 * float(jnp.finfo(float).eps))
     # Each of the 24 steps' errors is a difference of numbers of the order of 1, to rounding.
-    np.testing.assert_allclose(error, total, rtol=0, atol=24 * float(jnp.finfo(float).eps))
-    assert through(durations)[2] is None
+    end_alone, error_alone, none = through(durations)
+    assert none is None
+    np.testing.assert_array_equal(end_alone, end)
+    np.testing.assert_allclose(error_alone, total, rtol=0, atol=24 * float(jnp.finfo(float).eps))
 
 
 def test_a_segment_without_length_changes_nothing():

@@ -264,14 +264,27 @@ def test_a_store_knows_a_function_by_what_it_computes(tmp_path):
 
 @pytest.mark.slow
 def test_the_error_of_a_metric_that_chooses_its_own_steps():
-    """A mode far too fast for the trajectory's steps is flagged, and the other one keeps its number."""
-    move = js.Trapezoid(1.0, speed=0.1, acceleration=1.0)
+    """The fastest plant says how many; of one far too fast for any there is no number, and the others keep theirs."""
+    move, shaper = js.Trapezoid(1.0, speed=0.1, acceleration=1.0), js.Shaper([1.0], [0.0])
     plant = js.plants.ModalPlant(omega=[10.0], zeta=[0.001])
-    ds = js.sweep(plant, js.Shaper([1.0], [0.0]), move, {"omega.0": [1.0, 8.0]}, "peak_deflection")
-    slow, fast = np.asarray(ds.peak_deflection)[0]
-    exact = js.peak_deflection(plant, js.Shaper([1.0], [0.0]), move)
-    assert np.isnan(fast)
-    assert slow == pytest.approx(float(exact), abs=1e-6)
+    ds = js.sweep(plant, shaper, move, {"omega.0": [1.0, 8.0, 5000.0]}, "peak_deflection")
+    *found, last = np.asarray(ds.peak_deflection)[0]
+    assert np.isnan(last)
+    for omega, value in zip((10.0, 80.0), found, strict=True):
+        exact = float(js.peak_deflection(js.plants.ModalPlant([omega], [0.001]), shaper, move))
+        assert value == pytest.approx(exact, abs=2e-6 * exact)
+
+
+def test_modes_far_apart_and_the_error_that_is_stated():
+    """The slow mode says how long to look, the fast one how finely: a factor of 100, beside one plant at a time."""
+    plant, shaper = js.plants.ModalPlant([6.28, 628.0], [0.01, 0.01], [0.8, 0.2]), js.Shaper([0.5, 0.5], [0.0, 0.5])
+    names = ["residual_vibration", "overshoot", "settling_time"]
+    ds = js.sweep(plant, shaper, 1.0, {"omega.0": [0.9, 1.0]}, names)
+    for name in names:
+        exact = float(getattr(js, name)(plant, shaper, 1.0))
+        off = abs(float(ds[name][0, 1]) - exact)
+        assert off < 3e-6 * exact
+        assert off < 3 * ds[name].attrs["error"] + 1e-12
 
 
 def test_summary():

@@ -70,9 +70,9 @@ def identify_csv(
             if len(names) % 2:
                 raise RecordError(f"real and imaginary columns in pairs are needed, not {', '.join(names)}")
             values, names = values[:, ::2] + 1j * values[:, 1::2], names[::2]
-        told = _measured(names)
+        named = _measured(names)
         in_g = np.array([bool(re.search(_IN_G, name, re.I)) for name in names])
-        if (measured or told) == "acceleration":
+        if (measured or named) == "acceleration":
             values = values * np.where(in_g, 9.80665, 1.0)
         found = identify(
             read.axis,
@@ -80,7 +80,7 @@ def identify_csv(
             kind="spectrum" if spectrum else kind,
             inputs=read.inputs,
             modes=modes,
-            measured=measured or told,
+            measured=measured or named,
             names=names,
             progress=progress,
             where=read.where,
@@ -89,10 +89,10 @@ def identify_csv(
         message = str(error)
         raise RecordError(message if message.startswith(str(path)) else f"{path}: {message}") from None
     notes = list(read.notes)
-    if (measured or told) == "acceleration" and in_g.any():
+    if (measured or named) == "acceleration" and in_g.any():
         notes.append("accelerations in g are taken as m/s², 9.80665 times as many")
-    if measured is None and told != "position":
-        notes.append(f'{", ".join(names)}: {told}, as the name says; measured="position" reads it otherwise')
+    if measured is None and named != "position":
+        notes.append(f'{", ".join(names)}: {named}, as the name says; measured="position" reads it otherwise')
     return dataclasses.replace(found, notes=(*notes, *found.notes))
 
 

@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from jshape._roots import greatest
 from jshape._types import Scalar, State
 from jshape.command import AbstractCommand
 from jshape.moves.sensor import Sensor
@@ -122,7 +123,7 @@ def greatest_energy(plant: AbstractPlant, command: AbstractCommand, steps: Steps
         return plant.residual_energy(state, inputs_at(plant, segment.coefficients, segment.age + age))
 
     along = jax.vmap(jax.vmap(energy, in_axes=(None, 0, 0)))(segments, states, local)
-    return jnp.maximum(residual, jnp.max(along))
+    return jnp.maximum(residual, greatest(along))
 
 
 def _coast(plant: AbstractPlant, plan: Schedule) -> Coast | None:

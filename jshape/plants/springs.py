@@ -226,13 +226,13 @@ class PotentialSpring(AbstractFunctionSpring):
         return jax.grad(self.function)(_check.as_array(x, "x"))
 
 
-def _as_places(kinks: ArrayLike) -> tuple[float, ...]:
+def _as_places(value: ArrayLike, name: str) -> tuple[float, ...]:
     try:
-        places = np.asarray(kinks, float)
+        places = np.asarray(value, float)
     except (TypeError, ValueError):
         places = np.asarray(np.nan)
     if places.ndim != 1 or not np.all(np.isfinite(places)):
-        raise ValueError(f"kinks must be finite deflections in m, not {kinks!r}")
+        raise ValueError(f"{name} must be finite deflections in m, not {value!r}")
     return tuple(places.tolist())
 
 
@@ -254,7 +254,7 @@ class ForceSpring(AbstractFunctionSpring):
         ValueError: for a function with a force at deflection 0.
     """
 
-    kinks: tuple[float, ...] = eqx.field(default=(), static=True, converter=_as_places)
+    kinks: tuple[float, ...] = eqx.field(default=(), static=True, converter=Argument(convert=_as_places))
 
     @property
     def kinked(self) -> bool:

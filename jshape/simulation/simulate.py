@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from jshape import _check
+from jshape._roots import greatest
 from jshape._types import ArrayLike, Inputs, Scalar, State, Times
 from jshape.command import polynomial
 from jshape.compilation_cache import kept
@@ -324,7 +325,7 @@ def _simulate_adaptive(plant, plan, state, horizon, samples, rtol, atol, adjoint
     _, states = jax.lax.scan(advance, (state, jnp.asarray(False)), segments)
     states = states[at]
     other, bound = _fixed_states(plant, segments, state, at, steps)
-    return _response(plant, times, states, segments, at, jnp.max(jnp.abs(states - other)) + bound)
+    return _response(plant, times, states, segments, at, greatest(jnp.abs(states - other)) + bound)
 
 
 def _steps_between(plant: AbstractPlant, plan: Schedule, horizon: Scalar, samples: int) -> int:
@@ -339,7 +340,7 @@ def _fixed_states(plant, segments: Segments, state: State, at, steps: int) -> tu
     """States at the samples by the fixed-step kernel, and the embedded estimate of their error."""
     _, error, states = integrate(field_of(plant), state, segments.duration, segments, steps, save=True)
     assert states is not None
-    return jnp.concatenate([state[None], states[:, -1]])[at], jnp.max(error)
+    return jnp.concatenate([state[None], states[:, -1]])[at], greatest(error)
 
 
 @kept

@@ -16,6 +16,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from jshape._roots import greatest
 from jshape._types import Scalar, State
 from jshape.plants import AbstractPlant
 from jshape.simulation.components import parts_of
@@ -364,7 +365,7 @@ def _attempt(plant, segments: Segments, plan: Schedule, state: State, tolerance:
     scale = jnp.max(jnp.where(jnp.isfinite(energies), jnp.abs(energies), 0.0))
     measure = functools.partial(_in_energy, plant, plan.coefficients[1:], run.ends, scale=scale)
     estimates = jnp.nan_to_num(measure(run.errors), nan=jnp.inf)
-    estimate, difference = jnp.sum(estimates), jnp.max(measure(run.ends - last.ends))
+    estimate, difference = jnp.sum(estimates), greatest(measure(run.ends - last.ends))
     error, slower = _error(last, run.steps, estimates, difference)
     sound = run.resolved & jnp.isfinite(estimate)
     # In a batch steps grow where other branches need them, too: this branch is compared where its own have grown, but

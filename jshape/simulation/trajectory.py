@@ -1,6 +1,9 @@
 """A quantity along a move: its values, rates, extremes and crossings, by cubic pieces between the steps."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -24,6 +27,11 @@ pieces are about as accurate."""
 
 COARSEST = 1e-3
 """The most that rounding may leave, however many steps there are."""
+
+_TRACED, _TRACED_ANGLE = 256, 0.3
+"""Steps a period where plants are traced, and how far, rad, the fastest mode may turn in one of them."""
+
+_finer: ContextVar[int] = ContextVar("finer", default=1)
 
 _LATER = 4096
 """Instants at which a plant is looked at after a trajectory's end."""
@@ -58,12 +66,36 @@ def fine_steps(plant, plan: Schedule, periods: float, parts: int = 1) -> int:
     Cubic pieces err by (ω step)⁴/384 of the amplitude: 2e-9 at 0.03 rad of the fastest mode a step.
     """
     if not _check.is_concrete(plant, plan):
-        return 256 * int(np.ceil(periods / parts)) * min(parts, 2)
+        return _TRACED * int(np.ceil(periods / parts)) * min(parts, 2) * _finer.get()
     segments = np.diff(np.asarray(plan.breaks))
     longest = max(float(tail(plant, plan, periods)) / parts, float(np.max(segments, initial=0.0)))
     angle = fastest(plant, plan) * longest
     most = 2**20 // parts
     return min(2 ** max(int(np.ceil(np.log2(max(angle, 1.0) / 0.03))), 8), most) if np.isfinite(angle) else 4096
+
+
+@contextmanager
+def finer(factor: int) -> Iterator[None]:
+    """Where plants are traced, so many times as many steps."""
+    token = _finer.set(factor)
+    try:
+        yield
+    finally:
+        _finer.reset(token)
+
+
+def finer_for(plants: Iterable[Any], plan: Schedule, segment: float) -> int:
+    """By how much traced steps must be finer for all of these plants: a power of two, 64 at most.
+
+    Args:
+        plants: with numbers for leaves.
+        plan: of the move.
+        segment: periods that have as many steps as a segment of the move; 0 where the move itself does not count.
+    """
+    longest = float(np.max(np.diff(np.asarray(plan.breaks)), initial=0.0)) / segment if segment else 0.0
+    angles = [fastest(plant, plan) * max(float(tail(plant, plan, 1.0)), longest) for plant in plants]
+    angle = max((angle for angle in angles if np.isfinite(angle)), default=0.0)
+    return 2 ** int(np.clip(np.ceil(np.log2(max(angle / (_TRACED * _TRACED_ANGLE), 1.0))), 0, 6))
 
 
 def parts_after(plant, plan: Schedule, periods: float) -> int:
@@ -120,7 +152,7 @@ def trajectory(plant, plan: Schedule, state, periods: float, name: str, steps: i
     matrix = jax.jacfwd(lambda y: plant.vector_field(segments.begin[-1], y, plan.final_inputs(plant)))(states[-1, -1])
     # What the states' last digits leave in their rates, summed up over the move.
     floor = 4 * float(jnp.finfo(states.dtype).eps) * duration * (jnp.abs(matrix) @ greatest)
-    met = jnp.all(errors[-1, -1] <= accuracy * greatest + floor)
+    met = jnp.all((errors[-1, -1] <= accuracy * greatest + floor) & jnp.isfinite(greatest))
     # What steps that are too long make of a plant does not count: it has left where they were still short enough.
     far = jax.lax.cummax(jnp.abs(states[:, 1:]).reshape(-1, len(greatest))).reshape(errors.shape)
     sound = jnp.all(jnp.isfinite(far) & (errors <= accuracy * far), axis=-1)

@@ -59,10 +59,7 @@ def cut(plant: AbstractPlant, command: AbstractCommand, points: Mapping[str, np.
     if count < FEW:
         return slices(np.arange(count))
     bare = schedule(plant, command)
-    ends = corners(points)
-    number = len(next(iter(ends.values())))
-    plants = [plant, *(with_leaves(plant, {name: v[i] for name, v in ends.items()}) for i in range(number))]
-    omega = np.array([fastest(one, bare) for one in plants])
+    omega = np.array([fastest(one, bare) for one in with_corners(plant, points)])
     if not np.isfinite(omega).all() or omega.max() < 4 * omega.min() or not omega.min() > 0:
         return slices(np.arange(count))
     return slices(np.argsort(_fastest_modes(plant, bare, points), kind="stable"))
@@ -75,6 +72,13 @@ def corners(points: Mapping[str, np.ndarray]) -> dict[str, Array]:
         name: _check.on_device(np.where((number >> place) & 1, values.max(), values.min()))
         for (name, values), place in zip(points.items(), places, strict=True)
     }
+
+
+def with_corners(plant: AbstractPlant, points: Mapping[str, np.ndarray]) -> list[AbstractPlant]:
+    """The nominal plant, and those at the corners of a set."""
+    ends = corners(points)
+    number = len(next(iter(ends.values())))
+    return [plant, *(with_leaves(plant, {name: values[i] for name, values in ends.items()}) for i in range(number))]
 
 
 def slices(at: np.ndarray) -> list[Chunk]:

@@ -30,10 +30,12 @@ from jshape.command import AbstractCommand, Distance
 from jshape.compilation_cache import kept
 from jshape.plants import AbstractOscillator, AbstractPlant
 from jshape.shaper import Shaper, Shaping
+from jshape.simulation.schedule import schedule
 from jshape.simulation.simulate import with_arrays
 from jshape.simulation.steps import TOLERANCE, least_tolerance
+from jshape.simulation.trajectory import finer, finer_for
 from jshape.sweeps.checkpoint import in_chunks
-from jshape.sweeps.chunks import Chunk, cut, slices
+from jshape.sweeps.chunks import Chunk, cut, slices, with_corners
 from jshape.sweeps.dask import on_cluster
 from jshape.sweeps.leaves import check_over, grid, with_leaves
 
@@ -48,6 +50,9 @@ Metric = Callable[[AbstractPlant, Any, AbstractCommand], Array]
 CHECKED = ("residual_energy", "residual_vibration")
 """The metrics that take a tolerance."""
 
+SEGMENTS = {"residual_vibration": 0.0, "overshoot": 2.0, "settling_time": 10.0}
+"""Of metrics that look along a move, the periods that have as many traced steps as a segment of it has; else one."""
+
 
 class Evaluation(eqx.Module):
     """The values of every plant: metrics of the shapers, and their derivatives.
@@ -58,6 +63,7 @@ class Evaluation(eqx.Module):
         shapers: stacked along a leading axis; axis → shapers, where some axes have their own.
         metrics: by name or as functions.
         slopes: the leaves with respect to which each metric is differentiated, if any.
+        finer: how many times as many steps along a move as plants have otherwise that are traced.
     """
 
     plant: AbstractPlant
@@ -65,12 +71,14 @@ class Evaluation(eqx.Module):
     shapers: Shaper | dict[str, Shaper]
     metrics: tuple[str | Metric, ...]
     slopes: tuple[str, ...] = eqx.field(static=True)
+    finer: int = eqx.field(static=True)
 
     def __call__(self, shaper: Shaping, values: dict[str, Array], tolerance: Any) -> Float[Array, " values"]:
         """For one shaper and one plant: each metric, followed by its derivatives."""
 
         def at(values: dict[str, Array], *metrics: str | Metric) -> list[Array]:
-            return measured(metrics, with_leaves(self.plant, values), shaper, self.command, tolerance)
+            with finer(self.finer):
+                return measured(metrics, with_leaves(self.plant, values), shaper, self.command, tolerance)
 
         if not self.slopes:
             return jnp.stack(at(values, *self.metrics))
@@ -87,9 +95,14 @@ class Evaluation(eqx.Module):
     @property
     def batch(self) -> int:
         """Plants side by side: fewer where a metric keeps the whole trajectory of each."""
-        brief = isinstance(self.plant, AbstractOscillator) and self.plant.drives()[0] == "displacement"
-        light = ("residual_energy", "residual_vibration") if brief else ("residual_energy",)
-        return BATCH if all(isinstance(m, str) and m in light for m in self.metrics) else max(BATCH // 64, 1)
+        return max(BATCH // 64, 1) if any(keeps_trajectory(m, self.plant) for m in self.metrics) else BATCH
+
+
+def keeps_trajectory(metric: str | Metric, plant: AbstractPlant) -> bool:
+    """Whether a metric looks along the move, or after it."""
+    brief = isinstance(plant, AbstractOscillator) and plant.drives()[0] == "displacement"
+    light = ("residual_energy", "residual_vibration") if brief else ("residual_energy",)
+    return not (isinstance(metric, str) and metric in light)
 
 
 def checked(metric: str | Metric) -> bool:
@@ -173,12 +186,25 @@ def study(
     values = len(metrics) * (1 + len(absolute) * derivatives)
     _check.memory(len(some) * values * len(next(iter(points.values()))), "over, with the shapers and metrics,")
     stacked = jax.tree.map(lambda *leaves: np.stack(leaves), *some)
-    asked = Evaluation(plant, command, stacked, metrics, tuple(absolute) if derivatives else ())
+    along = [metric for metric in metrics if keeps_trajectory(metric, plant)]
+    slopes, finer_by = tuple(absolute) if derivatives else (), _finer_for(along, plant, command, points)
+    asked = Evaluation(plant, command, stacked, metrics, slopes, finer_by)
     count = len(next(iter(points.values())))
     chunks = cut(plant, command, points) if any(map(checked, metrics)) else slices(np.arange(count))
     # With leaves of NumPy, which any device and any process can take.
     asked = jax.tree.map(lambda leaf: np.asarray(leaf) if isinstance(leaf, jax.Array) else leaf, asked)
     return Study(asked, absolute, points, chunks)
+
+
+def _finer_for(
+    along: list[str | Metric], plant: AbstractPlant, command: AbstractCommand, points: Mapping[str, np.ndarray]
+) -> int:
+    """By how much traced steps must be finer for metrics that look along a move: for the nominal plant and corners."""
+    if not along:
+        return 1
+    plants, plan = with_corners(plant, points), schedule(plant, command)
+    segments = {SEGMENTS.get(metric.partition(".")[0], 1.0) if isinstance(metric, str) else 1.0 for metric in along}
+    return max(finer_for(plants, plan, segment) for segment in segments)
 
 
 def alike_shapers(shapers: list[Shaping], axes: tuple[str, ...]) -> list[Shaper | dict[str, Shaper]]:

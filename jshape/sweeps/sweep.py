@@ -17,10 +17,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import jax
 import numpy as np
 import xarray as xr
-from jaxtyping import Array
 
 from jshape import _check
 from jshape._described import described, in_words, printed
@@ -29,12 +27,10 @@ from jshape.axes import moving
 from jshape.command import Distance
 from jshape.plants import AbstractPlant
 from jshape.shaper import Shaper, Shaping
-from jshape.simulation.schedule import schedule
-from jshape.simulation.simulate import fastest
 from jshape.simulation.steps import TOLERANCE
 from jshape.sweeps.dask import check_client
-from jshape.sweeps.evaluate import Metric, Study, checked, evaluate, is_wide, measured, side_by_side, study
-from jshape.sweeps.leaves import leaf, with_leaves
+from jshape.sweeps.evaluate import Metric, Study, evaluate, is_wide, side_by_side, study
+from jshape.sweeps.leaves import leaf
 from jshape.sweeps.sampling import draw
 
 METRICS = {
@@ -233,23 +229,13 @@ def _errors(found: Study, asked: dict[str, str | Metric], values: np.ndarray) ->
     of = found.evaluation
     some = slice(None, None, max(1, -(-values.shape[2] // 64)))
     few = {name: v[some] for name, v in found.points.items()}
-    again = dataclasses.replace(of, metrics=tuple(m for m in of.metrics if checked(m)), slopes=())
-    size = len(values[0, 0, some])
-    finer: list[Array] = list(side_by_side(again, few, size, is_wide(), TOLERANCE / 100)) if again.metrics else []
-    errors = {}
-    for (name, metric), coarse in zip(asked.items(), values[:, :, some], strict=True):
-        if callable(metric):
-            continue
-        if checked(metric):
-            other = finer.pop(0)
-        else:
-            plants = [with_leaves(of.plant, {n: v[i] for n, v in few.items()}) for i in range(size)]
-            at = int(np.argmax([fastest(one, schedule(one, of.command)) for one in plants]))
-            shapers = [jax.tree.map(lambda leaf, i=i: leaf[i], of.shapers) for i in range(values.shape[1])]
-            other = np.array([float(measured([metric], plants[at], shaper, of.command, None)[0]) for shaper in shapers])
-            coarse = coarse[:, at]
-        # Infinite both times is no change.
-        with np.errstate(invalid="ignore"):
-            change = np.abs(other - coarse)
-        errors[name] = float(np.max(change[~np.isnan(change)], initial=0.0))
-    return errors
+    named = [i for i, metric in enumerate(asked.values()) if not callable(metric)]
+    if not named:
+        return {}
+    again = dataclasses.replace(of, metrics=tuple(of.metrics[i] for i in named), slopes=(), finer=2 * of.finer)
+    other = side_by_side(again, few, len(values[0, 0, some]), is_wide(), TOLERANCE / 100)
+    # Infinite both times is no change.
+    with np.errstate(invalid="ignore"):
+        change = np.abs(other - values[named][:, :, some])
+    greatest = np.max(np.where(np.isnan(change), 0.0, change), axis=(1, 2), initial=0.0)
+    return dict(zip([[*asked][i] for i in named], greatest.tolist(), strict=True))

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from jshape._roots import greatest
 from jshape.axes import Axes
 from jshape.command import AbstractCommand, polynomial
 from jshape.design.tuning.scenarios import Limits, Point, Scenarios
@@ -34,7 +35,7 @@ def command_slack(scenarios: Scenarios, point: Point) -> Array:
     duration = jnp.diff(breaks)
     local = jnp.outer(duration, jnp.linspace(0.0, 1.0, PARTS + 1))
 
-    def greatest(axis: str, sign: int, order: int) -> Array:
+    def peaks(axis: str, sign: int, order: int) -> Array:
         """Greatest value in each segment of plus or minus the derivative of that order of the command of an axis."""
         rows = coefficients[:-1, _place(scenarios.plant, axis)][:, None, :]
         value, slope = (polynomial(rows, local, k) for k in (order, order + 1))
@@ -42,10 +43,10 @@ def command_slack(scenarios: Scenarios, point: Point) -> Array:
 
     slacks = [jnp.zeros(0)]
     for axis, limit in limits.speed_limit.items():
-        slacks += [1 - greatest(axis, sign, 1) / limit for sign in (1, -1)]
+        slacks += [1 - peaks(axis, sign, 1) / limit for sign in (1, -1)]
     for axis, limit in limits.command_overshoot.items():
         final = command.final[_place(scenarios.plant, axis)]
-        values = jnp.stack([greatest(axis, 1, 0), greatest(axis, -1, 0)])
+        values = jnp.stack([peaks(axis, 1, 0), peaks(axis, -1, 0)])
         beyond = jnp.where(final > 0, values[0], values[1]) / jnp.abs(final) - 1
         before = jnp.where(final > 0, values[1], values[0]) / jnp.abs(final)
         slacks += [limit - beyond, limit - before]
@@ -65,7 +66,7 @@ def deflection_slack(scenarios: Scenarios, point: Point) -> Array:
     slacks = []
     for axis, limit in scenarios.limits.peak_deflection.items():
         value, slope = (x[..., _place(plant, axis)] if axis else x for x in (along.value, along.slope))
-        peaks = [jnp.max(extremes(sign * value, sign * slope, along.step), axis=-1) for sign in (1, -1)]
+        peaks = [greatest(extremes(sign * value, sign * slope, along.step), axis=-1) for sign in (1, -1)]
         slacks.append(1 - jnp.concatenate(peaks) / limit)
     return jnp.where(timed(plant), jnp.concatenate(slacks), jnp.nan)
 
