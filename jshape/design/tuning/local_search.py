@@ -66,10 +66,10 @@ AROUND, AGAIN, OFTEN = 26, 4, 8
 """Iterations of a search from around the best design, and how often those are repeated while they find better ones, at
 most, and where evaluations cost next to nothing."""
 
-RELOCATED, FIRST, RETURNED = 3, 6, 0.3
+RELOCATED, MOST_TRIED, FIRST, RETURNED = 3, 15, 6, 0.3
 """Where fewer than this share (the last) of the searches from around the best design, and from elsewhere, end there,
-there are many basins: so many designs with impulses elsewhere are tried by value for each from which a search begins,
-and how many iterations that one gets before the best of those go on."""
+there are many basins: so many designs with impulses elsewhere are tried by value for each pair of searches (of each
+search, with so many others at most), and how many iterations one gets before the best of those go on."""
 
 CLOSER = 1e-5
 """The part of the objective by which another design is a better one there."""
@@ -350,7 +350,7 @@ def _elsewhere(
     Of many such designs those of least merit are begun with that lie apart.
     """
     known = distinct(descents)[:3]
-    best, number = known[0], RELOCATED * count * (count - 1)
+    best, number = known[0], RELOCATED * count * min(count - 1, MOST_TRIED)
     search, bounds = best.search, best.search.problem.bounds
     tried = [bounds.relocated(known[i % len(known)].point, random) for i in range(number)]
     tried += [(bounds.clustered, bounds.random)[i % 2](random) for i in range(number)]
@@ -387,23 +387,22 @@ def merged(descents: list[Descent]) -> list[Descent]:
 
 def _groups(descents: list[Descent]) -> list[list[Descent]]:
     """Local searches that have met, from the best to the worst."""
-    merits = [one.merit for one in descents]
-    found: list[tuple[float, list[Descent]]] = []
+    merits = np.array([one.merit for one in descents])
+    groups, heads = [], np.empty(0, int)
+    vectors = np.array([one.x for one in descents])
     for i in np.argsort(merits, kind="stable"):
-        for least, group in found:
-            if _same(descents[i], merits[i], group[0], least):
-                group.append(descents[i])
-                break
+        same = np.abs(vectors[heads] - vectors[i]).max(axis=1, initial=0.0) <= 1e-3
+        with np.errstate(invalid="ignore"):
+            twins = merits[i] - merits[heads] <= TWIN * np.abs(merits[heads])
+        if np.any(twins & ~same):
+            backwards = descents[i].search.backwards(vectors[i])
+            same |= twins & (np.abs(vectors[heads] - backwards).max(axis=1) <= RADIUS)
+        if same.any():
+            groups[int(np.argmax(same))].append(descents[i])
         else:
-            found.append((merits[i], [descents[i]]))
-    return [group for _, group in found]
-
-
-def _same(one: Descent, merit: float, better: Descent, least: float) -> bool:
-    """Whether two local searches, of these merits, will end alike."""
-    if np.abs(one.x - better.x).max() <= 1e-3:
-        return True
-    return merit - least <= TWIN * abs(least) and one.search.mirrored(one.x, better.x, RADIUS)
+            groups.append([descents[i]])
+            heads = np.append(heads, i)
+    return groups
 
 
 def side_by_side(descents: list[Descent], iterations: int, known: float = 0.0) -> Iterator[Descent]:

@@ -105,10 +105,9 @@ class ScaledProblem:
         n, count = self.problem.bounds.impulses, self.problem.bounds.shapers
         return Point(*np.split(x * self.units, [count * n, count * (2 * n - 1)]))
 
-    def mirrored(self, x: Vector, other: Vector, near: float) -> bool:
-        """Whether a design is the other one played backwards, nearly: undamped linear plants do not tell them apart."""
-        backwards = self.vector(self.problem.bounds.reversed(self.point(x)))
-        return bool(np.abs(backwards - other).max() <= near)
+    def backwards(self, x: Vector) -> Vector:
+        """The design played backwards: undamped linear plants do not tell them apart."""
+        return self.vector(self.problem.bounds.reversed(self.point(x)))
 
     def values(self, x: Vector, tolerance: float | None = None) -> Values:
         """Energies, slacks and steps, to a tolerance; those of the last vectors are cached."""
