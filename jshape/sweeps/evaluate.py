@@ -329,6 +329,9 @@ def _many(of: Evaluation, points: Mapping[str, Any], tolerance: Any, lanes: int)
 
         return jnp.moveaxis(jax.lax.map(each, of.shapers), -1, 0)
 
+    if mesh.size == 1:
+        # Within a mesh, lineax does not take a plant whose rest is found by Newton's method.
+        return share(arrays, points, tolerance)
     along = PartitionSpec("plants")
     # Devices never communicate here, so there is nothing for JAX to check.
     shared = jax.shard_map(
