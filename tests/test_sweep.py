@@ -318,3 +318,12 @@ def test_a_client_that_is_none():
 )
 def test_leaves_are_named_by_what_their_class_says_of_them(plant, leaf, words):
     assert leaf_label(plant, leaf) == words
+
+
+def test_a_plant_whose_rest_is_found_by_a_search():
+    """A mass that a force drives rests where its spring balances it; beside one plant at a time."""
+    plant = js.plants.ForcedMass(1.0, js.plants.Duffing(10.0, 5.0), js.plants.LinearDamper(0.1))
+    names = ["residual_energy", "overshoot"]
+    ds = js.sweep(plant, TWO, 3.0, {"mass": [0.9, 1.0]}, names, estimate_error=False)
+    for name in names:
+        assert float(ds[name][0, 1]) == pytest.approx(float(getattr(js, name)(plant, TWO, 3.0)), rel=1e-6)
