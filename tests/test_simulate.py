@@ -406,3 +406,12 @@ def test_states_that_are_not_known_have_not_converged():
     assert found.status == js.Status.STOPPED
     assert found.message.startswith("stopped: states within about")
     assert js.simulate(plant, 1.0).converged
+
+
+def test_a_solver_that_runs_out_of_steps_says_so():
+    """A mode a hundred thousand times as fast as the other: the plant has not left, its states are not known."""
+    plant = js.plants.ModalPlant([1.0, 1e5], [0.05, 0.05], [0.5, 0.5])
+    run = js.simulate(plant, 1.0, js.Shaper([0.5, 0.5], [0.0, 1.0]), horizon=1.5, samples=50)
+    assert run.status == js.Status.STOPPED
+    assert not run.diverged
+    assert run.message.startswith("stopped: states are not known from 0.0")

@@ -83,11 +83,14 @@ class Response(Result, eqx.Module):
     @property
     def message(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
         """The status in a sentence, with the states' accuracy."""
-        if not bool(self.diverged):
-            return f"{self.status.value}: states within about {float(self.error):.1e}"
         finite = np.all(np.isfinite(np.asarray(self.states)), axis=1)
-        until = "" if finite.all() else f"; not finite from {float(self.times[np.argmin(finite)]):.4g} s on"
-        return f"diverged: the plant left the region from which it returns to rest{until}"
+        since = "" if finite.all() else f"from {float(self.times[np.argmin(finite)]):.4g} s on"
+        if bool(self.diverged):
+            until = f"; not finite {since}" if since else ""
+            return f"diverged: the plant left the region from which it returns to rest{until}"
+        if since:
+            return f"{self.status.value}: states are not known {since}, with the most steps there are"
+        return f"{self.status.value}: states within about {float(self.error):.1e}"
 
     def __repr__(self) -> str:
         if self.times.ndim != 1 or not _check.is_concrete(self):
@@ -358,7 +361,9 @@ def _response(plant, times, states, segments: Segments, at, error) -> Response:
     coefficients, age = segments.coefficients[at], segments.age[at]
     inputs: Inputs = jax.vmap(lambda c, a: inputs_at(plant, c, a))(coefficients, age)
     command = jax.vmap(polynomial)(coefficients, age)
-    end = jax.tree.map(lambda x: x[-1], inputs)
+    # What a solver that ran out of steps makes of a plant does not count: it has left where it was seen outside.
+    finite = jnp.all(jnp.isfinite(states), axis=1)
+    outside = jax.vmap(plant.diverged)(states, inputs)
     return Response(
         times=times,
         states=states,
@@ -366,6 +371,6 @@ def _response(plant, times, states, segments: Segments, at, error) -> Response:
         payload=jax.vmap(plant.payload)(states, command),
         deflection=jax.vmap(plant.deflection)(states, command),
         energy=jax.vmap(plant.residual_energy)(states, inputs),
-        diverged=plant.diverged(states[-1], end) | ~jnp.all(jnp.isfinite(states)),
+        diverged=jnp.where(finite[-1], outside[-1], jnp.any(outside & finite)),
         error=error,
     )

@@ -94,8 +94,9 @@ class Evaluation(eqx.Module):
 
     @property
     def batch(self) -> int:
-        """Plants side by side: fewer where a metric keeps the whole trajectory of each."""
-        return max(BATCH // 64, 1) if any(keeps_trajectory(m, self.plant) for m in self.metrics) else BATCH
+        """Plants side by side: fewer where a metric keeps the whole trajectory of each, the fewer the finer it is."""
+        along = any(keeps_trajectory(metric, self.plant) for metric in self.metrics)
+        return max(BATCH // (64 * self.finer), 1) if along else BATCH
 
 
 def keeps_trajectory(metric: str | Metric, plant: AbstractPlant) -> bool:
