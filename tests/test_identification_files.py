@@ -122,6 +122,7 @@ def test_what_was_measured_by_the_names_of_the_columns(path, header, measured):
     assert any("as the name says" in note for note in found.notes) == (measured != "position")
     assert identify_csv(path, measured="position").measured == "position"
     if "[g]" in header:
+        assert found.names == ("x [m/s²]", "y [m/s²]")
         np.testing.assert_allclose(found.values, 9.80665 * identify_csv(path, measured="position").values, rtol=1e-12)
 
 

@@ -74,6 +74,7 @@ def identify_csv(
         in_g = np.array([bool(re.search(_IN_G, name, re.I)) for name in names])
         if (measured or named) == "acceleration":
             values = values * np.where(in_g, 9.80665, 1.0)
+            names = tuple(re.sub(_IN_G, "[m/s²]", name, flags=re.I) for name in names)
         found = identify(
             read.axis,
             values,
