@@ -314,6 +314,16 @@ def test_diverged_and_frequencies(made):
     np.testing.assert_allclose(made("double pendulum").natural_frequency(), twin.natural_frequency(), rtol=1e-9)
 
 
+@pytest.mark.parametrize("way", [0.0, 0.8, -1.1])
+def test_frequencies_where_the_driven_joint_has_turned(way):
+    """A column that bends under gravity as it has turned, without its damper, beside its linearised equation there."""
+    plant = js.plants.from_mjcf(SAGGING.replace('damping="0.4"', ""), {"lift": "turn"})
+    inputs = (*plant.zero_inputs()[:-1], jnp.asarray(way))
+    matrix = jax.jacfwd(lambda y: plant.vector_field(0.0, y, inputs))(plant.rest_state(inputs))
+    found = np.sort(np.abs(np.linalg.eigvals(matrix)))[::2]
+    np.testing.assert_allclose(plant.natural_frequency_at(inputs), found, rtol=1e-9)
+
+
 URDF = """<robot name="gantry"><link name="world"/><link name="trolley"><inertial><mass value="9"/>
   <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
   <joint name="rail" type="prismatic"><parent link="world"/><child link="trolley"/><axis xyz="1 0 0"/>
