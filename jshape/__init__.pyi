@@ -25,7 +25,6 @@ from .identification import identify_drive as identify_drive
 from .identification import identify_duffing as identify_duffing
 from .identification import identify_payloads as identify_payloads
 from .identification import identify_planar as identify_planar
-from .metrics import energy_profile as energy_profile
 from .metrics import overshoot as overshoot
 from .metrics import peak_deflection as peak_deflection
 from .metrics import residual_energy as residual_energy
@@ -35,7 +34,8 @@ from .metrics import rise_time as rise_time
 from .metrics import settling_time as settling_time
 from .reports import plot as plot
 from .shaper import Shaper as Shaper
-from .simulation.simulate import Response as Response
+from .simulation.energy_profile import energy_profile as energy_profile
+from .simulation.response import Response as Response
 from .simulation.simulate import simulate as simulate
 from .status import Status as Status
 from .sweeps.sobol import sensitivity_indices as sensitivity_indices

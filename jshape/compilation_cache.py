@@ -21,12 +21,10 @@ import json
 import os
 import shutil
 import sys
-import threading
 import time
 import types
 import warnings
 from collections.abc import Callable
-from concurrent.futures import Future
 from enum import Enum
 from importlib.metadata import version
 from pathlib import Path
@@ -38,6 +36,7 @@ import jax.export
 import numpy as np
 
 from jshape import _check
+from jshape._compiling import LEAN, compile_lean
 from jshape._files import whole
 
 try:
@@ -70,43 +69,8 @@ _KNOWN = {"jshape", "builtins", "collections", *_LIBRARIES}
 _UNGUARDED = ("lapack_dormqr_ffi", "lapack_sormqr_ffi")
 """Calls that JAX does not promise to other versions of itself; a program never meets one."""
 
-COMPILING = "jshape compiles"
-"""The name of threads in which nothing happens that anybody would miss."""
-
 _DAYS = 30
 """Programs of another version that nobody has used for so long are deleted."""
-
-_EMITTERS = "xla_cpu_use_fusion_emitters"
-
-LEAN: dict[str, str | bool] = {
-    "xla_disable_hlo_passes": "while-loop-invariant-code-motion,simplify-while-loops,while-loop-trip-count-annotator"
-}
-"""How XLA compiles on a processor. For every loop within a loop these passes copy all that is around it; of a first
-process that tunes a double-pendulum crane (35.4 s) they take 6.9 s, and what they change runs no faster (8.3 to 8.8 s
-against 8.2 to 9.0 s in a second process). Delete it when XLA no longer does.
-
-And its emitters of fused loops build each loop through MLIR. Without them a first residual energy of two masses takes
-1.8 s of processor time for 3.1, its first gradient 4.2 for 8.5; the same bits, as fast for cranes, 2.5 for 1.9 µs a
-plant of two states in large batches, which two million plants make up for (jaxlib 0.10)."""
-
-WHOLE: dict[str, str] = {}
-"""Flags of XLA for all programs of a process that keeps them: it takes them so alone.
-
-Loops whose arrays take up to half a megabyte become one piece of machine code each, in the place of one for each of
-their operations, and those follow one another, in the place of waiting for threads. Searches over nine plants take 4.1
-for 5.7 s (a crane of 5 m) and 1.8 for 3.5 s (a hardening pair), one residual energy of a double-pendulum crane among
-programs of its user's 0.7 for 1.8 ms and its gradient 3.3 for 43; a user's first gradient of it compiles for 29 s in
-the place of 20. With a whole megabyte a bridge crane's search would be no faster, and compile for 38 s in the place of
-24 (jaxlib 0.10)."""
-
-if tuple(map(int, version("jaxlib").split(".")[:2])) <= (0, 10):
-    # An option that a later XLA no longer knows is an error.
-    LEAN[_EMITTERS] = False
-    WHOLE = {
-        _EMITTERS: "false",
-        "xla_backend_extra_options": "xla_cpu_small_while_loop_byte_threshold=500000",
-        "xla_cpu_scheduler_type": "CPU_SCHEDULER_TYPE_MEMORY_OPTIMIZED",
-    }
 
 _folder: Path | None = None
 """Where programs are kept, if they are."""
@@ -117,15 +81,15 @@ def keep_programs(folder: str | Path | None = None) -> None:
 
     There JAX keeps what it compiles, and jshape in ``programs`` what it has traced: for a process that computes
     little, three quarters of its time. Where XLA has not begun yet, its programs run faster, too: ``XLA_FLAGS`` takes
-    in the flags of ``WHOLE``, but for those that it names. A folder that cannot be written to, or that others may
-    write to, keeps nothing; programs of other versions go when nobody has used them for 30 days.
+    in the flags of ``_compiling.WHOLE``, but for those that it names. A folder that cannot be written to, or that
+    others may write to, keeps nothing; programs of other versions go when nobody has used them for 30 days.
 
     Args:
         folder: where JAX keeps its own (``JAX_COMPILATION_CACHE_DIR``), or else the user's cache folder, unless given.
     """
     global _folder
     _folder = None
-    _compile_lean()
+    compile_lean()
     if folder is None:
         folder = jax.config.jax_compilation_cache_dir  # pyright: ignore[reportAttributeAccessIssue]
     if folder is None:
@@ -148,17 +112,6 @@ def keep_programs(folder: str | Path | None = None) -> None:
     _let_jax_write_whole()
     if local:
         _open(Path(folder) / "programs")
-
-
-def _compile_lean() -> None:
-    """Have XLA compile this process's other programs, derivatives among them, with the flags of ``WHOLE``, too.
-
-    It reads its flags before it compiles the first one.
-    """
-    flags = os.environ.get("XLA_FLAGS", "")
-    more = [f"--{name}={value}" for name, value in WHOLE.items() if name not in flags]
-    if more:
-        os.environ["XLA_FLAGS"] = " ".join([flags, *more]).strip()
 
 
 def _let_jax_see_damage() -> None:
@@ -282,23 +235,6 @@ def _kind(leaf: Any) -> Any:
     if isinstance(leaf, jax.Array):
         return leaf.shape, leaf.dtype, leaf.aval.weak_type
     return type(leaf), leaf
-
-
-def beside(function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> Future[R]:
-    """Call a function, most of whose time is compiling, in a thread; Python itself waits for it before it ends.
-
-    No daemon: a process that ends while one compiles may crash.
-    """
-    future: Future[R] = Future()
-
-    def run() -> None:
-        try:
-            future.set_result(function(*args, **kwargs))
-        except BaseException as error:
-            future.set_exception(error)
-
-    threading.Thread(target=run, name=COMPILING).start()
-    return future
 
 
 def _program(function: Callable, leaves: list, tree: Any, folder: Path) -> Callable[[list], Any] | None:

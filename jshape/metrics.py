@@ -15,18 +15,17 @@ from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array
 
 from jshape import _check
 from jshape._roots import greatest
-from jshape._types import ArrayLike, Number, PerAxis, Scalar, State
+from jshape._types import ArrayLike, Number, PerAxis, Scalar
 from jshape.command import Distance
 from jshape.compilation_cache import kept
 from jshape.plants import AbstractOscillator, AbstractPlant
-from jshape.shaper import Shaper, Shaping
+from jshape.shaper import Shaping
 from jshape.simulation.integrate import METHODS
 from jshape.simulation.residual import (
     as_tolerance,
@@ -36,11 +35,9 @@ from jshape.simulation.residual import (
     require_met,
     state_at_end,
 )
-from jshape.simulation.schedule import Schedule, Segments, inputs_at, schedule
-from jshape.simulation.simulate import all_states, initial, steps_for, with_arrays
-from jshape.simulation.steps import MOST_STEPS
+from jshape.simulation.schedule import Schedule
+from jshape.simulation.simulate import prepared, steps_for
 from jshape.simulation.trajectory import (
-    ACCURACY,
     Trajectory,
     along_each_axis,
     extremes,
@@ -48,7 +45,7 @@ from jshape.simulation.trajectory import (
     fine_steps,
     first_above,
     last_above,
-    parts_after,
+    observed,
     tail,
     timed,
     trajectory,
@@ -106,7 +103,7 @@ def residual_energy_and_error(
     Arguments as for ``residual_energy``.
     """
     _check.one_of(method, "method", METHODS)
-    plan, plant, state = _prepare(plant, shaper, distance, initial_state)
+    plan, plant, state = prepared(plant, shaper, distance, initial_state)
     if tolerance is not None:
         if steps is not None:
             raise ValueError(f"tolerance chooses the steps itself; give no steps beside it, not {steps!r}")
@@ -164,7 +161,7 @@ def residual_energy_and_vibration(
 
 
 def _residuals(plant, shaper, distance, initial_state, steps: int | None, tolerance) -> tuple[Scalar, PerAxis]:
-    plan, plant, state = _prepare(plant, shaper, distance, initial_state)
+    plan, plant, state = prepared(plant, shaper, distance, initial_state)
     fine = fine_steps(plant, plan, 2.0) if steps is None else 32 * steps
     if tolerance is not None:
         check_tolerance(tolerance, state)
@@ -194,8 +191,8 @@ def overshoot(
 
     Source: Moonmangmee and Chatlatanagulchai (2025), before Fig. 5: (x_p − x_d)/x_d.
     """
-    plan, plant, state = _prepare(plant, shaper, distance, initial_state)
-    return _overshoot(plant, plan, _along(plant, plan, state, 2.0, "payload"))
+    plan, plant, state = prepared(plant, shaper, distance, initial_state)
+    return _overshoot(plant, plan, observed(plant, plan, state, 2.0, "payload"))
 
 
 @kept
@@ -221,8 +218,8 @@ def peak_deflection(
     Returns:
         m; infinite where the plant diverged.
     """
-    plan, plant, state = _prepare(plant, shaper, distance, initial_state)
-    return _peak(_along(plant, plan, state, 1.0, "deflection"))
+    plan, plant, state = prepared(plant, shaper, distance, initial_state)
+    return _peak(observed(plant, plan, state, 1.0, "deflection"))
 
 
 @kept
@@ -258,8 +255,8 @@ def settling_time(
     """
     _check.positive(band, "band")
     _check.positive(periods, "periods")
-    plan, plant, state = _prepare(plant, shaper, distance, initial_state)
-    along = _along(plant, plan, state, periods, "payload")
+    plan, plant, state = prepared(plant, shaper, distance, initial_state)
+    along = observed(plant, plan, state, periods, "payload")
     within = tail(plant, plan, min(1.0, periods / 2))
     return _settling_time(plant, plan, along, _check.as_array(band, "band"), within)
 
@@ -305,9 +302,9 @@ def rise_time(
     """
     if not 0 <= low < high <= 1:
         raise ValueError(f"low and high must satisfy 0 <= low < high <= 1, not {low} and {high}")
-    plan, plant, state = _prepare(plant, shaper, distance, initial_state)
+    plan, plant, state = prepared(plant, shaper, distance, initial_state)
     levels = _check.on_device(np.asarray([low, high], float))
-    return _rise_time(plant, plan, _along(plant, plan, state, 1.0, "payload"), levels)
+    return _rise_time(plant, plan, observed(plant, plan, state, 1.0, "payload"), levels)
 
 
 @kept
@@ -326,99 +323,6 @@ def _rise_time(plant: AbstractPlant, plan: Schedule, along: Trajectory, levels: 
         return jnp.where(jnp.isfinite(end), end - jnp.where(jnp.isfinite(first), first, 0.0), jnp.inf)
 
     return _over_distance(risen, plant, plan, along)
-
-
-class EnergyProfile(eqx.Module):
-    """Energies against position, one row for each segment of the move.
-
-    Attributes:
-        position: of the payload, m.
-        kinetic: J.
-        potential: J, with the base where it is in that segment.
-    """
-
-    position: Float[Array, "segments points"]
-    kinetic: Float[Array, "segments points"]
-    potential: Float[Array, "segments points"]
-
-    @property
-    def total(self) -> Float[Array, "... segments points"]:
-        """Kinetic and potential energy together, J: constant along a segment without damping."""
-        return self.kinetic + self.potential
-
-
-def energy_profile(plant: AbstractPlant, shaper: Shaper, distance: Distance, points: int = 129) -> EnergyProfile:
-    """Kinetic and potential energy T(x2), U(x2) along a move, segment by segment.
-
-    Args:
-        plant: a mass on a spring.
-        shaper: the shaper.
-        distance: a number (a step of that size, m) or any command.
-        points: in each segment.
-
-    Raises:
-        ValueError: for a plant that is not a mass on a spring.
-
-    Source: Moonmangmee and Chatlatanagulchai (2025), Eqs. 24–27 and 51–54, Figs. 4, 6 and 9, here by simulation, so
-    that it holds with damping and for any spring.
-    """
-    if not isinstance(plant, AbstractOscillator):
-        raise ValueError(f"plant must be a mass on a spring to have an energy profile, not {type(plant).__name__}")
-    points = _check.count(points, "points", least=2)
-    plan, oscillator, state = _prepare(plant, shaper, distance, None)
-    # The integration takes as many steps as it needs, whatever the number of points.
-    return _energy_profile(oscillator, plan, state, points, -(-steps_for(oscillator, plan) // (points - 1)))
-
-
-@kept
-def _energy_profile(
-    plant: AbstractOscillator, plan: Schedule, state: State, points: int, between: int
-) -> EnergyProfile:
-    segments = plan.segments()
-    states = all_states(plant, segments, state, between * (points - 1))[:, ::between]
-    local = jnp.outer(segments.duration, jnp.linspace(0.0, 1.0, points))
-
-    def energies(segment: Segments, row: State, time: Scalar):
-        inputs = inputs_at(plant, segment.coefficients, segment.age + time)
-        return row[0], plant.kinetic_energy(row), plant.potential_energy(row, inputs)
-
-    along = jax.vmap(jax.vmap(energies, in_axes=(None, 0, 0)))
-    return EnergyProfile(*along(segments, states, local))
-
-
-def _along(plant, plan: Schedule, state: State, periods: float, name: str) -> Trajectory:
-    """The named quantity along a move, with more steps until it is accurate; NaN where a traced one is not.
-
-    Raises:
-        ValueError: where it is not accurate with the most steps there are, and for a spring without stiffness at rest.
-    """
-    parts, observed = parts_after(plant, plan, periods), timed(plant)
-    steps = fine_steps(plant, plan, periods, parts)
-    if _check.is_concrete(observed) and not observed:
-        raise ValueError(
-            f"plant: a {type(plant).__name__} whose spring has no stiffness at rest has no period that says how long"
-            f" its {name} is to be observed after the move; simulate takes a horizon"
-        )
-    along = trajectory(plant, plan, state, periods, name, steps, parts)
-    if not _check.is_concrete(along.value):
-        flagged = jnp.where((along.met & observed) | along.diverged, along.value, jnp.nan)
-        return eqx.tree_at(lambda along: along.value, along, flagged)
-    while not (along.met or along.diverged):
-        steps *= 4
-        if steps > MOST_STEPS:
-            raise ValueError(
-                f"distance: {name} of {type(plant).__name__} is not accurate to {ACCURACY:g} with {steps // 4} steps a "
-                "segment; shorten the move"
-            )
-        along = trajectory(plant, plan, state, periods, name, steps, parts)
-    return along
-
-
-def _prepare(plant, shaper, distance, initial_state) -> tuple[Schedule, Any, State]:
-    plan = schedule(plant, distance, shaper)
-    _check.warn_if_single()
-    plant = with_arrays(plant)
-    return plan, plant, initial(plant, initial_state)
 
 
 @kept

@@ -71,11 +71,9 @@ def pytest_configure(config):
         install_import_hook(["jshape", "jshape_envs"], "annotations.checked")
     if config.option.markexpr == "not slow":
         jax.config.update("jax_numpy_rank_promotion", "raise")
-    from jshape import compilation_cache as programs
+    from jshape._compiling import LEAN
 
-    os.environ.setdefault(
-        "XLA_FLAGS", " ".join(f"--{name}={str(value).lower()}" for name, value in programs.LEAN.items())
-    )
+    os.environ.setdefault("XLA_FLAGS", " ".join(f"--{name}={str(value).lower()}" for name, value in LEAN.items()))
 
 
 def pytest_collection_modifyitems(config, items):
@@ -117,7 +115,8 @@ def forget_programs(request):
     if memory() > MOST_MEMORY:
         jax.clear_caches()
     # A command that was run here keeps its programs; the tests after it shall compile their own.
-    sys.modules["jshape.compilation_cache"]._folder = None
+    if cache := sys.modules.get("jshape.compilation_cache"):
+        cache._folder = None
 
 
 @pytest.fixture(scope="session")

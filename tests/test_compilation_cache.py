@@ -18,6 +18,7 @@ import pytest
 from problems import two_mass
 
 import jshape as js
+from jshape import _compiling
 from jshape import compilation_cache as programs
 from jshape.compilation_cache import kept
 from jshape.plants import TwoMass
@@ -279,19 +280,19 @@ def test_other_code_or_settings_have_a_folder_of_their_own(tmp_path, monkeypatch
 
 def test_a_process_compiles_lean_unless_its_user_says_otherwise(monkeypatch):
     monkeypatch.delenv("XLA_FLAGS")
-    programs._compile_lean()
+    _compiling.compile_lean()
     lean = os.environ["XLA_FLAGS"]
-    assert lean.split() == [f"--{name}={value}" for name, value in programs.WHOLE.items()]
+    assert lean.split() == [f"--{name}={value}" for name, value in _compiling.WHOLE.items()]
     assert lean.startswith("--xla_cpu_use_fusion_emitters=false")
     for given in ("--xla_cpu_use_fusion_emitters=true", "--xla_cpu_enable_fast_math=false"):
         monkeypatch.setenv("XLA_FLAGS", given)
-        programs._compile_lean()
+        _compiling.compile_lean()
         assert os.environ["XLA_FLAGS"].startswith(given)
-        assert all(os.environ["XLA_FLAGS"].count(name) == 1 for name in programs.WHOLE)
+        assert all(os.environ["XLA_FLAGS"].count(name) == 1 for name in _compiling.WHOLE)
     # An XLA that may not know the options is not given them.
-    monkeypatch.setattr(programs, "WHOLE", {})
+    monkeypatch.setattr(_compiling, "WHOLE", {})
     monkeypatch.setenv("XLA_FLAGS", "")
-    programs._compile_lean()
+    _compiling.compile_lean()
     assert os.environ["XLA_FLAGS"] == ""
 
 
@@ -313,7 +314,7 @@ print(*(float(x).hex() for x in [energy, *slopes, crane]))
 def test_a_users_own_programs_give_the_same_numbers_as_lean_ones(monkeypatch):
     flags = ["", os.environ["XLA_FLAGS"]]
     monkeypatch.delenv("XLA_FLAGS")
-    programs._compile_lean()
+    _compiling.compile_lean()
     flags.append(os.environ["XLA_FLAGS"])
     numbers = []
     for each in flags:
@@ -412,15 +413,15 @@ def test_where_programs_are_kept(tmp_path, monkeypatch):
 
 
 def test_a_thread_beside_gives_result_or_error():
-    assert programs.beside(divmod, 7, 2).result() == (3, 1)
+    assert _compiling.beside(divmod, 7, 2).result() == (3, 1)
     with pytest.raises(ZeroDivisionError):
-        programs.beside(divmod, 7, 0).result()
+        _compiling.beside(divmod, 7, 0).result()
 
 
 @pytest.mark.slow
 def test_a_command_that_ends_does_not_wait_for_what_is_being_compiled():
     code = (
-        "import sys, time; from jshape import cli; from jshape.compilation_cache import beside; "
+        "import sys, time; from jshape import cli; from jshape._compiling import beside; "
         "beside(time.sleep, 600); sys.argv = ['jshape', 'plants', 'Nothing']; cli.main()"
     )
     ended = subprocess.run([sys.executable, "-c", code], timeout=300, capture_output=True, text=True)

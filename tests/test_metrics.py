@@ -10,7 +10,7 @@ from scipy.linalg import expm
 from scipy.optimize import brentq, minimize_scalar
 
 import jshape as js
-from jshape import metrics, plants
+from jshape import plants
 from jshape.metrics import residual_energy_and_error, residual_energy_and_vibration
 from jshape.simulation.schedule import schedule
 from jshape.simulation.simulate import initial
@@ -174,10 +174,10 @@ def test_a_traced_trajectory_is_right_infinite_or_no_number():
 
 def test_steps_along_a_move_are_refined_until_they_are_enough(monkeypatch):
     expected = float(js.overshoot(PLANT, SHAPER, 1.0))
-    monkeypatch.setattr(metrics, "fine_steps", lambda *_: 16)
-    monkeypatch.setattr(metrics, "parts_after", lambda *_: 1)
+    monkeypatch.setattr("jshape.simulation.trajectory.fine_steps", lambda *_: 16)
+    monkeypatch.setattr("jshape.simulation.trajectory.parts_after", lambda *_: 1)
     assert float(js.overshoot(PLANT, SHAPER, 1.0)) == pytest.approx(expected, abs=1e-3)
-    monkeypatch.setattr(metrics, "MOST_STEPS", 63)
+    monkeypatch.setattr("jshape.simulation.trajectory.MOST_STEPS", 63)
     with pytest.raises(ValueError, match="payload of Displaced is not accurate to 1e-06 with 16 steps a segment"):
         js.overshoot(PLANT, SHAPER, 1.0)
 
@@ -492,6 +492,11 @@ def test_a_spring_without_stiffness_at_rest_has_no_period():
     assert np.isnan(jax.jit(lambda d: js.overshoot(plant, None, d))(1.0))
     forced = plants.ForcedMass(1.0, plants.PowerLawSpring(1000.0, 3))
     assert np.isnan(js.residual_vibration(forced, js.Shaper([0.5, 0.5], [0.0, 0.3]), 8.0))
+
+
+@pytest.mark.slow
+def test_no_limit_on_what_a_spring_without_stiffness_at_rest_is_bent():
+    forced = plants.ForcedMass(1.0, plants.PowerLawSpring(1000.0, 3))
     with pytest.raises(ValueError, match="peak_deflection: a ForcedMass whose spring has no stiffness at rest"):
         js.tune(forced, 8.0, impulses=2, duration=(0.04, 0.06), peak_deflection=0.1)
 
@@ -578,6 +583,7 @@ def test_modes_that_beat_have_not_settled():
     assert float(js.settling_time(damped, shaper, 1.0, 0.1)) == pytest.approx(last_outside(omega, 0.03, 0.1), abs=2e-3)
 
 
+@pytest.mark.slow
 def test_no_settling_time_where_the_trajectory_is_not_accurate():
     """Traced, a mode a thousand times as fast as the other is beyond the steps that there are: NaN, and not 0."""
     plant = plants.ModalPlant([1.0, 3000.0], [0.05, 0.05], [0.5, 0.5])

@@ -17,7 +17,8 @@ from jshape.plants import AbstractPlant
 from jshape.reports.film import film_of_motions
 from jshape.reports.places import Motion, motion_of
 from jshape.shaper import Shaper
-from jshape.simulation.simulate import Response, simulate_fixed
+from jshape.simulation.response import Response
+from jshape.simulation.simulate import simulate_fixed
 
 SAMPLES = 241
 """Instants of a move that are computed, from its beginning to the end of the sensor's window."""

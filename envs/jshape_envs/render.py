@@ -21,7 +21,7 @@ from jshape.reports.film import Put, view_of
 from jshape.reports.places import motion_of
 from jshape.reports.style import COLOURS, STYLE
 from jshape.shaper import Shaper
-from jshape.simulation.simulate import Response
+from jshape.simulation.response import Response
 from jshape_envs.film import described, watched
 
 FPS = 30

@@ -99,8 +99,8 @@ def main() -> None:
 
 def _end_compiling(code: int) -> None:
     """End the process if something is being compiled, for which nobody waits, and around which it could crash."""
-    cache = sys.modules.get("jshape.compilation_cache")
-    if cache is None or not any(thread.name == cache.COMPILING for thread in threading.enumerate()):
+    module = sys.modules.get("jshape._compiling")
+    if module is None or not any(thread.name == module.COMPILING for thread in threading.enumerate()):
         return
     sys.stdout.flush()
     sys.stderr.flush()

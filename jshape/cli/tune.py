@@ -48,7 +48,7 @@ def tune(
     """Tune a shaper for a problem and set it beside every closed form that applies."""
     with explained(), begun(problem, out) as (read, folder, draw):
         from jshape import _check
-        from jshape.compilation_cache import beside
+        from jshape._compiling import beside
         from jshape.design.closed_forms import closed_forms
         from jshape.design.tuning.tune import tune as tune_shaper
         from jshape.export import read_shaper

@@ -19,7 +19,7 @@ from jshape.reports.style import looks, plain, using
 
 if TYPE_CHECKING:
     from jshape.plants import AbstractPlant
-    from jshape.simulation.simulate import Response
+    from jshape.simulation.response import Response
 
 INTERVALS = (40, 50, 80, 100, 200, 250, 400, 500, 800, 1000)
 """Milliseconds a frame; GIF counts in hundredths of a second, and these are whole rates for a video, too."""

@@ -9,8 +9,8 @@ from matplotlib.ticker import MaxNLocator
 from jshape.reports.style import legend, looks, stacked, using
 
 if TYPE_CHECKING:
-    from jshape.metrics import EnergyProfile
-    from jshape.simulation.simulate import Response
+    from jshape.simulation.energy_profile import EnergyProfile
+    from jshape.simulation.response import Response
 
 COMMAND: dict[str, Any] = dict(color="0.45", linewidth=1.0, linestyle=(0, (4, 2)))
 

@@ -7,7 +7,7 @@ import numpy as np
 
 if TYPE_CHECKING:
     from jshape.plants import AbstractPlant, SloshingTank
-    from jshape.simulation.simulate import Response
+    from jshape.simulation.response import Response
 
 
 @dataclasses.dataclass(frozen=True)

@@ -17,7 +17,7 @@ from jshape.reports.places import sampled
 
 if TYPE_CHECKING:
     from jshape.plants import AbstractPlant
-    from jshape.simulation.simulate import Response
+    from jshape.simulation.response import Response
 
 AZIMUTH, ELEVATION = 110.0, -15.0
 """Of the camera, degrees: from the side, a little from above, with x to the right."""

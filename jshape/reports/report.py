@@ -19,11 +19,12 @@ from jshape.command import as_command
 from jshape.design.closed_forms import closed_forms
 from jshape.design.tuning.solution import Solution
 from jshape.export import export
-from jshape.metrics import energy_profile, residual_energy
+from jshape.metrics import residual_energy
 from jshape.plants import AbstractOscillator
 from jshape.problems.problem import Problem
 from jshape.reports.responses import numbers_of, responses
 from jshape.shaper import Shaper, Shaping, shaped
+from jshape.simulation.energy_profile import energy_profile
 from jshape.sweeps.evaluate import CHECKED, Study, alike_shapers, evaluate, run_first_chunk, study
 from jshape.sweeps.leaves import leaf
 from jshape.sweeps.sweep import as_metrics

@@ -6,27 +6,25 @@ instants.
 derivatives of every order. Both run segment by segment in a time that is rescaled to [0, 1] on each of them.
 """
 
-import html
 from typing import TYPE_CHECKING, Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from jshape import _check
 from jshape._roots import greatest
-from jshape._types import ArrayLike, Inputs, Scalar, State, Times
+from jshape._types import ArrayLike, Inputs, Scalar, State
 from jshape.command import polynomial
 from jshape.compilation_cache import kept
 from jshape.plants import AbstractPlant
 from jshape.plants.modes import AbstractModes
 from jshape.shaper import Shaping
 from jshape.simulation.integrate import integrate
+from jshape.simulation.response import Response
 from jshape.simulation.schedule import Schedule, Segments, inputs_at, schedule
 from jshape.simulation.steps import TOLERANCE, field_of
-from jshape.status import Result, Status
 
 if TYPE_CHECKING:
     import diffrax
@@ -40,90 +38,6 @@ _ANGLE = {"dopri8": 0.6, "tsit5": 0.06}
 _ORDER = {"dopri8": 8, "tsit5": 5}
 
 _MOST_STEPS = 65536
-
-INACCURATE = 1e-3
-"""The error of a response, relative to the greatest state, beyond which it has not converged."""
-
-
-class Response(Result, eqx.Module):
-    """The response of a plant to a command. All arrays have a leading time axis; of a plant of several axes command,
-    payload and deflection have one column each.
-
-    Attributes:
-        times: s.
-        states: shape (times, state), as the plant documents them.
-        command: the (shaped) command, m.
-        payload: position of what is to arrive, m.
-        deflection: of the flexible part, m.
-        energy: above rest at the input of that instant, J.
-        diverged: whether the plant has left the region from which it returns to rest.
-        error: estimate of the worst absolute error of any state at any sample.
-    """
-
-    times: Times
-    states: Float[Array, "times state"]
-    command: Float[Array, "times *axes"]
-    payload: Float[Array, "times *axes"]
-    deflection: Float[Array, "times *axes"]
-    energy: Times
-    diverged: Bool[Array, ""]
-    error: Scalar
-
-    @property
-    def status(self) -> Status:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """``CONVERGED``, ``STOPPED`` where the states are not known to a thousandth of the greatest, or ``DIVERGED``.
-
-        For concrete responses, not under a JAX transformation.
-        """
-        if bool(self.diverged):
-            return Status.DIVERGED
-        known = float(self.error) <= INACCURATE * float(np.max(np.abs(self.states), initial=0.0))
-        return Status.CONVERGED if known else Status.STOPPED
-
-    @property
-    def message(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """The status in a sentence, with the states' accuracy."""
-        finite = np.all(np.isfinite(np.asarray(self.states)), axis=1)
-        since = "" if finite.all() else f"from {float(self.times[np.argmin(finite)]):.4g} s on"
-        if bool(self.diverged):
-            until = f"; not finite {since}" if since else ""
-            return f"diverged: the plant left the region from which it returns to rest{until}"
-        if since:
-            return f"{self.status.value}: states are not known {since}, with the most steps there are"
-        return f"{self.status.value}: states within about {float(self.error):.1e}"
-
-    def __repr__(self) -> str:
-        if self.times.ndim != 1 or not _check.is_concrete(self):
-            return f"Response(times of shape {self.times.shape})"
-        return f"Response({len(self.times)} samples to {float(self.times[-1]):.4g} s, {self.message})"
-
-    def _repr_html_(self) -> str:
-        if self.times.ndim != 1 or not _check.is_concrete(self):
-            return f"<code>{html.escape(repr(self))}</code>"
-        peaks, left = np.atleast_1d(np.max(np.abs(self.deflection), axis=0)).tolist(), float(self.energy[-1])
-        # Of several axes each has a unit of its own.
-        peak = f"{peaks[0]:.4g} m" if len(peaks) == 1 else ", ".join(f"{peak:.4g}" for peak in peaks)
-        rows = [("status", self.message), ("peak deflection", peak), ("energy at the end", f"{left:.4g} J")]
-        table = "".join(f"<tr><th>{name}</th><td>{html.escape(text)}</td></tr>" for name, text in rows)
-        columns = zip(*(np.reshape(x, (len(self.times), -1)).T for x in (self.command, self.payload)), strict=True)
-        return f"<div>{''.join(_curves(self.times, *pair) for pair in columns)}<table>{table}</table></div>"
-
-
-def _curves(times: Any, *curves: Any) -> str:
-    """Command (grey) and payload against time as a small SVG picture."""
-    width, height = 320, 120
-    values = np.nan_to_num(np.array([np.asarray(curve, float) for curve in curves]), posinf=0.0, neginf=0.0)
-    x = np.asarray(times, float) / max(float(times[-1]), 1e-300) * width
-    y = height * (1 - (values - values.min()) / max(np.ptp(values), 1e-300))
-    lines = [
-        f'<polyline fill="none" stroke="{colour}" points="{_points(x, row)}"/>'
-        for colour, row in zip(("#999", "#06c"), y, strict=False)
-    ]
-    return f'<svg viewBox="-4 -4 {width + 8} {height + 8}" width="{width}" role="img">{"".join(lines)}</svg>'
-
-
-def _points(x: np.ndarray, y: np.ndarray) -> str:
-    return " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, y, strict=True))
 
 
 def simulate(
@@ -139,25 +53,32 @@ def simulate(
     atol: float = 1e-12,
     adjoint: "diffrax.AbstractAdjoint | None" = None,
 ) -> Response:
-    """Run a plant through a command.
+    """The response of a plant to a shaped command, at instants evenly spaced from its beginning.
 
-    ``command``: any command; a number is a step of that size. ``shaper``: one, or axis → its own.
-    ``initial_state``: at rest at 0 unless given.
-    ``horizon``: s; if not given, the shaped command's duration and four periods of the slowest mode. ``samples``: how
-    many, evenly from 0 to the horizon. ``method``: ``"adaptive"`` (Dopri8 at the tolerances; its difference from the
-    fixed-step kernel tells the error) or ``"fixed"`` (that kernel, the one of sweeps and gradients, with its embedded
-    error estimate). ``adjoint``: diffrax's, for derivatives of the adaptive path (reverse mode unless
-    ``ForwardMode()`` is given).
+    Args:
+        plant: the plant.
+        command: a number (a step of that size, m) or any command; of a plant of several axes, axis → its own.
+        shaper: the shaper, axis → its own, or ``None`` for the bare command.
+        initial_state: shape (state,), as the plant documents it; at rest at input 0 unless given.
+        horizon: how long the plant is observed, s; the shaped command's duration and four periods of the slowest mode
+            unless given.
+        samples: how many instants, from 0 to the horizon.
+        method: ``"adaptive"`` (Dopri8 at the tolerances; its difference from the fixed-step kernel tells the error) or
+            ``"fixed"`` (that kernel, the one of sweeps and gradients, with its embedded error estimate).
+        rtol: relative tolerance of the adaptive steps.
+        atol: absolute tolerance of the adaptive steps, in the states' units.
+        adjoint: diffrax's, for derivatives of the adaptive path; reverse mode unless ``ForwardMode()`` is given.
 
-    *Raises* ``ValueError`` for arguments of the wrong kind, a horizon that is not positive, fewer than two samples, or
-    an initial state of the wrong shape. A plant that diverges is no error: the response says so.
+    Returns:
+        The response. A plant that diverges is no error: its ``status`` says so.
+
+    Raises:
+        ValueError: for arguments of the wrong kind, a horizon that is not positive, fewer than two samples, or an
+            initial state of the wrong shape.
     """
     _check.one_of(method, "method", ("adaptive", "fixed"))
     samples = _check.count(samples, "samples", least=2)
-    plan = schedule(plant, command, shaper)
-    _check.warn_if_single()
-    plant = with_arrays(plant)
-    state = initial(plant, initial_state)
+    plan, plant, state = prepared(plant, shaper, command, initial_state)
     if horizon is None:
         horizon = default_horizon(plant, plan)
     horizon = _check.scalar(horizon, "horizon")
@@ -172,6 +93,14 @@ def simulate(
         steps = _steps_between(plant, plan, horizon, samples)
         return _simulate_adaptive(plant, plan, state, horizon, samples, rtol, atol, adjoint, steps)
     return simulate_fixed(plant, plan, state, horizon, samples, _steps_between(plant, plan, horizon, samples))
+
+
+def prepared(plant: Any, shaper: Shaping, command: Any, initial_state: ArrayLike | None) -> tuple[Schedule, Any, State]:
+    """What a simulation needs: the schedule of the shaped command, the plant with arrays, the state to begin with."""
+    plan = schedule(plant, command, shaper)
+    _check.warn_if_single()
+    plant = with_arrays(plant)
+    return plan, plant, initial(plant, initial_state)
 
 
 def final_state(
@@ -198,9 +127,17 @@ def all_states(
 def steps_for(plant: AbstractPlant, plan: Schedule, method: str = "dopri8", tolerance: float = TOLERANCE) -> int:
     """The number of fixed steps for a segment, a power of two, from the plant's frequencies at this command.
 
-    The fastest of: at rest, and with the flexible part bent by the whole command. ``tolerance``: relative error of
-    the energy after ten periods. Where values are being traced they are not known, and the answer is 128. *Raises*
-    ``ValueError`` if it would take more than 65,536.
+    Those at rest, and with the flexible part bent by the whole command, count. Where values are traced they are not
+    known, and the answer is 128.
+
+    Args:
+        plant: the plant.
+        plan: of the move.
+        method: ``"dopri8"`` or ``"tsit5"``.
+        tolerance: relative error of the energy after ten periods.
+
+    Raises:
+        ValueError: for more than 65,536 steps.
     """
     if len(plan.breaks) == 1:
         return 1

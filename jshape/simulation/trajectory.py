@@ -19,7 +19,7 @@ from jshape.plants import AbstractOscillator
 from jshape.simulation.integrate import integrate
 from jshape.simulation.schedule import Schedule, Segments, inputs_at
 from jshape.simulation.simulate import fastest
-from jshape.simulation.steps import field_of
+from jshape.simulation.steps import MOST_STEPS, field_of
 
 ACCURACY = 1e-6
 """Relative error of the states above which a trajectory is flagged; in single precision four epsilons a step. The cubic
@@ -159,6 +159,34 @@ def trajectory(plant, plan: Schedule, state, periods: float, name: str, steps: i
     diverged &= jnp.any(outside[:, 1:] & sound)
     times, step = segments.begin[:, None] + local, segments.duration / steps
     return Trajectory(times, value, slope, step, diverged, met, states[-1, -1])
+
+
+def observed(plant, plan: Schedule, state: State, periods: float, name: str) -> Trajectory:
+    """The named quantity along a move, with more steps until it is accurate; NaN where a traced one is not.
+
+    Raises:
+        ValueError: where it is not accurate with the most steps there are, and for a spring without stiffness at rest.
+    """
+    parts, known = parts_after(plant, plan, periods), timed(plant)
+    steps = fine_steps(plant, plan, periods, parts)
+    if _check.is_concrete(known) and not known:
+        raise ValueError(
+            f"plant: a {type(plant).__name__} whose spring has no stiffness at rest has no period that says how long"
+            f" its {name} is to be observed after the move; simulate takes a horizon"
+        )
+    along = trajectory(plant, plan, state, periods, name, steps, parts)
+    if not _check.is_concrete(along.value):
+        flagged = jnp.where((along.met & known) | along.diverged, along.value, jnp.nan)
+        return eqx.tree_at(lambda along: along.value, along, flagged)
+    while not (along.met or along.diverged):
+        steps *= 4
+        if steps > MOST_STEPS:
+            raise ValueError(
+                f"distance: {name} of {type(plant).__name__} is not accurate to {ACCURACY:g} with {steps // 4} steps a "
+                "segment; shorten the move"
+            )
+        along = trajectory(plant, plan, state, periods, name, steps, parts)
+    return along
 
 
 def farthest_later(plant, plan: Schedule, along: Trajectory) -> Array:

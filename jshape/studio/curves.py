@@ -20,8 +20,9 @@ from jshape.problems.problem import Problem
 from jshape.reports.places import bent_along, motion_of
 from jshape.reports.responses import shown_until
 from jshape.shaper import Shaper
+from jshape.simulation.response import Response
 from jshape.simulation.schedule import schedule
-from jshape.simulation.simulate import Response, fastest, natural_frequencies, simulate
+from jshape.simulation.simulate import fastest, natural_frequencies, simulate
 from jshape.simulation.steps import TOLERANCE
 from jshape.studio.results import Ends, Linear, Moves, Numbers, Pinned, Result, Sensitivity
 from jshape.studio.state import Files, Pin, State, check_sizes, problem

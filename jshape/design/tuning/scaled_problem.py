@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.optimize import lsq_linear
 
-from jshape.compilation_cache import beside
+from jshape._compiling import beside
 from jshape.design.tuning.computing import Computing, end_of
 from jshape.design.tuning.design_problem import DesignProblem
 from jshape.design.tuning.epigraph import Rows, Space, Vector

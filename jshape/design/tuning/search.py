@@ -13,8 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from jshape import _check
+from jshape._compiling import beside
 from jshape._types import Progress
-from jshape.compilation_cache import beside
 from jshape.design.tuning import digital, interval, linear_models
 from jshape.design.tuning.adam import descend
 from jshape.design.tuning.design_problem import DesignProblem
