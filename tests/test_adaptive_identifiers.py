@@ -183,7 +183,7 @@ def test_a_million_samples_later_the_spectrum_is_still_exact():
     np.testing.assert_allclose(magnitudes, np.abs(np.fft.fft(samples[-500:]))[bins], atol=1e-13 * 500 * 1e3)
 
 
-@pytest.mark.parametrize("window", ["rectangular", "hann"])
+@pytest.mark.parametrize("window", ["rectangular", pytest.param("hann", marks=pytest.mark.slow)])
 def test_jacobsen_is_exact_for_one_long_vibration(window):
     # Without its mirror image at −ω, whose leakage a real signal has: 60 periods, so that it is small.
     identifier = SlidingDFT(TIME, 4000, (10.0, 30.0), threshold=1.0, window=window)

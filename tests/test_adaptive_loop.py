@@ -133,6 +133,7 @@ def test_least_squares_knows_the_mode_while_it_moves(ringing):
     np.testing.assert_allclose((phasor * np.exp(pole * back)).real, bent[-100:], atol=1e-3 * np.abs(bent[-100:]).max())
 
 
+@pytest.mark.slow
 @pytest.mark.unchecked
 def test_least_squares_with_missing_samples_and_without_a_signal(ringing):
     omega, _, _, _, angle, bent = ringing
@@ -239,6 +240,7 @@ def test_both_forms_of_a_strategy_agree(name):
     np.testing.assert_array_equal([d.rejected for d in plain], fast.rejected)
 
 
+@pytest.mark.slow
 @pytest.mark.unchecked
 @pytest.mark.parametrize("name", CASES[2:])
 def test_a_reading_beyond_any_sensor_counts_as_a_missing_one(name):
@@ -292,6 +294,7 @@ def test_readings_beyond_half_a_turn_are_no_vibration(ringing, wild):
     assert float(online.state.mode.omega) == pytest.approx(omega, rel=0.01)
 
 
+@pytest.mark.slow
 def test_faults_of_single_sensors_and_coarse_ones():
     # Sensors are read through the strategy: its command is what it measures.
     class Echo(AbstractStrategy):
@@ -408,7 +411,7 @@ def one_move(name, before, after, sample_time=TIME, fault=lambda n, strain: stra
 
 
 @pytest.mark.unchecked
-@pytest.mark.parametrize(("before", "after"), [(18, 1), (1, 18)])
+@pytest.mark.parametrize(("before", "after"), [(18, 1), pytest.param(1, 18, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("sample_time", [TIME, pytest.param(1e-3, marks=pytest.mark.slow)])
 def test_the_first_move_after_a_change_is_quiet(before, after, sample_time):
     old, swung = one_move("state-aware", before, after, sample_time)
@@ -426,8 +429,11 @@ def test_the_first_move_after_a_change_is_quiet(before, after, sample_time):
     assert new.max() < 0.7 * 1.1
 
 
+OTHERS = [pytest.param(kind, marks=pytest.mark.slow) for kind in ("dead", "frozen", "noise", "hum")]
+
+
 @pytest.mark.unchecked
-@pytest.mark.parametrize("kind", ["nan", "dead", "frozen", "noise", "hum", "knock"])
+@pytest.mark.parametrize("kind", ["nan", "knock", *OTHERS])
 def test_no_fault_makes_a_plan_go_beyond_the_bound(kind):
     random = np.random.default_rng(4)
     faults = {

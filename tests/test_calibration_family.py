@@ -47,6 +47,7 @@ def test_tuned_beside_a_scan(made_up):
     assert other.rated.vibration == pytest.approx(limit, rel=0.01)
 
 
+@pytest.mark.slow
 def test_loads_and_shifts(made_up):
     empty, loaded = printer(56.0, name="empty"), printer(47.0, name="loaded")
     both = calibration.tune_firmware([empty, loaded], vibration=0.02, shift=0.03)

@@ -248,7 +248,7 @@ def survives(folder, content, hopeless=False):
             assert np.all(np.isfinite(spectrum.density))
 
 
-quick = settings(max_examples=300, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
+quick = settings(max_examples=100, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
 
 
 @quick

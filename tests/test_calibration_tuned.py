@@ -106,6 +106,7 @@ def test_empty_and_loaded_bed():
     assert one.rated.smoothing < both.rated.smoothing
 
 
+@pytest.mark.slow
 def test_frequency_shift(made_up):
     sure = calibration.tune(made_up, duration=0.03, vibration=0.01, starts=6)
     shifted = calibration.tune(made_up, duration=0.03, vibration=0.01, shift=0.06, starts=6)
@@ -197,6 +198,7 @@ def test_calibration_of_everything(found):
     assert found.simulated["tuned"] == pytest.approx(total, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_a_measured_damping_moves_everything(made_up, found):
     light = calibration.calibrate(made_up, zeta=0.05, starts=4)
     assert light.fits[0].frequency is not None

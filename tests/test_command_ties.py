@@ -74,7 +74,11 @@ POSITIONS, FORWARD, BACKWARD = (
 )
 
 
-@pytest.mark.parametrize("case", TIES)
+MORE = ("trapezoid: rounded", "s-curve: full speed, held", "s-curve: full acceleration, cruising")
+"""Those of the slow set alone."""
+
+
+@pytest.mark.parametrize("case", [pytest.param(case, marks=[pytest.mark.slow] * (case in MORE)) for case in TIES])
 def test_a_derivative_at_a_tie_is_one_sided(case):
     kind, values = TIES[case]
     times = PLACES * textbook(kind, values, [])[-1]

@@ -47,6 +47,7 @@ def actions_for(params: Params, count: int, seed: int = 0) -> np.ndarray:
 # --- physics ----------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_duffing_moves_end_as_scipy_says(duffing, staircase):
     actions = actions_for(duffing, 12)
     states, (after, _, _, _, _, info) = many_moves(actions, duffing)

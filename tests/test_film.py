@@ -129,6 +129,7 @@ def slewing():
     return [(plant, {"unshaped": run}) for plant, run in zip(machines, runs, strict=True)]
 
 
+@pytest.mark.slow
 def test_mujoco_puts_the_bodies_where_the_responses_are(slewing):
     (plant, runs), (by_hand, others) = slewing
     times = np.linspace(0.0, 2.0, 9)

@@ -352,7 +352,7 @@ def _profile(examples):
 
 
 @pytest.mark.unchecked
-@_profile(150)
+@_profile(50)
 @given(edits=st.lists(EDITS, min_size=1, max_size=4))
 def test_corrupt_files_are_told_or_true(tmp_path, edits):
     survives(tmp_path / "corrupt.csv", edits)

@@ -37,6 +37,7 @@ def noisy(values: np.ndarray, seed: int) -> np.ndarray:
     return values + 1e-3 * np.abs(values).max() * np.random.default_rng(seed).normal(size=values.shape)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("measured", ["position", "acceleration"])
 def test_modes_and_directions_of_a_head_on_askew_springs(measured):
     """Of steps of unknown size, by position and by accelerometer."""

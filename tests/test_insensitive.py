@@ -155,6 +155,7 @@ def test_brute_force_comes_no_nearer_than_the_least():
     assert middle.min() < least + 5e-4
 
 
+@pytest.mark.slow
 def test_seven_switches_do_what_five_cannot():
     design = paper(0.07, None)
     assert len(design.shaper.times) == 7
@@ -336,6 +337,7 @@ def test_bounded_amplitudes():
     assert milder.vibration == pytest.approx(0.08, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_a_mode_known_exactly_beside_a_band():
     design = solve([(2.0, 2.3), (7.0, 7.0)], 0.01)
     assert design.optimal

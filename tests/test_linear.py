@@ -412,6 +412,7 @@ def test_energy_shapers_of_a_linear_spring_leave_nothing_by_linear_theory():
         assert residual(shaper, omega, 0.0) < 1e-12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("zeta", [0.0, 0.1])
 def test_extra_insensitive_beside_the_shortest_for_its_band(zeta):
     # Without damping it is the shortest (test_insensitive); with it, all but.

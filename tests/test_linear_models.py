@@ -25,6 +25,7 @@ def search():
     return ScaledProblem(problem)
 
 
+@pytest.mark.slow
 def test_models_of_a_linear_plant_are_exact(search):
     """At designs to which they were not fitted, between the set's plants, too; the derivatives beside differences."""
     problem, random = search.problem, np.random.default_rng(1)

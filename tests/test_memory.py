@@ -8,6 +8,7 @@ import pytest
 from jshape import memory
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="other systems have no such limit")
 def test_programs_make_room_before_linux_maps_no_more_memory(monkeypatch):
     traced = []

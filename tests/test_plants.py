@@ -173,6 +173,7 @@ def test_a_spring_by_a_table_of_forces():
         plants.ForceSpring(_table, kinks="abc")
 
 
+@pytest.mark.slow
 def test_kinks_without_a_name_give_no_number():
     shaper = js.Shaper([0.5, 0.5], [0.0, 0.4])
     plant, named = (plants.TwoMass(1.0, 1.0, plants.ForceSpring(_table, kinks=kinks)) for kinks in ((), PLACES))

@@ -410,6 +410,7 @@ def test_ramps_of_whole_periods_leave_nothing():
         np.testing.assert_allclose(propagate(plant, rough, jnp.asarray(now)), [angle, rate], atol=1e-14)
 
 
+@pytest.mark.slow
 def test_speed_drive_needs_no_impulses():
     # On-off speed: where the trolley's speed jumps by v the angle's rate jumps by −v cos θ / l.
     plant = plants.Crane(0.8, drive="velocity")

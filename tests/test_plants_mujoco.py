@@ -314,6 +314,7 @@ def test_diverged_and_frequencies(made):
     np.testing.assert_allclose(made("double pendulum").natural_frequency(), twin.natural_frequency(), rtol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("way", [0.0, 0.8, -1.1])
 def test_frequencies_where_the_driven_joint_has_turned(way):
     """A column that bends under gravity as it has turned, without its damper, beside its linearised equation there."""

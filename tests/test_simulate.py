@@ -115,6 +115,7 @@ def test_softening_spring_in_two_steps_of_force(staircase):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_softening_spring_is_lost_to_the_bare_step(method):
     # 0.8 N at once carries the mass past √5 m, beyond which the spring pushes away.
@@ -408,6 +409,7 @@ def test_states_that_are_not_known_have_not_converged():
     assert js.simulate(plant, 1.0).converged
 
 
+@pytest.mark.slow
 def test_a_solver_that_runs_out_of_steps_says_so():
     """A mode a hundred thousand times as fast as the other: the plant has not left, its states are not known."""
     plant = js.plants.ModalPlant([1.0, 1e5], [0.05, 0.05], [0.5, 0.5])

@@ -15,9 +15,8 @@ from jshape.simulation.schedule import schedule
 from jshape.simulation.simulate import initial, with_arrays
 from jshape.simulation.steps import TOLERANCE, checked_state, has_kinks, replay
 
-QUICK = (
-    "two mass, hardening", pytest.param("two mass, far softening", marks=pytest.mark.slow), "crane, acceleration",
-)  # fmt: skip
+QUICK = ("two mass, hardening",)
+FEW = ("two mass, far softening", "crane, acceleration")
 TIMES = [0.0, 0.3, 0.6]
 SOFT = js.plants.TwoMass(spring=js.plants.Duffing(10.0, -100.0))
 
@@ -86,7 +85,7 @@ def answers(name, cases, seed):
     return attack.classify(family, np.concatenate(parts), verdict, doubt)
 
 
-@pytest.mark.parametrize("name", QUICK)
+@pytest.mark.parametrize("name", [*QUICK, *(pytest.param(name, marks=pytest.mark.slow) for name in FEW)])
 def test_random_moves_are_right_or_flagged(name):
     words = answers(name, 100, 3)
     assert not np.any(words == "wrong")

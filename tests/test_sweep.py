@@ -275,6 +275,7 @@ def test_the_error_of_a_metric_that_chooses_its_own_steps():
         assert value == pytest.approx(exact, abs=2e-6 * exact)
 
 
+@pytest.mark.slow
 def test_modes_far_apart_and_the_error_that_is_stated():
     """The slow mode says how long to look, the fast one how finely: a factor of 100, beside one plant at a time."""
     plant, shaper = js.plants.ModalPlant([6.28, 628.0], [0.01, 0.01], [0.8, 0.2]), js.Shaper([0.5, 0.5], [0.0, 0.5])
@@ -320,6 +321,7 @@ def test_leaves_are_named_by_what_their_class_says_of_them(plant, leaf, words):
     assert leaf_label(plant, leaf) == words
 
 
+@pytest.mark.slow
 def test_a_plant_whose_rest_is_found_by_a_search():
     """A mass that a force drives rests where its spring balances it; beside one plant at a time."""
     plant = js.plants.ForcedMass(1.0, js.plants.Duffing(10.0, 5.0), js.plants.LinearDamper(0.1))

@@ -499,6 +499,7 @@ def test_swinging_crane(staircase):
     np.testing.assert_allclose(end, [0, 0, 2, 0], atol=1e-9)
 
 
+@pytest.mark.slow
 def test_duffing_pair(plant, staircase):
     """From any initial state of a hardening pair; a greater step begins at the switches of a smaller one."""
     omega = np.sqrt(10.0)
