@@ -16,7 +16,7 @@ from jshape.design import switching
 
 X0 = [0.1, -0.1]  # the paper's initial state
 
-# Dhanda, Vaughan and Singhose (004): switches for ω = 1, ζ = 0, recomputed to 1e-12 (u in [−1, 1]).
+# Dhanda, Vaughan and Singhose (2009): switches for ω = 1, ζ = 0, recomputed to 1e-12 (u in [−1, 1]).
 FILTERS = {
     ("rest", False): [1.318116071652818, 1.8234765819369754],
     ("state", False): [1.4530892117188, 1.9098178842188],

@@ -53,7 +53,7 @@ def transition(
         ValueError: for arguments that make no sense. A request that takes longer than ``longest`` is no error: its
             status is INFEASIBLE.
 
-    Source: Dhanda, Vaughan and Singhose (004), Eqs. 2, 14, 15 and 18; the transition shapers of their section VI.
+    Source: Dhanda, Vaughan and Singhose (2009), Eqs. 2, 14, 15 and 18; the transition shapers of their section VI.
     """
     omega, zeta = read_modes(omega, zeta)
     limit = positive(limit, "limit")
@@ -83,7 +83,7 @@ def time_optimal_filter(
 
     Arguments and errors as ``transition``; ``.shaper`` is the filter as a shaper, ``.switches`` its times.
 
-    Source: Dhanda, Vaughan and Singhose (004), Eqs. 2 to 18.
+    Source: Dhanda, Vaughan and Singhose (2009), Eqs. 2 to 18.
     """
     return transition(omega, zeta, initial_state, robust=robust, quiet=quiet, longest=longest)
 
@@ -115,7 +115,7 @@ def rest_to_rest(
     Raises:
         ValueError: as ``transition``.
 
-    Source: Dhanda, Vaughan and Singhose (004), Eqs. 19 to 22.
+    Source: Dhanda, Vaughan and Singhose (2009), Eqs. 19 to 22.
     """
     return _fastest(_move(omega, zeta, distance, initial_state, limit, robust, quiet, fuel), longest)
 
@@ -147,7 +147,7 @@ def digital_filter(
     Raises:
         ValueError: as ``transition``.
 
-    Source: Dhanda, Vaughan and Singhose (004), Eq. 3.
+    Source: Dhanda, Vaughan and Singhose (2009), Eq. 3.
     """
     omega, zeta = read_modes(omega, zeta)
     state = read_state(initial_state, len(omega))
@@ -181,7 +181,7 @@ def digital_rest_to_rest(
     Raises:
         ValueError: as ``rest_to_rest``.
 
-    Source: Dhanda, Vaughan and Singhose (004), Eqs. 3 and 19, and the limits that their section VI names.
+    Source: Dhanda, Vaughan and Singhose (2009), Eqs. 3 and 19, and the limits that their section VI names.
     """
     problem = _move(omega, zeta, distance, initial_state, limit, robust, quiet, fuel)
     constraints = path_constraints(problem, deflection, move_vibration, speed_limit)
@@ -206,7 +206,7 @@ def preloaded(
     Raises:
         ValueError: for arguments that make no sense and for a distance in which the filters have no room.
 
-    Source: Dhanda, Vaughan and Singhose (004), section VI; Dhanda and Franklin (2005), preloading.
+    Source: Dhanda, Vaughan and Singhose (2009), section VI; Dhanda and Franklin (2005), preloading.
     """
     problem = _move(omega, zeta, distance, initial_state, limit, robust, (), None)
     assert problem.rigid is not None

@@ -8,7 +8,7 @@ grid refined around its switches its solution at α = 1 is the bang-bang input i
 Limits on complex quantities (a vibration left in a band, a mode's amplitude on the way) are discs. They enter by
 tangents, each where the last solution is outside (Kelley's cutting planes), so that a program stays small.
 
-*Source*: Dhanda, Vaughan and Singhose (004), Eq. 3; solved by HiGHS.
+*Source*: Dhanda, Vaughan and Singhose (2009), Eq. 3; solved by HiGHS.
 """
 
 import dataclasses

@@ -8,7 +8,7 @@ z' = s z + u. An input that jumps by I_k at t_k and stays at Σ I_k leaves the m
 and, for robustness, if so do the derivatives with respect to ω (the initial state is what it is and does not change).
 A rigid body y'' = u comes to rest at y_f if Σ I_k = 0, Σ I_k t_k = y'(0) and Σ I_k t_k² = 2 (y_f − y(0)).
 
-*Source*: Dhanda, Vaughan and Singhose (004), Eqs. 6 to 21. Their Eq. 17 is wrong: it should read C_0d = 2ζω x(0) +
+*Source*: Dhanda, Vaughan and Singhose (2009), Eqs. 6 to 21. Their Eq. 17 is wrong: it should read C_0d = 2ζω x(0) +
 x'(0), S_0d = −2ω_d x(0). In Eq. 19 the target is x(T) = [0, 0] if the input ends at 0, and in Eq. 21 the sums are
 y'(0) and 2 (y_f − y(0)).
 """

@@ -144,7 +144,7 @@ class Switched(Result):
             As a fraction of what the jump to the final level alone would leave (to the limit, where the final level is
             0), from the same initial state; of the shape of omega.
 
-        Source: 004, Eq. 13, with the decay until the end that it leaves out.
+        Source: Dhanda, Vaughan and Singhose (2009), Eq. 13, with the decay until the end that it leaves out.
         """
         at = np.asarray(omega, float)
         _check.positive(at, "omega")

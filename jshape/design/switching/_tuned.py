@@ -108,7 +108,7 @@ def tuned(
         ValueError: for arguments that make no sense. Switches that do not reach the target are no error: the status is
             STOPPED, or DIVERGED.
 
-    Source: Dhanda, Vaughan and Singhose (004), Eq. 14, with the plant's own equation of motion.
+    Source: Dhanda, Vaughan and Singhose (2009), Eq. 14, with the plant's own equation of motion.
     """
     start = numbers(switches, "switches")
     if start.ndim != 1 or not len(start) or not np.all(np.diff(start, prepend=0.0) > 0) or not np.isfinite(start[-1]):
