@@ -1,5 +1,6 @@
 """Tables in Markdown, for everything that experiments write down."""
 
+import inspect
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -11,6 +12,11 @@ def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> list[str]:
         return "| " + " | ".join(str(cell).replace("|", "\\|").replace("\n", " ") for cell in cells) + " |"
 
     return [line(head), line(["---"] * len(head)), *map(line, rows)]
+
+
+def explained(doc: str | None) -> list[str]:
+    """What a script's docstring says after its first line and the command: how its page is to be read."""
+    return ["\n\n".join(inspect.cleandoc(doc or "").split("\n\n")[2:]), ""]
 
 
 def write_beside(script: str, title: str, command: str, lines: Iterable[str]) -> None:

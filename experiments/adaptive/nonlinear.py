@@ -26,7 +26,7 @@ import numpy as np
 import xarray as xr
 
 import jshape as js
-from experiments.markdown import table
+from experiments.markdown import explained, table, write_beside
 from jshape.adaptive.figures import estimates, recovery
 from jshape.adaptive.moves.monte_carlo import residuals, run_many
 from jshape.adaptive.moves.strategies import Adapting, Oracle, Rule
@@ -45,8 +45,8 @@ def main() -> None:
     mpl.rcParams.update({"svg.hashsalt": "jshape", "svg.fonttype": "none"})
     ran = f"jshape {version('jshape')}, jax {jax.__version__}, {SCHEDULES} schedules."
     lines = [*two_mass(), "", *crane(), "", ran]
-    print("\n".join(lines))
-    (HERE / "nonlinear.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    command = "python -m experiments.adaptive.nonlinear"
+    write_beside(__file__, "Nonlinear machines that change unannounced", command, [*explained(__doc__), *lines])
 
 
 def pair_moves(spring: Any = None, leaves: tuple[str, ...] = ("spring.k1", "spring.k3")) -> TwoMassMoves:

@@ -18,7 +18,6 @@ depends on no reading of that move: it is what is left where nothing comes.
 """
 
 from importlib.metadata import version
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
@@ -28,7 +27,7 @@ import numpy as np
 import jshape as js
 from experiments.adaptive.faulty_sensor import FAULTS, FaultySensor
 from experiments.adaptive.nonlinear import CHANGE, SCHEDULES, pair_moves
-from experiments.markdown import table
+from experiments.markdown import explained, table, write_beside
 from jshape.adaptive.moves.monte_carlo import run_many
 from jshape.adaptive.moves.strategies import Adapting, Oracle, Rule
 from jshape.moves import (
@@ -45,7 +44,6 @@ from jshape.moves import (
     random_payloads,
 )
 
-HERE = Path(__file__).parent
 SHOWN = range(CHANGE - 1, CHANGE + 3)
 """The moves in the tables: the one before the change, and the first three after it."""
 FAULTY = (
@@ -103,7 +101,8 @@ def main() -> None:
         lines += [*section(machine, per_cent), ""]
         print("\n".join(lines), flush=True)
     lines.append(f"jshape {version('jshape')}, jax {jax.__version__}, {SCHEDULES} schedules.")
-    (HERE / "within_move.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    command = "python -m experiments.adaptive.within_move"
+    write_beside(__file__, "Moves planned anew while they run", command, [*explained(__doc__), *lines])
 
 
 def pair() -> Machine:
