@@ -21,7 +21,8 @@ from jshape.design.tuning.epigraph import Model
 from jshape.design.tuning.evaluate import Linearisation, Values, energies
 from jshape.design.tuning.interval import Maximum
 from jshape.design.tuning.judging import error_of
-from jshape.design.tuning.local_search import Around, Descent, apart
+from jshape.design.tuning.local_search import Descent
+from jshape.design.tuning.restarts import Around, apart
 from jshape.design.tuning.scaled_problem import ScaledProblem
 from jshape.design.tuning.scenarios import Limits, Point
 from jshape.design.tuning.starts import starts

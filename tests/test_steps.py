@@ -11,9 +11,10 @@ from scipy.integrate import solve_ivp
 import jshape as js
 from experiments.benchmarks import attack
 from experiments.benchmarks.attack_judge import verdicts
+from jshape.simulation.replay import replay
 from jshape.simulation.schedule import schedule
 from jshape.simulation.simulate import initial, with_arrays
-from jshape.simulation.steps import TOLERANCE, checked_state, has_kinks, replay
+from jshape.simulation.steps import TOLERANCE, checked_state, has_kinks
 
 QUICK = ("two mass, hardening",)
 FEW = ("two mass, far softening", "crane, acceleration")

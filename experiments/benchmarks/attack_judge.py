@@ -11,9 +11,9 @@ from scipy.integrate import solve_ivp
 from scipy.integrate._ivp import dop853_coefficients as dop853
 
 from experiments.benchmarks.attack_families import Case, Family, Row, pick
+from jshape.simulation.replay import field_of
 from jshape.simulation.schedule import inputs_at, schedule
 from jshape.simulation.simulate import initial, with_arrays
-from jshape.simulation.steps import field_of
 
 JUDGES = (3e-14, 2e-13)
 """Relative tolerances of the judge; the first is the truth."""

@@ -56,8 +56,11 @@ ROOMS = {
 TESTS = {
     "jshape/simulation/angles.py": ("angles",),
     "jshape/simulation/components.py": ("components", "integrate"),
+    "jshape/simulation/energy_profile.py": ("metrics", "papers_energy::test_energies_along_the_three_impulse_move"),
     "jshape/simulation/integrate.py": ("integrate", "components"),
+    "jshape/simulation/replay.py": ("steps::test_any_tolerance_is_met", "steps"),
     "jshape/simulation/residual.py": ("metrics", "steps::test_what_is_not_met_raises_or_is_nan", "papers_energy"),
+    "jshape/simulation/response.py": ("simulate",),
     "jshape/simulation/schedule.py": ("simulate::test_every_command", "simulate", "metrics"),
     "jshape/simulation/simulate.py": ("simulate", "papers_energy::test_exact_shapers_leave_nothing"),
     "jshape/simulation/solver.py": ("integrate", "simulate"),
@@ -71,7 +74,6 @@ TESTS = {
     "jshape/simulation/trajectory.py": ("metrics", "papers_energy::test_overshoot_with_a_strong_damper"),
     "jshape/metrics.py": (
         "metrics",
-        "papers_energy::test_energies_along_the_three_impulse_move",
         "steps::test_what_is_not_met_raises_or_is_nan",
     ),
     "jshape/shaper.py": ("shaper", "export", "export_c99"),

@@ -17,9 +17,9 @@ from jshape.plants import AbstractPlant
 from jshape.plants.base import Coast
 from jshape.shaper import Shaper, Shaping
 from jshape.simulation.integrate import integrate
+from jshape.simulation.replay import field_of
 from jshape.simulation.schedule import Schedule, Segments, inputs_at, schedule
 from jshape.simulation.simulate import all_states, final_state
-from jshape.simulation.steps import field_of
 
 
 class Steps(eqx.Module):

@@ -22,9 +22,10 @@ from jshape.plants import AbstractPlant
 from jshape.plants.modes import AbstractModes
 from jshape.shaper import Shaping
 from jshape.simulation.integrate import integrate
+from jshape.simulation.replay import field_of
 from jshape.simulation.response import Response
 from jshape.simulation.schedule import Schedule, Segments, inputs_at, schedule
-from jshape.simulation.steps import TOLERANCE, field_of
+from jshape.simulation.steps import TOLERANCE
 
 if TYPE_CHECKING:
     import diffrax
@@ -38,6 +39,9 @@ _ANGLE = {"dopri8": 0.6, "tsit5": 0.06}
 _ORDER = {"dopri8": 8, "tsit5": 5}
 
 _MOST_STEPS = 65536
+
+_MOST_BETWEEN = 8192
+"""Fixed steps from one sample to the next: where more would be due, the adaptive solver's 4,096 do not suffice."""
 
 
 def simulate(
@@ -273,7 +277,7 @@ def _steps_between(plant: AbstractPlant, plan: Schedule, horizon: Scalar, sample
     if not _check.is_concrete(plant, plan, horizon):
         return max(1, -(-256 // samples))
     angle = fastest(plant, plan) * float(horizon) / (samples - 1)
-    return min(_MOST_STEPS, max(1, int(np.ceil(angle / _ANGLE["dopri8"])))) if np.isfinite(angle) else _TRACED_STEPS
+    return min(_MOST_BETWEEN, max(1, int(np.ceil(angle / _ANGLE["dopri8"])))) if np.isfinite(angle) else _TRACED_STEPS
 
 
 def _fixed_states(plant, segments: Segments, state: State, at, steps: int) -> tuple[Array, Scalar]:

@@ -17,9 +17,10 @@ from jshape.command import polynomial
 from jshape.compilation_cache import kept
 from jshape.plants import AbstractOscillator
 from jshape.simulation.integrate import integrate
+from jshape.simulation.replay import field_of
 from jshape.simulation.schedule import Schedule, Segments, inputs_at
 from jshape.simulation.simulate import fastest
-from jshape.simulation.steps import MOST_STEPS, field_of
+from jshape.simulation.steps import MOST_STEPS
 
 ACCURACY = 1e-6
 """Relative error of the states above which a trajectory is flagged; in single precision four epsilons a step. The cubic

@@ -18,9 +18,10 @@ from jshape.compilation_cache import kept
 from jshape.design.tuning.constraints import command_slack, deflection_slack
 from jshape.design.tuning.scenarios import Point, Scenarios
 from jshape.plants import AbstractPlant
+from jshape.simulation.replay import replay, replay_forward
 from jshape.simulation.schedule import Schedule, schedule
 from jshape.simulation.simulate import initial
-from jshape.simulation.steps import checked_state, replay, replay_forward
+from jshape.simulation.steps import checked_state
 
 DIVERGED_ENERGY = 1e30
 """Stands for the energy of a plant that diverged, J: finite, so that an optimiser turns round instead of stopping."""

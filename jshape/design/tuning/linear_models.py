@@ -21,8 +21,9 @@ from jshape.design.tuning.design_problem import DesignProblem
 from jshape.design.tuning.epigraph import Merit, Vector, minimise_epigraph
 from jshape.design.tuning.evaluate import DIVERGED_ENERGY, Linearisation
 from jshape.design.tuning.interval import energies_of
-from jshape.design.tuning.local_search import COARSE, apart
+from jshape.design.tuning.local_search import COARSE
 from jshape.design.tuning.objective import value_of
+from jshape.design.tuning.restarts import apart
 from jshape.design.tuning.scaled_problem import ScaledProblem, scale_of
 from jshape.design.tuning.scenarios import Point
 from jshape.simulation.simulate import modes

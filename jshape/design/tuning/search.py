@@ -20,8 +20,9 @@ from jshape.design.tuning.adam import descend
 from jshape.design.tuning.design_problem import DesignProblem
 from jshape.design.tuning.evaluate import DIVERGED_ENERGY, LOOSEST
 from jshape.design.tuning.judging import bare_energy, error_of, on_finer_set, status_of
-from jshape.design.tuning.local_search import COARSE, KNOWN, Around, Descent, around, distinct, merged, side_by_side
+from jshape.design.tuning.local_search import COARSE, KNOWN, Descent, distinct, merged, side_by_side
 from jshape.design.tuning.objective import objective_name, value_of
+from jshape.design.tuning.restarts import Around, around
 from jshape.design.tuning.scaled_problem import EXCEEDED, OPTIMAL, Optimality, ScaledProblem
 from jshape.design.tuning.scenarios import Point
 from jshape.design.tuning.solution import Solution
@@ -46,7 +47,7 @@ CHEAP = 20_000
 """Segments, states, plants and variables, multiplied, above which there are no more than those."""
 
 CHEAPER = 32
-"""How many times less they cost where the search is more thorough (``local_search.around``)."""
+"""How many times less they cost where the search is more thorough (``restarts.around``)."""
 
 EXCHANGES = 20
 """How often the worst plants between those of the set are looked for, at most."""
