@@ -137,8 +137,8 @@ def for_axes(command: Any, axes: tuple[str, ...], plant: str, name: str = "dista
 
 
 def moving(plant: Any, distance: Distance) -> tuple[str, ...]:
-    """The axes of a plant of several that a command moves to another place."""
+    """The axes of a plant of several that a command moves to another place; where there is none, all of them."""
     if not getattr(plant, "axes", ()):
         return ()
     final = for_axes(distance, plant.axes, type(plant).__name__).final
-    return tuple(axis for axis, way in zip(plant.axes, np.asarray(final), strict=True) if way != 0)
+    return tuple(axis for axis, way in zip(plant.axes, np.asarray(final), strict=True) if way != 0) or plant.axes

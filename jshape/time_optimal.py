@@ -21,8 +21,9 @@ from jshape import _check
 from jshape.axes import Axes, Rest
 from jshape.command import PiecewisePolynomial
 
-MISSED = 1e-11
-"""How far from the end state, in multiples of the move's own size, pieces may end that are taken over."""
+MISSED, AT_MOST = 1e-11, 1e-9
+"""How far from the end state, in multiples of the move's length, greatest speed and greatest acceleration, pieces may
+end that are taken over at once; and where no others are closer, as of a short axis beside a long one."""
 
 
 class Move(NamedTuple):
@@ -179,21 +180,26 @@ def _fastest(moves: Sequence[Move]) -> list[PiecewisePolynomial]:
     time = max(move.time() for move in moves)
     lengths = np.array([move.length(time) for move in moves])
     # Its tolerances are absolute: what it cannot do in SI units it can in units of the move's own size.
+    best, least = None, AT_MOST
     for unit, sizes in ((1.0, np.ones(len(moves))), (time, lengths)):
         phases = _solved(moves, unit, sizes)
         if phases is None:
             continue
         found = [_pieces(move, *pair) for move, pair in zip(moves, phases, strict=True)]
-        missed = [
-            np.max(np.abs(state - move.end) * time ** np.arange(3) / length)
-            for (_, _, state), move, length in zip(found, moves, lengths, strict=True)
-        ]
-        if max(missed) < MISSED:
-            return [
-                PiecewisePolynomial(breaks, rows, 1 if move.initial_speed else 2 if move.initial_acceleration else 3)
-                for (breaks, rows, _), move in zip(found, moves, strict=True)
-            ]
-    raise ValueError(f"distance: ruckig finds no motion for {', '.join(map(str, moves))}")
+        missed = max(
+            np.max(np.abs(state - move.end) / [length, *np.abs(rows[:, 1:3] * [1, 2]).max(axis=0)])
+            for (_, rows, state), move, length in zip(found, moves, lengths, strict=True)
+        )
+        if missed < least:
+            best, least = found, missed
+        if least < MISSED:
+            break
+    if best is None:
+        raise ValueError(f"distance: ruckig finds no motion for {', '.join(map(str, moves))}")
+    return [
+        PiecewisePolynomial(breaks, rows, 1 if move.initial_speed else 2 if move.initial_acceleration else 3)
+        for (breaks, rows, _), move in zip(best, moves, strict=True)
+    ]
 
 
 def _solved(moves: Sequence[Move], unit: float, sizes: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]] | None:

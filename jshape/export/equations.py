@@ -33,7 +33,7 @@ _ELEMENTARY = {
 _REDUCTIONS = {"reduce_sum": "{0} + {1}", "reduce_max": "fmax({0}, {1})", "reduce_min": "fmin({0}, {1})"}
 _REDUCTIONS |= {"reduce_and": "{0} && {1}", "reduce_or": "{0} || {1}"}
 
-_SAME = ("convert_element_type", "copy", "copy_p", "stop_gradient", "reduce_precision", "optimization_barrier")
+_SAME = ("copy", "copy_p", "stop_gradient", "reduce_precision", "optimization_barrier")
 
 _MOVES = ("broadcast_in_dim", "reshape", "squeeze", "slice", "transpose", "rev", "expand_dims", "gather")
 _MOVES += ("dynamic_slice", "split")
@@ -86,11 +86,14 @@ class _Writer:
         if all(array.dtype != object for array in given):
             found = equation.primitive.bind(*map(jnp.asarray, given), **parameters)
             return [np.asarray(each) for each in (found if equation.primitive.multiple_results else [found])]
-        if kind in _SAME:
+        cast = _cast(equation.invars[0].aval.dtype, parameters["new_dtype"]) if kind == "convert_element_type" else ""
+        if kind in _SAME or cast is None:
             return given
         written = [array if array.dtype == object else _written(array) for array in given]
         if any(np.iscomplexobj(atom.aval.dtype.type(0)) for atom in [*equation.invars, *equation.outvars]):
             raise ValueError(f"{kind} of complex numbers")
+        if cast:
+            return [self.elementwise(cast.format, written)]
         if kind in _ELEMENTARY or kind in ("integer_pow", "select_n"):
             return [self.elementwise(_form(kind, parameters, len(given)), written)]
         if kind in _MOVES and all(array.dtype != object for array in given[1:]):
@@ -154,6 +157,18 @@ def _written(array: np.ndarray) -> np.ndarray:
     for place in np.ndindex(array.shape):
         found[place] = number(array[place])
     return found
+
+
+def _cast(before: Any, after: Any) -> str | None:
+    """How a number becomes one of another kind in C, which computes with doubles throughout, where that changes it."""
+    if jnp.issubdtype(before, jnp.floating):
+        if after == jnp.bool_:
+            return "{0} != 0"
+        if jnp.issubdtype(after, jnp.integer):
+            return "trunc({0})"
+        if jnp.finfo(after).bits < 64 and jnp.finfo(after).bits < jnp.finfo(before).bits:
+            return "(double)(float)({0})"
+    return None
 
 
 def _form(kind: str, parameters: Any, count: int) -> Callable[..., str]:

@@ -91,9 +91,9 @@ def _nearest(shaper: Shaper, kind: str, version: str) -> tuple[float, str, str, 
         return _deviation(shaper, kind, frequency(zeta), zeta, version)
 
     # The largest deviation has kinks: a grid brackets the minimum, a bounded search finds it.
-    grid = np.linspace(0.0, min(highest_zeta(kind, version), 0.6), 61)
+    grid = np.linspace(0.0, highest_zeta(kind, version), 101)
     at = int(np.argmin([deviation(zeta) for zeta in grid]))
-    bounds = (grid[max(at - 1, 0)], grid[min(at + 1, 60)])
+    bounds = (grid[max(at - 1, 0)], grid[min(at + 1, 100)])
     refined: Any = minimize_scalar(deviation, bounds=bounds, options={"xatol": 1e-10})
     zeta = min((grid[at], float(refined.x)), key=deviation)
     written = f"{frequency(zeta):.8g}", f"{zeta:.8f}"

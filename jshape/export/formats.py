@@ -25,6 +25,7 @@ from jshape.export.on_off import on_off
 from jshape.export.ros2 import ros2_filter
 from jshape.export.shaper_file import csv_text, json_text
 from jshape.export.structured_text import structured_text
+from jshape.export.text import in_double, pairs
 from jshape.shaper import Shaper
 
 
@@ -40,7 +41,7 @@ def as_filter(
 
     ``method``, ``modes`` and errors as in ``Shaper.digitise``.
     """
-    return shaper.digitise(sample_time, method, modes), np.ones(1)
+    return shaper.digitise(sample_time, method, pairs(modes)), np.ones(1)
 
 
 class Format(NamedTuple):
@@ -116,6 +117,9 @@ def export(shaper: Shaper | Mapping[str, Shaper], format: str, path: str | Path 
         raise ValueError(f"shaper must be a Shaper, or map axes to them, not {_check.show(shaper)}")
     if not _check.is_concrete(shaper):
         raise ValueError("a shaper that is being traced cannot be exported")
+    if shaper.amplitudes.ndim != 1:
+        raise ValueError(f"shaper must be one, not a batch of shape {shaper.amplitudes.shape[:-1]}")
+    shaper = shaper if format == "numpy" else in_double(shaper)
     known = FORMATS[format].options
     for option in options:
         if option not in known:
@@ -131,8 +135,7 @@ def export(shaper: Shaper | Mapping[str, Shaper], format: str, path: str | Path 
         )
     made = FORMATS[format].make(shaper, **options)
     if path is not None:
-        with whole(Path(path)) as file:
-            file.write(as_bytes(made))
+        _write(Path(path), made)
     return made
 
 
@@ -141,16 +144,30 @@ def _each_axis(shapers: Mapping[str, Shaper | None], format: str, path: Path | N
     if not shapers:
         raise ValueError("shaper must have an axis at least: it maps none")
     form, made = FORMATS[format], {}
+    if format == "reprapfirmware" and len(shapers) > 1:
+        raise ValueError(f"format 'reprapfirmware' has one shaper for all axes; give one, not {', '.join(shapers)}")
+    if "axis" in options and "axis" in form.options:
+        raise ValueError(f"axis is what shaper maps ({', '.join(shapers)}); leave it out, not {options['axis']!r}")
+    if path is not None and (odd := [axis for axis in shapers if not axis or set(axis) & set("/\\:\0")]):
+        raise ValueError(f"shaper: a file cannot be named by the axis {odd[0]!r}")
     # One program may take them all: without names of their own, an include guard would drop all headers but the first.
     name = None
     if "name" in form.options:
         name = options.get("name", inspect.signature(form.make).parameters["name"].default)
     for axis, given in shapers.items():
         shaper = Shaper([1.0], [0.0]) if given is None else given
-        named = {} if name is None else {"name": f"{name}_{axis}" if name else axis}
-        own = None if path is None else path.with_name(f"{path.stem}_{axis}{path.suffix}")
-        made[axis] = export(shaper, format, own, **(options | named))
+        own: dict[str, Any] = {} if name is None else {"name": f"{name}_{axis}" if name else axis}
+        if "axis" in form.options:
+            own["axis"] = axis
+        made[axis] = export(shaper, format, **(options | own))
+    for axis, each in made.items() if path is not None else ():
+        _write(path.with_name(f"{path.stem}_{axis}{path.suffix}"), each)
     return made
+
+
+def _write(path: Path, made: Any) -> None:
+    with whole(path) as file:
+        file.write(as_bytes(made))
 
 
 def as_bytes(made: Any) -> bytes:

@@ -66,11 +66,13 @@ def read_shaper(path: str | Path) -> Shaper:
             if record["format"] != FORMAT or record["version"] != VERSION:
                 raise ValueError(f"format {record['format']!r}, version {record['version']!r} is not known")
             check_seal(record)
+            if (unit := record.get("units", {}).get("times", "s")) != "s":
+                raise ValueError(f"units of times must be s, not {unit!r}")
             times, amplitudes = record["times"], record["amplitudes"]
         return Shaper(amplitudes, times)
     except KeyError as error:
         raise ValueError(f"{path}: not a shaper file: {error} is missing") from None
-    except (ValueError, TypeError, OverflowError, RecursionError, csv.Error) as error:
+    except (ValueError, TypeError, AttributeError, OverflowError, RecursionError, csv.Error) as error:
         message = in_a_line(str(error).removeprefix(f"{path}: "))
         raise ValueError(f"{path}: not a shaper file: {message}") from None
 

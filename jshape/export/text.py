@@ -61,7 +61,18 @@ def impulses(taps: np.ndarray, sample_time: float) -> Shaper:
     """The shaper whose impulses are the taps of a digital filter, on whole multiples of its sample time."""
     kept = np.flatnonzero(taps)
     kept = kept if kept[0] == 0 else np.concatenate([[0], kept])
-    return Shaper(taps[kept], kept * sample_time)
+    # Taps that were rounded to single precision may sum to a little more or less.
+    return _summing(taps[kept], kept * sample_time)
+
+
+def _summing(amplitudes: np.ndarray, times: np.ndarray) -> Shaper:
+    total = amplitudes.sum()
+    return Shaper(amplitudes if abs(total - 1) < 1e-7 else amplitudes / total, times)
+
+
+def in_double(shaper: Shaper) -> Shaper:
+    """The shaper; one of single precision, whose amplitudes sum to 1 to four digits, in double, where they do to all."""
+    return shaper if shaper.amplitudes.dtype == np.float64 else _summing(*numbers(shaper))
 
 
 def vibrations(exact: Shaper, changed: Shaper, modes: Any, word: str) -> list[str]:

@@ -103,9 +103,11 @@ class Entry:
     others: dict[str, str] = dataclasses.field(default_factory=dict)
 
     def command_unit(self, drive: str | None = None) -> str:
-        """Unit of the command that drives the plant, whose ``drive`` is as given or as it is by default."""
+        """Unit of the command that drives the plant, or its first axis, with ``drive`` as given or by default."""
         default = self.keys["drive"].default if "drive" in self.keys else self.constants.get("drive")
-        return self.constants["force_unit" if (drive or default) == "force" else "unit"]
+        if (drive or default) == "force":
+            return self.constants["force_unit"]
+        return next(iter((self.axes | self.others).values()), self.constants["unit"])
 
     def command_units(self, drive: str | None = None) -> dict[str, str]:
         """Units of the commands of several axes; a force drives the first one, if any."""

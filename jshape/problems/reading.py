@@ -6,6 +6,7 @@ know, such as a load that leaves a frequency negative, is found then.
 
 import dataclasses
 import math
+import re
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -220,6 +221,9 @@ class _Reader:
                         for axis, value in table[key].items()
                     }
                     continue
+                if name == "design" and len(set(each.values())) > 1 and "m" in re.findall(r"\w+", units[key]):
+                    known = ", ".join(f"{axis} ({in_units(units[key], {'m': unit})})" for axis, unit in each.items())
+                    raise self.lines.error(place, f"must be given for each axis, as their units differ: {known}")
                 unit = units[key] if name == "adapt" else in_units(units[key], {"m": whole})
                 table[key] = self.quantity(table[key], unit, place)
 

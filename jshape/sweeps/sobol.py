@@ -71,7 +71,7 @@ def sensitivity_indices(
     Source: Saltelli et al., Computer Physics Communications 181 (2010), Table 2 (b) and (f), as in
         ``scipy.stats.sobol_indices``.
     """
-    names = named_shapers(shapers)
+    names = named_shapers(shapers, plant.axes)
     samples = _check.count(samples, "samples", least=2)
     if samples & (samples - 1):
         raise ValueError(f"samples must be a power of two, not {samples}")
@@ -80,7 +80,7 @@ def sensitivity_indices(
     resamples = _check.count(resamples, "resamples", least=2)
     if not isinstance(metric, str) and not callable(metric):
         raise ValueError(f"metric must be one name or one function, not {metric!r}")
-    ((name, asked), *others) = as_metrics(metric, moving(plant, distance)).items()
+    ((name, asked), *others) = as_metrics(metric, moving(plant, distance), plant.axes).items()
     if others:
         words = ", ".join([name, *(other for other, _ in others)])
         raise ValueError(f"metric must name one axis, as one of {words}, not only {metric!r}")

@@ -96,8 +96,8 @@ def sweep(
         ConnectionError: for a cluster that stays away: its scheduler is gone or does not answer, or it has no workers
             for so long as dask's configuration says (see ``jshape.sweeps.dask``). With ``store`` the same call resumes.
     """
-    names = named_shapers(shapers)
-    asked = as_metrics(metric, moving(plant, distance))
+    names = named_shapers(shapers, plant.axes)
+    asked = as_metrics(metric, moving(plant, distance), plant.axes)
     if client is not None:
         check_client(client)
     grid = samples is None
@@ -144,12 +144,21 @@ def summary(data: xr.DataArray) -> xr.Dataset:
     return xr.Dataset({word: part.assign_attrs(data.attrs) for word, part in parts.items()})
 
 
-def named_shapers(shapers: Shaper | Mapping[str, Shaping]) -> dict[str, Shaping]:
+def named_shapers(shapers: Shaper | Mapping[str, Shaping], axes: tuple[str, ...] = ()) -> dict[str, Shaping]:
     """One shaper or several, by name.
 
+    Args:
+        shapers: one, or name → shaper.
+        axes: of the plant, if it has several.
+
     Raises:
-        ValueError: if there is none, or one is no shaper.
+        ValueError: if there is none, one is no shaper, or the names are those of axes.
     """
+    if isinstance(shapers, Mapping) and shapers and set(shapers) <= set(axes):
+        raise ValueError(
+            f"shapers: {', '.join(shapers)} are axes of the plant; a shaper for each axis needs a name, as in "
+            "{'own': {axis: shaper}}"
+        )
     names: dict[str, Shaping] = dict(shapers) if isinstance(shapers, Mapping) else {"shaper": shapers}
     if not names or any(not (s is None or isinstance(s, Shaper | Mapping)) for s in names.values()):
         raise ValueError(f"shapers must be one shaper or a mapping of names to shapers, not {shapers!r}")
@@ -165,12 +174,15 @@ def about_metric(name: str, plant: AbstractPlant) -> tuple[str, str]:
     return f"{words}, {axis}", plant.axis_unit(plant.axes.index(axis)) if kind == "peak_deflection" else unit
 
 
-def as_metrics(metric: str | Metric | Sequence[str | Metric], axes: tuple[str, ...] = ()) -> dict[str, str | Metric]:
+def as_metrics(
+    metric: str | Metric | Sequence[str | Metric], axes: tuple[str, ...] = (), known: tuple[str, ...] = ()
+) -> dict[str, str | Metric]:
     """The metrics by the names of their variables.
 
     Args:
         metric: one, or several.
         axes: of those that have a value for each axis.
+        known: axes that may be named.
 
     Raises:
         ValueError: for no metric, an unknown name, or one given twice.
@@ -183,7 +195,7 @@ def as_metrics(metric: str | Metric | Sequence[str | Metric], axes: tuple[str, .
             continue
         if not callable(one):
             kind, _, axis = str(one).partition(".")
-            _check.one_of(kind if axis in axes else one, "metric", tuple(METRICS))
+            _check.one_of(kind if axis in (known or axes) else one, "metric", tuple(METRICS))
         name = getattr(one, "__name__", "metric") if callable(one) else one
         if name in found:
             raise ValueError(f"metric must name each one once, not {name!r} twice")

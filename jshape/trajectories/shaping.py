@@ -180,12 +180,24 @@ def distance(points: Float[np.ndarray, "points joints"], path: Float[np.ndarray,
     path = path[np.append(True, np.any(np.diff(path, axis=0) != 0, axis=1))]
     if len(path) == 1:
         return float(np.max(np.linalg.norm(points - path, axis=1)))
-    _, nearest = KDTree(path).query(points)
-    greatest = np.full(len(points), np.inf)
-    for first in (np.maximum(nearest - 1, 0), np.minimum(nearest, len(path) - 2)):
-        begin, line = path[first], path[first + 1] - path[first]
-        length = np.sum(line**2, axis=1)
-        along = np.sum((points - begin) * line, axis=1) / np.where(length > 0, length, 1.0)
-        foot = begin + np.clip(along, 0.0, 1.0)[:, None] * line
-        greatest = np.minimum(greatest, np.linalg.norm(points - foot, axis=1))
+    # Pieces of the lines, none longer than their mean, so that middles say where the nearest one may be.
+    lengths = np.linalg.norm(np.diff(path, axis=0), axis=1)
+    most = np.mean(lengths)
+    counts = np.ceil(lengths / most).astype(int)
+    of = np.repeat(np.arange(len(counts)), counts)
+    line = np.diff(path, axis=0)[of] / counts[of, None]
+    begin = path[of] + (np.arange(len(of)) - np.repeat(np.cumsum(counts) - counts, counts))[:, None] * line
+    tree, greatest = KDTree(begin + line / 2), np.full(len(points), np.inf)
+    left, tried = np.arange(len(points)), min(8, len(begin))
+    while len(left):
+        away, nearest = (np.reshape(x, (len(left), tried)) for x in tree.query(points[left], tried))
+        for column in nearest.T:
+            off = points[left] - begin[column]
+            along = np.sum(off * line[column], axis=1) / np.sum(line[column] ** 2, axis=1)
+            off -= np.clip(along, 0.0, 1.0)[:, None] * line[column]
+            greatest[left] = np.minimum(greatest[left], np.linalg.norm(off, axis=1))
+        if tried == len(begin):
+            break
+        left = left[away[:, -1] < greatest[left] + most / 2]
+        tried = min(4 * tried, len(begin))
     return float(np.max(greatest))

@@ -6,6 +6,7 @@
  *     own_begin(m)            the end of the initialisation
  *     own_outputs(m)          outputs and derivatives from states and inputs
  *     own_next(m)             the time of the next sample, HUGE_VAL if there is none
+ *     own_interval()          between samples, 0 if there are none
  *     own_event(m)            the sample that is due
  *     own_derivatives(m, x, dx)
  */
@@ -35,6 +36,7 @@ struct Model {
     double real[N_REAL];         /* by value reference */
     int boolean[N_BOOLEAN + 1];  /* likewise */
     unsigned long samples;       /* made so far */
+    int begun;                   /* whether the initialisation has ended, for a shaper */
     Own own;
 };
 
@@ -113,8 +115,10 @@ static void model_reset(Model *m) {
 /* One communication step: the samples from its beginning on, without its end, with the inputs that hold now. */
 static int model_step(Model *m, double from, double step) {
     const double until = from + step;
+    /* A time that was summed up step by step is off by its rounding. */
+    const double close = 1e-4 * fmin(fabs(step), own_interval());
     m->time = from;
-    while (own_next(m) < until - 1e-9 * fabs(step)) {
+    while (own_next(m) < until - close) {
         const double next = own_next(m);
         if (next > m->time && !model_integrate(m, next)) {
             return 0;

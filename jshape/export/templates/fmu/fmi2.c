@@ -185,7 +185,7 @@ ABSENT(fmi2GetDirectionalDerivative, const fmi2ValueReference unknown[], size_t 
 
 EXPORT fmi2Status fmi2NewDiscreteStates(fmi2Component c, fmi2EventInfo *info) {
     Model *m = c;
-    if (own_next(m) <= m->time + 1e-9 * (fabs(m->time) + 1e-3)) {
+    if (own_next(m) <= m->time + 1e-4 * own_interval()) {
         own_event(m);
     }
     memset(info, 0, sizeof *info);

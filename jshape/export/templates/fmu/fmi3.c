@@ -222,7 +222,7 @@ EXPORT fmi3Status fmi3FreeFMUState(fmi3Instance c, fmi3FMUState *state) {
 EXPORT fmi3Status fmi3UpdateDiscreteStates(fmi3Instance c, bool *again, bool *terminate, bool *nominals, bool *values,
                                            bool *defined, double *next) {
     Model *m = c;
-    if (own_next(m) <= m->time + 1e-9 * (fabs(m->time) + 1e-3)) {
+    if (own_next(m) <= m->time + 1e-4 * own_interval()) {
         own_event(m);
     }
     *again = *terminate = *nominals = *values = false;

@@ -12,6 +12,10 @@ static double own_next(const Model *m) {
     return HUGE_VAL;
 }
 
+static double own_interval(void) {
+    return 0;
+}
+
 static void own_event(Model *m) {
     (void)m;
 }

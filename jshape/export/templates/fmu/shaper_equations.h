@@ -6,10 +6,17 @@ static void own_reset(Model *m) {
 static void own_begin(Model *m) {
     ${name}_init(&m->own, m->real[0]);
     m->real[1] = m->real[0];
+    m->begun = 1;
 }
 
 static void own_outputs(Model *m) {
-    (void)m;
+    if (!m->begun) {
+        m->real[1] = m->real[0]; /* at rest where the command begins */
+    }
+}
+
+static double own_interval(void) {
+    return ${NAME}_SAMPLE_TIME;
 }
 
 static double own_next(const Model *m) {
