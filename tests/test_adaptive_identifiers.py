@@ -437,3 +437,14 @@ def test_the_decrement_is_exact_where_nothing_disturbs():
 def test_bad_arguments_are_named(build, message):
     with pytest.raises(ValueError, match=message.replace("(", r"\(")):
         build()
+
+
+@pytest.mark.parametrize("window", ["rectangular", "hann"])
+def test_a_constant_does_not_shift_a_peak_between_bins_of_ones_own(window):
+    """Gravity on an accelerometer: it leaks into any bins but the DFT's own."""
+    bins = np.arange(6.0, 16.0, 0.25)
+    identifier = SlidingDFT(0.01, 400, (7.0, 14.0), 1.0, bins=bins, window=window, interpolation="parabolic")
+    for offset in (0.0, 100.0):
+        found, _, _ = push(identifier, np.cos(9.37 * 0.01 * np.arange(733) + 0.4) + offset)
+        assert found.valid[-1]
+        assert abs(found.omega[-1] - 9.37) < 1.1 * found.omega_std[-1]

@@ -287,3 +287,16 @@ def test_columns_of_shapers_with_parameters(tmp_path):
     path.write_text("\n".join([lines[0], *lines[1:]]) + "\n", encoding="utf-8")
     with pytest.raises(ValueError, match=r"spectrum.csv:2: has 7 cells where the header has 8"):
         calibration.read(path)
+
+
+def test_bursts_that_a_sensor_lost_are_no_record(tmp_path):
+    """Gaps of 47 ms each: at the rate of what is left, 50 Hz would be 39."""
+    times = np.arange(12_800) / 3200
+    whole = np.c_[times, np.sin(2 * np.pi * 50 * times), np.zeros((len(times), 2))]
+    for lost, words in ((150, "23 % of the samples are missing, in 19 places"), (6, "0.89 % of the samples")):
+        path = tmp_path / "raw_data_x_1.csv"
+        kept = whole[np.arange(len(times)) % 640 >= lost]
+        head = "time,accel_x,accel_y,accel_z"
+        np.savetxt(path, kept, fmt="%.6f", delimiter=",", header=head, comments="#")
+        with pytest.raises(ValueError, match=words):
+            calibration.read(path)

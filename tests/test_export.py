@@ -255,3 +255,42 @@ def test_headers_of_several_axes_fit_into_one_program():
     assert "#ifndef SHAPER_Y_H" in made["y"]
     assert "shaper_y_reset(" in made["y"]
     assert json.loads(js.export({"x": SHAPER}, "json")["x"])["name"] == "x"
+
+
+ZVS = {"x": js.design.linear.zv(2 * np.pi * 40, 0.1), "y": js.design.linear.zv(2 * np.pi * 55, 0.05)}
+
+
+def test_lines_of_a_printer_name_the_axis_of_their_shaper(tmp_path):
+    assert js.export(ZVS, "marlin")["y"].splitlines()[-1].startswith("M593 Y F54.93")
+    assert "shaper_freq_y: 55" in js.export(ZVS, "klipper")["y"]
+    assert "shaper_a_y: " in js.export(ZVS, "kalico")["y"]
+    with pytest.raises(ValueError, match="'reprapfirmware' has one shaper for all axes; give one, not x, y"):
+        js.export(ZVS, "reprapfirmware")
+    with pytest.raises(ValueError, match=r"axis is what shaper maps \(x, y\); leave it out, not 'y'"):
+        js.export(ZVS, "marlin", axis="y")
+    # All or none: the second one has more impulses than Kalico takes.
+    with pytest.raises(ValueError, match="Kalico takes 2 to 5 impulses, not 8"):
+        js.export({"x": ZVS["x"], "y": js.Shaper([0.125] * 8, 0.01 * np.arange(8))}, "kalico", tmp_path / "s.cfg")
+    with pytest.raises(ValueError, match="a file cannot be named by the axis 'a/b'"):
+        js.export({"a/b": SHAPER}, "json", tmp_path / "s.json")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_shaper_of_single_precision_is_read_back(tmp_path):
+    """Its amplitudes sum to 1 to four digits only."""
+    single = js.Shaper(jnp.array([0.33335] * 3, jnp.float32), jnp.array([0.0, 0.1, 0.2], jnp.float32))
+    js.export(single, "json", tmp_path / "s.json")
+    np.testing.assert_allclose(js.read_shaper(tmp_path / "s.json").amplitudes, np.full(3, 1 / 3), rtol=1e-15)
+    assert np.sum(js.export(single, "scipy", sample_time=0.01)[0]) == pytest.approx(1, rel=1e-15)
+    assert "#ifndef" in js.export(single, "c99", sample_time=0.01)
+    with pytest.raises(ValueError, match=r"shaper must be one, not a batch of shape \(2,\)"):
+        js.export(jax.vmap(js.design.linear.zv)(jnp.array([1.0, 2.0])), "json")
+
+
+def test_a_file_in_other_units_is_refused(tmp_path):
+    text = js.export(SHAPER, "json")
+    record = {key: value for key, value in json.loads(text).items() if key != "digest"}
+    record["units"]["times"] = "ms"
+    (tmp_path / "s.json").write_text(json.dumps(record), encoding="utf-8")
+    with pytest.raises(ValueError, match="units of times must be s, not 'ms'"):
+        js.read_shaper(tmp_path / "s.json")

@@ -188,3 +188,13 @@ def test_comments_hold_the_exact_numbers(format):
     assert [[float(word) for word in row] for row in rows] == np.column_stack(
         [shaper.times, shaper.amplitudes]
     ).tolist()
+
+
+@pytest.mark.parametrize(("kind", "version"), [("zv", "current"), ("mzv", "2024"), ("zvd", "current"), ("ei", "2024")])
+def test_klippers_own_shapers_at_strong_damping(kind, version):
+    """They were said to be none of Klipper's from a damping ratio of 0.6 on."""
+    text = js.export(klipper_shaper(kind, 37.3, 0.8, version), "klipper", firmware=version)
+    settings = dict(re.findall(r"^(\w+): (.*)$", text, re.M))
+    assert settings["shaper_type_x"] == kind
+    assert float(settings["shaper_freq_x"]) == pytest.approx(37.3, rel=1e-7)
+    assert float(settings["damping_ratio_x"]) == pytest.approx(0.8, abs=1e-7)

@@ -106,6 +106,7 @@ def test_samples_beside_a_convolution(units, fmi):
         unit.setupExperiment(startTime=0.0)
     unit.enterInitializationMode()
     put([command], [commands[0]])
+    assert get([shaped]) == [commands[0]]
     unit.exitInitializationMode()
     found = np.empty(count)
     for k, value in enumerate(commands.tolist()):
@@ -343,3 +344,41 @@ def test_what_cannot_be_exported(plant):
             js.export_plant(*arguments)
     with pytest.raises(ValueError, match="name must"):
         js.export_plant(plant, name="2fast")
+
+
+@pytest.mark.parametrize(("start", "summed"), [(0.0, True), (1e5, False)])
+def test_no_sample_slips_where_time_is_rounded(units, start, summed):
+    """A time that is summed up, or begins far from 0, is off by its rounding."""
+    fmpy = pytest.importorskip("fmpy")
+    description = fmpy.read_model_description(str(units["2.0"].path))
+    unit = fmpy.fmi2.FMU2Slave(
+        guid=description.guid, unzipDirectory=str(units["2.0"].folder), modelIdentifier="crane", instanceName="one"
+    )
+    command, shaped, _ = (v.valueReference for v in description.modelVariables if v.name != "time")
+    unit.instantiate()
+    unit.setupExperiment(startTime=start)
+    unit.enterInitializationMode()
+    unit.exitInitializationMode()
+    taps, commands, found, time = SHAPER.digitise(SAMPLE_TIME), np.sin(0.01 * np.arange(30_000)), [], start
+    for k, value in enumerate(commands.tolist()):
+        unit.setReal([command], [value])
+        unit.doStep(time if summed else start + k * SAMPLE_TIME, SAMPLE_TIME)
+        time += SAMPLE_TIME
+        found += unit.getReal([shaped])
+    np.testing.assert_allclose(found, np.convolve(commands, taps)[: len(commands)], atol=1e-12)
+    unit.terminate()
+
+
+@pytest.mark.parametrize(
+    ("function", "expected"),
+    [
+        (lambda x: (x / 0.1).astype(int) * 0.1, [-0.1, 0.1]),
+        (lambda x: x.astype(bool) * 1.0, [1.0, 1.0]),
+        (lambda x: x.astype(jnp.float32).astype(float), np.float32([-0.17, 0.17])),
+    ],
+)
+def test_casts_change_numbers(function, expected):
+    lines, _ = equations.written_out(function, [np.array(["a", "b"], object)], [jnp.array([-0.17, 0.17])])
+    text = "\n".join(lines)
+    assert any(word in text for word in ("trunc(", "!= 0", "(double)(float)")), text
+    np.testing.assert_allclose(function(jnp.array([-0.17, 0.17])), expected, rtol=1e-15)

@@ -440,3 +440,18 @@ def test_wrong_sample_time():
         rounded(linear.zv(3.0), 0.0, (2.9, 3.1))
     with pytest.raises(ValueError, match=r"sample_time must be shorter than the shaper \(1.0472 s\), not 5.0"):
         rounded(linear.zv(3.0), 5.0, (2.9, 3.1))
+
+
+@pytest.mark.parametrize(
+    ("band", "limit", "zeta"), [((3.0, 3.0), 0.1, 0.85), ((2.8, 3.2), 0.1, 0.85), ((3.0, 3.0), 0.05, 0.9)]
+)
+def test_strong_damping_leaves_next_to_nothing_for_the_last_impulse(band, limit, zeta):
+    """What the first leaves has decayed by then: feasible requests were said not to be."""
+    design = solve(band, limit, zeta)
+    assert design.status is js.Status.CONVERGED
+    omega = np.linspace(*band, 9)
+    pole = omega * (-zeta + 1j * np.sqrt(1 - zeta**2))
+    amplitudes, times = np.asarray(design.shaper.amplitudes), np.asarray(design.shaper.times)
+    left = np.abs(np.exp(pole[:, None] * (times[-1] - times)) @ amplitudes)
+    assert left.max() <= limit * (1 + 1e-5)
+    assert design.duration == pytest.approx(design.bound, rel=1e-5)

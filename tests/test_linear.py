@@ -675,3 +675,11 @@ def test_the_spectrum_of_a_lasting_vibration_is_its_amplitude():
     bins = np.fft.rfft(window * (values - np.average(values, weights=window)))
     found = spectrum(times, values, 2 * np.pi * np.fft.rfftfreq(400, 0.025))
     np.testing.assert_allclose(found, 2 * np.abs(bins) / window.sum(), atol=1e-10)
+
+
+@pytest.mark.parametrize(("shaper", "zeta"), [("zvd", 0.5), ("zv", 0.9), ("ei", 0.5)])
+def test_insensitivity_is_infinite_where_no_higher_frequency_leaves_much(shaper, zeta):
+    """V tends to the last amplitude, all else having decayed: the number was that at which the search ended."""
+    found = linear.KINDS[shaper](10.0, zeta)
+    assert insensitivity(found, 10.0, zeta) == np.inf
+    assert float(percentage_vibration(found, 1e4, zeta)) == pytest.approx(abs(float(found.amplitudes[-1])), rel=1e-9)

@@ -307,3 +307,24 @@ def test_a_plant_of_ones_own_has_units(tmp_path):
     path.write_text(text.replace("m = 2.0", 'm = "2 m"'), encoding="utf-8")
     with pytest.raises(ProblemError, match=r"plant\.m: must be in kg"):
         problem.load(path)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('"10 deg"', '"500 mm"', r"toml:3: command\.distance: must be in rad or a multiple of it, not '500 mm'"),
+        (
+            "{ slew = 0.1 }",
+            '"0.3 m/s"',
+            r"speed_limit: must be given for each axis, as their units differ: slew \(rad/s\), trolley \(m/s\)",
+        ),
+    ],
+)
+def test_a_plain_command_has_the_unit_of_the_first_axis(load, old, new, words):
+    """A tower crane's first axis turns: metres were read as radians, and degrees refused."""
+    plain = (
+        SLEWING.replace("[command.slew]", "[command]").replace("delay = 0.5\n", "").replace('"per axis"', '"shared"')
+    )
+    assert "distance 0.1745329 rad" in load("5 deg/s", "5 deg/s", plain).understood[0]
+    with pytest.raises(ProblemError, match=words):
+        load(old, new, plain)

@@ -7,6 +7,7 @@ import pytest
 import xarray as xr
 
 import jshape as js
+from jshape.command import PiecewisePolynomial
 from jshape.sweeps import chunks
 from jshape.sweeps.evaluate import on_cores, study
 from jshape.sweeps.leaves import with_leaves
@@ -329,3 +330,20 @@ def test_a_plant_whose_rest_is_found_by_a_search():
     ds = js.sweep(plant, TWO, 3.0, {"mass": [0.9, 1.0]}, names, estimate_error=False)
     for name in names:
         assert float(ds[name][0, 1]) == pytest.approx(float(getattr(js, name)(plant, TWO, 3.0)), rel=1e-6)
+
+
+def test_a_move_that_ends_where_it_began():
+    """No axis has a distance: what bends is known all the same."""
+    rows, state = [], np.zeros(3)
+    for a in (1, -1, -1, 1):
+        rows.append([state[0], state[1], a / 2])
+        state = np.array([state[0] + state[1] / 2 + a / 8, state[1] + a / 2, 0.0])
+    out_and_back = PiecewisePolynomial([0, 0.5, 1.0, 1.5, 2.0], [*rows, [0, 0, 0]], smoothness=2)
+    plant, move = js.plants.BridgeCrane(1.3, 0.7), js.Axes(trolley=out_and_back)
+    bare = {"bare": None}
+    ds = js.sweep(plant, bare, move, {"cable_length": [0.9, 1.0]}, "peak_deflection", estimate_error=False)
+    assert float(ds["peak_deflection.trolley"][0, 1]) == pytest.approx(
+        float(js.peak_deflection(plant, None, move)[0]), rel=3e-6
+    )
+    with pytest.raises(ValueError, match="trolley are axes of the plant; a shaper for each axis needs a name"):
+        js.sweep(plant, {"trolley": TWO}, move, {"cable_length": [0.9, 1.0]})

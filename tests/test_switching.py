@@ -592,3 +592,15 @@ def test_as_command_and_shaper():
 def test_errors_name_the_argument(call, message):
     with pytest.raises(ValueError, match=message):
         call()
+
+
+def test_a_second_input_designed_for_another_state_is_not_at_rest():
+    first, second = (switching.transition(10.0, 0.05, **levels) for levels in ({}, {"start": 1.0, "final": -1.0}))
+    early, late = first.followed_by(second, 0.1), first.followed_by(second, 1.0)
+    assert late.status is js.Status.CONVERGED
+    assert late.residual < 1e-12
+    assert early.status is js.Status.STOPPED
+    # What a jump from 0 to 1 leaves is a swing of 1/ω² about its rest; here the same about −1/ω².
+    x, v = exact_end(early)[-1] + [0.01, 0.0]
+    swing = np.hypot(x, (v + 0.05 * 10 * x) / (10 * np.sqrt(1 - 0.05**2)))
+    assert early.residual == pytest.approx(100 * swing * np.sqrt(1 - 0.05**2), rel=2e-3)

@@ -269,3 +269,15 @@ def test_in_a_problem_file(tmp_path):
         path.write_text(PROBLEM.replace(old, new), encoding="utf-8")
         with pytest.raises(ProblemError, match=words):
             load(path)
+
+
+def test_a_short_axis_beside_a_long_one():
+    """Rounding in 500 s of a move of a millimetre is no reason to refuse it."""
+    named = {"x": (0.001, 0.1, 0.1, 50.0), "y": (10.0, 0.02, 1.0, 1.0)}
+    keys = ("distance", "speed", "acceleration", "jerk")
+    command = js.TimeOptimal.synchronised(**{axis: dict(zip(keys, move, strict=True)) for axis, move in named.items()})
+    (_, short), (_, long) = command.items()
+    assert float(short.duration) == pytest.approx(float(long.duration), rel=1e-12)
+    breaks, rows = (np.asarray(each) for each in short.pieces())
+    at = breaks[-1] - breaks[-2]
+    assert np.polynomial.Polynomial(rows[-2])(at) == pytest.approx(0.001, abs=1e-12)

@@ -356,3 +356,29 @@ def test_stamps_since_1970_come_back(head, second, tmp_path):
     write_trajectory(tmp_path / "out.csv", read)
     again = read_trajectory(tmp_path / "out.csv")
     np.testing.assert_allclose(again.times, read.times, rtol=0, atol=1e-6)
+
+
+def test_the_nearest_line_may_lie_far_from_the_nearest_corner():
+    assert distance(np.array([[4.0, 0.0]]), np.array([[0, 0], [8.0, 0], [8, 0.3], [4, 0.3]])) == 0.0
+    random = np.random.default_rng(0)
+    for joints in (1, 2, 3) * 20:
+        path = np.cumsum(random.normal(size=(random.integers(2, 40), joints)) * 10 ** random.uniform(-2, 1, 1), axis=0)
+        points = path[random.integers(0, len(path), 10)] + 0.3 * random.normal(size=(10, joints))
+        begin, line = path[:-1], np.diff(path, axis=0)
+        along = np.clip(((points[:, None] - begin) * line).sum(-1) / (line**2).sum(-1), 0, 1)
+        off = np.linalg.norm(points[:, None] - begin - along[..., None] * line, axis=-1)
+        assert distance(points, path) == pytest.approx(off.min(axis=1).max(), rel=1e-12)
+
+
+def test_what_cannot_be_carried_along_is_named(written):
+    first = {"positions": [0.0], "time_from_start": {"sec": 0, "nanosec": 0}, "gripper": 3}
+    last = {"positions": [1.0], "time_from_start": {"sec": 1, "nanosec": 0}}
+    message = json.dumps({"joint_names": ["a"], "points": [first, last]})
+    with pytest.raises(ValueError, match="point 0: there are other points after shaping: remove gripper"):
+        read_trajectory(written(message, "t.json"))
+
+
+def test_a_decimal_comma_may_stand_in_the_first_row_alone(written):
+    read = read_trajectory(written("0,5;1\n1;2\n2;3\n", "t.csv"))
+    np.testing.assert_array_equal(read.times, [0.5, 1, 2])
+    np.testing.assert_array_equal(read.states[:, 0, 0], [1, 2, 3])

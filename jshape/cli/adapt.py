@@ -1,5 +1,6 @@
 """``jshape adapt``: strategies that learn while moving, tried on a link whose load changes."""
 
+import math
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -49,7 +50,8 @@ def _show(found: "Experiment") -> None:
         for _, first, after in found.loads():
             left, settled = (float(part[name][after - 1]) for part in (found.residual, found.settling))
             gathered = float(found.accumulated[name][first:after].mean())
-            cells.append(f"{100 * left:.2f} / {settled:.2f} / {gathered:.1f}")
+            shown = [format(value, ".2f") if math.isfinite(value) else "–" for value in (100 * left, settled)]
+            cells.append(f"{' / '.join(shown)} / {gathered:.1f}")
         rows.append((name, cells))
     show_table(console, "strategy", headings, rows, title)
     if found.study is not None:

@@ -58,6 +58,9 @@ def calibrate(
     axes = _axes(data, axis, loads)
     spectra = {which: read(files, component) for which, files in axes.items()}
     names = {which: f"{files[0].stem}-results" for which, files in axes.items()}
+    if len(set(names.values())) < len(names):
+        # Two belts, whose files are the same for both axes.
+        names = {which: f"{files[0].stem}-{which}-results" for which, files in axes.items()}
     folders = {
         which: results_folder(out / which if out and len(axes) > 1 else out, name) for which, name in names.items()
     }

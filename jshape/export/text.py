@@ -71,7 +71,7 @@ def _summing(amplitudes: np.ndarray, times: np.ndarray) -> Shaper:
 
 
 def in_double(shaper: Shaper) -> Shaper:
-    """The shaper; one of single precision, whose amplitudes sum to 1 to four digits, in double, where they do to all."""
+    """The shaper; one of single precision, whose amplitudes sum to 1 to four digits, with amplitudes that do to all."""
     return shaper if shaper.amplitudes.dtype == np.float64 else _summing(*numbers(shaper))
 
 

@@ -92,7 +92,7 @@ class Adapt(Strict):
     Attributes:
         cases: the strategies.
         sample_time: s.
-        period: of the square wave, from minus to plus half of the problem's distance and back, s.
+        period: of the square wave, from minus to plus the problem's distance and back, s.
         duration: of the experiment, s.
         changes: of the load, pairs (time, load), s and the link's unit.
         omega: with which the strategies start, rad/s.

@@ -92,10 +92,10 @@ def _from_csv(text: str) -> Trajectory:
         raise ValueError("it is empty")
     separator = next((each for each in "\t;," if each in lines[-1][1]), ",")
     rows = [next(csv.reader([line], delimiter=separator)) for _, line in lines]
-    comma = separator != "," and any("," in cell for row in rows[1:] for cell in row)
     # A first line that begins with a time is no header: its other cells must be numbers, too.
-    header = rows[0] if _cell(rows[0][0], comma) is None else None
+    header = rows[0] if _cell(rows[0][0], separator != ",") is None else None
     begin = 1 if header else 0
+    comma = separator != "," and any("," in cell for row in rows[begin:] for cell in row)
     width = len(rows[0])
     if width < 2:
         raise ValueError(f"line {lines[0][0]}: a time and a joint are needed, in columns")
@@ -154,6 +154,8 @@ def _from_json(text: str) -> Trajectory:
     for i, point in enumerate(points):
         if point.get("effort"):
             raise ValueError(f"point {i}: efforts cannot be shaped: remove effort")
+        if more := set(point) - {*ORDERS, "effort", "time_from_start"}:
+            raise ValueError(f"point {i}: there are other points after shaping: remove {', '.join(sorted(more))}")
         for k, order in enumerate(ORDERS):
             values = point[order] if k == 0 else point.get(order, [])
             if k and k >= orders and not values:

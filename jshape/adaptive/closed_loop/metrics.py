@@ -1,13 +1,17 @@
 """Metrics of a run: residual vibration, settling time and accumulated vibration, move by move."""
 
+from collections.abc import Sequence
+
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from jshape import _check
 from jshape._types import Scalar
 from jshape.adaptive.closed_loop.loop import Trace
 from jshape.adaptive.closed_loop.schedules import Schedule
+from jshape.plants import FlexibleLink
 
 
 def residual(trace: Trace, schedule: Schedule, settle: Scalar | float = 1.9) -> Float[Array, " moves"]:
@@ -17,11 +21,25 @@ def residual(trace: Trace, schedule: Schedule, settle: Scalar | float = 1.9) -> 
         trace: of one strategy.
         schedule: of the moves.
         settle: s after an edge from which deflections count, until the next edge; to cover the longest shaper and the
-            servo. A move that ends before that counts as 0.
+            servo.
+
+    Returns:
+        Of each move, shape (moves,); NaN for one that ends before that.
     """
     _check.not_negative(settle, "settle")
     late = (schedule.since >= settle) & (schedule.move >= 0)
-    return _worst(jnp.where(late, jnp.abs(trace.deflection), 0.0), schedule) / schedule.sizes
+    return _worst(jnp.where(late, jnp.abs(trace.deflection), jnp.nan), schedule) / schedule.sizes
+
+
+def settled_after(plant: FlexibleLink, loads: Sequence[float] | np.ndarray) -> float:
+    """How long after an edge deflections count for a link, s: longer than a ZVD for its slowest modes, and its servo.
+
+    Args:
+        plant: the link.
+        loads: that it may carry, in its unit.
+    """
+    slowest = max(2 * np.pi / float(np.min(plant.link.modes(_check.as_array(load, "loads")).omega)) for load in loads)
+    return max(1.72 * slowest, 1.2 * slowest + 0.4)
 
 
 def settling_time(trace: Trace, schedule: Schedule, band: Scalar | float = 0.02) -> Float[Array, " moves"]:
@@ -47,4 +65,7 @@ def accumulated_vibration(trace: Trace, schedule: Schedule, sample_time: Scalar 
 
 
 def _worst(values: Float[Array, " samples"], schedule: Schedule) -> Float[Array, " moves"]:
-    return jax.ops.segment_max(values, jnp.maximum(schedule.move, 0), len(schedule.sizes))
+    """The greatest value of each move that is a number."""
+    values = jnp.where(jnp.isnan(values), -jnp.inf, values)
+    worst = jax.ops.segment_max(values, jnp.maximum(schedule.move, 0), len(schedule.sizes))
+    return jnp.where(jnp.isneginf(worst), jnp.nan, worst)

@@ -12,7 +12,7 @@ import xarray as xr
 from jshape import _check
 from jshape._types import Progress
 from jshape.adaptive.closed_loop.loop import run
-from jshape.adaptive.closed_loop.metrics import residual
+from jshape.adaptive.closed_loop.metrics import residual, settled_after
 from jshape.adaptive.closed_loop.sampled_link import SampledLink, Sensors
 from jshape.adaptive.closed_loop.schedules import random_moves
 from jshape.adaptive.strategies.strategy import AbstractStrategy
@@ -58,6 +58,7 @@ def study(
     if len(times) != 1:
         raise ValueError(f"strategies must have one sample time, not {sorted(times)}")
     (sample_time,) = times
+    settle = settled_after(plant, loads)
 
     def one(key: Any) -> tuple[Any, Any]:
         drawn, noise = jax.random.split(key)
@@ -65,7 +66,7 @@ def study(
         link = SampledLink(plant, schedule.loads, sample_time)
         traces = run(link, strategies, schedule.reference, schedule.which, sensors=sensors, key=noise)
         around = first + jnp.arange(-BEFORE, AFTER)
-        return jnp.stack([residual(traces[name], schedule)[around] for name in strategies]), schedule.loads
+        return jnp.stack([residual(traces[name], schedule, settle)[around] for name in strategies]), schedule.loads
 
     several = jax.jit(jax.vmap(one))
     keys, parts = jax.random.split(jax.random.key(seed), schedules), []
@@ -96,11 +97,11 @@ def study(
 
 
 def recovered(found: xr.Dataset, limit: float = 0.05) -> xr.DataArray:
-    """The fraction of schedules whose residual is below a limit, at each move around the change.
+    """The fraction of schedules whose residual is below a limit, at each move around the change, of those that show it.
 
     Args:
         found: from ``study``.
         limit: over the size of the move.
     """
     _check.positive(limit, "limit")
-    return (found.residual < limit).mean("schedule")
+    return (found.residual < limit).where(found.residual.notnull()).mean("schedule")

@@ -15,7 +15,7 @@ from jshape._files import write_results
 from jshape._types import Progress
 from jshape.adaptive.closed_loop import loop_figures as figures
 from jshape.adaptive.closed_loop.loop import Trace, run
-from jshape.adaptive.closed_loop.metrics import accumulated_vibration, residual, settling_time
+from jshape.adaptive.closed_loop.metrics import accumulated_vibration, residual, settled_after, settling_time
 from jshape.adaptive.closed_loop.monte_carlo import recovered, study
 from jshape.adaptive.closed_loop.sampled_link import SampledLink
 from jshape.adaptive.closed_loop.schedules import Schedule, square_wave
@@ -35,9 +35,9 @@ class Experiment:
     schedule: Schedule
     traces: dict[str, Trace]
     residual: dict[str, np.ndarray]
-    """Of each move, over its size."""
+    """Of each move, over its size; NaN for one that is too short to show it."""
     settling: dict[str, np.ndarray]
-    """s, to 2 %."""
+    """s, to 2 %; NaN for a move that the end of the experiment cut off."""
     accumulated: dict[str, np.ndarray]
     """∫ |a| dt, m/s."""
     study: xr.Dataset | None
@@ -45,10 +45,12 @@ class Experiment:
     def loads(self) -> list[tuple[float, int, int]]:
         """Each stretch of one load: the load, its first move and the one after its last.
 
-        A move belongs to the load with which it ends.
+        A move belongs to the load with which it ends. One that was cut off counts only where there is no other.
         """
         which, move = np.asarray(self.schedule.which), np.asarray(self.schedule.move)
         last = [int(which[move == m][-1]) for m in range(len(self.schedule.sizes))]
+        if cut_off(self.schedule) and len(last) > 1 and last[-1] == last[-2]:
+            last.pop()
         starts = [0, *(m for m in range(1, len(last)) if last[m] != last[m - 1]), len(last)]
         return [(float(self.schedule.loads[last[a]]), a, b) for a, b in itertools.pairwise(starts)]
 
@@ -80,7 +82,11 @@ def experiment(problem: Problem, *, progress: Progress = lambda *_: None) -> Exp
     )
     # jit hands a dictionary back in alphabetical order.
     traces = {name: traces[name] for name in strategies}
-    metrics = residual, settling_time, partial(accumulated_vibration, sample_time=settings.sample_time)
+    metrics = (
+        partial(residual, settle=settled_after(problem.plant, schedule.loads)),
+        settling_time,
+        partial(accumulated_vibration, sample_time=settings.sample_time),
+    )
     found = None
     if settings.schedules:
         progress("random schedules", 0, settings.schedules, math.inf)
@@ -92,7 +98,15 @@ def experiment(problem: Problem, *, progress: Progress = lambda *_: None) -> Exp
     residuals, settling, accumulated = (
         {name: np.asarray(metric(trace, schedule)) for name, trace in traces.items()} for metric in metrics
     )
+    if cut_off(schedule):
+        settling = {name: np.append(values[:-1], np.nan) for name, values in settling.items()}
     return Experiment(problem, schedule, traces, residuals, settling, accumulated, found)
+
+
+def cut_off(schedule: Schedule) -> bool:
+    """Whether the last move of a square wave is shorter than the others, by more than the sample before the first."""
+    lengths = np.bincount(np.asarray(schedule.move)[np.asarray(schedule.move) >= 0])
+    return bool(lengths[-1] < lengths.max() - 1)
 
 
 def write(experiment: Experiment, folder: Path) -> list[str]:

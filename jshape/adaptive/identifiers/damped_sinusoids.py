@@ -24,6 +24,8 @@ MEANS = 8
 """Least number of block means in the shortest period."""
 SUBSPACE = 24
 """Greatest length of the vectors whose subspace is sought; longer ones cost more and only begin the fit."""
+GREATEST_ZETA = 0.7
+"""Of a mode; beyond it a decay is hardly a vibration."""
 STEPS = 8
 """Gauss–Newton steps: from the beginning that ESPRIT gives, 3 or 4 reach rounding errors in most windows."""
 
@@ -49,7 +51,9 @@ class DampedSinusoids(AbstractIdentifier):
     """Frequency and damping ratio of several modes by a least-squares fit to the last samples.
 
     The estimate's arrays have the shape (modes,). Samples are averaged in blocks, eight or more to the shortest period,
-    which leaves poles as they are; a constant is fitted with the modes. A blanked sample or a sensor that stood still
+    which leaves poles as they are; a constant is fitted with the modes. Blocks do not tell a frequency from one that a
+    whole number of blocks a second lies apart: of a mode near that number a tenth or so is taken for one in the band.
+    Modes are those with damping ratios up to ``GREATEST_ZETA``. A blanked sample or a sensor that stood still
     begins the window anew: there is no fit across a gap. A new excitation within the window makes the fit poor by more
     than its standard deviation says: blank the samples in which the machine is driven.
 
@@ -150,7 +154,7 @@ class DampedSinusoids(AbstractIdentifier):
             causes = reasons.first(
                 numbers._replace(select=xp.where),
                 (found.magnitude <= own.threshold, reasons.WEAK),
-                ((found.omega < low) | (found.omega > high), reasons.OUTSIDE),
+                ((found.omega < low) | (found.omega > high) | (found.zeta > GREATEST_ZETA), reasons.OUTSIDE),
                 (~(found.omega_std <= own.precision * found.omega), reasons.UNCERTAIN),
             )
             return _settle(xp, last, found, causes), xp.asarray(causes, state.fit.dtype)

@@ -43,7 +43,8 @@ class FrequencyTracker(AbstractIdentifier):
     While a sample is missing or blanked the oscillator turns on by itself. A sample six deviations off is left out
     (``OUTLIER``); once these outnumber the others by half a period of the lowest frequency, or if everything is
     forgotten after a long gap, the filter begins anew. It begins in the middle of the band and converges from there
-    where one vibration stands out; a second one of like size in or near the band misleads it. Standard deviations are
+    where one vibration stands out; a second one of like size in or near the band misleads it. Damping ratios from
+    ``GREATEST_ZETA`` on are outside of what it follows. Standard deviations are
     the filter's own, so as good as ``noise`` is.
 
     Args:
@@ -129,7 +130,7 @@ class FrequencyTracker(AbstractIdentifier):
             (trouble != reasons.FOUND, trouble),
             (outlier, reasons.OUTLIER),
             (found.magnitude <= own.threshold, reasons.WEAK),
-            ((found.omega <= low) | (found.omega >= high), reasons.OUTSIDE),
+            ((found.omega <= low) | (found.omega >= high) | (zeta >= GREATEST_ZETA), reasons.OUTSIDE),
             (omega_std > own.precision * found.omega, reasons.UNCERTAIN),
         )
         return TrackState(mean, covariance, outliers, sensor, settle(numbers, state.estimate, found, reason), reason)

@@ -204,7 +204,7 @@ class SlidingDFT(AbstractIdentifier):
 def _peak(own: Any, numbers: Numbers, place: Any, whole: Sums, round: Sums) -> tuple[Estimate, Any]:
     """The highest bin of the band, interpolated, and whether a neighbour is higher."""
     math, select, (first, last), bins = numbers.math, numbers.select, own.allowed, own.omegas[0]
-    values = _windowed(own, numbers, place, whole, round)
+    values = _windowed(own, numbers, place, whole, round, centred=True)
     magnitudes = abs(values)
     highest = first + magnitudes[first:last].argmax()
     middle = select(highest < 1, 1, select(highest > len(bins) - 2, len(bins) - 2, highest))
@@ -246,17 +246,30 @@ def _peak(own: Any, numbers: Numbers, place: Any, whole: Sums, round: Sums) -> t
     if own.interpolation == "none":
         bin_below, _, bin_above = numbers.three(bins, middle)
         variance = variance + ((bin_above - bin_below) / 2) ** 2 / 12
+    if own.interpolation == "parabolic":
+        # What the same vibration at the negative frequency leaks into the peak moves it by about so many bins.
+        share = own.spacing / (2 * bin_peak)
+        variance = variance + (own.spacing * (share**3 if own.window == "hann" else share / np.pi)) ** 2
     omega = bin_peak + own.spacing * off
     return Estimate(omega, 0.0, math.sqrt(variance), np.inf, peak, True), (left > peak) | (right > peak)
 
 
-def _windowed(own: Any, numbers: Numbers, place: Any, whole: Sums, round: Sums) -> Any:
-    """The window's DFT at the bins, but for the phase of the window's beginning."""
+def _windowed(own: Any, numbers: Numbers, place: Any, whole: Sums, round: Sums, centred: bool = False) -> Any:
+    """The window's DFT at the bins, but for the phase of the window's beginning.
+
+    ``centred``: of the samples less their mean, which has no part in the DFT's own bins.
+    """
     sums = whole.spectrum
     if not own.own_bins:
         # Samples of the round before lie N places back: whole periods of the DFT's own bins.
-        turn = numbers.xp.exp(1j * (own.points * own.sample_time) * own.omegas[0])
-        sums = round.spectrum + (sums - round.spectrum) * turn
+        xp, angle = numbers.xp, own.sample_time * own.omegas
+        turn = xp.exp(1j * own.points * angle)
+        sums = round.spectrum + (sums - round.spectrum) * turn[0]
+        if centred:
+            single = 1 - xp.exp(-1j * angle)
+            alone = abs(single) < 1e-12
+            ones = xp.where(alone, own.points, (turn - 1) * xp.exp(-1j * place * angle) / xp.where(alone, 1.0, single))
+            sums = sums - whole.total / own.points * ones
     if own.window == "rectangular":
         return sums[0]
     turn = _turn(own, numbers, place)

@@ -15,6 +15,9 @@ from jshape.design.insensitive._specification import Design, Specification
 LONGEST = 400.0
 """Periods of the lowest frequency up to which a duration is sought."""
 
+LEAST = 1e-6
+"""The amplitude of a last impulse that only says when the vibration counts."""
+
 
 @dataclasses.dataclass(frozen=True)
 class Found:
@@ -105,6 +108,9 @@ def _impulses(relaxed: Relaxed, kind: Kind) -> Design:
     amplitudes, times = merged(relaxed.amplitudes, relaxed.times, 2.5 * max(duration / 400, 1 / 64))
     kept = np.abs(amplitudes) > (0.5 if kind.name == "unity" else 1e-4)
     amplitudes, times = amplitudes[kept], times[kept]
+    if kind.name != "unity" and times[-1] < 0.9 * duration:
+        # With strong damping what came before has decayed at the end, where next to nothing is left for an impulse.
+        amplitudes, times = np.append(amplitudes, LEAST), np.append(times, duration)
     if kind.name == "unity":
         # Switches that are neither 0 nor 1 are left to the search.
         amplitudes = (-1.0) ** np.arange(len(times) + 1 - len(times) % 2)
@@ -116,6 +122,7 @@ def _impulses(relaxed: Relaxed, kind: Kind) -> Design:
 
 def merged(amplitudes: Vector, times: Vector, gap: float) -> tuple[Vector, Vector]:
     """Neighbours of one sign that are less than ``gap`` apart joined, at their centre."""
+    amplitudes, times = amplitudes[amplitudes != 0], times[amplitudes != 0]
     same = (amplitudes[:-1] * amplitudes[1:] > 0) & (np.diff(times) < gap)
     groups = np.split(np.arange(len(times)), np.flatnonzero(~same) + 1)
     sums = np.array([amplitudes[group].sum() for group in groups])

@@ -12,6 +12,10 @@ from jshape.command import PiecewisePolynomial
 from jshape.design.switching._problem import Band, BangBangProblem, Real, advance
 from jshape.shaper import Shaper
 from jshape.status import Result, Status
+from jshape.vibration import pole
+
+MET = 1e-7
+"""Vibration, over that of a jump to the limit, with which an input still begins in the state it was designed for."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -157,13 +161,14 @@ class Switched(Result):
         """This input until a time, and from there on the other: a move that begins before this one has settled.
 
         Args:
-            other: best designed with ``initial_state=self.state_at(at)``.
+            other: best designed with ``initial_state=self.state_at(at)``; where it was designed for another state,
+                ``residual`` holds what the modes have left of the difference, and the status is ``STOPPED``.
             at: s. *Raises* ``ValueError`` if it is negative.
         """
         _check.not_negative(at, "at")
         kept = self.times < at
         levels = np.concatenate([self.levels[kept], other.levels])
-        return dataclasses.replace(
+        both = dataclasses.replace(
             self,
             amplitudes=np.diff(levels, prepend=self.start),
             times=np.concatenate([self.times[kept], at + other.times]),
@@ -175,6 +180,14 @@ class Switched(Result):
             sample_time=None,
             switching_function=None,
         )
+        modes = len(self.omega)
+        x, v = (both.final_state[-modes:] - other.final_state[-modes:]).T
+        s = pole(self.omega, self.zeta)
+        apart = float(np.max(np.abs((v - np.conj(s) * x) * s), initial=0.0)) / both.limit
+        if apart < MET:
+            return both
+        words = f"{both.message}, from another state: {apart:.3g} of what a jump to the limit leaves is left"
+        return dataclasses.replace(both, residual=other.residual + apart, status=Status.STOPPED, message=words)
 
     def _rigid_at(self, time: float) -> Real:
         """Position and speed of the rigid body."""
