@@ -207,7 +207,12 @@ def rate(
         corner_speed: mm/s.
         frequency: Hz, of a firmware's shapers.
         zeta: damping ratio for which a firmware makes it.
+
+    Raises:
+        ValueError: for a negative amplitude.
     """
+    if np.min(amplitudes) < -1e-9:
+        raise ValueError(f"amplitudes must not be negative, not {_check.show(amplitudes)}")
     return Rated(
         name,
         frequency,
