@@ -100,10 +100,10 @@ class Decrement(AbstractIdentifier):
     """Damping ratio and frequency of a free decay by its logarithmic decrement.
 
     Samples are averaged in blocks, 24 or more to the shortest period; where a period has fewer samples, turning points
-    fall between them, and the damping ratio is off by more than its deviation says (by 4 % of itself at four). After a swing that is larger than the one before
-    by more than the threshold a new decay begins; a blanked sample or a sensor that stood still begins everything anew.
-    Standard deviations come from the scatter of the swings about their lines, so the first few are rough. One
-    vibration must stand out; for two at once there is ``DampedSinusoids``.
+    fall between them, and the damping ratio is off by more than its deviation says (by 4 % of itself at four). After a
+    swing that is larger than the one before by more than the threshold a new decay begins; a blanked sample or a sensor
+    that stood still begins everything anew. Standard deviations come from the scatter of the swings about their lines,
+    so the first few are rough. One vibration must stand out; for two at once there is ``DampedSinusoids``.
 
     Args:
         sample_time: s.
