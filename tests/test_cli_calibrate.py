@@ -151,7 +151,7 @@ def test_lines_of_someone_elses_are_not_written_over(tmp_path):
 
 
 @pytest.mark.slow
-def test_belts_share_a_shaper_that_both_axes_have(folder):
+def test_belts_share_a_shaper_that_both_axes_have(folder, monkeypatch):
     files = [folder / f"raw_data_axis=1.000,{sign}1.000_{name}.csv" for sign, name in (("", "a"), ("-", "b"))]
     lines = RECORD.read_text(encoding="utf-8").splitlines()
     for file, factor in zip(files, (1.0, 0.9), strict=True):
@@ -168,6 +168,12 @@ def test_belts_share_a_shaper_that_both_axes_have(folder):
     settings = dict(parser["input_shaper"])
     assert settings["shaper_type_x"] == settings["shaper_type_y"]
     assert outcome.output.count("* recommended by Klipper") == 1
+    # Each axis has a folder of its own where none is named, too.
+    monkeypatch.chdir(folder)
+    assert run(*files, "--starts", 2).exit_code == 0
+    for axis in "xy":
+        text = (folder / f"{files[0].stem}-{axis}-results" / "paste.txt").read_text(encoding="utf-8")
+        assert f"shaper_type_{axis}: " in text
 
 
 def test_axis_from_the_name(tmp_path):
