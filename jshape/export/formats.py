@@ -160,8 +160,9 @@ def _each_axis(shapers: Mapping[str, Shaper | None], format: str, path: Path | N
         if "axis" in form.options:
             own["axis"] = axis
         made[axis] = export(shaper, format, **(options | own))
-    for axis, each in made.items() if path is not None else ():
-        _write(path.with_name(f"{path.stem}_{axis}{path.suffix}"), each)
+    if path is not None:
+        for axis, each in made.items():
+            _write(path.with_name(f"{path.stem}_{axis}{path.suffix}"), each)
     return made
 
 

@@ -83,7 +83,7 @@ def experiment(problem: Problem, *, progress: Progress = lambda *_: None) -> Exp
     # jit hands a dictionary back in alphabetical order.
     traces = {name: traces[name] for name in strategies}
     metrics = (
-        partial(residual, settle=settled_after(problem.plant, schedule.loads)),
+        partial(residual, settle=settled_after(problem.plant, np.asarray(schedule.loads))),
         settling_time,
         partial(accumulated_vibration, sample_time=settings.sample_time),
     )
