@@ -190,7 +190,7 @@ def _record(path: Path, rows: Iterable[Row], component: str) -> Spectrum:
 
 def _demand_whole(path: Path, lines: list[int], steps: np.ndarray) -> None:
     """Raises unless nearly all samples are there: where a sensor's buffer overflows every frequency is too low."""
-    usual = np.median(steps)
+    usual = np.median(steps) if len(steps) else 0.0
     if not usual > 0:
         return
     after = np.flatnonzero(steps > _LONG * usual)
