@@ -604,3 +604,15 @@ def test_a_second_input_designed_for_another_state_is_not_at_rest():
     x, v = exact_end(early)[-1] + [0.01, 0.0]
     swing = np.hypot(x, (v + 0.05 * 10 * x) / (10 * np.sqrt(1 - 0.05**2)))
     assert early.residual == pytest.approx(100 * swing * np.sqrt(1 - 0.05**2), rel=2e-3)
+
+
+def test_what_a_second_input_of_another_place_or_mode_leaves():
+    first = switching.rest_to_rest(3.0, 0.02, 1.0)
+    second = switching.rest_to_rest(3.0, 0.02, 2.5)
+    # At rest at 1 m, where the second was designed from 0.
+    both = first.followed_by(second, first.duration)
+    assert both.status is js.Status.STOPPED
+    assert "the rigid body ends 1 m and " in both.message
+    np.testing.assert_allclose(exact_end(both)[0, 0], 3.5, atol=1e-9)
+    with pytest.raises(ValueError, match="other must be for the same modes"):
+        first.followed_by(switching.rest_to_rest(4.0, 0.02, 2.5), 1.0)

@@ -44,6 +44,7 @@ def export(
     from jshape._files import whole
     from jshape.export import FORMATS, as_bytes, read_shaper, read_tuned
     from jshape.export import export as export_as
+    from jshape.export.formats import axis_files
 
     if list_:
         show_formats(FORMATS)
@@ -74,7 +75,7 @@ def export(
             raise ValueError(f"format {format!r} is no text; name a file with --out")
         typer.echo(made, nl=False)
         return
-    files = {out.with_name(f"{out.stem}_{axis}{out.suffix}"): made[axis] for axis in axes} if axes else {out: made}
+    files = {own: made[axis] for axis, own in axis_files(out, axes).items()} if axes else {out: made}
     check_new(force, *files)
     for path, content in files.items():
         with whole(path) as file:

@@ -9,7 +9,7 @@ options; what it cannot carry stands in the table, and is refused rather than ap
 
 import inspect
 import io
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -148,8 +148,7 @@ def _each_axis(shapers: Mapping[str, Shaper | None], format: str, path: Path | N
         raise ValueError(f"format 'reprapfirmware' has one shaper for all axes; give one, not {', '.join(shapers)}")
     if "axis" in options and "axis" in form.options:
         raise ValueError(f"axis is what shaper maps ({', '.join(shapers)}); leave it out, not {options['axis']!r}")
-    if path is not None and (odd := [axis for axis in shapers if not axis or set(axis) & set("/\\:\0")]):
-        raise ValueError(f"shaper: a file cannot be named by the axis {odd[0]!r}")
+    paths = {} if path is None else axis_files(path, shapers)
     # One program may take them all: without names of their own, an include guard would drop all headers but the first.
     name = None
     if "name" in form.options:
@@ -160,10 +159,21 @@ def _each_axis(shapers: Mapping[str, Shaper | None], format: str, path: Path | N
         if "axis" in form.options:
             own["axis"] = axis
         made[axis] = export(shaper, format, **(options | own))
-    if path is not None:
-        for axis, each in made.items():
-            _write(path.with_name(f"{path.stem}_{axis}{path.suffix}"), each)
+    for axis, own_path in paths.items():
+        _write(own_path, made[axis])
     return made
+
+
+def axis_files(path: Path, axes: Iterable[str]) -> dict[str, Path]:
+    """The file of each axis beside a path, ``NAME_AXIS``.
+
+    Raises:
+        ValueError: for an axis by which no file can be named.
+    """
+    for axis in axes:
+        if not axis or set(axis) & set("/\\:\0"):
+            raise ValueError(f"shaper: a file cannot be named by the axis {axis!r}")
+    return {axis: path.with_name(f"{path.stem}_{axis}{path.suffix}") for axis in axes}
 
 
 def _write(path: Path, made: Any) -> None:

@@ -5,6 +5,7 @@ times, the multipliers, and V itself where that is minimised. The maxima over fr
 evaluation, so that by the envelope theorem their places do not enter the first derivatives.
 """
 
+import contextlib
 import dataclasses
 from collections.abc import Callable
 from typing import Any
@@ -36,21 +37,23 @@ def slopes(amplitudes: Vector, times: Vector, pole: complex, order: int = 0) -> 
 def newton(residual: Callable[[Vector], Vector], unknowns: Vector, steps: int = 12) -> tuple[Vector, float]:
     """A root by Newton's method with central differences, and the largest residual there."""
     best = unknowns, np.inf
-    for _ in range(steps):
-        value = residual(unknowns)
-        size = float(np.abs(value).max())
-        if not np.isfinite(size):
-            break
-        if size < best[1]:
-            best = unknowns, size
-        elif size > 1e-10 and best[1] < 1e-3 * size:
-            break
-        if size < 1e-15:
-            break
-        shifts = 1e-6 * np.eye(len(unknowns))
-        columns = [(residual(unknowns + shift) - residual(unknowns - shift)) / 2e-6 for shift in shifts]
-        step, *_ = np.linalg.lstsq(np.array(columns).T, value, rcond=1e-11)
-        unknowns = unknowns - step
+    # A step may go so far that exponentials overflow.
+    with np.errstate(over="ignore", invalid="ignore"), contextlib.suppress(OverflowError):
+        for _ in range(steps):
+            value = residual(unknowns)
+            size = float(np.abs(value).max())
+            if not np.isfinite(size):
+                break
+            if size < best[1]:
+                best = unknowns, size
+            elif size > 1e-10 and best[1] < 1e-3 * size:
+                break
+            if size < 1e-15:
+                break
+            shifts = 1e-6 * np.eye(len(unknowns))
+            columns = [(residual(unknowns + shift) - residual(unknowns - shift)) / 2e-6 for shift in shifts]
+            step, *_ = np.linalg.lstsq(np.array(columns).T, value, rcond=1e-11)
+            unknowns = unknowns - step
     return best
 
 

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from jshape.design.insensitive._band import Region, Vector
+from jshape.design.insensitive._band import Region, Vector, largest_vibration
 from jshape.design.insensitive._dual import Kind
 from jshape.design.insensitive._linear_program import Relaxed, relax
 from jshape.design.insensitive._optimality import refine
@@ -33,7 +33,7 @@ def shortest(specification: Specification, impulses: int | None, starts: int, se
     region, kind, vibration = specification.region, specification.kind, specification.vibration
     assert vibration is not None
     bound, relaxed, feasible_duration = _bracket(region, kind, vibration)
-    start = _impulses(relaxed, kind)
+    start = _impulses(relaxed, specification)
     count = impulses or len(start.times)
     candidates = [_improved(specification, start)] if len(start.times) <= count else []
     if not any(map(specification.met_by, candidates)) or candidates[0].duration > feasible_duration * (1 + 1e-6):
@@ -57,7 +57,7 @@ def least_vibration(specification: Specification, impulses: int | None, starts: 
     kind, duration = specification.kind, specification.duration
     assert duration is not None
     relaxed = relax(specification.region, duration, kind, 1e-6, rounds=20)
-    start = _impulses(relaxed, kind)
+    start = _impulses(relaxed, specification)
     count = impulses or len(start.times)
     candidates = [_improved(specification, start)] if len(start.times) <= count else []
     if not candidates or candidates[0].vibration > relaxed.upper * (1 + 1e-3):
@@ -102,13 +102,14 @@ def _bracket(region: Region, kind: Kind, vibration: float) -> tuple[float, Relax
     return short, relaxed, long
 
 
-def _impulses(relaxed: Relaxed, kind: Kind) -> Design:
+def _impulses(relaxed: Relaxed, specification: Specification) -> Design:
     """A linear program's amplitudes on its grid as a few impulses."""
-    duration = relaxed.times[-1]
+    kind, duration = specification.kind, relaxed.times[-1]
     amplitudes, times = merged(relaxed.amplitudes, relaxed.times, 2.5 * max(duration / 400, 1 / 64))
     kept = np.abs(amplitudes) > (0.5 if kind.name == "unity" else 1e-4)
     amplitudes, times = amplitudes[kept], times[kept]
-    if kind.name != "unity" and times[-1] < 0.9 * duration:
+    left = largest_vibration(amplitudes / amplitudes.sum(), times - times[0], specification.region)
+    if kind.name != "unity" and times[-1] < 0.9 * duration and left > 1.2 * relaxed.upper + 1e-3:
         # With strong damping what came before has decayed at the end, where next to nothing is left for an impulse.
         amplitudes, times = np.append(amplitudes, LEAST), np.append(times, duration)
     if kind.name == "unity":

@@ -163,9 +163,11 @@ class Switched(Result):
         Args:
             other: best designed with ``initial_state=self.state_at(at)``; where it was designed for another state,
                 ``residual`` holds what the modes have left of the difference, and the status is ``STOPPED``.
-            at: s. *Raises* ``ValueError`` if it is negative.
+            at: s. *Raises* ``ValueError`` if it is negative, or the other is for other modes.
         """
         _check.not_negative(at, "at")
+        if not (np.array_equal(self.omega, other.omega) and np.array_equal(self.zeta, other.zeta)):
+            raise ValueError(f"other must be for the same modes, {_check.show(self.omega)} rad/s")
         kept = self.times < at
         levels = np.concatenate([self.levels[kept], other.levels])
         both = dataclasses.replace(
@@ -184,10 +186,16 @@ class Switched(Result):
         x, v = (both.final_state[-modes:] - other.final_state[-modes:]).T
         s = pole(self.omega, self.zeta)
         apart = float(np.max(np.abs((v - np.conj(s) * x) * s), initial=0.0)) / both.limit
-        if apart < MET:
+        words = [f"{apart:.3g} of what a jump to the limit leaves is left"] if apart > MET else []
+        if self.rigid is not None and other.rigid is not None:
+            off = np.abs(both.final_state[0] - other.final_state[0])
+            if np.max(off) > MET * max(1.0, float(np.max(np.abs(both.final_state[0])))):
+                words.append(f"the rigid body ends {off[0]:.3g} m and {off[1]:.3g} m/s off")
+        if not words:
             return both
-        words = f"{both.message}, from another state: {apart:.3g} of what a jump to the limit leaves is left"
-        return dataclasses.replace(both, residual=other.residual + apart, status=Status.STOPPED, message=words)
+        status = Status.STOPPED if other.converged else other.status
+        message = f"{both.message}, from another state: {', and '.join(words)}"
+        return dataclasses.replace(both, residual=other.residual + apart, status=status, message=message)
 
     def _rigid_at(self, time: float) -> Real:
         """Position and speed of the rigid body."""
