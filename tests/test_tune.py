@@ -282,7 +282,7 @@ def test_an_interrupt_before_the_first_candidate_passes(objective, plant, monkey
     def interrupt(*_):
         raise KeyboardInterrupt
 
-    name = "towards_zero" if objective == "nominal" else "ScaledProblem.merit"
+    name = "ends_of" if objective == "nominal" else "ScaledProblem.merit"
     monkeypatch.setattr(f"jshape.design.tuning.search.{name}", interrupt)
     with pytest.raises(KeyboardInterrupt):
         robustly(plant, objective=objective, starts=65)

@@ -1,5 +1,7 @@
 """How good a design is: on a finer set of plants, under a tighter tolerance, beside the bare command; its status."""
 
+from typing import NamedTuple
+
 import jax.numpy as jnp
 import numpy as np
 
@@ -13,6 +15,14 @@ from jshape.simulation.schedule import schedule
 from jshape.simulation.simulate import initial
 from jshape.simulation.steps import TOLERANCE, least_tolerance
 from jshape.status import Status
+
+
+class Candidate(NamedTuple):
+    """A design with its merit (J; see ``ScaledProblem.merit``) and whether it is an optimum."""
+
+    merit: float
+    point: Point
+    optimal: bool
 
 
 def bare_energy(judge: ScaledProblem) -> float:

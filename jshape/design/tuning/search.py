@@ -6,10 +6,7 @@ sample time if asked to, and judges what it found. An interrupt after the first 
 
 import functools
 from concurrent.futures import Future, wait
-from typing import NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
 from jshape import _check
@@ -19,14 +16,14 @@ from jshape.design.tuning import digital, interval, linear_models
 from jshape.design.tuning.adam import descend
 from jshape.design.tuning.design_problem import DesignProblem
 from jshape.design.tuning.evaluate import DIVERGED_ENERGY, LOOSEST
-from jshape.design.tuning.judging import bare_energy, error_of, on_finer_set, status_of
+from jshape.design.tuning.judging import Candidate, bare_energy, error_of, on_finer_set, status_of
 from jshape.design.tuning.local_search import COARSE, KNOWN, Descent, distinct, merged, side_by_side
 from jshape.design.tuning.objective import objective_name, value_of
 from jshape.design.tuning.restarts import Around, around
 from jshape.design.tuning.scaled_problem import EXCEEDED, OPTIMAL, Optimality, ScaledProblem
 from jshape.design.tuning.scenarios import Point
 from jshape.design.tuning.solution import Solution
-from jshape.design.tuning.zero_energy import in_use, towards_zero
+from jshape.design.tuning.zero_energy import End, ends_of, rounding
 from jshape.status import Status
 
 ROUNDS = ((12, 4), (8, 4), (5, 6), (3, 12), (1, 24), (2, None))
@@ -63,19 +60,6 @@ ITERATIONS = 360
 
 ON_TICKS = 60
 """The same, where impulses are moved to the samples."""
-
-
-class Candidate(NamedTuple):
-    """A design with its merit (J; see ``ScaledProblem.merit``) and whether it is an optimum."""
-
-    merit: float
-    point: Point
-    optimal: bool
-
-
-def _order(one: Candidate) -> tuple[float, bool]:
-    """Of designs by the residual energy that they leave: zero comes first, if with all impulses."""
-    return (0.0 if one.optimal else one.merit), not in_use(one.point)
 
 
 class Search:
@@ -127,30 +111,23 @@ class Search:
     def _nominal(self, starts: list[Point], iterations: int) -> list[Point]:
         """Levenberg–Marquardt from one start after the other, until one reaches zero with all of its impulses. Returns
         the ends."""
-        bounds, zero = self.problem.bounds, self._zero
         self.progress("Levenberg–Marquardt", 0, len(starts), np.inf)
         self.compiling = beside(self.judge.compile, starts[0], False)
         self.judge.values(self.judge.vector(starts[0]))
         wait([self.compiling])
-        found = list[tuple[Candidate, list[float]]]()
+        ends = list[End]()
         try:
-            for start in starts:
-                end, tried = towards_zero(self.judge, start, iterations, zero)
-                if not (inside := bool(bounds.contains(end := bounds.clip(end)))):
-                    end, tried = start, tried[:1]
-                merit = self.judge.merit(end)
-                # Where energies are differences, they are zero to rounding only.
-                reached = merit <= zero or (inside and min(tried) <= zero and merit <= self._rounding)
-                found.append((Candidate(merit, end, reached), tried))
-                self.progress("Levenberg–Marquardt", len(found), len(starts), min(one.merit for one, _ in found))
-                if reached and in_use(end):
-                    break
+            for end in ends_of(self.judge, starts, iterations, self._bare):
+                ends.append(end)
+                self.progress("Levenberg–Marquardt", len(ends), len(starts), min(one.merit for one in ends))
         finally:
-            if found:
-                best, tried = min(found, key=lambda one: _order(one[0]))
-                self.candidates, self.history = [best], np.minimum.accumulate(tried).tolist()
-                self.summary = f"no residual energy but rounding after {len(tried) - 1} Levenberg–Marquardt steps"
-        return [one.point for one, _ in found]
+            if ends:
+                best = min(ends, key=lambda end: end.order)
+                self.candidates = [Candidate(best.merit, best.point, best.reached)]
+                self.history = np.minimum.accumulate(best.energies).tolist()
+                steps = len(best.energies) - 1
+                self.summary = f"no residual energy but rounding after {steps} Levenberg–Marquardt steps"
+        return [end.point for end in ends]
 
     def _steps(self, points: list[Point]) -> np.ndarray:
         """Steps in each segment that are enough for each of the designs, shape (designs, segments)."""
@@ -434,15 +411,5 @@ class Search:
         return bare_energy(self.judge)
 
     @property
-    def _eps(self) -> float:
-        return float(jnp.finfo(jax.tree.leaves(self.problem.scenarios.plant)[0].dtype).eps)
-
-    @property
     def _rounding(self) -> float:
-        """What is left of zero where energies are differences, J."""
-        return 4 * self._eps * self._bare
-
-    @property
-    def _zero(self) -> float:
-        """Zero, to rounding, beside the energy that the bare command leaves, J."""
-        return max(1e-20, (10 * self._eps) ** 2) * self._bare
+        return rounding(self.judge, self._bare)

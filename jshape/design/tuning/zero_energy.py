@@ -1,7 +1,10 @@
 """Zero residual energy on one plant: Levenberg–Marquardt within bounds, on the departure from rest."""
 
-from typing import Any
+from collections.abc import Iterator
+from typing import NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 from scipy.optimize import lsq_linear
 
@@ -22,6 +25,66 @@ HELD = 1e3
 
 UNUSED = 1e-6
 """An amplitude below is none: a shaper of fewer impulses that leaves nothing does not end the search for one of all."""
+
+
+class End(NamedTuple):
+    """Where a search for zero ended.
+
+    Attributes:
+        merit: of the design, J (see ``ScaledProblem.merit``).
+        point: the design, within the bounds.
+        energies: residual energy after each step, J.
+        reached: whether it is zero to rounding.
+    """
+
+    merit: float
+    point: Point
+    energies: list[float]
+    reached: bool
+
+    @property
+    def in_use(self) -> bool:
+        """Whether every impulse has an amplitude."""
+        return bool((abs(self.point.amplitudes) > UNUSED).all())
+
+    @property
+    def order(self) -> tuple[float, bool]:
+        """By the energy that is left: zero comes first, if with all impulses."""
+        return (0.0 if self.reached else self.merit), not self.in_use
+
+
+def ends_of(search: ScaledProblem, starts: list[Point], iterations: int, bare: float) -> Iterator[End]:
+    """Search from one start after the other, until one reaches zero with all of its impulses.
+
+    Args:
+        search: of one plant.
+        starts: designs within the bounds.
+        iterations: from each, at most.
+        bare: what the bare command leaves, J.
+
+    Yields:
+        The end of each search.
+    """
+    bounds, zero = search.problem.bounds, max(1e-20, (10 * _eps(search)) ** 2) * bare
+    for start in starts:
+        point, energies = towards_zero(search, start, iterations, zero)
+        if not (inside := bool(bounds.contains(point := bounds.clip(point)))):
+            point, energies = start, energies[:1]
+        merit = search.merit(point)
+        # Where energies are differences, they are zero to rounding only.
+        reached = merit <= zero or (inside and min(energies) <= zero and merit <= rounding(search, bare))
+        yield (end := End(merit, point, energies, reached))
+        if reached and end.in_use:
+            return
+
+
+def rounding(search: ScaledProblem, bare: float) -> float:
+    """What is left of zero where energies are differences, J, beside ``bare``, what the bare command leaves."""
+    return 4 * _eps(search) * bare
+
+
+def _eps(search: ScaledProblem) -> float:
+    return float(jnp.finfo(jax.tree.leaves(search.problem.scenarios.plant)[0].dtype).eps)
 
 
 def towards_zero(search: ScaledProblem, start: Point, iterations: int, zero: float) -> tuple[Point, list[float]]:
@@ -67,8 +130,3 @@ def towards_zero(search: ScaledProblem, start: Point, iterations: int, zero: flo
         else:
             damping, useless = damping * MORE, useless + 1
     return search.point(x), energies
-
-
-def in_use(point: Point) -> Any:
-    """Whether every impulse of a design has an amplitude."""
-    return (abs(point.amplitudes) > UNUSED).all()
