@@ -97,6 +97,11 @@ for array in seen:
     assert len(array.sharding.device_set) == 4
     places = sorted(shard.index[2].start for shard in array.addressable_shards)
     assert places == [i * array.shape[2] // 4 for i in range(4)], places
+# Where such a plant comes to rest is found by Newton's method.
+forced, masses = js.plants.ForcedMass(1.0, js.plants.Duffing(10.0, 100.0)), [0.8, 0.9, 1.0, 1.1, 1.2]
+found = js.sweep(forced, three, 1.0, {"mass": masses}, "residual_energy").residual_energy.values[0]
+alone = [js.residual_energy(js.plants.ForcedMass(m, js.plants.Duffing(10.0, 100.0)), three, 1.0) for m in masses]
+np.testing.assert_allclose(found, alone, rtol=1e-8)
 """  # fmt: skip
     flags = os.environ.get("XLA_FLAGS", "") + " --xla_force_host_platform_device_count=4"
     # Programs for several devices are not kept, and do not stumble over that.

@@ -20,6 +20,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.extend.core import jaxpr_as_fun
 from jax.sharding import Mesh, PartitionSpec
 from jaxtyping import Array, Float
 
@@ -331,12 +332,19 @@ def _many(of: Evaluation, points: Mapping[str, Any], tolerance: Any, lanes: int)
         return jnp.moveaxis(jax.lax.map(each, of.shapers), -1, 0)
 
     if mesh.size == 1:
-        # Within a mesh, lineax does not take a plant whose rest is found by Newton's method.
         return share(arrays, points, tolerance)
     along = PartitionSpec("plants")
+    of_one = {name: values[: len(values) // mesh.size] for name, values in points.items()}
+    # Traced before, since lineax, by which some plants' rest is found, is lost within a mesh.
+    traced = jax.make_jaxpr(share)(arrays, of_one, tolerance)
+
+    def on_one(*arguments: Any) -> Array:
+        (found,) = jaxpr_as_fun(traced)(*jax.tree.leaves(arguments))
+        return found
+
     # Devices never communicate here, so there is nothing for JAX to check.
     shared = jax.shard_map(
-        share,
+        on_one,
         mesh=mesh,
         in_specs=(PartitionSpec(), along, PartitionSpec()),
         out_specs=PartitionSpec(None, None, *along),
