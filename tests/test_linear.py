@@ -478,6 +478,13 @@ def test_simultaneous_undamped_pair_in_closed_form():
     np.testing.assert_allclose(shaper.amplitudes, [outer, 1 - 2 * outer, outer], atol=1e-12)
 
 
+@pytest.mark.parametrize("modes", [[(9.0, 0.0), (27.0, 0.0)], [(45.0, 0.0), (27.0, 0.0), (9.0, 0.0)]])
+def test_simultaneous_odd_harmonics_need_no_more_than_the_lowest_mode(modes):
+    shaper, classic = linear.simultaneous(modes), linear.zv(9.0)
+    np.testing.assert_allclose(shaper.times, classic.times, rtol=1e-10)
+    np.testing.assert_allclose(shaper.amplitudes, classic.amplitudes, rtol=1e-10)
+
+
 @pytest.mark.parametrize("order", [0, 1])
 def test_simultaneous_of_one_mode_is_the_classic(order):
     shaper, classic = linear.simultaneous([(5.0, 0.1)], order), linear.zvd_n(5.0, 0.1, order=order)

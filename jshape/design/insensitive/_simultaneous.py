@@ -33,6 +33,19 @@ def cancel(poles: Poles, order: int, longest: float) -> tuple[Vector, Vector] | 
         found = _refined(poles, order, *merged(amplitudes, times, 0.08))
         if found is not None:
             return found
+    return _along(poles, order, longest)
+
+
+def _along(poles: Poles, order: int, longest: float) -> tuple[Vector, Vector] | None:
+    """The shortest impulses for all modes but one, where they cancel that one, too: the third harmonic, say, whose
+    conditions then follow from the others'."""
+    for one in range(len(poles)) if len(poles) > 1 else ():
+        found = cancel(np.delete(poles, one), order, longest)
+        if found is not None:
+            amplitudes, times = found
+            left = _terms(poles[one : one + 1], order, times[-1] - times) @ amplitudes
+            if np.all(np.abs(left) < 1e-9):
+                return found
     return None
 
 
