@@ -1,5 +1,8 @@
 """The front of residual against duration: against tuning by itself, against the closed forms, kept and resumed."""
 
+import dataclasses
+from typing import Any
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -84,6 +87,24 @@ def test_front_is_kept_and_resumed(both, plant, tmp_path):
     np.testing.assert_array_equal(resumed.objective, both.objective)
     with pytest.raises(ValueError, match="holds the chunks of another computation"):
         front(plant, store=tmp_path / "front", starts=5)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "other",
+    [
+        dict(damper=js.plants.PowerDamper(0.5, 3)),
+        dict(spring=js.plants.SaturatingSpring(10.0, 100.0)),
+        dict(damper=js.plants.LinearDamper(0.6)),
+    ],
+    ids=["damper", "spring", "number"],
+)
+def test_a_front_of_another_plant_is_not_taken_from_the_folder(other, tmp_path):
+    duffing = js.plants.TwoMass(spring=js.plants.Duffing(10.0, 100.0), damper=js.plants.LinearDamper(0.5))
+    given: dict[str, Any] = dict(impulses=(2,), durations=[0.5], over={"m2": [0.9, 1.1]}, starts=2, iterations=1)
+    js.pareto(duffing, 1.0, store=tmp_path / "front", **given)
+    with pytest.raises(ValueError, match="holds the chunks of another computation"):
+        js.pareto(dataclasses.replace(duffing, **other), 1.0, store=tmp_path / "front", **given)
 
 
 WRONG = {

@@ -103,6 +103,8 @@ def _solve(poles: Poles, tangents: list[Vector], times: Vector, duration: float,
         b_eq=None if unity else [1.0],
         bounds=[*bounds, (0, None)],
         method="highs",
+        # On these dense programs it takes as long as the solution.
+        options={"presolve": False},
     )
     if not solved.success:
         raise RuntimeError(f"HiGHS found no solution for a duration of {duration}: {solved.message}")

@@ -137,7 +137,8 @@ def _solve(equations: Real, cuts: list[Real], widths: Real, fuel: float | None) 
         b_ub=np.zeros(len(upper)),
         bounds=[*bounds, (0, GREATEST_SHARE)],
         method="highs",
-        options=dict(primal_feasibility_tolerance=1e-10, dual_feasibility_tolerance=1e-10),
+        # On these dense programs presolve takes nearly as long as the solution.
+        options=dict(primal_feasibility_tolerance=1e-10, dual_feasibility_tolerance=1e-10, presolve=False),
     )
     if answer.x is None:
         return 0.0, np.zeros(steps)

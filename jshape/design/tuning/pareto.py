@@ -12,6 +12,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -134,11 +135,18 @@ def pareto(
             yield index, table[index]
 
     def fingerprint() -> bytes:
-        facts = [names, groups, objective_name(objective), limit, starts, seed, iterations]
+        facts = [names, groups, objective_name(objective), limit, starts, seed, iterations, list(over or ())]
         facts += [version("jshape"), version("jax")]
-        scenarios = problems[0].scenarios
+        scenarios, bounds = problems[0].scenarios, problems[0].bounds
+        ones = np.ones(bounds.shapers * bounds.impulses)
+        point = Point(ones, ones[bounds.shapers :], bounds.leaves)
+        # The program says what is computed of those numbers: which plant, with what springs and dampers.
+        arrays, rest = eqx.partition(scenarios, eqx.is_array)
+        program = jax.jit(lambda arrays, point: evaluate(eqx.combine(arrays, rest), point, TOLERANCE))
+        text = program.lower(arrays, point).as_text()
         leaves = jax.tree.leaves((scenarios.plant, scenarios.command, scenarios.samples, scenarios.state))
-        return b"|".join([repr(facts).encode(), times.tobytes(), *(np.asarray(x).tobytes() for x in leaves)])
+        numbers = [times.tobytes(), *(np.asarray(x).tobytes() for x in leaves)]
+        return b"|".join([repr(facts).encode(), text.encode(), *numbers])
 
     try:
         for index, rows in in_chunks(compute, len(designs), None if store is None else Path(store), fingerprint, None):
@@ -241,7 +249,7 @@ def _closed(problem: DesignProblem, distance: Any) -> list[tuple[str, int, float
 
 def _times(plant: AbstractPlant, durations: Any) -> np.ndarray:
     """The longest durations to try, s, ascending."""
-    if isinstance(durations, int) and not isinstance(durations, bool):
+    if isinstance(durations, int | np.integer) and not isinstance(durations, bool):
         count = _check.count(durations, "durations")
         return slowest_period(plant, "durations") * np.linspace(0.1, 1.5, count)
     times = np.asarray(_check.as_array(durations, "durations"), float)
