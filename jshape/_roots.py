@@ -99,7 +99,8 @@ def integral(function: Callable[[Scalar], Scalar], lower: ArrayLike, upper: Arra
 def checked_integral(function: Callable[[Scalar], Scalar], end: Scalar, kinks: Sequence[float] = ()) -> Scalar:
     """The integral from 0 to ``end`` of a function that is smooth but at the given places.
 
-    By Gauss–Legendre quadrature with 64 points between two of them; NaN where 44 points find another value.
+    By Gauss–Legendre quadrature with 64 points between two of them; NaN where 44 points find another value, but for
+    the rounding of a table's values at those places.
     """
     end = jnp.asarray(end, dtype=float)
     places = jnp.asarray(sorted(kinks), end.dtype)
@@ -110,7 +111,10 @@ def checked_integral(function: Callable[[Scalar], Scalar], end: Scalar, kinks: S
     values = half[:, None] * jax.vmap(jax.vmap(function))(middle[:, None] + jnp.outer(half, nodes))
     value, held = jnp.sum(weights[:1] * values), jax.lax.stop_gradient(values)
     difference, size = jnp.sum((weights[:1] - weights[1:]) * held), jnp.sum(weights[:1] * jnp.abs(held))
-    known = jnp.abs(difference) <= max(1e-10, 256 * float(jnp.finfo(end.dtype).eps)) * size
+    eps = float(jnp.finfo(end.dtype).eps)
+    at_places = jnp.max(jnp.abs(jax.lax.stop_gradient(jax.vmap(function)(places))), initial=0.0)
+    rounding = 64 * eps * jnp.abs(jax.lax.stop_gradient(end)) * at_places
+    known = jnp.abs(difference) <= jnp.maximum(max(1e-10, 256 * eps) * size, rounding)
     return jnp.where(known, value, jnp.nan)
 
 

@@ -325,6 +325,26 @@ def test_forced_mass_rests_where_the_spring_balances_the_force(name):
     np.testing.assert_allclose(moving, 2.0 * 0.3**2 / 2, rtol=1e-10)
 
 
+def test_a_table_without_a_knot_at_rest_is_as_good_as_a_line():
+    # Beside its other values the table's force at 0 is rounding, which is all that there is close to rest.
+    knots = np.array([-0.9, -0.07, 0.13, 0.8])
+    table = plants.TwoMass(spring=plants.ForceSpring(lambda x: jnp.interp(x, knots, 10.7 * knots), kinks=knots))
+    half = js.Shaper([0.5, 0.5], [0.0, np.pi / np.sqrt(10.7)])
+    assert float(js.residual_energy(table, None, 0.5)) == pytest.approx(10.7 * 0.5**2 / 2, rel=1e-9)
+    assert float(js.residual_vibration(table, None, 0.5)) == pytest.approx(1.0, rel=1e-6)
+    assert 0 <= float(js.residual_energy(table, half, 0.5)) < 1e-20
+    assert float(js.residual_vibration(table, half, 0.5)) < 1e-6
+
+
+@pytest.mark.parametrize("size", [1.0, 1e-3, 1e-7])
+def test_a_small_machine_diverges_as_a_large_one_does(size):
+    # Beyond x² = k1 / −k3 the spring pushes on; all lengths are that much shorter, all energies by the square.
+    plant = plants.TwoMass(spring=plants.Duffing(1.0, -1.0 / size**2))
+    shaper = js.Shaper([0.5, 0.5], [0.0, 0.6])
+    assert float(js.residual_energy(plant, shaper, 1.8 * size)) == np.inf
+    assert float(js.residual_energy(plant, shaper, 0.5 * size)) / size**2 == pytest.approx(0.103128789134, rel=1e-9)
+
+
 def test_forced_mass_takes_the_nearer_of_two_rests():
     # x − 0.2 x³ = 0.8 at x = 1 and at (√17 − 1)/2; the force grows from 0, so it stays on this side of the summit.
     plant = plants.ForcedMass(1.0, plants.Duffing(1.0, -0.2))

@@ -87,7 +87,8 @@ def test_energy_payload_and_rest(name):
     around, radius, depth = np.arctan2(at[1], at[0]), np.hypot(at[0], at[1]), at[2]
     top = np.asarray(upper_end(name, 0.6, 0.2))
     length = (20.0 if name == "tower" else 15.0) - 1.5
-    np.testing.assert_allclose(plant.payload(state, position)[:2], [around, radius], rtol=1e-12)
+    below = hanging(name, 0.0, 0.0, 0.0, (0.0, 0.0))[2] - depth
+    np.testing.assert_allclose(plant.payload(state, position), [around, radius, below], rtol=1e-12)
     moved = [around - 0.6, radius - np.hypot(top[0], top[1]), top[2] - depth - length]
     np.testing.assert_allclose(plant.deflection(state, position), moved, atol=1e-11)
     zero = jnp.zeros(())

@@ -118,6 +118,16 @@ def test_damping_ratios_are_those_of_small_waves():
     np.testing.assert_allclose(np.sort(np.abs(poles))[::2], plant.natural_frequency(), rtol=1e-9)
 
 
+@pytest.mark.parametrize("modes", [1, 2, 3])
+def test_a_free_tank_has_its_waves_frequencies_whatever_the_damping(modes):
+    free, damped = (tank(modes=modes, drive="force", zeta=zeta) for zeta in (0.0, 0.3))
+    matrix = jax.jacfwd(lambda y: free.vector_field(0.0, y, jnp.asarray(0.0)))(free.rest_state(jnp.asarray(0.0)))
+    # A pair of zeros is the tank's own motion.
+    waves = np.sort(np.abs(np.linalg.eigvals(matrix)))[2::2]
+    np.testing.assert_allclose(np.atleast_1d(free.natural_frequency()), waves, rtol=1e-9)
+    np.testing.assert_allclose(damped.natural_frequency(), free.natural_frequency(), rtol=1e-12)
+
+
 @pytest.mark.slow
 def test_a_tuned_shaper_quiets_both_modes():
     plant = tank(modes=2)

@@ -89,6 +89,9 @@ class AbstractPlant(Checked):
     command_units: ClassVar[Mapping[str, str]] = {}
     """Units of the commands of those axes for which it is not that of the payload."""
 
+    irreversible: ClassVar[bool] = False
+    """Whether it stays diverged that has left the region from which it returns to rest: a cable that was slack."""
+
     force_unit: ClassVar[str] = "N"
     """Unit of the command of a plant that a force drives."""
 
@@ -129,8 +132,9 @@ class AbstractPlant(Checked):
     def natural_frequency(self) -> Float[Array, "..."]:
         """Undamped natural frequencies of the plant linearised about rest at input 0, rad/s, ascending.
 
-        A scalar where there is only one. They come from the eigenvalues of the linearised equation, which JAX computes
-        on the CPU alone; a plant with a formula overrides this.
+        A scalar where there is only one. They are the magnitudes of the linearised equation's eigenvalues, a pair each,
+        which JAX computes on the CPU alone: the undamped frequencies where every mode is damped below critical, all in
+        proportion. A plant that is damped otherwise, or has a formula, overrides this.
         """
         return self._linearised_frequency(self.zero_inputs())
 

@@ -18,7 +18,7 @@ class BridgeCrane(AbstractCrane):
     Axes: ``trolley``, along x, and ``bridge``, along y, m. Two angles: θx tilts the plane in which the cable hangs, θy
     tilts the cable within it; the payload is at l (sin θx cos θy, sin θy, −cos θx cos θy) from the trolley. State: θx,
     θy, then their velocities (rad/s), for ``"velocity"`` those that they would have if both axes stopped dead. Payload
-    and deflection, m: along x and y.
+    and deflection, m: along x and y. Past the horizontal the cable is slack and the payload counts as diverged.
 
     Attributes:
         cable_length: from trolley to payload, m.
@@ -41,6 +41,7 @@ class BridgeCrane(AbstractCrane):
     trolley: Trolley = eqx.field(default=None, converter=part(Trolley, Trolley))
     drive: str = eqx.field(default="acceleration", static=True, converter=choice("acceleration", "velocity"))
     angles: ClassVar = 2
+    irreversible: ClassVar[bool] = True
     axes: ClassVar = ("trolley", "bridge")
 
     def axis_drives(self) -> tuple[str | tuple[str, ...], ...]:

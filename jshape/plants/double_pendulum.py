@@ -44,6 +44,7 @@ class DoublePendulumCrane(AbstractCrane):
     trolley: Trolley = eqx.field(default=None, converter=part(Trolley, Trolley))
     drive: str = eqx.field(default="acceleration", static=True, converter=choice(*CRANE_DRIVES))
     angles: ClassVar = 2
+    irreversible: ClassVar[bool] = True
 
     def carried(self) -> Scalar:
         return self.hook_mass + self.payload_mass

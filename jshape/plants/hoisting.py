@@ -23,7 +23,8 @@ class HoistingCrane(AbstractCrane):
     Axes: ``trolley``, its position s (m, or the force on it), and ``hoist``, how much cable is let out since the
     beginning (m, negative where it is wound up): l is ``cable_length`` and that. Payload and deflection, m: along the
     track, and how far down. Energy and rest are those of a payload that hangs still on a cable of the length of that
-    instant: while the hoist runs the energy changes (winding up amplifies it).
+    instant: while the hoist runs the energy changes (winding up amplifies it). Past the horizontal the cable is slack
+    and the payload counts as diverged.
 
     Attributes:
         cable_length: from trolley to payload at the beginning, m.
@@ -47,6 +48,7 @@ class HoistingCrane(AbstractCrane):
     trolley: Trolley = eqx.field(default=None, converter=part(Trolley, Trolley))
     drive: str = eqx.field(default="acceleration", static=True, converter=choice(*CRANE_DRIVES))
     angles: ClassVar = 1
+    irreversible: ClassVar[bool] = True
     axes: ClassVar = ("trolley", "hoist")
 
     def axis_drives(self) -> tuple[str | tuple[str, ...], ...]:

@@ -64,7 +64,7 @@ class AbstractPendulum(AbstractCrane):
 class Crane(AbstractPendulum):
     """A crane with a point mass on a cable: l θ'' + g sin θ + s'' cos θ = 0, with s the trolley's position.
 
-    Past the horizontal the cable is slack and the payload counts as diverged.
+    Past the horizontal the cable is slack and the payload counts as diverged, also where it swings back.
 
     Attributes:
         cable_length: from trolley to payload, m.
@@ -88,6 +88,7 @@ class Crane(AbstractPendulum):
     damping: Scalar = eqx.field(default=0.0, converter=Argument(not_negative))
     trolley: Trolley = eqx.field(default=None, converter=part(Trolley, Trolley))
     drive: str = eqx.field(default="acceleration", static=True, converter=choice(*CRANE_DRIVES))
+    irreversible: ClassVar[bool] = True
 
     def inertia(self) -> Scalar:
         return self.payload_mass * self.cable_length**2

@@ -50,8 +50,10 @@ class AbstractSlewingCrane(AbstractPlant):
     downwards (m). Energy and rest are those of the payload if all axes stopped dead, seen from the crane.
 
     The equations are Newton's law along both tangents of the sphere, with the Coriolis, Euler and centrifugal
-    accelerations of the frame.
+    accelerations of the frame. A cable past the horizontal is slack, and the payload counts as diverged.
     """
+
+    irreversible: ClassVar[bool] = True
 
     cable_length: AbstractVar[Scalar]
     payload_mass: AbstractVar[Scalar]
@@ -65,6 +67,10 @@ class AbstractSlewingCrane(AbstractPlant):
     @abc.abstractmethod
     def radius(self, position: Position) -> Scalar:
         """Of the cable's upper end from the axis of slewing, m."""
+
+    def rise(self, position: Position) -> Scalar:
+        """How much higher the cable's upper end is than at the beginning, m."""
+        return jnp.zeros_like(self.gravity)
 
     def vector_field(self, t: Number, state: State, inputs: Inputs) -> State:
         at = self.suspension(inputs)
@@ -100,7 +106,8 @@ class AbstractSlewingCrane(AbstractPlant):
     def payload(self, state: State, position: Position) -> Position:
         """Position of the payload: around the axis of slewing (rad), from it, and below its initial place (m)."""
         turned, outwards, down = self.deflection(state, position)
-        return jnp.stack([position[0] + turned, self.radius(position) + outwards, position[2] + down])
+        below = position[2] + down - self.rise(position)
+        return jnp.stack([position[0] + turned, self.radius(position) + outwards, below])
 
     def deflection(self, state: State, position: Position) -> Position:
         """Displacement of the payload around the axis (rad), outwards, and below the cable's length (m)."""
@@ -237,3 +244,6 @@ class BoomCrane(AbstractSlewingCrane):
 
     def radius(self, position: Position) -> Scalar:
         return self.boom_length * jnp.cos(self.luff_angle + position[1])
+
+    def rise(self, position: Position) -> Scalar:
+        return self.boom_length * (jnp.sin(self.luff_angle + position[1]) - jnp.sin(self.luff_angle))

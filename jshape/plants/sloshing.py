@@ -75,9 +75,13 @@ class SloshingTank(AbstractCrane):
 
     def natural_frequency(self) -> Float[Array, "..."]:
         """The frequencies of small waves, rad/s, ascending; with a force as input those of the free tank."""
+        lengths, masses = self.lengths(), self.masses()
+        omega = jnp.sqrt(self.gravity / lengths)
         if self.drive == "force":
-            return super().natural_frequency()
-        omega = jnp.sqrt(self.gravity / self.lengths())
+            # The tank recoils by what the pendulums carry: kinetic energy over potential energy is 1/ω².
+            recoil = jnp.sqrt(masses * lengths / self.gravity)
+            whole = self.trolley.mass + self.carried()
+            omega = jnp.linalg.eigvalsh(jnp.diag(1 / omega**2) - jnp.outer(recoil, recoil) / whole)[::-1] ** -0.5
         return omega[0] if self.modes == 1 else omega
 
     def free(self, place: Array, rates: Array) -> Array:

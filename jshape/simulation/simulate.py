@@ -312,6 +312,6 @@ def _response(plant, times, states, segments: Segments, at, error) -> Response:
         payload=jax.vmap(plant.payload)(states, command),
         deflection=jax.vmap(plant.deflection)(states, command),
         energy=jax.vmap(plant.residual_energy)(states, inputs),
-        diverged=jnp.where(finite[-1], outside[-1], jnp.any(outside & finite)),
+        diverged=jnp.where(finite[-1] & (not plant.irreversible), outside[-1], jnp.any(outside & finite)),
         error=error,
     )
