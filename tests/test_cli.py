@@ -72,6 +72,15 @@ def test_foreign_files_are_not_written_over(tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["precious.txt"]
 
 
+def test_compare_says_why_no_closed_form_applies(tmp_path):
+    (tmp_path / "cubic.toml").write_text(
+        'distance = "5 N"\n[plant]\ntype = "ForcedMass"\nspring = { type = "PowerLawSpring", k = 10, power = 3 }\n'
+    )
+    result = run(app, ["compare", str(tmp_path / "cubic.toml"), "--out", str(tmp_path / "cubic")])
+    assert result.exit_code == 2
+    assert "no closed form applies to cubic: linear shapers: the plant has no natural frequency" in result.output
+
+
 def test_an_earlier_result_is_named(tmp_path, capsys):
     write_results(tmp_path, {})
     assert results_folder(tmp_path, "unused") == tmp_path

@@ -35,9 +35,10 @@ def run(*arguments):
 @pytest.mark.slow
 def test_front(tmp_path):
     problem, out = tmp_path / "front.toml", tmp_path / "out"
-    problem.write_text(PROBLEM, encoding="utf-8")
+    problem.write_text(PROBLEM + "[design]\npeak_deflection = 2\n", encoding="utf-8")
     result = run("pareto", problem, "--out", out)
     assert result.exit_code == 0, result.output
+    assert "a front keeps to no limits: peak_deflection of [design] left out" in result.output
     assert "A front\n" in result.output
     assert "residual energy, worst case (J) for each duration" in result.output
     assert "energy 2-impulse: 0.6609 J in 0.5912 s" in result.output

@@ -1,5 +1,6 @@
 """Figures of a run: what is drawn, in which lines, on which axes; legends stay small."""
 
+import dataclasses
 import itertools
 import subprocess
 import sys
@@ -15,7 +16,7 @@ import pytest
 
 import jshape as js
 from jshape.problems.problem import load
-from jshape.reports import plot, report
+from jshape.reports import plot, report, tables
 from jshape.reports.style import columns, decades, looks
 
 NAMES = ("linear ZV", "linear ZVDD", "energy 3-impulse", "energy 4-impulse, first order", "tuned")
@@ -119,6 +120,15 @@ def test_a_tower_crane_sways_both_ways(tmp_path):
 
 
 MOVE = '[command]\ntype = "Trapezoid"\ndistance = "1 m"\nspeed = "0.5 m/s"\nacceleration = "1 m/s²"'
+
+
+PAIR = """distance = 1.0
+[plant]
+type = "TwoMass"
+m1 = 1.0
+m2 = 1.0
+spring = { type = "Duffing", k1 = 10.0, k3 = 100.0 }
+"""
 
 
 def rows(**left: tuple[float, float]) -> list[report.Row]:
@@ -239,3 +249,55 @@ def test_the_best_shaper_is_seen_inside_the_uncertainty():
 @pytest.mark.parametrize(("names", "count"), [("abcd", 2), ("abcde", 3), (["linear ZVD", "energy 4-impulse"] * 3, 2)])
 def test_a_legend_has_as_few_rows_as_fit(names, count):
     assert columns(list(names)) == count
+
+
+@pytest.mark.parametrize(
+    ("stated", "ends"),
+    [
+        ([0.9, 1.1], (0.8, 1.2)),
+        ([0.5, 1.5], (0.2, 2.0)),
+        ([0.02, 0.03], (0.015, 0.035)),
+        ([0.1, 0.5], (0.05, 0.7)),
+        ([0.0, 1.0], (0.0, 1.0)),
+        ([2.0, 4.0], (1.0, 5.0)),
+    ],
+)
+def test_a_sensitivity_curve_holds_what_is_stated_and_no_impossible_plant(stated, ends):
+    curve = report._wide(stated)
+    np.testing.assert_allclose([curve[0], curve[-1]], ends, atol=1e-15)
+    assert curve[0] <= min(stated) <= max(stated) <= curve[-1]
+    assert min(stated) == 0 or curve[0] > 0
+
+
+def test_shapers_of_a_move_that_ends_where_it_began_are_judged_by_their_energies():
+    named = [("unshaped", [0.0], 3.0), ("linear ZV", [0.0, 0.5], 0.2), ("linear ZVD", [0.0, 0.5, 1.0], 0.1)]
+    made = [
+        report.Row(name, js.Shaper(np.full(len(t), 1 / len(t)), t), energy, energy, np.nan) for name, t, energy in named
+    ]
+    found = report.Report(load("paper_000"), made, {}, {}, None)
+    assert report.best(found).name == "linear ZVD"
+    cells = tables._cells(found)[1]
+    assert [row[-1] for _, row in cells] == ["–"] * 3
+    lost = dataclasses.replace(made[1], worst_energy=np.nan)
+    assert tables._cells(dataclasses.replace(found, rows=[lost]))[1][0][1][-1] == "not met"
+
+
+@pytest.mark.slow
+def test_a_machine_that_was_designed_with_its_shaper_is_the_reports(tmp_path):
+    path = tmp_path / "designed.toml"
+    text = PAIR + "[uncertainty]\nm2 = { low = 0.9, high = 1.1, count = 3 }\n[design]\nimpulses = 2\nduration = 0.6\n"
+    path.write_text(text + 'also = { "spring.k1" = ["5 N/m", "20 N/m"] }\n', encoding="utf-8")
+    problem = load(path)
+    solution = js.tune(problem.plant, problem.distance, **problem.tuning | {"starts": 4})
+    made = report.build(problem, solution)
+    assert solution.leaves["spring.k1"] != pytest.approx(10, rel=1e-3)
+    tuned = made.rows[-1]
+    stiffness = solution.leaves["spring.k1"]
+    left = [
+        float(js.residual_energy(js.plants.TwoMass(1.0, m, js.plants.Duffing(stiffness, 100.0)), tuned.shaper, 1.0))
+        for m in (0.9, 1.0, 1.1)
+    ]
+    assert tuned.nominal_energy == pytest.approx(left[1], rel=1e-6)
+    assert tuned.worst_energy == pytest.approx(max(left), rel=1e-3)
+    assert made.rows[1].shaper.times[1] == pytest.approx(np.pi / np.sqrt(stiffness), rel=1e-9)
+    assert made.problem.understood[-1] == f"the machine as designed, for all shapers: spring.k1 {stiffness:.6g}"

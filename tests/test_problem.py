@@ -253,6 +253,11 @@ QUESTIONED = {
         '"spring.k3" = { low = "-20 %", high = "20 %" }',
         "-0.2 is read as -0.2 times the nominal 100",
     ),
+    "a percentage in the place of a multiple": (
+        "m2 = { low = 0.8, high = 1.2 }",
+        '"spring.k3" = { low = "1 %", high = "3 %" }',
+        "0.03 is read as 0.03 times the nominal 100",
+    ),
     "millimetres": ("distance = 1.0", "distance = 1000.0", "distance: 1000 is read as 1000 m"),
     "grams": ("m2 = 1.0", "m2 = 1e7", "plant.m2: 1e+07 is read as 1e+07 kg"),
 }
@@ -266,7 +271,16 @@ def test_odd_sizes_are_questioned(load, case):
     assert words in question
 
 
+def test_designed_leaves_and_limits_have_units(load):
+    design = load("impulses = 3", 'also = { "spring.k3" = ["0.05 N/mm³", 2e8] }\nlimit = "150 %"').design
+    assert isinstance(design.also, dict)
+    assert design.also["spring.k3"] == pytest.approx([5e7, 2e8])
+    assert design.limit == 1.5
+
+
 UNITS = {
+    "designed, in metres": ("impulses = 3", 'also = { m2 = ["1 m", 2] }', 17, "design.also.m2: must be in kg or a"),
+    "designed, unknown": ("impulses = 3", "also = { m3 = [1, 2] }", 17, "design.also.m3: unknown leaf 'm3'"),
     "mass in metres": ("m2 = 1.0", 'm2 = "4 m"', 6, "plant.m2: must be in kg or a multiple of it, not '4 m'"),
     "time in metres": ("impulses = 3", 'duration = "4 m"', 17, "design.duration: must be in s or a multiple"),
     "leaf in metres": ("low = 0.8, high = 1.2", 'low = "1 m", high = "2 m"', 14, "uncertainty.m2: must be in kg"),

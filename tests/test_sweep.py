@@ -12,7 +12,7 @@ from jshape.sweeps import chunks
 from jshape.sweeps.evaluate import on_cores, study
 from jshape.sweeps.leaves import with_leaves
 from jshape.sweeps.sampling import draw
-from jshape.sweeps.sweep import leaf_label, summary
+from jshape.sweeps.sweep import about_metric, leaf_label, summary
 
 PLANT = js.plants.TwoMass(spring=js.plants.Duffing(10.0, 100.0))
 TWO = js.Shaper([0.5, 0.5], [0.0, 0.591240537428156])
@@ -347,3 +347,11 @@ def test_a_move_that_ends_where_it_began():
     )
     with pytest.raises(ValueError, match="trolley are axes of the plant; a shaper for each axis needs a name"):
         js.sweep(plant, {"trolley": TWO}, move, {"cable_length": [0.9, 1.0]})
+
+
+def test_peak_deflections_have_the_unit_of_the_machine():
+    link = js.plants.FlexibleLink()
+    for plant, unit in ((PLANT, "m"), (link, link.unit)):
+        assert about_metric("peak_deflection", plant)[1] == unit
+    tower = js.plants.TowerCrane(20.0, 15.0)
+    assert [about_metric(f"peak_deflection.{axis}", tower)[1] for axis in tower.axes] == ["rad", "m", "m"]

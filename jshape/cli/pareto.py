@@ -17,6 +17,9 @@ from jshape.cli._shared import (
     progress_line,
 )
 
+LIMITS = ("peak_deflection", "speed_limit", "command_overshoot", "time_cost", "sample_time", "also")
+"""Of a design; a front keeps to none of them."""
+
 
 @explained()
 def pareto(
@@ -39,6 +42,8 @@ def pareto(
     durations = front.durations if isinstance(front.durations, int) else len(front.durations)
     tasks = len(front.impulses) * durations * front.starts
     announced(read.distance, plants_of(read), tasks, "starts", max(front.impulses))
+    if left_out := [name for name in LIMITS if getattr(read.design, name)]:
+        typer.echo(f"a front keeps to no limits: {', '.join(left_out)} of [design] left out", err=True)
     with progress_line() as (step, progress):
         step("closed-form shapers")
         with read.blaming("pareto"):
@@ -47,6 +52,7 @@ def pareto(
                 read.distance,
                 over=read.over or None,
                 objective=read.objective,
+                shapers=read.design.shapers,
                 store=store,
                 progress=progress,
                 **front.model_dump(),

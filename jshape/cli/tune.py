@@ -114,7 +114,10 @@ def compare(problem: ProblemFile, out: Out = None, latex: Latex = False) -> None
         with progress_line() as (step, _):
             step("closed-form shapers")
             closed = closed_forms(read.plant, read.distance)
-            shapers = closed[0].values()
+            shapers, left_out = closed[0].values(), closed[1]
+            if len(shapers) == 1:
+                words = "; ".join(f"{name}: {why}" for name, why in left_out.items())
+                raise ValueError(f"no closed form applies to {read.name}: {words}")
             announced(read.distance, plants_of(read), len(shapers), "shapers", most_impulses(shapers))
             result = report.build(read, None, step, closed)
             written = report.write(result, folder, step, draw)

@@ -41,8 +41,9 @@ MADE = {"Axes": Axes, "Synchronised": TimeOptimal.synchronised, "TimeOptimal": T
 POINT_MASSES = (plants.Crane, plants.HoistingCrane, plants.BridgeCrane, plants.TowerCrane, plants.BoomCrane)
 """Cranes whose payload is a point on a cable, and swings alike whatever it weighs."""
 
-GREATEST_MULTIPLE = 10.0
-"""Multiples of nominal beyond this are questioned: an absolute value may have been meant."""
+LEAST_MULTIPLE, GREATEST_MULTIPLE = 0.1, 10.0
+"""Multiples of nominal that are all below the one, and those beyond the other, are questioned: an absolute value may
+have been meant."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -189,9 +190,9 @@ def _question(name: str, multiples: np.ndarray, nominal: float, draft: Draft) ->
     """Question multiples of nominal that are far from 1."""
     greatest, least = float(np.max(np.abs(multiples))), float(np.min(multiples))
     if greatest <= GREATEST_MULTIPLE:
-        if least >= 0:
+        if least >= 0 and greatest >= LEAST_MULTIPLE:
             return []
-        greatest = least
+        greatest = least if least < 0 else greatest
     unit = draft.over[name].unit or ""
     words = f"{greatest:g} times the nominal {nominal:g} {unit}".rstrip()
     if draft.over[name].absolute:

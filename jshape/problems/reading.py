@@ -18,7 +18,7 @@ from jshape.problems.catalogue import LISTS, WORDS, Entry, Key, suggestion
 from jshape.problems.lines import Lines, ProblemError
 from jshape.problems.machine_files import machine_files, units_of_file
 from jshape.problems.mistakes import first_of, keys_of, message_of
-from jshape.problems.schema import File, Range
+from jshape.problems.schema import Design, File, Range
 from jshape.problems.units import Units, in_units, lengths, quantity, question
 
 QUANTITIES: dict[str, dict[str, str]] = {
@@ -30,8 +30,9 @@ QUANTITIES: dict[str, dict[str, str]] = {
         "peak_deflection": "m",
         "speed_limit": "m/s",
         "command_overshoot": "",
+        "limit": "",
     },
-    "pareto": {"durations": "s"},
+    "pareto": {"durations": "s", "limit": ""},
     "adapt": {
         **{"sample_time": "s", "period": "s", "duration": "s"},
         **{"omega": "rad/s", "zeta": "", "bands": "rad/s", "thresholds": "m/s²"},
@@ -158,6 +159,7 @@ def read(name: str | Path, text: str | None = None) -> Draft:
     plant = reader.plant(file.plant)
     if file.distance is not None:
         reader.question(file.distance, reader.units.command, ["distance"], raw["distance"])
+    reader.also(file.design, plant)
     over = {leaf: reader.spread(leaf, uncertain, plant) for leaf, uncertain in file.uncertainty.items()}
     if (number := math.prod(spread.between or len(spread.values) for spread in over.values())) > limits.PLANTS:
         raise lines.error(["uncertainty"], f"makes {number} plants, more than {limits.PLANTS}; take smaller counts")
@@ -354,6 +356,17 @@ class _Reader:
         words = None if isinstance(value, str) else question(number, unit)
         if words:
             self.questions.append(str(self.lines.error(place, words)))
+
+    def also(self, design: Design, plant: Part) -> None:
+        """Convert the bounds of leaves that are designed with the shaper, in place."""
+        if isinstance(design.also, dict):
+            for leaf, bounds in design.also.items():
+                place = ["design", "also", leaf]
+                try:
+                    unit = leaf_unit(plant, leaf)
+                except ValueError as error:
+                    raise self.lines.error(place, str(error)) from None
+                design.also[leaf] = self.quantity(bounds, unit, place)
 
     def spread(self, leaf: str, uncertain: Range, plant: Part) -> Spread:
         """The values of an uncertain leaf."""

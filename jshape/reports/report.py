@@ -145,7 +145,7 @@ def build(
     step: Step = lambda _: None,
     closed: tuple[dict[str, Shaper], dict[str, str]] | None = None,
 ) -> Report:
-    """Evaluate every shaper of a problem, the tuned one last.
+    """Evaluate every shaper of a problem, the tuned one last, all on the machine as it was designed.
 
     Args:
         problem: the problem.
@@ -154,6 +154,8 @@ def build(
         closed: what ``closed_forms`` returned, where that has been called already.
     """
     step("closed-form shapers")
+    if solution is not None and solution.leaves:
+        problem, closed = _as_designed(problem, solution), None
     found, left_out = closed_forms(problem.plant, problem.distance) if closed is None else closed
     shapers: dict[str, Any] = {**found, **({} if solution is None else {"tuned": solution.shaping})}
     curves: dict[str, Curves] = {}
@@ -183,6 +185,13 @@ def build(
             curves[name] = Curves(wide, wide * float(leaf(problem.plant, name)), dict(zip(shapers, along, strict=True)))
     rows = [Row(*values) for values in zip(shapers, shapers.values(), nominal, energies, vibrations, strict=True)]
     return Report(problem, rows, left_out, curves, solution)
+
+
+def _as_designed(problem: Problem, solution: Solution) -> Problem:
+    """The problem with those parameters of the machine that were designed with the shaper."""
+    words = ", ".join(f"{name} {value:.6g}" for name, value in solution.leaves.items())
+    line = f"the machine as designed, for all shapers: {words}"
+    return dataclasses.replace(problem, plant=solution.plant, understood=[*problem.understood, line])
 
 
 def rehearse(problem: Problem, closed: dict[str, Shaper], tuned: Shaping) -> None:
@@ -237,9 +246,12 @@ def _between(values: Any) -> list[float]:
 
 
 def _wide(values: Any) -> np.ndarray:
-    """The ratios of a sensitivity curve: twice as far as the stated uncertainty, the ratio 1 in the middle."""
-    ends = 1 + 2 * (np.array([min(values), max(values)]) - 1)
-    return np.linspace(max(ends[0], 0.2), ends[1], 121)
+    """The ratios of a sensitivity curve: twice as far as the stated uncertainty, from 1 or, where it does not hold 1,
+    from its middle; none less than 0.2, or than half of the least that is stated."""
+    least, greatest = float(min(values)), float(max(values))
+    middle = 1.0 if least <= 1 <= greatest else (least + greatest) / 2
+    floor = min(0.2, least / 2 if least > 0 else least)
+    return np.linspace(max(2 * least - middle, floor), 2 * greatest - middle, 121)
 
 
 def write(report: Report, folder: Path, step: Step = lambda _: None, draw: Draw | None = None) -> list[Path]:
@@ -401,9 +413,12 @@ def _chosen(report: Report) -> list[Row]:
 
 
 def _badness(row: Row) -> float:
-    """Worst vibration, or nominal energy where nothing is uncertain."""
-    left = row.nominal_energy if row.worst_vibration is None else row.worst_vibration
-    return left if np.isfinite(left) else np.inf
+    """Worst vibration, or worst energy where a machine ends where it began, or nominal energy where nothing is
+    uncertain."""
+    for left in (row.worst_vibration, row.worst_energy, row.nominal_energy):
+        if left is not None and not np.isnan(left):
+            return left
+    return np.inf
 
 
 def _rows_of_panels(chosen: list[Row]) -> list[Row]:

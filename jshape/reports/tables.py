@@ -1,5 +1,6 @@
 """Tables of reports, sweeps and fronts at the prompt, at any width; names and titles as they are."""
 
+import math
 import os
 import re
 from collections.abc import Iterable, Sequence
@@ -58,7 +59,9 @@ def _cells(report: "Report") -> tuple[list[str], list[tuple[str, list[str]]]]:
     for row in report.rows:
         cells = [f"{report.move_time(row):.4f}", number(row.nominal_energy)]
         if row.worst_energy is not None and row.worst_vibration is not None:
-            cells += [number(row.worst_energy), number(100 * row.worst_vibration)]
+            # A machine that ends where it began has nothing that its vibration could be compared with.
+            compared = not math.isnan(row.worst_vibration) or math.isnan(row.worst_energy)
+            cells += [number(row.worst_energy), number(100 * row.worst_vibration) if compared else "–"]
         rows.append((row.name, cells))
     return headings, rows
 

@@ -169,9 +169,9 @@ def about_metric(name: str, plant: AbstractPlant) -> tuple[str, str]:
     """The long name and the unit of a metric, of one axis (``"overshoot.trolley"``) or of the whole plant."""
     kind, _, axis = name.partition(".")
     words, unit = METRICS.get(kind, (kind, "SI"))
-    if not axis:
-        return words, unit
-    return f"{words}, {axis}", plant.axis_unit(plant.axes.index(axis)) if kind == "peak_deflection" else unit
+    if kind == "peak_deflection" and (axis or not plant.axes):
+        unit = plant.axis_unit(plant.axes.index(axis) if axis else 0)
+    return (f"{words}, {axis}" if axis else words), unit
 
 
 def as_metrics(
