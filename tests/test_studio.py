@@ -7,6 +7,7 @@ import gc
 import itertools
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -376,6 +377,23 @@ def test_an_axis_keeps_its_own_shaper():
         changes.with_axis(state.begin("Crane"), "bridge")
     assert "'bridge': js.Shaper(" in takeaway.script(pinned)
     assert takeaway.exported(other, "json", {})[0] == "shaper_bridge.json"
+
+
+@pytest.mark.slow
+def test_a_move_of_several_axes_ends_with_the_last_of_them():
+    begun = state.begin("BridgeCrane")
+    short = re.sub(r"(?s)(\[command\.bridge\].*?distance = )[^#\n]*", r'\1"0.2 m" ', begun.text)
+    shown = dataclasses.replace(
+        changes.with_own(state.from_text(short), True),
+        amplitudes=(0.5, 0.5), times=(0.0, 0.1), own=(state.Pin("bridge", (0.5, 0.5), (0.0, 2.0)),),
+    )  # fmt: skip
+    problem = state.problem(shown.text)
+    commands = dict(problem.distance.items())
+    found = curves.numbers(problem, curves.pair(curves.shapers_of(shown)))
+    assert found.duration == 2.0
+    ends = float(commands["trolley"].duration) + 0.1, float(commands["bridge"].duration) + 2.0
+    assert ends[0] > ends[1]
+    assert found.move_time == pytest.approx(ends[0], rel=1e-12)
 
 
 @pytest.mark.slow

@@ -19,7 +19,7 @@ from jshape.plants import AbstractOscillator, AbstractPlant, ModalPlant
 from jshape.problems.problem import Problem
 from jshape.reports.places import bent_along, motion_of
 from jshape.reports.responses import shown_until
-from jshape.shaper import Shaper
+from jshape.shaper import Shaper, shaped
 from jshape.simulation.response import Response
 from jshape.simulation.schedule import schedule
 from jshape.simulation.simulate import fastest, natural_frequencies, simulate
@@ -296,7 +296,7 @@ def numbers(asked: Problem, both: Pair) -> Numbers:
         both: with and without.
     """
     left, bare = (float(residual_energy(asked.plant, each, asked.distance)) for each in (both.shaped, both.bare))
-    return Numbers(left, bare, both.duration, both.duration + float(as_command(asked.distance).duration))
+    return Numbers(left, bare, both.duration, float(shaped(as_command(asked.distance), both.shaped).duration))
 
 
 def linear(asked: Problem, both: Pair, frequencies: np.ndarray, moved: Moves, axis: str = "") -> Linear:
