@@ -258,6 +258,15 @@ def test_frequency_response():
     assert np.max(np.abs(found.predict()[:, 0] - clean)) < 0.03
 
 
+def test_a_part_of_a_frequency_response_with_a_mass_line_is_predicted_as_the_whole():
+    axis = 2 * np.pi * np.arange(5, 80, 0.5)
+    omega = 2 * np.pi * 20
+    clean = 0.7 * omega**2 / (omega**2 - axis**2 + 2j * 0.03 * omega * axis) - 1500 / axis**2
+    found = identify(axis, clean, kind="spectrum", modes=1)
+    for part in (slice(1), slice(40), slice(100, None), slice(None)):
+        np.testing.assert_allclose(found.predict(axis[part])[:, 0], clean[part], rtol=1e-6)
+
+
 @pytest.mark.parametrize(("sensor", "order"), [("position", 0), ("velocity", 1), ("acceleration", 2)])
 def test_gains_are_those_of_a_position_whatever_was_measured(sensor, order):
     """A ring-down's, a step's and a frequency response's, from the same machine seen by each sensor."""

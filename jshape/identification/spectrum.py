@@ -32,14 +32,18 @@ class FrequencyResponse(_AbstractSpectrum):
     Args:
         at_omega: rad/s, shape (frequencies,).
         data: complex, shape (frequencies, channels).
+        middle: the frequency at which the mass line counts as 1, rad/s; the median unless given.
     """
 
-    def __init__(self, at_omega: np.ndarray, data: np.ndarray):
+    def __init__(self, at_omega: np.ndarray, data: np.ndarray, middle: float | None = None):
         super().__init__(at_omega, _stack(data))
         self.weights = np.ones(2 * len(self.axis))
         w = np.where(self.axis > 0, self.axis, np.inf)
-        middle = np.median(self.axis)
-        self.background = np.stack([_stack(np.ones_like(w)), _stack((middle / w) ** 2)], axis=1)
+        self.middle = float(np.median(self.axis)) if middle is None else middle
+        self.background = np.stack([_stack(np.ones_like(w)), _stack((self.middle / w) ** 2)], axis=1)
+
+    def at(self, axis: np.ndarray, inputs: np.ndarray | None) -> "FrequencyResponse":
+        return FrequencyResponse(axis, np.empty((len(axis), 0)), self.middle)
 
     def columns(self, omega: float, zeta: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         at, *along = pole(omega, zeta)
