@@ -386,6 +386,19 @@ def test_prediction_at_other_times():
     np.testing.assert_allclose(found.predict(later)[:, 0], swing(later, OMEGA, ZETA, np.array([1.0, 0.5j])), atol=1e-7)
 
 
+def test_before_a_step_the_machine_rests():
+    times = 5.0 + 0.01 * np.arange(-100, 400)
+    command = np.where(times >= 5.0 - 1e-9, 2.0, 0.0)
+    moved = lsim(state_space(), np.full(400, 2.0), times[100:] - times[100], interp=False)[1]
+    values = np.concatenate([np.full(100, 0.25), 0.25 + moved])
+    found = identify(times, values, kind="step", inputs=command, modes=2)
+    np.testing.assert_allclose(found.predict(times)[:, 0], values, atol=1e-6)
+    np.testing.assert_allclose(found.predict(np.array([-1e6])), [[0.25]])
+    late = identify(times[100:], values[100:], kind="step", modes=2)
+    with pytest.raises(ValueError, match=r"at must not begin before the step, at 5 s, but does at 4 s"):
+        late.predict(times)
+
+
 def test_drifts_are_no_modes():
     random = np.random.default_rng(0)
     times = np.arange(0, 8, 0.01)

@@ -79,13 +79,14 @@ def identify(
         # Channels added up: every mode is in some of them, and one error serves all frequencies.
         total = np.mean(record.values / np.max(record.values, axis=0), axis=1, keepdims=True)
         record = dataclasses.replace(record, values=total, names=("mean of the channels, each over its peak",))
-    size = 1.0
+    size, rest = 1.0, None
     if kind == "sweep":
         record = longest_stretch(record)
     elif record.inputs is not None:
         at, size = after_the_step(record.inputs)
         if len(record.axis) - at < FEWEST:
             raise RecordError(f"inputs: too short a record, {len(record.axis) - at} samples from the step on")
+        rest = np.mean(record.values[:at], axis=0)
         record = record.part(slice(at, None))
     family, centre, scale = _family(record, kind)
     found, criteria = search(family, modes, progress)
@@ -95,7 +96,8 @@ def identify(
             level = found.fitted(family)[:, 0]
             family = PowerSpectrum(family.axis, family.data, np.maximum(level, 0.05 * family.data[:, 0]))
             found = fit(family, found.omega, found.zeta, found.noise)
-    return _result(record, kind, family, found, criteria, centre, scale, size, modes, measured)
+    result = _result(record, kind, family, found, criteria, centre, scale, size, modes, measured)
+    return dataclasses.replace(result, _rest=rest)
 
 
 def _family(record: Record, kind: str) -> tuple[AbstractFamily, np.ndarray, np.ndarray]:

@@ -99,6 +99,7 @@ class Identified(AbstractIdentified):
     _family: AbstractFamily = dataclasses.field(repr=False)
     _fit: Fit = dataclasses.field(repr=False)
     _scale: tuple[np.ndarray, np.ndarray] = dataclasses.field(repr=False)
+    _rest: np.ndarray | None = dataclasses.field(default=None, repr=False)
 
     @property
     def omega_std(self) -> np.ndarray:
@@ -124,10 +125,27 @@ class Identified(AbstractIdentified):
         """The channels according to the fit, shape (rows, channels).
 
         Args:
-            at: instants, s (spectra: rad/s); the record's own unless given.
-            inputs: at those instants, evenly spaced, where the record was driven.
+            at: instants, s (spectra: rad/s); the record's own unless given. Where the record was driven they must begin
+                where it does. Before a step the machine is where it was recorded to rest.
+            inputs: at those instants, where the record was driven; the record's own unless ``at`` is given.
+
+        Raises:
+            ValueError: for inputs that are missing or of another length, instants that begin elsewhere, and instants
+                before a step of which the record has none.
         """
         axis = self.axis if at is None else np.atleast_1d(np.asarray(at, float))
-        family = self._family.at(axis, self.inputs if at is None else inputs)
+        before = np.zeros(len(axis), bool)
+        if self.kind == "step":
+            before = axis < self.axis[0] - 0.5 * float(np.median(np.diff(self.axis)))
+        if before.any() and self._rest is None:
+            raise ValueError(
+                f"at must not begin before the step, at {self.axis[0]:.9g} s, but does at {axis[before][0]:.9g} s: "
+                "the record does not say where the machine was"
+            )
+        given = self.inputs if at is None and inputs is None else inputs
+        family = self._family.at(np.where(before, self.axis[0], axis), given)
         centre, scale = self._scale
-        return family.join(self._fit.fitted(family) * scale + centre)
+        predicted = family.join(self._fit.fitted(family) * scale + centre)
+        if before.any():
+            predicted[before] = self._rest
+        return predicted
