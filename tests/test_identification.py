@@ -386,6 +386,49 @@ def test_prediction_at_other_times():
     np.testing.assert_allclose(found.predict(later)[:, 0], swing(later, OMEGA, ZETA, np.array([1.0, 0.5j])), atol=1e-7)
 
 
+def driven(times, command, start=(0.0, 0.0)):
+    """The first mode's position for commands straight from row to row, by the matrix exponential of each step."""
+    a, b, c, _ = matrices(OMEGA[:1], ZETA[:1], np.ones(1))
+    state, rows = np.array(start), [start[0]]
+    for step, now, then in zip(np.diff(times), command[:-1], command[1:], strict=True):
+        block = np.zeros((4, 4))
+        block[:2, :2], block[:2, 2], block[2, 3] = a, b[:, 0], 1.0
+        state = (expm(step * block) @ [*state, now, (then - now) / step])[:2]
+        rows.append(state[0])
+    return np.array(rows) * c[0, 0]
+
+
+def test_a_sweep_is_predicted_from_its_beginning():
+    """For other commands and clocks, beside the matrix exponential; a part alone does not say how the machine moves."""
+    times = 2.0 + np.arange(400) * 0.005
+    command = 0.3 + chirp(times - 2.0, 0.5, 2, 8)
+    found = identify(times, driven(times, command - command[0]), kind="sweep", inputs=command, modes=1)
+    with pytest.raises(ValueError, match=r"at must begin where the record does, at 2 s, not at 2\.5 s"):
+        found.predict(times[100:], command[100:])
+    with pytest.raises(ValueError, match=r"inputs must be as long as at, 400, not of shape \(399,\)"):
+        found.predict(times, command[1:])
+    np.testing.assert_allclose(found.predict(times[:50], command[:50]), found.predict()[:50], atol=1e-9)
+    clock = 2.0 + np.concatenate([[0.0], np.cumsum(np.random.default_rng(0).uniform(0.002, 0.03, 60))])
+    for other in (np.ones_like(clock), np.sin(7 * clock)):
+        expected = driven(clock, other - command[0])
+        np.testing.assert_allclose(found.predict(clock, other)[:, 0], expected, atol=1e-6)
+    np.testing.assert_allclose(found.predict(inputs=2 * command), found.predict(times, 2 * command))
+
+
+def test_a_sweep_by_a_clock_that_jitters():
+    """Beside the matrix exponential: as if the steps were even the frequency would be off by a hundred deviations."""
+    random = np.random.default_rng(0)
+    times = np.arange(1500) * 0.002 + 1e-4 * random.standard_normal(1500)
+    command = np.sin(2 * np.pi * (0.5 + 1.5 * times) * times)
+    values = driven(times, command) + 1e-3 * random.standard_normal(1500)
+    found = identify(times, values, kind="sweep", inputs=command, modes=1)
+    assert any("the clock jitters by" in note for note in found.notes)
+    assert not any("outlier" in note or "no white noise" in note for note in found.notes)
+    assert np.all(np.abs(found.omega - OMEGA[:1]) < 4 * found.omega_std)
+    assert np.all(np.abs(found.zeta - ZETA[:1]) < 4 * found.zeta_std)
+    np.testing.assert_allclose(found.noise, 1e-3, rtol=0.1)
+
+
 def test_before_a_step_the_machine_rests():
     times = 5.0 + 0.01 * np.arange(-100, 400)
     command = np.where(times >= 5.0 - 1e-9, 2.0, 0.0)
