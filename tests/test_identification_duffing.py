@@ -64,6 +64,36 @@ def test_noisy_ring_down_of_a_sensor_that_is_off():
     assert np.max(np.abs(found.predicted - clean - 0.05)) < 0.005
 
 
+def swinging(times, start, k1, k3, c):
+    """The position of x'' + c v + k1 x + k3 x³ = 0."""
+    slope = lambda t, y: [y[1], -k1 * y[0] - k3 * y[0] ** 3 - c * y[1]]
+    return solve_ivp(slope, (0, times[-1]), [start, 0.0], "DOP853", times, rtol=1e-10, atol=1e-13).y[0]
+
+
+def test_less_than_half_a_period():
+    """No minimum beside the true law, which leaves less: k3 was found to be −374 ± 330."""
+    times = 0.005 * np.arange(40)
+    clean = swinging(times, 0.15, 100.0, 3000.0, 0.4)
+    for seed in (4, 5, 19):
+        values = clean + 1e-4 * np.random.default_rng(seed).standard_normal(40)
+        found = identify_duffing(times, values)
+        assert np.sum((found.predicted - values) ** 2) < np.sum((clean - values) ** 2)
+        assert abs(found.parameters["k3"] - 3000.0) < 3 * found.std["k3"]
+
+
+@pytest.mark.parametrize("ratio", [0.5, 0.7])
+def test_strong_damping(ratio):
+    """Three periods, of which little but the first half is seen."""
+    times, omega = 0.005 * np.arange(400), 3 * np.pi
+    values = swinging(times, 1.0, omega**2, 0.3 * omega**2, 2 * ratio * omega)
+    found = identify_duffing(times, values + 1e-3 * np.random.default_rng(0).standard_normal(400))
+    for name, value in dict(k1=omega**2, k3=0.3 * omega**2, c=2 * ratio * omega).items():
+        assert abs(found.parameters[name] - value) < 4 * found.std[name]
+    assert found.std["c"] < 0.01 * found.parameters["c"]
+    with pytest.raises(ValueError, match="too short a record, not even half a period"):
+        identify_duffing(times, np.exp(-10.0 * times))
+
+
 @pytest.mark.slow
 def test_softening_spring_and_cubic_damper():
     values = measured(k3=-5.0, power=3) + 0.005 * np.random.default_rng(1).standard_normal(600)

@@ -72,12 +72,8 @@ def start(
         friction: whether dry friction is sought.
         width: the speed over which it changes its sign, m/s; a hundredth of the greatest unless given.
     """
-    omegas = 2 * np.pi * np.fft.rfftfreq(4 * len(x), step)
-    size = np.abs(np.fft.rfft((x - np.mean(x)) * np.hanning(len(x)), 4 * len(x)))
-    period = 2 * np.pi / float(omegas[1 + np.argmax(size[1:])])
-    window = max(5, int(period / step / 4) | 1)
-    if window >= len(x):
-        raise RecordError("values: too short a record, not even half a period")
+    rows_each = _period(x)
+    period, window = rows_each * step, max(5, int(rows_each / 4) | 1)
     order = 4 if window > 5 else 3
     smoothed = [np.asarray(savgol_filter(x, window, order, k, delta=step)) for k in range(3)]
     rows = np.arange(len(x))
@@ -91,6 +87,24 @@ def start(
     # Half a row more: the derivative by a delay of nothing has but one side.
     values["delay"] = (delays[best] + 0.5) * step if law.delayed else 0.0
     return Start(values, period, width)
+
+
+def _period(x: np.ndarray) -> float:
+    """Rows to a period of the strongest vibration.
+
+    Raises:
+        RecordError: where there is not even half a period.
+    """
+    size = np.abs(np.fft.rfft((x - np.mean(x)) * np.hanning(len(x)), 4 * len(x)))
+    period = 4 * len(x) / float(1 + np.argmax(size[1:]))
+    if max(5, int(period / 4) | 1) < len(x):
+        return period
+    # What is damped strongly has its peak at no frequency of its own, but half a period from its greatest value to its
+    # least.
+    one, other = sorted((int(np.argmax(x)), int(np.argmin(x))))
+    if other == len(x) - 1:
+        raise RecordError("values: too short a record, not even half a period")
+    return 2.0 * (other - one)
 
 
 def _solved(

@@ -6,7 +6,8 @@
     both = js.identify_payloads([(times, light), (times, heavy)], masses=[1.2, None])      # one law, two payloads
 
 The start comes from the equation of motion itself, which is linear in the unknowns; then Levenberg and Marquardt's
-method fits the simulated motion to the measured one, over a part of the record that grows from a few periods to all.
+method fits the simulated motion to the measured one, over a part of the record that grows from a few periods to all. A
+record of no more than those is fitted from a linear spring as well.
 """
 
 import dataclasses
@@ -249,16 +250,30 @@ def _identified(
         # Each alone to begin with: a mass is then the ratio of two stiffnesses that are known well.
         alone = [(*(("mass",) if law.forced else ()), *HIDDEN)]
         singles = [Problem(model, [d], [values], names, alone) for d, values in zip(data, known, strict=True)]
-        fits = [fit(single, rows).unknowns for single, rows in zip(singles, first, strict=True)]
+        fits = [_best(single, rows).unknowns for single, rows in zip(singles, first, strict=True)]
         known = [single.values(found)[0] for single, found in zip(singles, fits, strict=True)]
     problem = Problem(model, data, _scaled(known, masses, law.forced), names, own)
-    fitted = fit(problem, first[0] if len(parts) == 1 else max(len(each.times) for each in data))
+    fitted = _best(problem, first[0]) if len(parts) == 1 else fit(problem, max(len(each.times) for each in data))
     values = problem.values(fitted.unknowns)
     notes = [note for record in records for note in record.notes]
     common = concluded(problem, fitted, notes, "no spring k1 x + k3 x³ explains this motion")
     width = max(each.width for each in starts)
     plants = [_plant(each, options, width) for each in values]
     return _Found(records, problem, fitted, values, plants, common)
+
+
+def _best(problem: Problem, first: int) -> Fit:
+    """The fit from where the equation of motion says; of a short record, all of which is fitted at once, or from a
+    linear spring without a damper, if that leaves less: derivatives of few rows can lead to another minimum."""
+    fits = [fit(problem, first)]
+    if first >= max(len(each.times) for each in problem.records):
+        linear = [values | {"k3": 0.0, "c": 0.0} for values in problem.known]
+        fits.append(fit(dataclasses.replace(problem, known=linear), first))
+    return min(fits, key=_left)
+
+
+def _left(fitted: Fit) -> float:
+    return float(sum(np.sum(left**2) for left in fitted.residuals))
 
 
 def _scaled(found: list[dict[str, float]], masses: Sequence[float | None], forced: bool) -> list[dict[str, float]]:
