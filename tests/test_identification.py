@@ -451,6 +451,27 @@ def test_drifts_are_no_modes():
     assert any("left out as no vibration" in note for note in found.notes)
 
 
+def test_a_sensor_whose_range_ends_is_told():
+    random, times = np.random.default_rng(0), np.arange(3000) * 5e-4
+    clean = swing(times, np.array([24 * np.pi]), np.array([0.02]), np.array([1.0]))
+    clean += 1e-3 * random.standard_normal(3000)
+    for digits in (3, 15):
+        values = np.clip(np.round(clean, digits), -0.5, 2.0)
+        with pytest.raises(
+            RecordError, match=r"row 5\d: values stands still at -0.5, its least value, for 5"
+        ):
+            identify(times, values)
+        with pytest.raises(RecordError, match=r"row 5\d: channel 2 stands still at 0\.5, its greatest value"):
+            identify(times, np.stack([clean, -values], axis=1))
+    # Steps of an encoder, a logger faster than its sensor, and a machine that rests at the end of its way.
+    for values in (np.round(clean, 1), np.round(clean, 2), np.repeat(clean[::4], 4), np.repeat(clean[::3], 3)):
+        found = identify(times, values, modes=1)
+        np.testing.assert_allclose(found.omega, 24 * np.pi, rtol=1e-3)
+    command = np.minimum(np.sin(np.clip(times - 0.1, 0, 0.5) * np.pi) ** 2, 1.0) - np.where(times > 1.0, 0.3, 0.0)
+    moved = np.round(driven(times, command), 4)
+    identify(times, moved, kind="sweep", inputs=command, modes=1)
+
+
 def test_errors():
     times, noise = np.arange(100) * 0.1, np.random.default_rng(0).standard_normal(100)
     with pytest.raises(ValueError, match="kind must be one of 'ring-down', 'step', 'sweep', 'spectrum', not 'song'"):

@@ -17,7 +17,16 @@ from jshape._types import ArrayLike, Progress
 from jshape.identification._projection import STEEPEST, AbstractFamily, Fit, fit
 from jshape.identification._search import search
 from jshape.identification._uncertainty import is_white
-from jshape.identification.records import FEWEST, Record, RecordError, Where, check_record, longest_stretch, row
+from jshape.identification.records import (
+    FEWEST,
+    Record,
+    RecordError,
+    Where,
+    check_record,
+    longest_stretch,
+    require_range,
+    row,
+)
 from jshape.identification.result import MEASURED, Identified, of_position
 from jshape.identification.ring_down import RingDown
 from jshape.identification.spectrum import FrequencyResponse, PowerSpectrum
@@ -61,8 +70,8 @@ def identify(
         where: says where a row stands, for messages.
 
     Raises:
-        RecordError: a ``ValueError``, for a record that cannot be used (``check_record`` lists why) or in which no
-            vibration stands out.
+        RecordError: a ``ValueError``, for a record that cannot be used (``check_record`` lists why), of a sensor whose
+            range was too small, or in which no vibration stands out.
         ValueError: for wrong arguments.
 
     Source: Golub and Pereyra (1973), variable projection; Djurić (1996), the number of modes.
@@ -88,6 +97,8 @@ def identify(
             raise RecordError(f"inputs: too short a record, {len(record.axis) - at} samples from the step on")
         rest = np.mean(record.values[:at], axis=0)
         record = record.part(slice(at, None))
+    if kind != "spectrum":
+        require_range(record)
     family, centre, scale = _family(record, kind)
     found, criteria = search(family, modes, progress)
     if isinstance(family, PowerSpectrum):

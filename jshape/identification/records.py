@@ -146,6 +146,49 @@ def longest_stretch(record: Record) -> Record:
     return dataclasses.replace(record.part(slice(begins[i], ends[i])), notes=notes)
 
 
+def require_range(record: Record) -> None:
+    """Refuse channels that stand still at their greatest or least value, as where a sensor's range ends.
+
+    Raises:
+        RecordError: that says where.
+    """
+    for name, channel in zip(record.names, record.values.T, strict=True):
+        scaled = channel / np.max(np.abs(channel)) if channel.any() else channel
+        for sign in (1, -1):
+            first, count = _cut(sign * scaled)
+            if count:
+                raise RecordError(
+                    f"{record.where(int(record.rows[first]))}{name} stands still at {channel[first]:.6g}, its "
+                    f"{'greatest' if sign > 0 else 'least'} value, for {count} samples, as where a sensor's range ends"
+                )
+
+
+def _cut(channel: np.ndarray) -> tuple[int, int]:
+    """The first row at which a channel is cut off at its greatest value, and for how many rows; 0 if it is not.
+
+    What turns by itself, or comes to rest, is near that value before and after: where three or more rows are equal but
+    for the steps in which it is measured, the next ones are less than five steps away. Where values are held for
+    several rows, others near the greatest one are, too.
+    """
+    levels = np.unique(channel)
+    top, size = levels[-1], levels[-1] - levels[0]
+    begins = np.concatenate([[0], np.nonzero(np.diff(channel))[0] + 1])
+    counts = np.diff(np.append(begins, len(channel)))
+    # At either end of the record there is no before or no after.
+    begins, counts = begins[1:-1], counts[1:-1]
+    long = (channel[begins] == top) & (counts >= 3)
+    near = (channel[begins] < top) & (channel[begins] > top - size / 4)
+    if not long.any() or np.max(counts[long]) <= np.max(counts[near], initial=1):
+        return 0, 0
+    gaps = np.diff(levels)
+    step = np.min(gaps[gaps > 1e-9 * size])
+    before, after = channel[begins[long] - 1], channel[begins[long] + counts[long]]
+    if top - max(np.mean(before), np.mean(after)) <= 6 * step:
+        return 0, 0
+    first = int(np.argmax(long))
+    return int(begins[first]), int(counts[first])
+
+
 def _clock(times: np.ndarray, rows: np.ndarray, where: Where) -> tuple[np.ndarray, list[str]]:
     """Times of an even clock, as exact as the stamps allow, and notes on gaps."""
     steps = np.diff(times)
