@@ -13,7 +13,7 @@ import jshape.plants
 from jshape.identification import identify
 from jshape.identification._projection import project
 from jshape.identification._uncertainty import covariance
-from jshape.identification.records import RecordError
+from jshape.identification.records import RecordError, check_record
 from jshape.identification.ring_down import RingDown
 from jshape.identification.spectrum import FrequencyResponse, PowerSpectrum
 from jshape.identification.sweep import Sweep
@@ -200,6 +200,21 @@ def test_gaps_and_missing_samples():
     found = identify(times[kept], values[kept])
     assert np.all(np.abs(found.omega - OMEGA) < 4 * found.omega_std)
     assert [note.split(": ")[1][:16] for note in found.notes] == ["no number here (", "40 samples are m"]
+
+
+@pytest.mark.parametrize("rate", [961.5, 993.0])
+def test_stamps_in_milliseconds_of_a_clock_somewhat_slower(rate):
+    """Each step is 1 ms, now and then 2; where samples are missing they are so at any place."""
+    random, exact = np.random.default_rng(0), np.arange(900) / rate
+    noise = 1e-3 * random.standard_normal(900)
+    found = identify(np.round(exact, 3), swing(exact, 4 * OMEGA, ZETA, np.array([1.0, 0.5])) + noise)
+    assert [note for note in found.notes if "missing" in note] == []
+    np.testing.assert_allclose(found.omega, 4 * OMEGA, rtol=3e-4)
+    for missing in (1, 2, 4, 30):
+        kept = np.sort(random.permutation(900)[missing:])
+        times = np.round(kept / 1000, 3)
+        notes = check_record(times, noise[: len(times)]).notes
+        assert any(f"{missing} samples are missing" in note for note in notes), notes
 
 
 def test_step_response():
@@ -457,9 +472,7 @@ def test_a_sensor_whose_range_ends_is_told():
     clean += 1e-3 * random.standard_normal(3000)
     for digits in (3, 15):
         values = np.clip(np.round(clean, digits), -0.5, 2.0)
-        with pytest.raises(
-            RecordError, match=r"row 5\d: values stands still at -0.5, its least value, for 5"
-        ):
+        with pytest.raises(RecordError, match=r"row 5\d: values stands still at -0.5, its least value, for 5"):
             identify(times, values)
         with pytest.raises(RecordError, match=r"row 5\d: channel 2 stands still at 0\.5, its greatest value"):
             identify(times, np.stack([clean, -values], axis=1))

@@ -200,11 +200,13 @@ def _clock(times: np.ndarray, rows: np.ndarray, where: Where) -> tuple[np.ndarra
         raise RecordError(f"{where(int(rows[leap + 1]))}time leaps from {times[leap]:.6g} s to {times[leap + 1]:.6g} s")
     index = np.concatenate([[0.0], np.cumsum(np.maximum(np.rint(steps / step), 1.0))])
     line, off = _line(index, times)
-    digits, rounding = 10, 0.0
-    if np.max(np.abs(off)) > 1e-6 * step or np.mean(np.diff(index) > 1) > 0.05:
-        # Stamps with few digits are rounded; they may be off by half of the last one, and their steps by all of it.
-        digits = next((d for d in range(10) if np.allclose(times, np.round(times, d), rtol=1e-15, atol=0)), 10)
-        likely = 0.5 * 10.0**-digits
+    # Stamps with few digits are rounded; they may be off by half of the last one, and their steps by all of it.
+    digits = next((d for d in range(10) if np.allclose(times, np.round(times, d), rtol=1e-15, atol=0)), 10)
+    likely, rounding = 0.5 * 10.0**-digits, 0.0
+    # A step that is now and then longer by the last digit looks like a missing sample. Four that are missing anywhere
+    # are not as evenly spaced as those; fewer may be.
+    longer = np.sum(np.diff(index) > 1)
+    if np.max(np.abs(off)) > 1e-6 * step or longer > 0.05 * len(steps) or (longer > 3 and step < 40 * likely):
         mean = float(np.mean(steps[steps < 1.5 * step + 2 * likely]))
         counted = np.where(steps < 1.5 * mean + 2 * likely, 1.0, np.rint(steps / mean))
         other = np.concatenate([[0.0], np.cumsum(counted)])
