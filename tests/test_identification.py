@@ -357,6 +357,23 @@ def test_covariance_where_neighbouring_rows_are_correlated():
     np.testing.assert_allclose(np.mean(found, axis=0), truth, rtol=0.06)
 
 
+@pytest.mark.parametrize(("memory", "least"), [(0.0, 0.95), (-0.6, 0.9), (0.9, 0.85)])
+def test_covariance_of_noise_that_is_correlated_for_longer_than_the_taper(memory, least):
+    # A slow parameter and a fast one. The truth by the sandwich of the known covariance; a taper alone gave two thirds.
+    random, rows = np.random.default_rng(0), 600
+    noise = toeplitz(memory ** np.arange(rows))
+    place = np.arange(rows) / rows
+    jacobian = np.stack([place - 0.5, np.sin(9 * np.pi * place)], axis=1)
+    inverse = np.linalg.inv(jacobian.T @ jacobian)
+    truth = np.diag(inverse @ jacobian.T @ noise @ jacobian @ inverse)
+    basis, found = np.linalg.qr(jacobian)[0], []
+    for drawn in (np.linalg.cholesky(noise) @ random.standard_normal((rows, 200))).T[:, :, None]:
+        residuals = drawn - basis @ (basis.T @ drawn)
+        found.append(np.diag(covariance(jacobian[:, None], residuals, rows - 2)))
+    share = np.mean(found, axis=0) / truth
+    assert np.all((share > least) & (share < 1.1)), share
+
+
 @pytest.mark.slow
 def test_coloured_noise_widens_the_intervals():
     # A first-order low pass on the noise: intervals for white noise would hold the truth about half as often.

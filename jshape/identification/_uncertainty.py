@@ -1,6 +1,7 @@
 """Uncertainty of fitted parameters, from the residuals' size and, where they are not white, their own correlation.
 
-Source: Ljung and Box, Biometrika 65 (1978); Newey and West, Econometrica 55 (1987).
+Source: Ljung and Box, Biometrika 65 (1978); Newey and West, Econometrica 55 (1987); Andrews and Monahan, Econometrica
+60 (1992).
 """
 
 import numpy as np
@@ -12,6 +13,10 @@ from jshape import _check
 
 LAGS = 50
 """Over how many rows noise may be correlated and the covariance still allows for it, unless more are asked for."""
+
+
+_LONGEST_MEMORY = 0.97
+"""Of noise of first order; at 1 its variance would have no bound."""
 
 
 def half_width(level: float, free: float) -> float:
@@ -45,7 +50,8 @@ def covariance(
 ) -> np.ndarray:
     """The covariance of the parameters of a least squares fit, linearised.
 
-    Where the residuals are not white, their autocorrelation stands for the noise's, tapered by Bartlett's window.
+    Where the residuals are not white, their autocorrelation stands for the noise's: that of noise of first order times
+    what such noise does not explain, tapered by Bartlett's window.
     Where it is known over how many rows the noise is correlated, its autocovariance up to there does, without a test or
     a taper.
 
@@ -68,20 +74,34 @@ def covariance(
         found = white
     else:
         lags = min(most, rows // 20)
-        taper = 1 - np.arange(lags + 1) / (lags + 1)
         filling = np.zeros_like(found)
         for c, channel in enumerate(residuals.T):
             if reach:
                 absorbed = [jacobian[:, c]] if basis is None else [basis, jacobian[:, c]]
                 products = _autocovariance(channel, np.hstack(absorbed), reach)
             else:
-                products = taper * _products(channel, lags) / free
+                products = _tapered(channel, lags) / free
             kernel = np.concatenate([products[:0:-1], products])
             filling += jacobian[:, c].T @ fftconvolve(jacobian[:, c], kernel[:, None], mode="same", axes=0)
         # Of few rows what is estimated without a taper can be no autocovariance.
         sound = not reach or np.linalg.eigvalsh(filling)[0] > -1e-9 * np.trace(filling)
         found = found @ filling @ found if sound else white
     return found / np.outer(scale, scale)
+
+
+def _tapered(channel: np.ndarray, lags: int) -> np.ndarray:
+    """Products of residuals over all distances, shape (rows,).
+
+    Noise of first order may be correlated for longer than a taper allows. What a row has that the one before does not
+    say is correlated for less: its products are tapered, and those of the residuals follow from them.
+    """
+    memory = channel[1:] @ channel[:-1] / max(float(channel @ channel), 1e-300)
+    memory = float(np.clip(memory, -_LONGEST_MEMORY, _LONGEST_MEMORY))
+    new = np.append(channel[0] * np.sqrt(1 - memory**2), channel[1:] - memory * channel[:-1])
+    products = (1 - np.arange(lags + 1) / (lags + 1)) * _products(new, lags)
+    apart = memory ** np.arange(len(channel) + lags) / (1 - memory**2)
+    both = np.concatenate([products[:0:-1], products])
+    return fftconvolve(np.concatenate([apart[:0:-1], apart]), both, mode="same")[len(apart) - 1 :][: len(channel)]
 
 
 def _autocovariance(channel: np.ndarray, absorbed: np.ndarray, lags: int) -> np.ndarray:
