@@ -93,6 +93,24 @@ def test_a_head_on_springs_along_the_axes(other):
     np.testing.assert_allclose(run.payload[1:], after_a_step(1, stiffness=stiffness)[1:401], atol=0.01)
 
 
+def test_two_modes_near_each_other_along_the_axes_stay_two():
+    """9.0 Hz along x and 9.2 Hz along y: merged they were both at 9.15 Hz, along the diagonals."""
+    times, random = np.arange(0.0, 3.0, 0.002), np.random.default_rng(0)
+    omega, zeta = 2 * np.pi * np.array([9.0, 9.2]), np.array([0.03, 0.02])
+    poles = omega * (-zeta + 1j * np.sqrt(1 - zeta**2))
+    moved = 1 - np.real(np.exp(times[:, None] * poles) * (1 - 1j * zeta / np.sqrt(1 - zeta**2)))
+    records = [
+        js.identify(times, moved * np.eye(2)[i] + 1e-3 * random.normal(size=moved.shape), kind="step", modes=1)
+        for i in range(2)
+    ]
+    found = js.identify_planar(*records)
+    assert np.all(np.abs(found.omega - omega) < 4 * found.omega_std)
+    assert np.all(np.abs(found.zeta - zeta) < 4 * found.zeta_std)
+    np.testing.assert_allclose(found.omega, omega, rtol=1e-3)
+    np.testing.assert_allclose(found.gains, np.eye(2), atol=5e-3)
+    assert "at 9" not in " ".join(found.notes)
+
+
 def test_what_does_not_fit():
     x, y = (js.identify(TIMES, after_a_step(i), kind="step", modes=2) for i in range(2))
     one = js.identify(TIMES, after_a_step(0)[:, 0], kind="step", modes=2)

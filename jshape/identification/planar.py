@@ -12,7 +12,7 @@ from jshape.status import Status
 
 NEAR = 0.03
 """Two records' frequencies that differ by less, relative to either, are of one mode, as are those within three standard
-deviations."""
+deviations; but not those that differ by more than these and are driven along x and along y alone, as two modes are."""
 
 TWO = 0.1
 """Two modes have one frequency where the matrix of its gains has a second eigenvalue of more than this part of the
@@ -86,8 +86,9 @@ def identify_planar(along_x: Identified, along_y: Identified, *, measured: str =
     Source: Ewins (2000), Modal Testing, Section 4: the residues of a mode are the products of its components.
     """
     _check.one_of(measured, "measured", ("position", "acceleration"))
-    records, pairs = (along_x, along_y), _paired(along_x, along_y)
+    records = along_x, along_y
     rows = [_gains(record, name, own, measured) for own, (name, record) in enumerate(zip("xy", records, strict=True))]
+    pairs = _paired(along_x, along_y, rows)
     matrices = np.zeros((len(pairs), 2, 2))
     found = np.full((len(pairs), 2, 2, 2), np.nan)
     for i, pair in enumerate(pairs):
@@ -176,11 +177,15 @@ def _gains(record: Identified, name: str, own: int, measured: str) -> np.ndarray
     return gains / total
 
 
-def _paired(along_x: Identified, along_y: Identified) -> list[tuple[int | None, int | None]]:
-    """The modes of both records, each with the other's nearest where that is the same mode."""
+def _paired(along_x: Identified, along_y: Identified, rows: list[np.ndarray]) -> list[tuple[int | None, int | None]]:
+    """The modes of both records, each with the other's nearest where that is the same mode; ``rows``: their gains."""
     apart = np.abs(along_x.omega[:, None] - along_y.omega)
     spread = np.hypot(along_x.omega_std[:, None], along_y.omega_std)
     same = apart < np.maximum(NEAR * np.minimum(along_x.omega[:, None], along_y.omega), 3 * spread)
+    # Of one mode the two rows of gains are alike, so that the matrix has rank one.
+    matrices = np.stack(np.broadcast_arrays(rows[0][:, None], rows[1][None]), axis=2)
+    sizes = np.linalg.eigvalsh((matrices + np.swapaxes(matrices, 2, 3)) / 2)
+    same &= (apart <= 3 * spread) | (sizes[..., 0] <= TWO * sizes[..., 1])
     same &= apart == apart.min(axis=0, keepdims=True)
     same &= apart == apart.min(axis=1, keepdims=True)
     pairs: list[tuple[int | None, int | None]] = [(int(i), int(j)) for i, j in np.argwhere(same)]
