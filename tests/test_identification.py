@@ -526,5 +526,8 @@ def test_errors():
         identify(times, np.where(np.arange(100) == 7, -1.0, 1.0 + noise**2), kind="spectrum")
     with pytest.raises(RecordError, match="too short a record, 20 rows, for 6 modes"):
         identify(times[:20], noise[:20], modes=6)
+    # Before the search, and not after hours of it.
+    with pytest.raises(RecordError, match="too short a record, 100 rows, for 23 modes"):
+        identify(times, noise, modes=23, progress=lambda *_: pytest.fail("the search has begun"))
     with pytest.raises(ValueError, match="level must lie between 0 and 1, not 95"):
         identify(times, swing(times, OMEGA[:1], ZETA[:1], np.array([1.0]))).interval(95)

@@ -43,14 +43,14 @@ def search(
         RecordError: if the record is too short for so many modes.
     """
     rows, channels = family.data.shape
-    found = fit(family, [], [], np.maximum(np.std(family.data, axis=0), 1e-300))
-    fits, values = [found], [criterion(found, family.in_time)]
     most = MOST if modes is None else modes
     shapes = family.columns(family.highest / 2, 0.01)[0].shape[1]
+    if modes is not None and rows - family.background.shape[1] - (shapes + 2 / channels) * modes < 8:
+        raise RecordError(f"values: too short a record, {rows} rows, for {modes} modes")
+    found = fit(family, [], [], np.maximum(np.std(family.data, axis=0), 1e-300))
+    fits, values = [found], [criterion(found, family.in_time)]
     while len(fits) <= most:
-        if rows - found.basis.shape[1] - shapes - 2 * len(fits) / channels < 8:
-            if modes is not None:
-                raise RecordError(f"values: too short a record, {rows} rows, for {modes} modes")
+        if modes is None and rows - found.basis.shape[1] - shapes - 2 * len(fits) / channels < 8:
             break
         if progress is not None:
             progress("modes", len(fits), most, math.inf)
