@@ -382,6 +382,55 @@ def test_units_in_words(name, spectrum, factor):
     assert axis_unit(name, spectrum) == factor
 
 
+LAB = "Date,2024-05-01,Hall 3\n"
+
+
+@pytest.mark.parametrize(
+    ("head", "names", "measured"),
+    [
+        ("Time,Channel A,Channel B\n(ms),(mV),(mV)\n", ("Channel A", "Channel B"), "position"),
+        ("Time,Accel,Accel 2\nms,m/s²,m/s²", ("Accel", "Accel 2"), "acceleration"),
+        ("ms,mm,mm\nTime,x,y", ("x", "y"), "position"),
+        ("Time,x,y\nms,mm,mm\nraw,left,right", ("x", "y"), "position"),
+        (f"{LAB}t [ms],x,y", ("x", "y"), "position"),
+        (f"{LAB}t,x,y\nms,-,", ("x", "y"), "position"),
+        ("# t [ms],x,y", ("x", "y"), "position"),
+        ("# by NumPy\n# t,x,y\n# ms,mm,mm", ("x", "y"), "position"),
+        ("t,x,y\n# ms,mm,mm", ("x", "y"), "position"),
+        ("t_ms,x,y\n# Hall 3, summer, cold", ("x", "y"), "position"),
+        ("#time_ms,accel_x,accel_y", ("accel_x", "accel_y"), "acceleration"),
+    ],
+)
+def test_the_unit_of_time_is_heeded_wherever_it_stands(path, head, names, measured):
+    path.write_text(text(head, times=1e3 * ring_down()[0]), encoding="utf-8")
+    found = identify_csv(path)
+    np.testing.assert_allclose(hertz(found), [FREQUENCY], rtol=2e-3)
+    assert (found.names, found.measured) == (names, measured)
+
+
+@pytest.mark.parametrize(
+    ("head", "words"),
+    [
+        ("# t [ms],x,y\n# Hall 3", ":1: 't [ms]' has a unit that the last line of names has not"),
+        ("t,x,y\nms,mm,mm\na,b,c\nraw,left,right", ":2: 'ms' has a unit that the last line of names has not"),
+        ("t [s],x,y\nms,mm,mm", ":1: 't [s]' has a unit that the last line of names has not"),
+        ("t,x,y\nmV,mm,mm", "column 't[mv]': the unit 'mv' is none of"),
+    ],
+)
+def test_a_unit_of_time_that_would_be_lost_is_refused(path, head, words):
+    path.write_text(text(head, times=1e3 * ring_down()[0]), encoding="utf-8")
+    with pytest.raises(RecordError, match=re.escape(words)) as error:
+        identify_csv(path)
+    assert str(error.value).startswith(str(path))
+
+
+def test_the_names_of_a_spectrum_may_be_a_comment(path):
+    np.savetxt(path, np.random.default_rng(0).random((50, 2)).cumsum(0), delimiter=",", header="f [rad/s],S")
+    found = read_csv(path, spectrum=True)
+    np.testing.assert_allclose(found.axis, np.loadtxt(path, delimiter=",")[:, 0], rtol=1e-12)
+    assert found.names == ("S",)
+
+
 @pytest.mark.parametrize(("name", "spectrum"), [("time (h)", False), ("omega [1/s]", True), ("t [fortnights]", False)])
 def test_an_unknown_unit_is_no_second(name, spectrum):
     with pytest.raises(RecordError, match=r"the unit .* is none of"):

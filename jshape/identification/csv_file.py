@@ -7,7 +7,9 @@ import csv
 import math
 import re
 from collections import Counter
+from contextlib import suppress
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -37,6 +39,47 @@ TIMES = ("t", "time", "zeit", "temps", "tiempo", "timestamp", "f", "freq", "freq
 LONGEST = 16
 """Characters at the end of a name in which a unit is looked for."""
 
+_SYMBOL = r"(?:[kMmcdnuµμ]?(?:m|g|s|N|J|Hz|rad|V|A|W|Pa|Gal)|in|ft|lb|min|deg|°C?|rpm|dB|%|bar|counts?|LSB|digits?|1)"
+_FACTOR = rf"{_SYMBOL}(?:\^?-?\d|\^\(-?\d\)|⁻?[¹²³⁴]|\*\*-?\d)?"
+_UNITS = re.compile(rf"[\[(].*[\])]|{_FACTOR}(?:(?:\s*[/·*]\s*|\s+){_FACTOR})*|-*")
+"""What a cell of a row of units holds: anything in brackets, a product of units, or nothing."""
+
+
+class Lines(NamedTuple):
+    """The cells of a file's lines, and its comments.
+
+    Attributes:
+        rows: the cells of every line that is neither empty nor a comment.
+        numbers: those lines' numbers.
+        comments: numbers of the comments' lines, and what they say.
+        separator: of the cells; ``None`` for spaces.
+    """
+
+    rows: list[list[str]]
+    numbers: list[int]
+    comments: list[tuple[int, str]]
+    separator: str | None
+
+
+class Header(NamedTuple):
+    """What stands above the numbers.
+
+    Attributes:
+        names: of the columns, if they have any.
+        units: of the columns, where a row below the names holds them.
+        others: lines with as many cells of which nothing is taken, and their numbers.
+        line: the number of the names' line.
+        begin: the row at which the numbers begin.
+        width: how many columns there are.
+    """
+
+    names: list[str] | None
+    units: list[str] | None
+    others: list[tuple[int, list[str]]]
+    line: int
+    begin: int
+    width: int
+
 
 def read_csv(
     path: str | Path,
@@ -47,7 +90,8 @@ def read_csv(
 ) -> Record:
     """Read a record from a CSV file, not checked yet; cells without a number are NaN.
 
-    A unit in the header of the first column is heeded (``t [ms]``); without one it is in s, frequencies in Hz.
+    The names of the columns are the last line above the numbers, be it a comment, a row of units below them apart.
+    A unit of the first column is heeded (``t [ms]``, or ``ms`` below ``t``); without one it is in s, frequencies in Hz.
 
     Args:
         path: of the file.
@@ -59,15 +103,17 @@ def read_csv(
 
     Raises:
         RecordError: with file and line, for a file that is missing, binary or empty, a column that is not there, a
-            line that is too short or long (the last may be cut off), and a cell that is no number.
+            line that is too short or long (the last may be cut off), a cell that is no number, and a unit of the first
+            column above the names.
     """
     path = Path(path)
     if sample_rate is not None and not 0 < sample_rate < math.inf:
         raise ValueError(f"sample_rate must be greater than 0, not {sample_rate}")
-    rows, numbers = _rows(path, _text(path))
-    header, begin, width = _header(path, rows, numbers)
+    lines = _lines(path, _text(path))
+    head = _header(path, lines)
+    (rows, numbers, *_), header, begin, width = lines, head.names, head.begin, head.width
     comma = any(re.fullmatch(r"\s*[-+]?\d+,\d+(e[-+]?\d+)?\s*", cell, re.I) for row in rows[begin:] for cell in row)
-    chosen = _choose(path, header, rows[begin], columns, inputs, sample_rate is None, numbers[max(begin - 1, 0)], comma)
+    chosen = _choose(path, header, rows[begin], columns, inputs, sample_rate is None, head.line, comma)
     notes = []
     last = len(rows) - 1
     if len(rows[last]) < width and last > begin:
@@ -89,13 +135,13 @@ def read_csv(
         driven, data, names = data[:, -1], data[:, :-1], names[:-1]
     if sample_rate is None:
         if header and columns is None:
-            _check_axis(f"{path}:{numbers[max(begin - 1, 0)]}", [header[j] for j in chosen], data[:, 0])
-        axis, data = data[:, 0] * axis_unit(names[0], spectrum), data[:, 1:]
+            _check_axis(f"{path}:{head.line}", [header[j] for j in chosen], data[:, 0])
+        axis, data = data[:, 0] * _factor(path, head, chosen[0], spectrum), data[:, 1:]
         names = names[1:]
     else:
         axis = np.arange(len(data)) / sample_rate
-    lines = numbers[begin:]
-    rows_read, where = np.arange(len(data)), lambda row: f"{path}:{lines[row]}: "
+    stand = numbers[begin:]
+    rows_read, where = np.arange(len(data)), lambda row: f"{path}:{stand[row]}: "
     return Record(axis, data, driven, rows_read, tuple(names), tuple(notes), where)
 
 
@@ -117,10 +163,11 @@ def _text(path: Path) -> str:
     return text
 
 
-def _rows(path: Path, text: str) -> tuple[list[list[str]], list[int]]:
-    """The cells of every line that is neither empty nor a comment, and the lines' numbers."""
-    kept = [(i, line) for i, line in enumerate(re.split(r"\r\n|\r|\n", text), start=1)
-            if line.strip() and line.lstrip()[0] not in "#%"]  # fmt: skip
+def _lines(path: Path, text: str) -> Lines:
+    """The lines of a text that are not empty, parted at what separates their cells."""
+    every = [(i, line) for i, line in enumerate(re.split(r"\r\n|\r|\n", text), start=1) if line.strip()]
+    comments = [(i, line.lstrip().lstrip("#%").lstrip(" ")) for i, line in every if line.lstrip()[0] in "#%"]
+    kept = [(i, line) for i, line in every if line.lstrip()[0] not in "#%"]
     if not kept:
         raise RecordError(f"{path}: is empty")
     # From the end of a sample: lines at the beginning are often about the file and not of it.
@@ -135,26 +182,63 @@ def _rows(path: Path, text: str) -> tuple[list[list[str]], list[int]]:
     rows = []
     for i, line in kept:
         try:
-            rows.append(next(csv.reader([line], delimiter=separator)) if separator else line.split())
+            rows.append(_cells(line, separator))
         except csv.Error as error:
             raise RecordError(f"{path}:{i}: {error}") from None
-    return rows, [i for i, _ in kept]
+    return Lines(rows, [i for i, _ in kept], comments, separator)
 
 
-def _header(path: Path, rows: list[list[str]], numbers: list[int]) -> tuple[list[str] | None, int, int]:
-    """The names of the columns, if there are any, the row at which data begin, and how many columns there are."""
+def _cells(line: str, separator: str | None) -> list[str]:
+    return next(csv.reader([line], delimiter=separator), []) if separator else line.split()
+
+
+def _header(path: Path, lines: Lines) -> Header:
+    """The names of the columns, if there are any, their units, and the row at which data begin."""
+    rows, numbers = lines.rows, lines.numbers
     width = Counter(len(row) for row in rows).most_common(1)[0][0]
-
-    def numeric(row: list[str]) -> bool:
-        return any(_number(cell, True) is not None and not _missing(cell) for cell in row)
-
-    begin = next((i for i, row in enumerate(rows) if len(row) == width and numeric(row)), None)
+    begin = next((i for i, row in enumerate(rows) if len(row) == width and _numeric(row)), None)
     if begin is None:
         raise RecordError(f"{path}:{numbers[0]}: no line with numbers")
     first = begin
     while first > 0 and len(rows[first - 1]) == width:
         first -= 1
-    return (rows[first] if first < begin else None), begin, width
+    above = list(zip(numbers[first:begin], rows[first:begin], strict=True))
+    comments = _comments(lines, width, numbers[begin])
+    # The comments directly above the numbers, the last of them with as many cells.
+    said = [each for each in lines.comments if (numbers[begin - 1] if begin else 0) < each[0] < numbers[begin]]
+    near = []
+    for i, _ in reversed(said):
+        if i not in comments:
+            break
+        near.insert(0, (i, comments[i]))
+    used = [*above, *(each for each in near[-1:] if _of_units(each[1]))] if above else near
+    # Below the units may stand what is said of the columns besides, or their names, if these are not above.
+    at = next((i for i in (-1, -2) if len(used) > 1 and _of_units(used[i][1])), None)
+    units = None if at is None else used.pop(at)[1]
+    line, names = used[max(at or -1, -len(used))] if used else (numbers[begin], None)
+    others = [each for each in (*above, *comments.items()) if each[1] is not names and each[1] is not units]
+    return Header(names, units, others, line, begin, width)
+
+
+def _comments(lines: Lines, width: int, end: int) -> dict[int, list[str]]:
+    """The comments above a line that have as many cells as the data and may name their columns, by their lines."""
+    found = {}
+    for i, said in lines.comments:
+        with suppress(csv.Error):
+            if i < end and len(row := _cells(said, lines.separator)) == width and not _numeric(row):
+                found[i] = row
+    return {i: row for i, row in found.items() if any(re.search(r"[^\W\d_]", cell) for cell in row)}
+
+
+def _numeric(row: list[str]) -> bool:
+    """Whether there is a number in any cell."""
+    return any(_number(cell, True) is not None and not _missing(cell) for cell in row)
+
+
+def _of_units(row: list[str]) -> bool:
+    """Whether the cells hold units and nothing else."""
+    cells = [cell.strip() for cell in row]
+    return any(cells) and all(_UNITS.fullmatch(cell) or cell.lower() in UNITS | FREQUENCIES for cell in cells)
 
 
 def _choose(
@@ -211,6 +295,24 @@ def _check_axis(where: str, names: list[str], values: np.ndarray) -> None:
         other = next((name for name, word in zip(names, bare, strict=True) if word in TIMES), None)
         instead = "give its sample_rate" if other is None else f"name the columns, {other.strip()!r} first"
         raise RecordError(f"{where}: the first column, {names[0].strip()!r}, counts rows; {instead}")
+
+
+def _factor(path: Path, head: Header, column: int, spectrum: bool) -> float:
+    """The factor to SI units of a file's times or frequencies.
+
+    Raises:
+        RecordError: for a unit that is not known, and one that stands where it would be lost.
+    """
+    name = head.names[column].strip() if head.names else ""
+    below = head.units[column].strip(" \t[]()-") if head.units else ""
+    factor = axis_unit(re.split(r"[\[(]", name)[0] + f"[{below}]" if below else name, spectrum)
+    for line, cells in [*head.others, (head.line, [name if below else ""] * head.width)]:
+        end = f",{cells[column].strip()}"[-LONGEST:].rstrip("]) \t").lower()
+        found = re.fullmatch(rf".*[\[(/_,]\s*({'|'.join(FREQUENCIES if spectrum else UNITS)})", end, re.DOTALL)
+        if found and (FREQUENCIES if spectrum else UNITS)[found[1]] != factor:
+            said = printable(cells[column].strip())[:40]
+            raise RecordError(f"{path}:{line}: {said!r} has a unit that the last line of names has not; leave one")
+    return factor
 
 
 def axis_unit(name: str, spectrum: bool) -> float:
