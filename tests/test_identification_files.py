@@ -414,6 +414,7 @@ def test_the_unit_of_time_is_heeded_wherever_it_stands(path, head, names, measur
         ("# t [ms],x,y\n# Hall 3", ":1: 't [ms]' has a unit that the last line of names has not"),
         ("t,x,y\nms,mm,mm\na,b,c\nraw,left,right", ":2: 'ms' has a unit that the last line of names has not"),
         ("t [s],x,y\nms,mm,mm", ":1: 't [s]' has a unit that the last line of names has not"),
+        ("Time (ms), of the arm, and of, the load", ":1: '(ms)' has a unit that the last line of names has not"),
         ("t,x,y\nmV,mm,mm", "column 't[mv]': the unit 'mv' is none of"),
     ],
 )
@@ -422,6 +423,37 @@ def test_a_unit_of_time_that_would_be_lost_is_refused(path, head, words):
     with pytest.raises(RecordError, match=re.escape(words)) as error:
         identify_csv(path)
     assert str(error.value).startswith(str(path))
+
+
+@pytest.mark.parametrize("head", ["t [ms] x [mm] y", "# t [ms] x  y (m s^-2)", "t x y\n[ms] [mm] [m s^-2]"])
+def test_units_in_brackets_between_spaces(path, head):
+    path.write_text(text(head, " ", times=1e3 * ring_down()[0]), encoding="utf-8")
+    np.testing.assert_allclose(hertz(identify_csv(path)), [FREQUENCY], rtol=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("lines", "channels"),
+    [
+        (["x", "198,2345", "-7,5"], [[198.2345, -7.5]]),
+        (["Weg [mm]", "198,23", "207,51", "0"], [[198.23, 207.51, 0]]),
+        (["198,05", "207,51"], [[198.05, 207.51]]),
+        (["# x", "198,23", "207,51"], [[198.23, 207.51]]),
+        (["x y", "1,0 150,2", "2 151,5"], [[1, 2], [150.2, 151.5]]),
+        (["x,y", "198,23", "207,51"], [[198, 207], [23, 51]]),
+        (["x,y", "198,23", "207,-51"], [[198, 207], [23, -51]]),
+        (["1,23", "2,51", "3,70"], [[1, 2, 3], [23, 51, 70]]),
+    ],
+)
+def test_a_comma_parts_decimals_or_columns(path, lines, channels):
+    path.write_text("\n".join(lines), encoding="utf-8")
+    np.testing.assert_array_equal(read_csv(path, sample_rate=RATE).values.T, channels)
+
+
+@pytest.mark.parametrize("head", ["", "measured in summer\n", "x,y\n0,05\n"])
+def test_a_comma_that_may_be_either_is_refused(path, head):
+    path.write_text(f"{head}198,23\n207,51\n199,77\n", encoding="utf-8")
+    with pytest.raises(RecordError, match="is one number or two: name the columns above, x or t,x"):
+        read_csv(path, sample_rate=RATE)
 
 
 def test_the_names_of_a_spectrum_may_be_a_comment(path):

@@ -44,6 +44,12 @@ _FACTOR = rf"{_SYMBOL}(?:\^?-?\d|\^\(-?\d\)|⁻?[¹²³⁴]|\*\*-?\d)?"
 _UNITS = re.compile(rf"[\[(].*[\])]|{_FACTOR}(?:(?:\s*[/·*]\s*|\s+){_FACTOR})*|-*")
 """What a cell of a row of units holds: anything in brackets, a product of units, or nothing."""
 
+DECIMALS = re.compile(r"\s*[-+]?\d+(,\d+)?(e[-+]?\d+)?(\s+[-+]?\d+(,\d+)?(e[-+]?\d+)?)*\s*", re.I | re.A)
+"""A line of numbers with decimal commas, or of one column of them."""
+
+SPACES = re.compile(r"(?<=[\])])\s+|\s+(?!\s|[\[(]|[^\[(]*[\])])")
+"""Spaces between the cells of a line: none before a bracket, unless after another one, and none inside."""
+
 
 class Lines(NamedTuple):
     """The cells of a file's lines, and its comments.
@@ -67,7 +73,7 @@ class Header(NamedTuple):
     Attributes:
         names: of the columns, if they have any.
         units: of the columns, where a row below the names holds them.
-        others: lines with as many cells of which nothing is taken, and their numbers.
+        others: lines with as many cells of which nothing is taken, and their numbers; a unit that stands alone.
         line: the number of the names' line.
         begin: the row at which the numbers begin.
         width: how many columns there are.
@@ -170,15 +176,7 @@ def _lines(path: Path, text: str) -> Lines:
     kept = [(i, line) for i, line in every if line.lstrip()[0] not in "#%"]
     if not kept:
         raise RecordError(f"{path}: is empty")
-    # From the end of a sample: lines at the beginning are often about the file and not of it.
-    sample = [line for _, line in kept[-60:]] if len(kept) < 120 else [line for _, line in kept[60:120]]
-    separator = None
-    for candidate in "\t;|,":
-        counts = Counter(line.count(candidate) for line in sample)
-        count, times = counts.most_common(1)[0]
-        if count > 0 and times >= 0.7 * len(sample):
-            separator = candidate
-            break
+    separator = _separator(path, kept, comments)
     rows = []
     for i, line in kept:
         try:
@@ -188,8 +186,55 @@ def _lines(path: Path, text: str) -> Lines:
     return Lines(rows, [i for i, _ in kept], comments, separator)
 
 
+def _separator(path: Path, kept: list[tuple[int, str]], comments: list[tuple[int, str]]) -> str | None:
+    """What separates the cells of most lines, ``None`` for spaces; a comma may be that of decimals instead.
+
+    Raises:
+        RecordError: where a comma in each line may be either.
+    """
+    # From the end of a sample: lines at the beginning are often about the file and not of it.
+    sample = [line for _, line in kept[-60:]] if len(kept) < 120 else [line for _, line in kept[60:120]]
+    for separator in "\t;|,":
+        count, times = Counter(line.count(separator) for line in sample).most_common(1)[0]
+        if count > 0 and times >= 0.7 * len(sample):
+            break
+    else:
+        return None
+    return None if separator == "," and _commas_are_decimal(path, kept, comments) else separator
+
+
+def _commas_are_decimal(path: Path, kept: list[tuple[int, str]], comments: list[tuple[int, str]]) -> bool:
+    """Whether the commas that most lines have are those of decimals, in one column or between spaces.
+
+    Raises:
+        RecordError: where the one comma in each line may be either.
+    """
+    begin = next((i for i, (_, line) in enumerate(kept) if DECIMALS.fullmatch(line)), len(kept))
+    numbers = [line for _, line in kept[begin:] if DECIMALS.fullmatch(line)]
+    if len(numbers) < 0.9 * (len(kept) - begin) or not numbers:
+        return False
+    if sum(len(line.split()) > 1 for line in numbers) > len(numbers) / 2:
+        return True
+    steps = np.diff([float(line.split(",")[0]) for line in numbers if "," in line])
+    if len(steps) > 1 and steps[0] > 0 and np.all(steps == steps[0]):
+        return False
+    # Nobody writes whole numbers as 05 or -0, and files of two columns have no lines of one. Else the names tell.
+    decimal = any(re.search(r",0\d|-0,", line) for line in numbers) or sum("," not in line for line in numbers) > 1
+    said = [line for _, line in kept[:begin][-1:]] or [line for i, line in comments if i < kept[begin][0]][-1:]
+    two, one = any("," in line for line in said), any(len(_cells(line, None)) == 1 for line in said)
+    if (decimal or one) and not two:
+        return True
+    if two and not decimal:
+        return False
+    line, cells = kept[begin]
+    raise RecordError(f"{path}:{line}: {cells.strip()[:40]!r} is one number or two: name the columns above, x or t,x")
+
+
 def _cells(line: str, separator: str | None) -> list[str]:
-    return next(csv.reader([line], delimiter=separator), []) if separator else line.split()
+    if separator is not None:
+        return next(csv.reader([line], delimiter=separator), [])
+    # A space before a bracket, and those inside it, belong to a unit: t [ms].
+    return SPACES.split(line.strip()) if re.search(r"[\[(]", line) else line.split()
 
 
 def _header(path: Path, lines: Lines) -> Header:
@@ -217,6 +262,11 @@ def _header(path: Path, lines: Lines) -> Header:
     units = None if at is None else used.pop(at)[1]
     line, names = used[max(at or -1, -len(used))] if used else (numbers[begin], None)
     others = [each for each in (*above, *comments.items()) if each[1] is not names and each[1] is not units]
+    if names is None:
+        above = [*zip(numbers[:begin], map(" ".join, rows[:begin]), strict=True), *lines.comments]
+        line, said = max((each for each in above if each[0] < numbers[begin]), default=(line, ""))
+        # The first unit in it may be that of the first column.
+        others += [(line, [unit] * width) for unit in re.findall(r"[\[(][^\[\]()]*[\])]", said)[:1]]
     return Header(names, units, others, line, begin, width)
 
 
