@@ -13,9 +13,10 @@ from jshape._files import printable, read_bytes
 from jshape.identification.csv_lines import FREQUENCIES, UNITS, Header, header_of, lines_of, number
 from jshape.identification.records import Record, RecordError
 
-COUNTS = ("index", "sample", "samples", "n", "no", "nr", "row", "#", "")
-TIMES = ("t", "time", "zeit", "temps", "tiempo", "timestamp", "f", "freq", "frequency")
-"""Names of columns that count rows, and of some that hold times or frequencies, in small letters, without a unit."""
+COUNTS = {"index", "idx", "sample", "samples", "n", "no", "nr", "num", "number", "row", "rows", "line", "#", "unnamed"}
+COUNTS |= {"point", "points", "pt", "id", "frame", "frames", "count", "counter", "cnt", "record", "scan", "i", "k"}
+TIMES = {"t", "time", "times", "zeit", "temps", "tiempo", "timestamp", "f", "freq", "frequency", *UNITS, *FREQUENCIES}
+"""Words in the names of columns that count rows, and of some that hold times or frequencies, in small letters."""
 
 LONGEST = 16
 """Characters at the end of a name in which a unit is looked for."""
@@ -75,7 +76,7 @@ def read_csv(
         driven, data, names = data[:, -1], data[:, :-1], names[:-1]
     if sample_rate is None:
         if header and columns is None:
-            _check_axis(f"{path}:{head.line}", [header[j] for j in chosen], data[:, 0])
+            _check_axis(f"{path}:{head.line}", [" ".join(each[j] for each in head[:2] if each) for j in chosen], data)
         axis, data = data[:, 0] * _factor(path, head, chosen[0], spectrum), data[:, 1:]
         names = names[1:]
     else:
@@ -134,12 +135,31 @@ def _choose(
     return found + driven
 
 
-def _check_axis(where: str, names: list[str], values: np.ndarray) -> None:
-    """Refuse a first column that counts rows, as tables are written with an index."""
-    bare = [re.split(r"[\[(,_]", name.strip().lower())[0].strip() for name in names]
-    if bare[0] in COUNTS and len(values) > 1 and np.all(np.diff(values) == 1):
-        other = next((name for name, word in zip(names, bare, strict=True) if word in TIMES), None)
-        instead = "give its sample_rate" if other is None else f"name the columns, {other.strip()!r} first"
+def _words(name: str) -> set[str]:
+    """The words of a name in small letters; those of ``SampleNumber`` are two."""
+    return set(re.findall(r"[^\W\d_]+|#", re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name).lower()))
+
+
+def _steps(values: np.ndarray) -> np.ndarray:
+    """Those between a column's numbers."""
+    return np.diff(values[np.abs(values) < 1e300])
+
+
+def _check_axis(where: str, names: list[str], data: np.ndarray) -> None:
+    """Refuse a first column that counts rows, as tables are written with an index.
+
+    Args:
+        where: to begin the message with.
+        names: of the columns, with their units.
+        data: the columns.
+    """
+    words, steps = _words(names[0]), _steps(data[:, 0])
+    if words & TIMES or not len(steps) or np.any(steps < 1) or np.any(steps % 1):
+        return
+    later = [name for j, name in enumerate(names[: data.shape[1]]) if j and np.all(_steps(data[:, j]) > 0)]
+    times = [name for name in later if _words(name) & TIMES]
+    if words & COUNTS or not names[0].strip() or (times and np.all(steps == steps[0])):
+        instead = f"name the columns, {times[0].strip()!r} first" if times else "give its sample_rate"
         raise RecordError(f"{where}: the first column, {names[0].strip()!r}, counts rows; {instead}")
 
 

@@ -1,0 +1,139 @@
+"""CSV files: where names and units stand, what separates numbers, which columns are times, units of channels."""
+
+import re
+
+import numpy as np
+import pytest
+
+from jshape.identification.csv_file import read_csv
+from jshape.identification.from_csv import identify_csv
+from jshape.identification.records import RecordError
+
+FREQUENCY, RATE = 3.0, 50.0
+
+
+def ring_down(rows=200):
+    """3 Hz, damping 0.02, at 50 Hz, and a second, weaker channel."""
+    times = np.arange(rows) / RATE
+    swing = np.exp((-0.02 + 1j) * 2 * np.pi * FREQUENCY * times).real
+    noise = 1e-3 * np.random.default_rng(0).standard_normal((rows, 2))
+    return times, np.stack([swing, 0.5 * swing], axis=1) + noise
+
+
+def text(header, separator=",", times=None):
+    given, values = ring_down()
+    rows = np.column_stack([given if times is None else times, values])
+    return "\n".join([header, *(separator.join(f"{cell:.8g}" for cell in row) for row in rows), ""])
+
+
+def hertz(found):
+    return found.omega / (2 * np.pi)
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "data.csv"
+
+
+LAB = "Date,2024-05-01,Hall 3\n"
+
+
+@pytest.mark.parametrize(
+    ("head", "names", "measured"),
+    [
+        ("Time,Channel A,Channel B\n(ms),(mV),(mV)\n", ("Channel A", "Channel B"), "position"),
+        ("Time,Accel,Accel 2\nms,m/s²,m/s²", ("Accel", "Accel 2"), "acceleration"),
+        ("ms,mm,mm\nTime,x,y", ("x", "y"), "position"),
+        ("Time,x,y\nms,mm,mm\nraw,left,right", ("x", "y"), "position"),
+        (f"{LAB}t [ms],x,y", ("x", "y"), "position"),
+        (f"{LAB}t,x,y\nms,-,", ("x", "y"), "position"),
+        ("# t [ms],x,y", ("x", "y"), "position"),
+        ("# by NumPy\n# t,x,y\n# ms,mm,mm", ("x", "y"), "position"),
+        ("t,x,y\n# ms,mm,mm", ("x", "y"), "position"),
+        ("t_ms,x,y\n# Hall 3, summer, cold", ("x", "y"), "position"),
+        ("#time_ms,accel_x,accel_y", ("accel_x", "accel_y"), "acceleration"),
+    ],
+)
+def test_the_unit_of_time_is_heeded_wherever_it_stands(path, head, names, measured):
+    path.write_text(text(head, times=1e3 * ring_down()[0]), encoding="utf-8")
+    found = identify_csv(path)
+    np.testing.assert_allclose(hertz(found), [FREQUENCY], rtol=2e-3)
+    assert (found.names, found.measured) == (names, measured)
+
+
+@pytest.mark.parametrize(
+    ("head", "words"),
+    [
+        ("# t [ms],x,y\n# Hall 3", ":1: 't [ms]' has a unit that the last line of names has not"),
+        ("t,x,y\nms,mm,mm\na,b,c\nraw,left,right", ":2: 'ms' has a unit that the last line of names has not"),
+        ("t [s],x,y\nms,mm,mm", ":1: 't [s]' has a unit that the last line of names has not"),
+        ("Time (ms), of the arm, and of, the load", ":1: '(ms)' has a unit that the last line of names has not"),
+        ("t,x,y\nmV,mm,mm", "column 't[mv]': the unit 'mv' is none of"),
+    ],
+)
+def test_a_unit_of_time_that_would_be_lost_is_refused(path, head, words):
+    path.write_text(text(head, times=1e3 * ring_down()[0]), encoding="utf-8")
+    with pytest.raises(RecordError, match=re.escape(words)) as error:
+        identify_csv(path)
+    assert str(error.value).startswith(str(path))
+
+
+@pytest.mark.parametrize("head", ["t [ms] x [mm] y", "# t [ms] x  y (m s^-2)", "t x y\n[ms] [mm] [m s^-2]"])
+def test_units_in_brackets_between_spaces(path, head):
+    path.write_text(text(head, " ", times=1e3 * ring_down()[0]), encoding="utf-8")
+    np.testing.assert_allclose(hertz(identify_csv(path)), [FREQUENCY], rtol=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("lines", "channels"),
+    [
+        (["x", "198,2345", "-7,5"], [[198.2345, -7.5]]),
+        (["Weg [mm]", "198,23", "207,51", "0"], [[198.23, 207.51, 0]]),
+        (["198,05", "207,51"], [[198.05, 207.51]]),
+        (["# x", "198,23", "207,51"], [[198.23, 207.51]]),
+        (["x y", "1,0 150,2", "2 151,5"], [[1, 2], [150.2, 151.5]]),
+        (["x,y", "198,23", "207,51"], [[198, 207], [23, 51]]),
+        (["x,y", "198,23", "207,-51"], [[198, 207], [23, -51]]),
+        (["1,23", "2,51", "3,70"], [[1, 2, 3], [23, 51, 70]]),
+    ],
+)
+def test_a_comma_parts_decimals_or_columns(path, lines, channels):
+    path.write_text("\n".join(lines), encoding="utf-8")
+    np.testing.assert_array_equal(read_csv(path, sample_rate=RATE).values.T, channels)
+
+
+@pytest.mark.parametrize("head", ["", "measured in summer\n", "x,y\n0,05\n"])
+def test_a_comma_that_may_be_either_is_refused(path, head):
+    path.write_text(f"{head}198,23\n207,51\n199,77\n", encoding="utf-8")
+    with pytest.raises(RecordError, match="is one number or two: name the columns above, x or t,x"):
+        read_csv(path, sample_rate=RATE)
+
+
+def test_the_names_of_a_spectrum_may_be_a_comment(path):
+    np.savetxt(path, np.random.default_rng(0).random((50, 2)).cumsum(0), delimiter=",", header="f [rad/s],S")
+    found = read_csv(path, spectrum=True)
+    np.testing.assert_allclose(found.axis, np.loadtxt(path, delimiter=",")[:, 0], rtol=1e-12)
+    assert found.names == ("S",)
+
+
+@pytest.mark.parametrize(
+    "name", ["Sample #", "Point", "id", "Frame", "counter", "Unnamed: 0", "", "SampleNumber", "record_no", "odd"]
+)
+@pytest.mark.parametrize("step", [1, 2])
+def test_a_column_that_counts_is_told_by_its_words_and_by_times_after_it(name, step, path):
+    rows = [f"{step * k},{0.01 * k:.2f},{np.sin(k)}" for k in range(50)]
+    path.write_text("\n".join([f"{name},t [s],x", *rows]), encoding="utf-8")
+    with pytest.raises(RecordError, match=rf"data.csv:1: the first column, '{name}', counts rows; .*'t \[s\]' first"):
+        read_csv(path)
+    path.write_text("\n".join([f"{name},y,x", *rows]), encoding="utf-8")
+    if name == "odd":
+        assert read_csv(path).names == ("y", "x")
+        return
+    with pytest.raises(RecordError, match=rf"'{name}', counts rows; give its sample_rate"):
+        read_csv(path)
+
+
+@pytest.mark.parametrize("head", ["sample_time_ms,y", "Frame time,y", "t,timestamp", "n,y\nms,-", "(ms),y"])
+def test_whole_numbers_may_be_times(head, path):
+    path.write_text("\n".join([head, *(f"{5 * k},{k + 0.5}" for k in range(50))]), encoding="utf-8")
+    assert len(read_csv(path).axis) == 50
