@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from jshape.identification.csv_file import read_csv
+from jshape.identification.csv_file import axis_unit, read_csv
 from jshape.identification.from_csv import identify_csv
 from jshape.identification.records import RecordError
 
@@ -114,6 +114,77 @@ def test_the_names_of_a_spectrum_may_be_a_comment(path):
     found = read_csv(path, spectrum=True)
     np.testing.assert_allclose(found.axis, np.loadtxt(path, delimiter=",")[:, 0], rtol=1e-12)
     assert found.names == ("S",)
+
+
+G = 9.80665
+
+
+@pytest.mark.parametrize(
+    ("unit", "measured", "factor"),
+    [
+        ("[mg]", "acceleration", G / 1e3),
+        ("(µg)", "acceleration", G / 1e6),
+        ("[G]", "acceleration", G),
+        ("[Gal]", "acceleration", 0.01),
+        ("[m/s/s]", "acceleration", 1.0),
+        ("[m s^-2]", "acceleration", 1.0),
+        ("(m·s⁻²)", "acceleration", 1.0),
+        ("[m s^(-2)]", "acceleration", 1.0),
+        ("[m/sec**2]", "acceleration", 1.0),
+        ("[mm/s²]", "acceleration", 1e-3),
+        ("(in/s^2)", "acceleration", 0.0254),
+        ("[ft/s²]", "acceleration", 0.3048),
+        ("[deg/s²]", "acceleration", np.pi / 180),
+        ("[mm/s]", "velocity", 1e-3),
+        ("[m s^-1]", "velocity", 1.0),
+        ("(dps)", "velocity", np.pi / 180),
+        ("[µm]", "position", 1e-6),
+        ("[um]", "position", 1e-6),
+        ("(nm)", "position", 1e-9),
+        ("[°]", "position", np.pi / 180),
+        ("[mV]", "position", 1.0),
+        ("(left)", "position", 1.0),
+    ],
+)
+def test_units_of_channels_are_heeded(path, unit, measured, factor):
+    bare = unit[1:-1]
+    heads = [f"t,x {unit},y [m]"] if measured == "position" else [f"t,a {unit},b {unit}", f"t,a,b\ns,{bare},{bare}"]
+    for head in heads:
+        path.write_text(text(head), encoding="utf-8")
+        found = identify_csv(path)
+        assert found.measured == measured
+        np.testing.assert_allclose(found.values[:, 0], factor * ring_down()[1][:, 0], atol=1e-7 * factor)
+        assert any("times as many" in note for note in found.notes) == (factor != 1)
+        assert all(bare not in name for name in found.names) or factor == 1
+
+
+def test_lengths_of_one_unit_stay_in_it_and_inputs_follow(path):
+    for head, factors in {
+        "t,x [mm],u": (1, 1),
+        "t,x [mm],u [mm]": (1, 1),
+        "t,x [mm],u [m]": (1e-3, 1),
+        "t,a [m/s²],u [mm]": (1, 1e-3),
+        "t,accel_x,u [mm]": (1, 1),
+        "t,x,u\ns,mm,cm": (1e-3, 1e-2),
+    }.items():
+        path.write_text(text(head), encoding="utf-8")
+        found, read = identify_csv(path, kind="sweep", inputs=head.split("\n")[0].split(",")[2]), read_csv(path)
+        np.testing.assert_allclose(found.values[:, 0], factors[0] * read.values[:, 0], rtol=1e-12)
+        np.testing.assert_allclose(found.inputs, factors[1] * read.values[:, 1], rtol=1e-12)
+
+
+@pytest.mark.parametrize("unit", ["[furlong]", "(furlong/s²)", "[m/s³]"])
+def test_an_unknown_unit_of_a_channel_is_refused_unless_it_is_said_what_was_measured(path, unit):
+    path.write_text(text(f"t,x {unit},y"), encoding="utf-8")
+    with pytest.raises(RecordError, match=r"data.csv: x .*: the unit '.*' is not known: use m, m/s, m/s²") as error:
+        identify_csv(path)
+    assert "\n" not in str(error.value)
+    assert identify_csv(path, measured="position").measured == "position"
+
+
+@pytest.mark.parametrize(("name", "factor"), [("f_mHz", 1e-3), ("f [mHz]", 1e-3), ("f [MHz]", 1e6), ("f_kHz", 1e3)])
+def test_prefixes_of_hertz(name, factor):
+    np.testing.assert_allclose(axis_unit(name, True), 2 * np.pi * factor, rtol=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 Whatever cannot be understood raises ``RecordError`` that begins with file and line.
 """
 
+import dataclasses
 import math
 import re
 from pathlib import Path
@@ -22,13 +23,26 @@ LONGEST = 16
 """Characters at the end of a name in which a unit is looked for."""
 
 
+@dataclasses.dataclass(frozen=True)
+class Table(Record):
+    """A record with what a file says besides.
+
+    Attributes:
+        units: of the channels, where a row below their names holds them, and empty otherwise.
+        driven: the input's name and unit.
+    """
+
+    units: tuple[str, ...]
+    driven: tuple[str, str]
+
+
 def read_csv(
     path: str | Path,
     columns: list[str] | None = None,
     inputs: str | None = None,
     sample_rate: float | None = None,
     spectrum: bool = False,
-) -> Record:
+) -> Table:
     """Read a record from a CSV file, not checked yet; cells without a number are NaN.
 
     The names of the columns are the last line above the numbers, be it a comment, a row of units below them apart.
@@ -71,19 +85,20 @@ def read_csv(
                 raise RecordError(f"{path}:{line}: {name}: {row[column][:40]!r} is no number")
             data[i, j] = value
     names = [printable(header[j].strip()) if header and header[j].strip() else f"column {j + 1}" for j in chosen]
-    driven = None
+    units = [printable(head.units[j].strip()) if head.units else "" for j in chosen]
+    driven, said = None, ("", "")
     if inputs is not None:
-        driven, data, names = data[:, -1], data[:, :-1], names[:-1]
+        driven, data, said = data[:, -1], data[:, :-1], (names.pop(), units.pop())
     if sample_rate is None:
         if header and columns is None:
             _check_axis(f"{path}:{head.line}", [" ".join(each[j] for each in head[:2] if each) for j in chosen], data)
         axis, data = data[:, 0] * _factor(path, head, chosen[0], spectrum), data[:, 1:]
-        names = names[1:]
+        names, units = names[1:], units[1:]
     else:
         axis = np.arange(len(data)) / sample_rate
     stand = numbers[begin:]
     rows_read, where = np.arange(len(data)), lambda row: f"{path}:{stand[row]}: "
-    return Record(axis, data, driven, rows_read, tuple(names), tuple(notes), where)
+    return Table(axis, data, driven, rows_read, tuple(names), tuple(notes), where, tuple(units), said)
 
 
 def _text(path: Path) -> str:
@@ -173,7 +188,7 @@ def _factor(path: Path, head: Header, column: int, spectrum: bool) -> float:
     below = head.units[column].strip(" \t[]()-") if head.units else ""
     factor = axis_unit(re.split(r"[\[(]", name)[0] + f"[{below}]" if below else name, spectrum)
     for line, cells in [*head.others, (head.line, [name if below else ""] * head.width)]:
-        end = f",{cells[column].strip()}"[-LONGEST:].rstrip("]) \t").lower()
+        end = f",{cells[column].strip()}"[-LONGEST:].rstrip("]) \t").replace("MHz", "megahertz").lower()
         found = re.fullmatch(rf".*[\[(/_,]\s*({'|'.join(FREQUENCIES if spectrum else UNITS)})", end, re.DOTALL)
         if found and (FREQUENCIES if spectrum else UNITS)[found[1]] != factor:
             said = printable(cells[column].strip())[:40]
@@ -187,7 +202,7 @@ def axis_unit(name: str, spectrum: bool) -> float:
     Raises:
         RecordError: for a unit in brackets that is not known.
     """
-    known, name = FREQUENCIES if spectrum else UNITS, name.lower()
+    known, name = FREQUENCIES if spectrum else UNITS, name.replace("MHz", "megahertz").lower()
     inside = re.search(r"[\[(]\s*([^\[\]()]+?)\s*[\])]", name)
     # No unit is as long as what is looked at: a file may have names of any length.
     end = f" {name}"[-LONGEST:].rstrip("]) \t")

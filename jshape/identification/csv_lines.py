@@ -24,13 +24,20 @@ UNITS = {
 }
 """Units of time that a header may name, in s."""
 
-FREQUENCIES = {"hz": 2 * math.pi, "khz": 2000 * math.pi, **dict.fromkeys(("rpm", "cpm"), 2 * math.pi / 60)}
+FREQUENCIES = {"hz": 2 * math.pi, "mhz": 2e-3 * math.pi, "khz": 2e3 * math.pi, "megahertz": 2e6 * math.pi}
+FREQUENCIES |= dict.fromkeys(("rpm", "cpm"), 2 * math.pi / 60)
 FREQUENCIES |= dict.fromkeys(("rad/s", "rad_s", "rad/sec", "rad_sec", "rad s^-1"), 1.0)
 """Units of frequency that a header may name, in rad/s."""
 
-_SYMBOL = r"(?:[kMmcdnuµμ]?(?:m|g|s|N|J|Hz|rad|V|A|W|Pa|Gal)|in|ft|lb|min|deg|°C?|rpm|dB|%|bar|counts?|LSB|digits?|1)"
+_SYMBOL = (
+    r"(?:[kMmcdnuµμ]?(?:m|g|G|s|sec|N|J|Hz|rad|V|A|W|Pa|Gal)"
+    r"|in|ft|lb|min|deg|°C?|rpm|dps|dB|%|bar|counts?|LSB|digits?|1)"
+)
 _FACTOR = rf"{_SYMBOL}(?:\^?-?\d|\^\(-?\d\)|⁻?[¹²³⁴]|\*\*-?\d)?"
-_UNITS = re.compile(rf"[\[(].*[\])]|{_FACTOR}(?:(?:\s*[/·*]\s*|\s+){_FACTOR})*|-*")
+PRODUCT = re.compile(rf"{_FACTOR}(?:(?:\s*[/·*]\s*|\s+){_FACTOR})*")
+"""A unit: a product of powers."""
+
+_UNITS = re.compile(rf"[\[(].*[\])]|{PRODUCT.pattern}|-*")
 """What a cell of a row of units holds: anything in brackets, a product of units, or nothing."""
 
 DECIMALS = re.compile(r"\s*[-+]?\d+(,\d+)?(e[-+]?\d+)?(\s+[-+]?\d+(,\d+)?(e[-+]?\d+)?)*\s*", re.I | re.A)

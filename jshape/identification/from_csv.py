@@ -5,10 +5,9 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-
 from jshape import _check
 from jshape._types import Progress
+from jshape.identification.channel_units import Unit, in_si, unit_of
 from jshape.identification.csv_file import read_csv
 from jshape.identification.modes import KINDS, identify
 from jshape.identification.records import RecordError
@@ -16,9 +15,8 @@ from jshape.identification.result import Identified
 
 FILE_KINDS = (*KINDS, "frequency-response")
 
-_IN_G = r"[\[(]\s*g\s*[\])]"
 _SIGNS = {
-    "acceleration": r"(?<![a-z])acc(el|[_ \[(]|$)|/\s*s\s*(²|\^2|\*\*2|2)|" + _IN_G,
+    "acceleration": r"(?<![a-z])acc(el|[_ \[(]|$)|/\s*s\s*(²|\^2|\*\*2|2|/\s*s)",
     "velocity": r"(?<![a-z])(vel(ocity)?|speed|gyro)(?![a-z])|/\s*s\s*([\])]|$)",
 }
 """What the names of columns say that channels are, beginning with the most derived."""
@@ -37,7 +35,9 @@ def identify_csv(
 ) -> Identified:
     """Modes of a machine from a CSV file.
 
-    A unit in the header of the first column is heeded; without one it is in s, frequencies in Hz.
+    A unit in the header of the first column is heeded; without one it is in s, frequencies in Hz. Channels in units of
+    velocity or acceleration are taken in SI units, and so are lengths and angles that have not all the same unit; a
+    note says so.
 
     Args:
         path: of the file.
@@ -47,7 +47,7 @@ def identify_csv(
         inputs: the column of what drove the machine.
         modes: how many; by Bayes's information criterion unless given.
         measured: as in ``identify``; unless given, what the channels' names or units say (``accel_x``, ``a (m/s²)``),
-            and a note says so.
+            and a note says so. A unit in brackets that is not known is refused unless this is given.
         sample_rate: Hz, where no column holds times.
         progress: called before each further mode.
 
@@ -70,16 +70,16 @@ def identify_csv(
             if len(names) % 2:
                 raise RecordError(f"real and imaginary columns in pairs are needed, not {', '.join(names)}")
             values, names = values[:, ::2] + 1j * values[:, 1::2], names[::2]
-        named = _measured(names)
-        in_g = np.array([bool(re.search(_IN_G, name, re.I)) for name in names])
-        if (measured or named) == "acceleration":
-            values = values * np.where(in_g, 9.80665, 1.0)
-            names = tuple(re.sub(_IN_G, "[m/s²]", name, flags=re.I) for name in names)
+        below = read.units[::2] if kind == "frequency-response" else read.units
+        strict = measured is None and not spectrum
+        units = [unit_of(*each, strict) for each in zip(names, below, strict=True)]
+        named = _measured(names, units)
+        factors, names, converted = in_si(names, units, unit_of(*read.driven, False), measured or named)
         found = identify(
             read.axis,
-            values,
+            values * factors[:-1],
             kind="spectrum" if spectrum else kind,
-            inputs=read.inputs,
+            inputs=None if read.inputs is None else read.inputs * factors[-1],
             modes=modes,
             measured=measured or named,
             names=names,
@@ -89,15 +89,16 @@ def identify_csv(
     except RecordError as error:
         message = str(error)
         raise RecordError(message if message.startswith(str(path)) else f"{path}: {message}") from None
-    notes = list(read.notes)
-    if (measured or named) == "acceleration" and in_g.any():
-        notes.append("accelerations in g are taken as m/s², 9.80665 times as many")
+    notes = [*read.notes, *converted]
     if measured is None and named != "position":
         notes.append(f'{", ".join(names)}: {named}, as the name says; measured="position" reads it otherwise')
     return dataclasses.replace(found, notes=(*notes, *found.notes))
 
 
-def _measured(names: Sequence[str]) -> str:
-    """What the channels are by their names, a position unless all of them say the same otherwise."""
-    said = {next((word for word, sign in _SIGNS.items() if re.search(sign, name, re.I)), "position") for name in names}
+def _measured(names: Sequence[str], units: Sequence[Unit | None]) -> str:
+    """What the channels are by their units and names, a position unless all of them say the same otherwise."""
+    said = set()
+    for name, unit in zip(names, units, strict=True):
+        by_name = (word for word, sign in _SIGNS.items() if re.search(sign, name, re.I))
+        said.add(unit.measured if unit and unit.measured not in ("", "position") else next(by_name, "position"))
     return said.pop() if len(said) == 1 else "position"
