@@ -208,3 +208,35 @@ def test_a_column_that_counts_is_told_by_its_words_and_by_times_after_it(name, s
 def test_whole_numbers_may_be_times(head, path):
     path.write_text("\n".join([head, *(f"{5 * k},{k + 0.5}" for k in range(50))]), encoding="utf-8")
     assert len(read_csv(path).axis) == 50
+
+
+@pytest.mark.parametrize("head", ["t [ms],x,y", "t [ms],x,y,", "# t [ms],x,y"])
+def test_a_separator_at_the_end_of_each_line_makes_no_column(path, head):
+    path.write_text(text(head, times=1e3 * ring_down()[0]).replace("\n", ",\n").replace(",,", ","), encoding="utf-8")
+    found = identify_csv(path)
+    np.testing.assert_allclose(hertz(found), [FREQUENCY], rtol=2e-3)
+    assert found.names == ("x", "y")
+
+
+def test_a_text_in_the_first_row_does_not_hide_a_channel(path):
+    lines = text("t,x,y").splitlines()
+    time, *_, last = lines[1].split(",")
+    for cells, words in {f"{time},oops,{last}": ":2: x: 'oops' is no number", f"?,1,{last}": ":2: t: '?' is"}.items():
+        path.write_text("\n".join([lines[0], cells, *lines[2:]]), encoding="utf-8")
+        with pytest.raises(RecordError, match=re.escape(words)):
+            identify_csv(path)
+    path.write_text("\n".join([f"{lines[0]},state", *(f"{line},ok" for line in lines[1:])]), encoding="utf-8")
+    assert identify_csv(path).names == ("x", "y")
+
+
+def test_a_column_of_times_is_no_channel_where_they_are_counted(path):
+    path.write_text(text("Time (ms),x,y", times=np.sort(ring_down()[0] ** 1.1)), encoding="utf-8")
+    found = identify_csv(path, sample_rate=RATE)
+    assert found.names == ("x", "y")
+    assert any("data.csv:1: 'Time (ms)' holds times: left out" in note for note in found.notes)
+    assert read_csv(path, ["Time (ms)"], sample_rate=RATE).names == ("Time (ms)",)
+    # What does not increase is no time, whatever its name.
+    path.write_text(text("x,t,y", times=np.cos(ring_down()[0])), encoding="utf-8")
+    assert read_csv(path, sample_rate=RATE).names == ("x", "t", "y")
+    path.write_text(text("sample,x,y", times=np.arange(200)), encoding="utf-8")
+    assert read_csv(path, sample_rate=RATE, inputs="y").names == ("x",)

@@ -31,7 +31,7 @@ def identify(
     ] = None,
     modes: Annotated[int | None, typer.Option(help="How many modes; by Bayes's criterion unless given.")] = None,
     sample_rate: Annotated[
-        float | None, typer.Option(help="Samples a second, Hz: times are counted, and no column holds them.")
+        float | None, typer.Option(help="Samples a second, Hz: times are counted, and a column of times is left out.")
     ] = None,
     along_y: Annotated[
         Path | None,

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from jshape._files import printable, read_bytes
-from jshape.identification.csv_lines import FREQUENCIES, UNITS, Header, header_of, lines_of, number
+from jshape.identification.csv_lines import FREQUENCIES, UNITS, Header, header_of, lines_of, missing, number
 from jshape.identification.records import Record, RecordError
 
 COUNTS = {"index", "idx", "sample", "samples", "n", "no", "nr", "num", "number", "row", "rows", "line", "#", "unnamed"}
@@ -53,7 +53,8 @@ def read_csv(
         columns: the time (spectra: frequency) and the channels, by name or number (the first is 1); the first column
             and all other numeric ones unless given.
         inputs: the column of what drove the machine.
-        sample_rate: Hz; times are then counted, and ``columns`` are channels only.
+        sample_rate: Hz; times are then counted, and ``columns`` are channels only; unless these are given, columns that
+            hold times or counts by their names are left out, and a note says so.
         spectrum: whether the first column holds frequencies.
 
     Raises:
@@ -68,22 +69,17 @@ def read_csv(
     head = header_of(path, lines)
     (rows, numbers, *_), header, begin, width = lines, head.names, head.begin, head.width
     comma = any(re.fullmatch(r"\s*[-+]?\d+,\d+(e[-+]?\d+)?\s*", cell, re.I) for row in rows[begin:] for cell in row)
-    chosen = _choose(path, header, rows[begin], columns, inputs, sample_rate is None, head.line, comma)
+    chosen = _choose(path, header, rows[begin:], columns, inputs, sample_rate is None, head.line, comma)
     notes = []
     last = len(rows) - 1
     if len(rows[last]) < width and last > begin:
         notes.append(f"{path}:{numbers[last]}: the last line is cut off; left out")
         rows, numbers = rows[:last], numbers[:last]
-    data = np.empty((len(rows) - begin, len(chosen)))
-    for i, (row, line) in enumerate(zip(rows[begin:], numbers[begin:], strict=True)):
-        if len(row) != width:
-            raise RecordError(f"{path}:{line}: has {len(row)} fields, where the others have {width}")
-        for j, column in enumerate(chosen):
-            value = number(row[column], comma)
-            if value is None:
-                name = header[column] if header else f"column {column + 1}"
-                raise RecordError(f"{path}:{line}: {name}: {row[column][:40]!r} is no number")
-            data[i, j] = value
+    data = _data(path, header, rows[begin:], numbers[begin:], chosen, comma)
+    if sample_rate is not None and header and columns is None:
+        clocks = _clocks([_named(head, j) for j in chosen], data, len(chosen) - (inputs is not None))
+        notes += [f"{path}:{head.line}: {header[chosen[j]].strip()!r} holds times: left out" for j in clocks]
+        chosen, data = [each for j, each in enumerate(chosen) if j not in clocks], np.delete(data, clocks, axis=1)
     names = [printable(header[j].strip()) if header and header[j].strip() else f"column {j + 1}" for j in chosen]
     units = [printable(head.units[j].strip()) if head.units else "" for j in chosen]
     driven, said = None, ("", "")
@@ -91,7 +87,7 @@ def read_csv(
         driven, data, said = data[:, -1], data[:, :-1], (names.pop(), units.pop())
     if sample_rate is None:
         if header and columns is None:
-            _check_axis(f"{path}:{head.line}", [" ".join(each[j] for each in head[:2] if each) for j in chosen], data)
+            _check_axis(f"{path}:{head.line}", [_named(head, j) for j in chosen], data)
         axis, data = data[:, 0] * _factor(path, head, chosen[0], spectrum), data[:, 1:]
         names, units = names[1:], units[1:]
     else:
@@ -120,12 +116,14 @@ def _text(path: Path) -> str:
 
 
 def _choose(
-    path: Path, header: list[str] | None, row: list[str], columns: list[str] | None, inputs: str | None,
+    path: Path, header: list[str] | None, rows: list[list[str]], columns: list[str] | None, inputs: str | None,
     timed: bool, line: int, comma: bool,
 ) -> list[int]:  # fmt: skip
     """Which columns to take: the axis, unless it is counted, the channels, and the input last."""
     names = [name.strip() for name in header] if header else []
-    listed = ", ".join(f"{i} {name!r}" for i, name in enumerate(names, start=1)) or f"1 to {len(row)}, without names"
+    listed = (
+        ", ".join(f"{i} {name!r}" for i, name in enumerate(names, start=1)) or f"1 to {len(rows[0])}, without names"
+    )
 
     def find(name: str) -> int:
         name = name.strip()
@@ -133,13 +131,13 @@ def _choose(
             return names.index(name)
         if names.count(name) > 1:
             raise RecordError(f"{path}:{line}: column {name!r} is there {names.count(name)} times; give its number")
-        if re.fullmatch(r"\d{1,6}", name) and 1 <= int(name) <= len(row):
+        if re.fullmatch(r"\d{1,6}", name) and 1 <= int(name) <= len(rows[0]):
             return int(name) - 1
         raise RecordError(f"{path}:{line}: there is no column {name!r}; there are {listed}")
 
     driven = [] if inputs is None else [find(inputs)]
     if columns is None:
-        found = [j for j, cell in enumerate(row) if j not in driven and number(cell, comma) is not None]
+        found = [j for j in range(len(rows[0])) if j not in driven and _of_numbers(rows, j, comma)]
     else:
         found = [find(name) for name in columns]
     if len(found) < (2 if timed else 1):
@@ -150,6 +148,36 @@ def _choose(
     return found + driven
 
 
+def _of_numbers(rows: list[list[str]], column: int, comma: bool) -> bool:
+    """Whether a column begins with a number, or holds numbers for the most part."""
+    if number(rows[0][column], comma) is not None:
+        return True
+    cells = [row[column] for row in rows if column < len(row)]
+    return sum(number(cell, comma) is not None and not missing(cell) for cell in cells) > len(cells) / 2
+
+
+def _data(
+    path: Path, header: list[str] | None, rows: list[list[str]], numbers: list[int], chosen: list[int], comma: bool
+) -> np.ndarray:
+    """The numbers of the chosen columns."""
+    data = np.empty((len(rows), len(chosen)))
+    for i, (row, line) in enumerate(zip(rows, numbers, strict=True)):
+        if len(row) != len(rows[0]):
+            raise RecordError(f"{path}:{line}: has {len(row)} fields, where the others have {len(rows[0])}")
+        for j, column in enumerate(chosen):
+            value = number(row[column], comma)
+            if value is None:
+                name = header[column] if header else f"column {column + 1}"
+                raise RecordError(f"{path}:{line}: {name}: {row[column][:40]!r} is no number")
+            data[i, j] = value
+    return data
+
+
+def _named(head: Header, column: int) -> str:
+    """A column's name and unit."""
+    return " ".join(each[column] for each in head[:2] if each)
+
+
 def _words(name: str) -> set[str]:
     """The words of a name in small letters; those of ``SampleNumber`` are two."""
     return set(re.findall(r"[^\W\d_]+|#", re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name).lower()))
@@ -158,6 +186,13 @@ def _words(name: str) -> set[str]:
 def _steps(values: np.ndarray) -> np.ndarray:
     """Those between a column's numbers."""
     return np.diff(values[np.abs(values) < 1e300])
+
+
+def _clocks(names: list[str], data: np.ndarray, channels: int) -> list[int]:
+    """The columns, of the first so many, that hold times by their names and increase; none if no other is left."""
+    words = TIMES | COUNTS
+    found = [j for j in range(channels) if _words(names[j]) & words and np.all(_steps(data[:, j]) > 0)]
+    return found if len(found) < channels else []
 
 
 def _check_axis(where: str, names: list[str], data: np.ndarray) -> None:

@@ -97,6 +97,10 @@ def lines_of(path: Path, text: str) -> Lines:
             rows.append(_cells(line, separator))
         except csv.Error as error:
             raise RecordError(f"{path}:{i}: {error}") from None
+    # A separator at the end of every line makes no column.
+    width = Counter(map(len, rows)).most_common(1)[0][0]
+    if width > 1 and not any(row[-1].strip() for row in rows if len(row) == width):
+        rows = [row[:-1] if len(row) == width else row for row in rows]
     return Lines(rows, [i for i, _ in kept], comments, separator)
 
 
@@ -189,7 +193,9 @@ def _comments(lines: Lines, width: int, end: int) -> dict[int, list[str]]:
     found = {}
     for i, said in lines.comments:
         with suppress(csv.Error):
-            if i < end and len(row := _cells(said, lines.separator)) == width and not _numeric(row):
+            row = _cells(said, lines.separator) if i < end else []
+            row = row[:-1] if len(row) == width + 1 and not row[-1].strip() else row
+            if len(row) == width and not _numeric(row):
                 found[i] = row
     return {i: row for i, row in found.items() if any(re.search(r"[^\W\d_]", cell) for cell in row)}
 

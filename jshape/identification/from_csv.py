@@ -48,7 +48,7 @@ def identify_csv(
         modes: how many; by Bayes's information criterion unless given.
         measured: as in ``identify``; unless given, what the channels' names or units say (``accel_x``, ``a (m/s²)``),
             and a note says so. A unit in brackets that is not known is refused unless this is given.
-        sample_rate: Hz, where no column holds times.
+        sample_rate: Hz, where no column holds times, or wrong ones.
         progress: called before each further mode.
 
     Raises:
