@@ -17,7 +17,10 @@ GRAVITY = {"g": 9.80665, "mg": 9.80665e-3, "µg": 9.80665e-6, "ug": 9.80665e-6}
 GALS = {"gal": 1e-2, "mgal": 1e-5}
 """Accelerations that have names of their own, in m/s²."""
 
-BRACKETS = re.compile(r"[\[(]\s*([^\[\]()]*(?:\(-?\d\))?)\s*[\])]")
+BRACKETS = re.compile(r"[\[(]([^\[\]()]*(?:\(-?\d\))?)[\])]")
+
+LONGEST = 40
+"""Characters of a unit, and of a name in a message: a file may have names of any length."""
 
 _DIGITS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹μ−.", "-0123456789µ-·")
 
@@ -41,6 +44,8 @@ class Unit(NamedTuple):
 def unit(text: str) -> Unit | None:
     """A unit in words; ``None`` for one that is not known."""
     text = text.strip()
+    if len(text) > LONGEST:
+        return None
     named = GRAVITY.get("g" if text == "G" else text.replace("μ", "µ"), GALS.get(text.lower()))
     if named is not None:
         return Unit(text, named, "acceleration", "m/s²")
@@ -75,7 +80,9 @@ def unit_of(name: str, below: str = "", strict: bool = True) -> Unit | None:
     odd = [below] if below else [each for each in said if re.search(r"[/^²⁻]", each)] or (bracket and [bracket[1]])
     if odd:
         ways = "m, m/s, m/s², g, mg, rad or °, with prefixes"
-        raise RecordError(f"{name}: the unit {odd[0]!r} is not known: use {ways}, or say what is measured")
+        raise RecordError(
+            f"{name[:LONGEST]}: the unit {odd[0][:LONGEST].strip()!r} is not known: use {ways}, or say what is measured"
+        )
     return None
 
 

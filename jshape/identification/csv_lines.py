@@ -152,7 +152,7 @@ def _cells(line: str, separator: str | None) -> list[str]:
     if separator is not None:
         return next(csv.reader([line], delimiter=separator), [])
     # A space before a bracket, and those inside it, belong to a unit: t [ms].
-    return SPACES.split(line.strip()) if re.search(r"[\[(]", line) else line.split()
+    return SPACES.split(line.strip()) if len(line) < 2000 and re.search(r"[\[(]", line) else line.split()
 
 
 def header_of(path: Path, lines: Lines) -> Header:

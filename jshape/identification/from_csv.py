@@ -77,7 +77,7 @@ def identify_csv(
         factors, names, converted = in_si(names, units, unit_of(*read.driven, False), measured or named)
         found = identify(
             read.axis,
-            values * factors[:-1],
+            values * factors[:-1] if converted else values,
             kind="spectrum" if spectrum else kind,
             inputs=None if read.inputs is None else read.inputs * factors[-1],
             modes=modes,
