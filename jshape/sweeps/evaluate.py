@@ -335,7 +335,7 @@ def _many(of: Evaluation, points: Mapping[str, Any], tolerance: Any, lanes: int)
         return share(arrays, points, tolerance)
     along = PartitionSpec("plants")
     of_one = {name: values[: len(values) // mesh.size] for name, values in points.items()}
-    # Traced before, since lineax, by which some plants' rest is found, is lost within a mesh.
+    # Traced before: lineax, by which some plants' rest is found, fails within a mesh.
     traced = jax.make_jaxpr(share)(arrays, of_one, tolerance)
 
     def on_one(*arguments: Any) -> Array:
