@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from jshape_envs import ENVIRONMENTS, Params, parameters, reset
 from jshape_envs.baselines import Fixed, FixedPayload, fixed_linear
-from jshape_envs.baselines.posterior import no_hedge
+from jshape_envs.baselines.posterior import Hedge, no_hedge
 from jshape_envs.evaluate import episode_costs
 from jshape_envs.families import DECLARED, FAMILIES, HELD_OUT, Declared, Dropouts
 from jshape_envs.guard import CALIBRATION_SEED, COUNTED, DEBTS, calibrated, guarded, log_likelihood, measured_residual
@@ -42,7 +42,7 @@ def link() -> Params:
 
 def test_families_change_what_they_say(duffing, link):
     truth = {name: family(duffing) for name, family in FAMILIES.items()}
-    assert len(HELD_OUT) == 8
+    assert len(HELD_OUT) == 9
     assert set(DECLARED).isdisjoint(HELD_OUT)
     np.testing.assert_allclose(truth["heavier"].payload, [1.4, 1.8], rtol=1e-6)
     np.testing.assert_allclose(truth["lighter"].payload, [0.4, 0.6], rtol=1e-6)
@@ -50,6 +50,7 @@ def test_families_change_what_they_say(duffing, link):
     np.testing.assert_allclose(truth["nearer"].distance, [0.2, 0.4], rtol=1e-6)
     np.testing.assert_allclose(truth["stiffer"].machine.nominal.spring.k3, 150.0)
     np.testing.assert_allclose(truth["undamped"].machine.nominal.damper.c, 0.08, rtol=1e-6)
+    np.testing.assert_allclose(truth["hardly-damped"].machine.nominal.damper.c, 0.04, rtol=1e-6)
     np.testing.assert_allclose(truth["restless"].change_rate, 0.3, rtol=1e-6)
     np.testing.assert_allclose(truth["noisy"].sensor.noise, 0.02, rtol=1e-6)
     command = truth["lagging"].machine.command(single(0.5), jnp.asarray(0))
@@ -77,6 +78,13 @@ def test_missing_samples_are_so_many_and_the_others_have_their_noise():
     kept = reading[reading != 0]
     assert abs(kept.mean() - 0.5) < 0.004
     assert abs(kept.std() - 0.05) < 0.004
+
+
+def test_a_biased_sensor_reads_too_much(duffing):
+    sensor, deflection = FAMILIES["biased"](duffing).sensor, jnp.linspace(-0.5, 0.5, 16) * duffing.sensor.reach
+    exact = dataclasses.replace(sensor, noise=single(0.0), resolution=single(0.0))
+    reading = exact.read(deflection, jnp.zeros(16))
+    np.testing.assert_allclose(reading, deflection / duffing.sensor.reach + 0.02, atol=1e-6)
 
 
 @pytest.mark.parametrize("context", ["hidden", "observed"])
@@ -150,9 +158,9 @@ def debts_and_choices(policy, params, keys):
 @pytest.mark.slow
 def test_a_bad_proposer_is_not_used_and_an_infinite_debt_leaves_the_fallback_alone(link):
     fallback = FixedPayload(single(2.5), no_hedge(link))
-    guard = guarded(link, bad(link), fallback)
+    guard = guarded(link, bad(link), fallback, other=bad(link))
     debts, chosen = debts_and_choices(guard, link, KEYS)
-    assert not np.any(chosen == 1)
+    assert not np.any((chosen == 1) | (chosen == 3))
     assert np.any(chosen == 2)
     # Nobody who is not used gets into debt.
     assert np.all(np.diff(debts[..., 0], axis=1) <= 0)
@@ -162,12 +170,26 @@ def test_a_bad_proposer_is_not_used_and_an_infinite_debt_leaves_the_fallback_alo
 
 
 @pytest.mark.slow
+def test_the_other_fixed_shaper_is_used_where_it_is_better(link):
+    good = FixedPayload(single(2.5), Hedge(single(1.0), single(1.0)))
+    guard = guarded(link, bad(link), bad(link), other=good)
+    debts, chosen = debts_and_choices(guard, link, KEYS)
+    assert np.any(chosen == 3)
+    assert not np.any(chosen < 2)
+    # Used, it saves: it never owes anything.
+    assert np.all(debts[..., 2] <= 0)
+    fixed, _ = episode_costs(KEYS, good, link)
+    costs, _ = episode_costs(KEYS, guard, link)
+    assert np.mean(costs) < np.mean(fixed)
+
+
+@pytest.mark.slow
 def test_a_guard_costs_less_than_a_bad_fallback_and_less_than_a_bad_proposer(link):
     fallback = FixedPayload(single(2.5), no_hedge(link))
     unshaped, _ = episode_costs(KEYS, bad(link), link)
     fixed, _ = episode_costs(KEYS, fallback, link)
     for proposer, others in ((bad(link), fallback), (fallback, bad(link))):
-        costs, _ = episode_costs(KEYS, guarded(link, proposer, others), link)
+        costs, _ = episode_costs(KEYS, guarded(link, proposer, others, other=bad(link)), link)
         assert np.all(costs < unshaped)
         assert np.mean(costs) < np.mean(fixed)
 
@@ -177,7 +199,7 @@ def test_calibration_takes_the_least_debt_that_few_episodes_pay_for(link):
     # Where the fallback happens to know the payload, which never changes, nothing is to be gained.
     known = lambda params: dataclasses.replace(params, payload=single([2.5, 2.5]), change_rate=single(0.0))
     fallback = FixedPayload(single(2.5), no_hedge(link))
-    guard = guarded(link, bad(link), fallback)
+    guard = guarded(link, bad(link), fallback, other=bad(link))
     keys = jax.random.split(jax.random.key(CALIBRATION_SEED), 8)
     fixed, _ = episode_costs(keys, Declared(fallback, link), known(link))
 
@@ -207,7 +229,7 @@ def test_wrong_numbers_are_refused(link):
     fallback = FixedPayload(single(2.5), no_hedge(link))
     with pytest.raises(ValueError, match="debt must not be negative, not -1"):
         guarded(link, bad(link), fallback, -1.0)
-    guard = guarded(link, bad(link), fallback)
+    guard = guarded(link, bad(link), fallback, other=bad(link))
     with pytest.raises(ValueError, match=r"share must lie between 1/\(episodes \+ 1\) = 0.111 and 1, not 0.05"):
         calibrated(guard, link, DECLARED, episodes=8)
     with pytest.raises(ValueError, match="episodes"):

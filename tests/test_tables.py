@@ -53,6 +53,11 @@ def test_impulses_stand_above_their_times(width, capsys):
     assert [time for found in rows[1::2] for time in found] == 2 * expected
 
 
+def test_times_of_a_fast_machine_keep_their_digits(capsys):
+    tables.show_impulses(Console(width=80), [("ZV", js.Shaper([0.5, 0.5], [0.0, 2.5e-5]))])
+    assert capsys.readouterr().out.split()[-5:] == ["ZV", "0.5000", "0.5000", "0", "2.5e-05"]
+
+
 def test_columns_are_asked_for(monkeypatch):
     monkeypatch.setenv("COLUMNS", "66")
     assert tables.new_console().width == 66

@@ -18,7 +18,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from jshape._check import Argument, Checked, positive
+from jshape._check import Argument, Checked, finite, positive
 from jshape._types import Scalar
 from jshape.command import AbstractCommand
 from jshape.moves import (
@@ -89,6 +89,19 @@ class Dropouts(Sensor):
         return super().read(
             jnp.where(missing, 0.0, deflection), jnp.where(missing, 0.0, jax.scipy.stats.norm.ppf(rest))
         )
+
+
+class Biased(Sensor):
+    """A sensor whose zero has drifted.
+
+    Attributes:
+        offset: what it reads too much, m.
+    """
+
+    offset: Scalar = eqx.field(default=0.0, converter=Argument(finite))
+
+    def read(self, deflection: Float[Array, " samples"], noise: Float[Array, " samples"]) -> Float[Array, " size"]:
+        return super().read(deflection + self.offset, noise)
 
 
 class Swaying(AbstractMachine):
@@ -214,6 +227,13 @@ def nearer(params: Params) -> Params:
     return dataclasses.replace(params, distance=params.distance[0] * jnp.array([0.5, 1.0], params.period.dtype))
 
 
+def biased(params: Params) -> Params:
+    """The sensor reads too much by a fiftieth of its reach: its zero has drifted."""
+    sensor, kept = params.sensor, {field.name for field in dataclasses.fields(Sensor)}
+    values = {name: getattr(sensor, name) for name in kept}
+    return dataclasses.replace(params, sensor=Biased(**values, offset=sensor.reach / 50))
+
+
 def worn(params: Params) -> Params:
     """Softer, less damped and noisier, all at once."""
     found = damping(stiffness(params, 0.75, 0.92), 0.5)
@@ -226,6 +246,7 @@ DECLARED: dict[str, Family] = {
     "farther": farther,
     "stiffer": partial(stiffness, spring=1.5, others=1.1),
     "damped": partial(damping, factor=3.0),
+    "undamped": partial(damping, factor=0.2),
     "noisy": lambda params: with_sensor(params, noise=4 * params.sensor.noise),
     "missing": partial(missing, share=0.1),
     "swaying": swaying,
@@ -238,7 +259,8 @@ HELD_OUT: dict[str, Family] = {
     "lighter": lighter,
     "nearer": nearer,
     "softer": partial(stiffness, spring=0.6, others=0.88),
-    "undamped": partial(damping, factor=0.2),
+    "hardly-damped": partial(damping, factor=0.1),
+    "biased": biased,
     "miscalibrated": lambda params: with_sensor(params, reach=params.sensor.reach / 1.2),
     "restless": lambda params: dataclasses.replace(params, change_rate=jnp.minimum(3 * params.change_rate, 1.0)),
     "patchy": partial(missing, share=0.4),

@@ -37,7 +37,7 @@ from jshape_envs.families import Declared, Family, damping, stiffness
 
 PAYLOADS = 21
 """Payloads of the bank, over their declared range and a quarter of it to either side."""
-VARIANTS = ((1.0, 1.0), (0.8, 1.0), (1.25, 1.0), (1.0, 2.5))
+VARIANTS = ((1.0, 1.0), (0.8, 1.0), (1.25, 1.0), (1.0, 2.5), (1.0, 0.4))
 """Factors of stiffness and damping (``families``) of the bank's plants; first the declared one."""
 BEYOND = 0.1
 """Prior probability of a payload beyond the declared range, and of a stiffness or damping that is not the declared."""
@@ -63,9 +63,10 @@ class GuardState(NamedTuple):
     Attributes:
         proposal: memory of the policy that proposes.
         fallback: memory of the fallback.
+        other: memory of the other fixed policy.
         bank: of the bank of plausible plants: the last move, and the plants' probabilities.
-        debt: of the proposing policy and of the bank's own shaper.
-        chosen: who made the last move: 0 the fallback, 1 the proposing policy, 2 the bank.
+        debt: of the proposing policy, of the bank's own shaper and of the other fixed one.
+        chosen: who made the last move: 0 the fallback, 1 the proposing policy, 2 the bank, 3 the other fixed shaper.
         saved: what the chosen shaper of the last move cost less than the fallback's by its duration alone.
         residuals: normalised residual energy that the fallback's shaper would have left in the last move, a plant each.
         references: energy by which residuals are normalised in the last move, J, a plant each.
@@ -73,8 +74,9 @@ class GuardState(NamedTuple):
 
     proposal: Any
     fallback: Any
+    other: Any
     bank: BankState
-    debt: Float[Array, "2"]
+    debt: Float[Array, "3"]
     chosen: Int[Array, ""]
     saved: Scalar
     residuals: Float[Array, " plants"]
@@ -84,14 +86,14 @@ class GuardState(NamedTuple):
 class Guard(AbstractPolicy):
     """Switching between a proposing policy and a fallback by conformal control of the cost beyond the fallback's.
 
-    Before a move, every plant of a bank (payloads in and beyond the declared range, several stiffnesses, more damping)
-    predicts the cost of the proposal, of the fallback and of the bank's own shapers; its probability follows from how
-    well it explains all samples so far. A shaper is used in the fallback's place only where its mean predicted cost is
-    less by more than its proposer's *debt*. After the move, the samples give the residual that was really left, and the
-    bank, with the last window counted, what the fallback would have left. The difference of the two costs is the excess
-    e, and the proposer's debt d becomes max(d + e − τ, −``CREDIT``), τ = ``TOLERANCE``; that of a proposer that was not
-    used becomes max(d − τ, −``CREDIT``). So a proposer that costs more than it saves is set aside until its debt is
-    forgiven, and then it is tried again.
+    Before a move, every plant of a bank (payloads in and beyond the declared range, several stiffnesses and dampings)
+    predicts the cost of the proposal, of the fallback, of another fixed shaper and of the bank's own; its probability
+    follows from how well it explains all samples so far. A shaper is used in the fallback's place only where its mean
+    predicted cost is less by more than its proposer's *debt*. After the move, the samples give the residual that was
+    really left, and the bank, with the last window counted, what the fallback would have left. The difference of the
+    two costs is the excess e, and the proposer's debt d becomes max(d + e − τ, −``CREDIT``), τ = ``TOLERANCE``; that of
+    a proposer that was not used becomes max(d − τ, −``CREDIT``). So a proposer that costs more than it saves is set
+    aside until its debt is forgiven, and then it is tried again.
 
     What is certain, for any sequence of moves, also an adversarial one: each debt is at most the greatest advantage A
     that was ever predicted plus the greatest excess E of one move, so that over T moves the measured excess of each
@@ -107,6 +109,7 @@ class Guard(AbstractPolicy):
     Attributes:
         proposer: proposes a shaper or an action.
         fallback: the fixed classical policy.
+        other: another fixed one, which takes its place where it is predicted to be better.
         machines: of the bank, a leaf's first axis over plants: stiffness and damping × payload, flattened.
         payloads: of the bank.
         log_prior: logarithms of the plants' probabilities before the first move.
@@ -120,6 +123,7 @@ class Guard(AbstractPolicy):
 
     proposer: AbstractPolicy
     fallback: AbstractPolicy
+    other: AbstractPolicy
     machines: AbstractMachine
     payloads: Float[Array, " plants"]
     log_prior: Float[Array, " plants"]
@@ -133,8 +137,8 @@ class Guard(AbstractPolicy):
         empty = jnp.zeros(self.impulses, params.period.dtype)
         shaper = Shaper(empty.at[0].set(1.0), empty)
         bank = BankState(rest, zero, params.distance[0], shaper, self.log_prior, none)
-        debt, plants = jnp.full(2, self.debt), jnp.zeros_like(self.payloads)
-        memories = self.proposer.init(params), self.fallback.init(params)
+        debt, plants = jnp.full(3, self.debt), jnp.zeros_like(self.payloads)
+        memories = self.proposer.init(params), self.fallback.init(params), self.other.init(params)
         return GuardState(*memories, bank, debt, none, zero, plants, plants + 1)
 
     def act(self, memory: GuardState, observation: Observation, params: Params, state: EnvState) -> Choice:
@@ -146,7 +150,7 @@ class Guard(AbstractPolicy):
         posterior = jnp.exp(log_posterior)
         left = measured_residual(params, samples, deflections, energies / memory.references)
         excess = params.energy_weight * (left - posterior @ memory.residuals) - memory.saved
-        used = (memory.chosen == jnp.array([1, 2])) & ~first
+        used = (memory.chosen == jnp.array([1, 2, 3])) & ~first
         debt = jnp.maximum(memory.debt + jnp.where(used, excess, 0.0) - TOLERANCE, -CREDIT)
         debt = jnp.where(first, memory.debt, debt)
 
@@ -157,34 +161,37 @@ class Guard(AbstractPolicy):
             distance=distance,
             log_prior=log_prior,
         )
-        ours, theirs, shapers = self._candidates(memory, observation, params, state, bank, log_posterior)
+        memories, shapers = self._candidates(memory, observation, params, state, bank, log_posterior)
         residuals, references = self._over_plants(params, lambda p, m: _residuals(p, bank, m, shapers))
         times = params.time_weight * shapers.times[:, -1] / params.period
         costs = times + FORESIGHT * params.energy_weight * (jnp.exp(log_prior) @ residuals)
-        proposer = jnp.minimum(jnp.arange(len(costs)), 2)
+        proposer = jnp.array([0, 1, 3] + [2] * len(ROBUSTNESSES))
         costs = costs + jnp.concatenate([jnp.zeros(1, debt.dtype), jnp.maximum(debt, 0.0)])[proposer]
         best = jnp.argmin(costs)
         shaper = jax.tree.map(lambda x: x[best], shapers)
         bank = bank._replace(shaper=shaper, made=bank.made + 1)
         chosen = proposer[best].astype(jnp.int32)
         saved = times[0] - times[best]
-        return GuardState(theirs, ours, bank, debt, chosen, saved, residuals[:, 0], references), shaper
+        return GuardState(*memories, bank, debt, chosen, saved, residuals[:, 0], references), shaper
 
     def _candidates(
         self, memory: GuardState, observation: Observation, params: Params, state: EnvState, bank: BankState,
         log_posterior: Float[Array, " plants"],
-    ) -> tuple[Any, Any, Shaper]:  # fmt: skip
-        """The new memories of fallback and proposer, and the shapers to choose from: theirs, then the bank's own."""
+    ) -> tuple[tuple[Any, Any, Any], Shaper]:  # fmt: skip
+        """The new memories of proposer, fallback and the other one, and the shapers to choose from: the fallback's, the
+        proposal, the other's, the bank's own."""
         ours, fallback = self.fallback.act(memory.fallback, observation, params, state)
         theirs, proposal = self.proposer.act(memory.proposal, observation, params, state)
+        others, other = self.other.act(memory.other, observation, params, state)
         nominal = slice(PAYLOADS)
         payload = jax.nn.softmax(log_posterior[nominal]) @ self.payloads[nominal]
         payload = jnp.where(bank.made == 0, middle(params), payload)
         tuned = tuned_shaper(params, payload, bank.distance, bank.made)
         one = jnp.ones_like(params.period)
-        made = [_as_shaper(choice, params) for choice in (fallback, proposal)]
+        made = [_as_shaper(choice, params) for choice in (fallback, proposal, other)]
         made += [Hedge(one, robustness * one).shaper(tuned) for robustness in ROBUSTNESSES]
-        return ours, theirs, jax.tree.map(lambda *x: jnp.stack(x), *(each.pad(self.impulses) for each in made))
+        stacked = jax.tree.map(lambda *x: jnp.stack(x), *(each.pad(self.impulses) for each in made))
+        return (theirs, ours, others), stacked
 
     def _over_plants(self, params: Params, of: Callable[[Params, Scalar], Any]) -> Any:
         """A function of params with a plant's machine, and its payload, for every plant of the bank."""
@@ -202,7 +209,11 @@ class Guard(AbstractPolicy):
 
 
 def guarded(
-    params: Params, proposer: AbstractPolicy, fallback: AbstractPolicy | None = None, debt: float = DEBTS[0]
+    params: Params,
+    proposer: AbstractPolicy,
+    fallback: AbstractPolicy | None = None,
+    debt: float = DEBTS[0],
+    other: AbstractPolicy | None = None,
 ) -> Guard:
     """A proposing policy with a guard, for an environment whose plant's model is known.
 
@@ -211,12 +222,14 @@ def guarded(
         proposer: a trained policy, say.
         fallback: the best fixed energy shaper (``baselines.BASELINES``) unless given.
         debt: at the beginning of an episode: 0 trusts the proposer at once; infinity never does.
+        other: a fixed policy to choose from beside the fallback; the best fixed linear shaper unless given.
 
     Raises:
         ValueError: for a negative debt, or a policy that does not fit the environment.
     """
     if not debt >= 0:
         raise ValueError(f"debt must not be negative, not {debt}")
+    other = baseline("best-fixed", params) if other is None else other
     fallback = baseline("best-energy", params) if fallback is None else fallback
     (least, greatest), dtype = np.asarray(params.payload, float), params.period.dtype
     quarter = (greatest - least) / 4
@@ -226,11 +239,12 @@ def guarded(
     variants = [damping(stiffness(params, stiff, stiff), damped).machine for stiff, damped in VARIANTS]
     over_variants = np.where(np.arange(len(VARIANTS)) == 0, 1 - BEYOND, BEYOND / (len(VARIANTS) - 1))
     impulses = []
-    for policy in (proposer, fallback, FixedPayload(middle(params), Hedge(params.period, params.period))):
+    for policy in (proposer, fallback, other, FixedPayload(middle(params), Hedge(params.period, params.period))):
         impulses.append(_impulses(policy, params))
     return Guard(
         proposer,
         fallback,
+        other,
         jax.tree.map(lambda *x: jnp.repeat(jnp.stack(x), PAYLOADS, axis=0), *variants),
         jnp.tile(jnp.asarray(payloads, dtype), len(VARIANTS)),
         jnp.asarray(np.log(np.outer(over_variants, over_payloads)).reshape(-1), dtype),

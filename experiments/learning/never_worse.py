@@ -31,6 +31,8 @@ HERE = Path(__file__).parent
 RECORD = HERE / "never_worse.json"
 EPISODES = {"DuffingPayload": 32, "CranePayload": 20, "FlexibleLinkPayload": 64, "HoistingCrane": 20}
 """A row. Fewer where a move takes longer to compute."""
+CALIBRATED = 40
+"""Episodes of each family in a calibration, at least: of so many one may cost more than with the fallback."""
 FIRST_SEED = 3_000_000
 CLASSICAL = ("best-energy", "best-fixed", "model-bank")
 FIXED = CLASSICAL[:2]
@@ -45,7 +47,9 @@ cost in that row); *worst*: by how much, in thousandths a move, in the worst of 
 environment alone; in a family of shift the true one differs. `trained` is the same policy without a guard. The
 first debt (`jshape_envs.guard.Guard`) is calibrated on the declared families of `paper`, on other episodes; where it is
 infinite no debt of the list was enough in every family, and the fallback acts alone. The held-out families were run
-once, after the guard was final; rows that are missing have not been run.
+once, after the guard was final; rows that are missing have not been run. Of the declared ones `undamped` was held out
+until an earlier guard, whose bank knew more damping but not less and which fell back to `best-energy` alone, cost more
+than the better fixed shaper in 78 % of its episodes on DuffingPayload; `hardly-damped` and `biased` were then held out.
 """
 
 
@@ -71,9 +75,10 @@ def contenders(name: str, params: Params) -> dict[str, AbstractPolicy]:
     """The classical strategies, the trained policy and the guarded one, by their names."""
     trained = named_policy(str(policy_file(name)), params)
     found = {each: baseline(each, params) for each in CLASSICAL}
-    guard = guarded(params, trained, found["best-energy"], read(RECORD).get(f"{name} debt", 0.0))
+    debt = read(RECORD).get(f"{name} debt", 0.0)
+    guard = guarded(params, trained, found["best-energy"], debt, found["best-fixed"])
     if f"{name} debt" not in read(RECORD):
-        guard = calibrated(guard, params, DECLARED, episodes=EPISODES[name])
+        guard = calibrated(guard, params, DECLARED, episodes=max(CALIBRATED, EPISODES[name]))
         keep(RECORD, f"{name} debt", float(guard.debt))
         print(f"{name}: first debt {float(guard.debt)}", flush=True)
     return found | {"trained": trained, "guarded": guard}

@@ -111,7 +111,9 @@ def show_impulses(console: Console, shapers: Iterable[tuple[str, "Shaper"]]) -> 
     longest = max((len(name) for name, _ in shapers), default=0)
     indent = 2 + min(longest, LONGEST_NAME if console.width >= 80 else 12)
     for name, shaper in shapers:
-        parts = [[f"{value:.4f}" for value in part.tolist()] for part in (shaper.amplitudes, shaper.times)]
+        times = ".4f" if not 0 < float(shaper.duration) < 0.01 else ".3g"
+        columns = (shaper.amplitudes.tolist(), ".4f"), (shaper.times.tolist(), times)
+        parts = [[f"{value:{digits}}" for value in part] for part, digits in columns]
         room = max((console.width - indent) // IMPULSE, 1)
         if len(name) > indent - 2:
             say(console, name)
