@@ -176,3 +176,15 @@ def test_wrong_is_named(case):
 def test_axes_need_a_plant_of_several():
     with pytest.raises(ValueError, match=r"shapers names axes; the plant has one, not 'trolley'"):
         js.tune(js.plants.Crane(1.0), js.Trapezoid(1.0, 1.0, 1.0), 2, shapers=["trolley"])
+
+
+@pytest.mark.slow
+def test_an_axis_that_rests_has_no_overshoot():
+    move = js.Axes(trolley=js.Trapezoid(8.0, 1.0, 0.3))
+    given = dict(impulses=3, duration=(0.5, 8.0), amplitudes="bounded", limit=2.0, starts=2, iterations=20)
+    found = js.tune(CRANE, move, command_overshoot=0.1, **given)
+    assert found.slack > -1e-6
+    same = js.tune(CRANE, move, command_overshoot={"trolley": 0.1}, **given)
+    np.testing.assert_array_equal(found.shaper.times, same.shaper.times)
+    with pytest.raises(ValueError, match="the command of hoist ends where it began"):
+        js.tune(CRANE, move, command_overshoot={"hoist": 0.1}, **given)

@@ -12,6 +12,7 @@ from typing import Any
 
 from jshape import _check
 from jshape._types import ArrayLike, Progress
+from jshape.axes import moving
 from jshape.command import Distance
 from jshape.design.tuning import digital
 from jshape.design.tuning.design_problem import DesignProblem, design_problem
@@ -91,7 +92,8 @@ def tune(
         peak_deflection: greatest deflection of every plant until a period after the move, m; this and the next two of
             several axes a number for every one, or axis → number.
         speed_limit: greatest speed of the shaped command, its unit per s.
-        command_overshoot: of the shaped command past its ends, a fraction of the distance; 0 for none.
+        command_overshoot: of the shaped command past its ends, a fraction of the distance; 0 for none. A number is for
+            every axis that moves.
         initial_state: of every plant; at rest if not given.
         start: begin at this shaper (axis → shaper) and nowhere else.
         iterations: at most so many (40 for Levenberg–Marquardt, 360 for the trust region, 1000 for Adam).
@@ -109,6 +111,9 @@ def tune(
     _check.one_of(method, "method", ("second-order", "first-order"))
     if iterations is not None:
         iterations = _check.count(iterations, "iterations")
+    if command_overshoot is not None and not isinstance(command_overshoot, Mapping) and getattr(plant, "axes", ()):
+        # An axis that ends where it began has nothing to overshoot.
+        command_overshoot = dict.fromkeys(moving(plant, distance), command_overshoot)
     problem = design_problem(
         plant, distance, impulses, duration, amplitudes, limit, over, objective,
         relative=relative, metric=metric, also=also, initial_state=initial_state, time_cost=time_cost, shapers=shapers,
