@@ -90,7 +90,8 @@ class AbstractPlant(Checked):
     """Units of the commands of those axes for which it is not that of the payload."""
 
     irreversible: ClassVar[bool] = False
-    """Whether it stays diverged that has left the region from which it returns to rest: a cable that was slack."""
+    """Whether it stays diverged in ``js.simulate`` that has left the region from which it returns to rest: a cable that
+    was slack."""
 
     force_unit: ClassVar[str] = "N"
     """Unit of the command of a plant that a force drives."""

@@ -64,7 +64,8 @@ class AbstractPendulum(AbstractCrane):
 class Crane(AbstractPendulum):
     """A crane with a point mass on a cable: l θ'' + g sin θ + s'' cos θ = 0, with s the trolley's position.
 
-    Past the horizontal the cable is slack and the payload counts as diverged, also where it swings back.
+    Past the horizontal the cable is slack and the payload counts as diverged. Energies look at the end of a move alone;
+    ``js.simulate`` says so, too, where the payload swings back.
 
     Attributes:
         cable_length: from trolley to payload, m.

@@ -141,7 +141,7 @@ def _square(values: Any) -> Any:
 class _Run(NamedTuple):
     """One run of the pilot: the steps that it took, states at the segments' ends, sums of their steps' absolute error
     estimates, the energies at their beginnings and ends, whether all steps were resolved, and if not, whether because
-    the plant has left; whether it was outside at any step, where it does not come back by itself."""
+    the plant has left."""
 
     steps: Int[Array, " segments"]
     ends: Float[Array, "segments state"]
@@ -149,7 +149,6 @@ class _Run(NamedTuple):
     energies: Float[Array, "segments two"]
     resolved: Bool[Array, ""]
     left: Bool[Array, ""]
-    crossed: Bool[Array, ""]
 
 
 def _run(
@@ -164,7 +163,7 @@ def _run(
     rounding = (1e3 * float(jnp.finfo(dtype).eps)) ** 2
 
     def advance_segment(carry, item):
-        state, resolved, left, before = carry
+        state, resolved, left = carry
         segment, least = item
         inputs = inputs_at(plant, segment.coefficients, segment.age + segment.duration)
         zero = tuple(map(jnp.zeros_like, state))
@@ -174,7 +173,7 @@ def _run(
             step = segment.duration / count.astype(dtype)
 
             def advance(inside):
-                index, state, error, resolved, crossed = inside
+                index, state, error, resolved = inside
 
                 def slope(fraction, y):
                     return field((index.astype(dtype) + fraction) * step, y, segment)
@@ -186,30 +185,28 @@ def _run(
                 good = resolved & (_square(local) <= 0.01 * _square(changes) + rounding * _square(state))
                 state = tuple(jnp.where(good, a, b) for a, b in zip(after, state, strict=True))
                 error = tuple(e + jnp.where(good, jnp.abs(x), 0.0) for e, x in zip(error, local, strict=True))
-                if plant.irreversible:
-                    crossed = crossed | plant.diverged(jnp.stack(state), inputs)
-                return index + 1, state, error, good, crossed
+                return index + 1, state, error, good
 
-            start = (jnp.zeros((), jnp.int32), state, zero, resolved, before)
-            _, end, error, good, crossed = jax.lax.while_loop(lambda inside: inside[0] < count, advance, start)
+            start = (jnp.zeros((), jnp.int32), state, zero, resolved)
+            _, end, error, good = jax.lax.while_loop(lambda inside: inside[0] < count, advance, start)
             outside = jnp.where(~good & plant.diverged(jnp.stack(end), inputs), outside + 1, 0)
             gone = outside >= jnp.where(count >= _FINE, _LEFT_FINE, _LEFT)
             more = resolved & ~good & ~waits & ~gone & (count < most)
             again = _batch_maximum(more.astype(dtype)) > 0
             count = jnp.where(again, jnp.minimum(4 * count, most), count)
-            return count, end, error, good, crossed, outside, gone, again
+            return count, end, error, good, outside, gone, again
 
-        start = (least, state, zero, resolved, before, jnp.zeros((), jnp.int32), jnp.asarray(False), jnp.asarray(True))
-        count, end, error, good, crossed, _, gone, _ = jax.lax.while_loop(lambda inside: inside[-1], attempt, start)
+        start = (least, state, zero, resolved, jnp.zeros((), jnp.int32), jnp.asarray(False), jnp.asarray(True))
+        count, end, error, good, _, gone, _ = jax.lax.while_loop(lambda inside: inside[-1], attempt, start)
         begin = plant.residual_energy(jnp.stack(state), inputs_at(plant, segment.coefficients, segment.age))
         last = jnp.stack(end)
         energies = jnp.stack([begin, plant.residual_energy(last, inputs)])
         left = left | (resolved & ~good & gone)
-        return (end, good, left, crossed), (count, last, jnp.stack(error), energies)
+        return (end, good, left), (count, last, jnp.stack(error), energies)
 
-    begin = (tuple(state), jnp.asarray(True), jnp.asarray(False), jnp.asarray(False))
-    (_, resolved, left, crossed), found = jax.lax.scan(advance_segment, begin, (segments, steps))
-    return _Run(*found, resolved, left, crossed)
+    begin = (tuple(state), jnp.asarray(True), jnp.asarray(False))
+    (_, resolved, left), found = jax.lax.scan(advance_segment, begin, (segments, steps))
+    return _Run(*found, resolved, left)
 
 
 def _in_energy(
@@ -298,7 +295,7 @@ def _attempt(plant, segments: Segments, plan: Schedule, state: State, tolerance:
     grown = run.steps > last.before
     grown = jnp.any(grown) & (jnp.sum(jnp.where(grown, 0.0, estimates)) <= 10 * _IDLE * tolerance)
     compared = last.compared & sound & (difference <= 1e-2) & grown
-    diverged = jnp.where(run.resolved, run.crossed | plant.diverged(run.ends[-1], end_inputs), run.left)
+    diverged = jnp.where(run.resolved, plant.diverged(run.ends[-1], end_inputs), run.left)
     kinked = last.kinked | (compared & (slower > 1) & (estimate > tolerance))
     close = compared & (error <= 10 * tolerance)
     # More steps make no less of rounding, an epsilon a step.
