@@ -219,7 +219,9 @@ def test_calibration_takes_the_least_debt_that_few_episodes_pay_for(link):
 def test_shipped_guards_begin_with_the_debt_that_was_calibrated(monkeypatch):
     record = json.loads((Path(__file__).parents[1] / "experiments/learning/never_worse.json").read_text())
     given = []
-    monkeypatch.setattr("jshape_envs.strategies.guarded", lambda params, policy, debt: given.append(debt) or policy)
+    monkeypatch.setattr(
+        "jshape_envs.strategies.guarded", lambda params, policy, debt=DEBTS[0]: given.append(debt) or policy
+    )
     for name in ENVIRONMENTS:
         strategy("guarded", name, parameters(name))
     assert given == [record[f"{name} debt"] for name in ENVIRONMENTS]

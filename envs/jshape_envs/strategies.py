@@ -1,18 +1,11 @@
 """The strategies of an environment by name: its baselines, the policy that comes with jshape, the same with a guard."""
 
-import math
-
 from jshape import _check
 from jshape.moves import AbstractPolicy, Params
 from jshape_envs.baselines import applicable, baseline
 from jshape_envs.evaluate import named_policy
 from jshape_envs.guard import guarded
 from jshape_envs.policy import policy_file
-
-FIRST_DEBTS = {"HoistingCrane": math.inf}
-"""First debts of the guards, as calibrated, of environments where 0 is too little; with an infinite one the fallback
-acts alone (`experiments/learning/never_worse.md`)."""
-
 
 def strategies(environment: str, params: Params) -> list[str]:
     """The names of the strategies that an environment has.
@@ -40,4 +33,4 @@ def strategy(name: str, environment: str, params: Params) -> AbstractPolicy:
     if name not in ("trained", "guarded"):
         return baseline(name, params)
     trained = named_policy(str(policy_file(environment, context=params.context)), params)
-    return trained if name == "trained" else guarded(params, trained, debt=FIRST_DEBTS.get(environment, 0.0))
+    return trained if name == "trained" else guarded(params, trained)
