@@ -7,6 +7,7 @@ from jshape_envs.evaluate import named_policy
 from jshape_envs.guard import guarded
 from jshape_envs.policy import policy_file
 
+
 def strategies(environment: str, params: Params) -> list[str]:
     """The names of the strategies that an environment has.
 
