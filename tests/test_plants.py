@@ -336,6 +336,15 @@ def test_a_table_without_a_knot_at_rest_is_as_good_as_a_line():
     assert float(js.residual_vibration(table, half, 0.5)) < 1e-6
 
 
+def test_back_where_it_began_but_for_rounding_is_not_diverged():
+    # Out and back: the base ends at 3e-17 m, where this force, of numbers of the order of 1, is rounding.
+    plant = plants.TwoMass(spring=plants.ForceSpring(lambda x: 10 * (x + 1) - 10))
+    base = jnp.asarray(0.1 + 0.2 - 0.3)
+    assert 0 < abs(float(base)) < 1e-16
+    for x in (1e-16, -1e-16, 3e-15):
+        assert not plant.diverged(jnp.asarray([x, 0.0]), base)
+
+
 @pytest.mark.parametrize("size", [1.0, 1e-3, 1e-7])
 def test_a_small_machine_diverges_as_a_large_one_does(size):
     # Beyond x² = k1 / −k3 the spring pushes on; all lengths are that much shorter, all energies by the square.

@@ -280,6 +280,9 @@ def test_shapers_of_a_move_that_ends_where_it_began_are_judged_by_their_energies
     assert [row[-1] for _, row in cells] == ["–"] * 3
     lost = dataclasses.replace(made[1], worst_energy=np.nan)
     assert tables._cells(dataclasses.replace(found, rows=[lost]))[1][0][1][-1] == "not met"
+    # What is not known is not the best, however little the nominal machine leaves.
+    lost = dataclasses.replace(lost, nominal_energy=0.0)
+    assert report.best(dataclasses.replace(found, rows=[made[0], lost, made[2]])).name == "linear ZVD"
 
 
 @pytest.mark.slow

@@ -69,9 +69,10 @@ class AbstractOscillator(AbstractPlant):
         base, _, force = self.base(inputs)
         x, rest = state[0] - base, self.rest_deflection(inputs)
         away = (x - rest) * (self.spring.force(x) - force) < 0
-        # Close to rest the product is rounding: beside the move's size, which is not known where it ends at 0.
+        # Close to rest the product is rounding: beside the move's size, which is not known where it ends at 0, or but
+        # for rounding.
         size = jnp.maximum(jnp.abs(base), jnp.abs(rest))
-        close = 1e-6 * jnp.where(size > 0, size, 1.0)
+        close = 1e-6 * jnp.where(size > 1e4 * float(jnp.finfo(x.dtype).eps), size, 1.0)
         return ~jnp.all(jnp.isfinite(state)) | (away & (jnp.abs(x - rest) > close))
 
     def natural_frequency(self) -> Scalar:

@@ -415,10 +415,10 @@ def _chosen(report: Report) -> list[Row]:
 def _badness(row: Row) -> float:
     """Worst vibration, or worst energy where a machine ends where it began, or nominal energy where nothing is
     uncertain."""
-    for left in (row.worst_vibration, row.worst_energy, row.nominal_energy):
-        if left is not None and not np.isnan(left):
-            return left
-    return np.inf
+    left = row.nominal_energy if row.worst_energy is None else row.worst_energy
+    if row.worst_vibration is not None and not np.isnan(row.worst_vibration):
+        left = row.worst_vibration
+    return left if np.isfinite(left) else np.inf
 
 
 def _rows_of_panels(chosen: list[Row]) -> list[Row]:
