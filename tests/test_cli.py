@@ -159,7 +159,7 @@ def test_another_process_finds_the_programs_and_tells_the_same(tmp_path):
     [
         ("design.tuning.local_search.Descent.running", js.Status.INTERRUPTED),
         ("reports.report.build", js.Status.CONVERGED),
-        ("reports.report.figures", js.Status.CONVERGED),
+        ("reports.report_files.figures", js.Status.CONVERGED),
     ],
 )
 def test_an_interrupted_search_is_written(stage, status, tmp_path, monkeypatch):
@@ -173,7 +173,7 @@ def test_an_interrupted_search_is_written(stage, status, tmp_path, monkeypatch):
     assert record["tuned"]["status"] == status.value
     assert record["shapers"][-1]["name"] == "tuned"
     # What had been computed when it came is there, too.
-    assert (len(record["shapers"]) > 1) == (stage == "reports.report.figures")
+    assert (len(record["shapers"]) > 1) == (stage == "reports.report_files.figures")
 
 
 @pytest.mark.slow

@@ -21,7 +21,7 @@ from jshape.identification.from_csv import identify_csv
 from jshape.problems.problem import load
 from jshape.reports import plot, tables
 from jshape.reports.report import Report
-from jshape.reports.report import write as write_report
+from jshape.reports.report_files import write as write_report
 
 app = typer.Typer()
 app.command()(identify)
@@ -189,7 +189,7 @@ def test_a_report_writes_its_numbers_before_its_pictures(tmp_path, monkeypatch):
     problem = load("paper_001")
     report = Report(problem, [], {}, {}, None)
     monkeypatch.setattr(
-        "jshape.reports.report.figures", lambda *_: iter([("one", "convergence", ([1.0, 0.5], "worst"))])
+        "jshape.reports.report_files.figures", lambda *_: iter([("one", "convergence", ([1.0, 0.5], "worst"))])
     )
 
     def fail(*_):

@@ -16,7 +16,7 @@ import pytest
 
 import jshape as js
 from jshape.problems.problem import load
-from jshape.reports import plot, report, tables
+from jshape.reports import plot, report, report_files, tables
 from jshape.reports.style import columns, decades, looks
 
 NAMES = ("linear ZV", "linear ZVDD", "energy 3-impulse", "energy 4-impulse, first order", "tuned")
@@ -89,7 +89,7 @@ def test_a_crane_sways(tmp_path):
     problem = load(path)
     shapers = {"unshaped": js.Shaper([1.0], [0.0]), "linear ZV": js.design.linear.zv(float(np.sqrt(9.81 / 0.5)))}
     made = report.build(problem, None, closed=(shapers, {}))
-    (figure,) = [values for name, _, values in report.figures(made) if name == "response"]
+    (figure,) = [values for name, _, values in report_files.figures(made) if name == "response"]
     nominal, extremes, names, label, bare, sway = figure
     assert (list(nominal), names, label, sway) == (["linear ZV"], ("trolley", "payload"), "position (m)", "sway (mm)")
     assert extremes == {"linear ZV": []}
@@ -109,7 +109,7 @@ def test_a_tower_crane_sways_both_ways(tmp_path):
     made = report.build(
         problem, None, closed=({"unshaped": js.Shaper([1.0], [0.0]), "ZV": js.Shaper([0.5, 0.5], [0.0, 1.4])}, {})
     )
-    drawn = {name: values for name, _, values in report.figures(made) if name.startswith("response")}
+    drawn = {name: values for name, _, values in report_files.figures(made) if name.startswith("response")}
     assert [values[-1] for values in drawn.values()] == ["sway sideways (°)", "sway outwards (°)"]
     for (*_, bare, _), state, start in zip(drawn.values(), (1, 0), (0.0, 3.0), strict=True):
         end = float(bare.times[-1])
@@ -142,10 +142,10 @@ def test_five_shapers_at_most_are_drawn():
     bare = report.Row("unshaped", js.Shaper([1.0], [0.0]), 1.0, 1.0, 1.0)
     tuned = rows(tuned=(1.5, 0.05))
     problem = load("paper_000")
-    chosen = report._chosen(report.Report(problem, [bare, *made, *tuned], {}, {}, None))
+    chosen = report_files._chosen(report.Report(problem, [bare, *made, *tuned], {}, {}, None))
     # Of each family the best that takes no longer than the tuned one, and the best at all.
     assert [row.name for row in chosen] == ["linear ZV", "linear ZVD", "energy 2", "energy 4", "tuned"]
-    chosen = report._chosen(report.Report(problem, [bare, *made], {}, {}, None))
+    chosen = report_files._chosen(report.Report(problem, [bare, *made], {}, {}, None))
     # Without it those that no shorter one beats.
     assert [row.name for row in chosen] == ["linear ZVD", "energy 2", "energy 4"]
 

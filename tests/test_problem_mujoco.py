@@ -12,7 +12,8 @@ from jshape.cli import app
 from jshape.plants import mujoco_model
 from jshape.problems.problem import load
 from jshape.problems.reading import ProblemError, read
-from jshape.reports.report import Report, write_numbers
+from jshape.reports.report import Report
+from jshape.reports.report_files import write_numbers
 
 pytest.importorskip("mujoco")
 

@@ -2,8 +2,8 @@
 
 This file stands for speed alone: loading matplotlib and drawing four small figures, 1.2 s of processor time, then take
 none of the command's own where there is a second core. To do without it, pass no ``draw`` to
-``jshape.reports.report.write``. Nothing here imports matplotlib, or JAX: those processes do the one, and nobody needs
-the other to draw.
+``jshape.reports.report_files.write``. Nothing here imports matplotlib, or JAX: those processes do the one, and nobody
+needs the other to draw.
 """
 
 import gc
@@ -22,7 +22,7 @@ from typing import Any
 
 @contextmanager
 def artist() -> Iterator[Callable[..., None]]:
-    """Yield ``draw(path, kind, *numbers)`` for ``jshape.reports.report.write``.
+    """Yield ``draw(path, kind, *numbers)`` for ``jshape.reports.report_files.write``.
 
     While the command loads its libraries and computes, two processes load matplotlib and draw; two, since the last
     figures come together. At the end all figures are on disk, and what went wrong with one of them is raised.

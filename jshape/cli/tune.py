@@ -52,7 +52,7 @@ def tune(
         from jshape.design.closed_forms import closed_forms
         from jshape.design.tuning.tune import tune as tune_shaper
         from jshape.export import read_shaper
-        from jshape.reports import report
+        from jshape.reports import report, report_files
         from jshape.status import Status
 
         if starts is not None:
@@ -77,10 +77,10 @@ def tune(
                 # What stood in the way of the rehearsal stands in the way of the report, too, and is reported there.
                 wait([ready])
                 result = report.build(read, solution, step, closed.result())
-                written = report.write(result, folder, step, draw)
+                written = report_files.write(result, folder, step, draw)
             except KeyboardInterrupt:
                 # An interrupted command ends soon: what was found is written, and nothing else computed.
-                report.write_numbers(result, folder)
+                report_files.write_numbers(result, folder)
                 typer.echo(f"{solution.message}\nthe best shaper so far is in {folder}", err=True)
                 raise typer.Exit(130) from None
         _finish(result, folder, written, latex)
@@ -109,16 +109,16 @@ def compare(problem: ProblemFile, out: Out = None, latex: Latex = False) -> None
     """Set the closed-form shapers that apply to a problem side by side, without tuning."""
     with explained(), begun(problem, out) as (read, folder, draw):
         from jshape.design.closed_forms import closed_forms
-        from jshape.reports import report
+        from jshape.reports import report, report_files
 
         with progress_line() as (step, _):
             step("closed-form shapers")
             closed = closed_forms(read.plant, read.distance)
-            shapers, left_out = closed[0].values(), closed[1]
-            if len(shapers) == 1:
-                words = "; ".join(f"{name}: {why}" for name, why in left_out.items())
+            shapers = closed[0].values()
+            if set(closed[0]) == {"unshaped"}:
+                words = "; ".join(f"{name}: {why}" for name, why in closed[1].items())
                 raise ValueError(f"no closed form applies to {read.name}: {words}")
             announced(read.distance, plants_of(read), len(shapers), "shapers", most_impulses(shapers))
             result = report.build(read, None, step, closed)
-            written = report.write(result, folder, step, draw)
+            written = report_files.write(result, folder, step, draw)
         _finish(result, folder, written, latex)
