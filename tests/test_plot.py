@@ -170,6 +170,12 @@ def test_drawing_loads_neither_jax_nor_xarray():
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
+def test_tuning_and_reporting_do_not_load_xarray():
+    """Half a second of every command, which only sweeps and fronts need."""
+    code = "import sys\nfrom jshape.reports import report_files\nfrom jshape.design.tuning.tune import tune\n"
+    subprocess.run([sys.executable, "-c", code + "assert 'xarray' not in sys.modules"], check=True)
+
+
 CURVE = np.array([0.5, 0.1, 0.3])
 ONE_PANEL = {
     "sensitivity": ("m2", CURVE, {"a": CURVE, "b": CURVE / 2}),

@@ -11,8 +11,9 @@ from jshape.command import PiecewisePolynomial
 from jshape.sweeps import chunks
 from jshape.sweeps.evaluate import on_cores, study
 from jshape.sweeps.leaves import with_leaves
+from jshape.sweeps.quantities import about_metric, leaf_label
 from jshape.sweeps.sampling import draw
-from jshape.sweeps.sweep import about_metric, leaf_label, summary
+from jshape.sweeps.sweep import summary
 
 PLANT = js.plants.TwoMass(spring=js.plants.Duffing(10.0, 100.0))
 TWO = js.Shaper([0.5, 0.5], [0.0, 0.591240537428156])

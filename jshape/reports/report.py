@@ -18,7 +18,7 @@ from jshape.problems.problem import Problem
 from jshape.shaper import Shaper, Shaping, shaped
 from jshape.sweeps.evaluate import CHECKED, Study, alike_shapers, evaluate, run_first_chunk, study
 from jshape.sweeps.leaves import leaf
-from jshape.sweeps.sweep import as_metrics
+from jshape.sweeps.quantities import as_metrics
 
 BETWEEN = 100
 """Plants, about, among which the worst case of a single uncertain leaf is looked for."""

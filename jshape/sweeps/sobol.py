@@ -21,8 +21,8 @@ from jshape.command import Distance
 from jshape.plants import AbstractPlant
 from jshape.shaper import Shaper, Shaping
 from jshape.sweeps.evaluate import Metric, evaluate, study
+from jshape.sweeps.quantities import about_metric, as_metrics, named_shapers
 from jshape.sweeps.sampling import draw_sets
-from jshape.sweeps.sweep import about_metric, as_metrics, named_shapers
 
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 
