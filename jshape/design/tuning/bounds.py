@@ -83,15 +83,23 @@ class Bounds(eqx.Module):
         return gaps * wanted / total if total > 0 else np.full(len(gaps), wanted / len(gaps))
 
     def project(self, amplitudes: np.ndarray) -> np.ndarray:
-        """The nearest amplitudes (in the least-squares sense) that obey the bounds and sum to 1, by bisection."""
-        low, high = (amplitudes - 1e3).min() - 1, (amplitudes + 1e3).max() + 1
-        for _ in range(100):
-            shift = (low + high) / 2
-            if np.clip(amplitudes - shift, self.lower, self.upper).sum() > 1:
-                low = shift
-            else:
-                high = shift
-        return np.clip(amplitudes - (low + high) / 2, self.lower, self.upper)
+        """The nearest amplitudes (in the least-squares sense) that obey the bounds and sum to 1.
+
+        They are the given ones less a common multiplier, cut off at the bounds. Their sum falls in straight lines
+        between the multipliers at which one of them meets a bound.
+        """
+        lower, upper = self.lower, self.upper
+        met = np.concatenate([amplitudes - upper, amplitudes - lower])
+        corners = np.sort(met[np.isfinite(met)])
+        sums = np.clip(amplitudes - corners[:, None], lower, upper).sum(axis=1)
+        above = int(np.searchsorted(-sums, -1.0))
+        ends = np.concatenate([[-np.inf], corners, [np.inf]])[above : above + 2]
+        # Those within their bounds between the two corners share what is left to the sum.
+        most, least = amplitudes - upper >= ends[1], amplitudes - lower <= ends[0]
+        free = ~(most | least)
+        left = 1.0 - upper[most].sum() - lower[least].sum()
+        shift = (amplitudes[free].sum() - left) / free.sum() if free.any() else ends[1]
+        return np.clip(amplitudes - shift, lower, upper)
 
     def random(self, random: np.random.Generator) -> Point:
         """A random design within the bounds; in every other one, on average, impulses stand close together."""
