@@ -97,6 +97,12 @@ def test_normal_samples():
     np.testing.assert_allclose([drawn.mean(), drawn.std()], [1.0, 0.1], atol=4e-3)
 
 
+def test_normal_samples_are_finite(monkeypatch):
+    # One of Sobol's scrambled points in 2³⁰ is 0, where the normal distribution has no quantile.
+    monkeypatch.setattr("scipy.stats.qmc.Sobol.random_base2", lambda sobol, m: np.zeros((2**m, sobol.d)))
+    assert np.all(np.abs(draw({"m2": (0.0, 1.0)}, 4, "normal")["m2"]) < 6.3)
+
+
 def test_sampling_errors():
     for over, sampling, words in [
         ({"m2": (1.2, 0.8)}, "sobol", "must be .least, greatest."),
@@ -352,7 +358,8 @@ def test_a_move_that_ends_where_it_began():
 
 def test_peak_deflections_have_the_unit_of_the_machine():
     link = js.plants.FlexibleLink()
-    for plant, unit in ((PLANT, "m"), (link, link.unit)):
+    for plant, unit in ((PLANT, "m"), (link, "rad"), (js.plants.Linearised(link), "rad")):
         assert about_metric("peak_deflection", plant)[1] == unit
     tower = js.plants.TowerCrane(20.0, 15.0)
-    assert [about_metric(f"peak_deflection.{axis}", tower)[1] for axis in tower.axes] == ["rad", "m", "m"]
+    for plant in (tower, js.plants.Linearised(tower)):
+        assert [about_metric(f"peak_deflection.{axis}", plant)[1] for axis in plant.axes] == ["rad", "m", "m"]

@@ -1,5 +1,6 @@
 """Any plant linearised about rest, and its exact response, the reference for every simulator."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import jax
@@ -41,6 +42,26 @@ class Linearised(AbstractPlant):
     def axes(self) -> tuple[str, ...]:
         """The plant's own."""
         return self.plant.axes
+
+    @property
+    def unit(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """The plant's own."""
+        return self.plant.unit
+
+    @property
+    def units(self) -> Mapping[str, str]:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """The plant's own."""
+        return self.plant.units
+
+    @property
+    def command_units(self) -> Mapping[str, str]:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """The plant's own."""
+        return self.plant.command_units
+
+    @property
+    def force_unit(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """The plant's own."""
+        return self.plant.force_unit
 
     def axis_drives(self) -> tuple[str | tuple[str, ...], ...]:
         """The plant's own."""

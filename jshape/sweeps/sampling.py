@@ -68,7 +68,9 @@ def _unit(dimensions: int, count: int, sampling: str, seed: int) -> np.ndarray:
     random = np.random.default_rng(seed)
     if sampling == "sobol":
         # Drawn up to the next power of two, where the points are balanced, and cut.
-        return qmc.Sobol(dimensions, rng=random).random_base2(int(np.ceil(np.log2(max(count, 2)))))[:count]
+        points = qmc.Sobol(dimensions, rng=random).random_base2(int(np.ceil(np.log2(max(count, 2)))))[:count]
+        # One in 2³⁰ is 0, of which a normal sample would not be finite: half of the least of the others.
+        return np.maximum(points, 2.0**-31)
     if sampling == "latin hypercube":
         return qmc.LatinHypercube(dimensions, rng=random).random(count)
     # Open at 0, so that a normal sample is finite.
