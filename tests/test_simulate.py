@@ -271,8 +271,25 @@ WRONG = {
     "horizon list": (dict(horizon=[1.0, 2.0]), "horizon must be a single number"),
     "samples": (dict(samples=1), "samples must be a whole number of at least 2, not 1"),
     "samples fraction": (dict(samples=2.5), "samples must be a whole number of at least 2, not 2.5"),
+    "rtol": (dict(rtol=-1.0), "rtol must not be negative, not -1"),
+    "atol": (dict(atol="tight"), "atol must be a number, not 'tight'"),
+    "adjoint": (dict(adjoint="forward"), r"adjoint must be one of diffrax's, such as ForwardMode\(\), not 'forward'"),
     "method": (dict(method="euler"), "method must be one of 'adaptive', 'fixed', not 'euler'"),
 }
+
+
+def test_a_state_of_single_precision_is_one_of_double(plant):
+    begin = np.array([0.25, -1.0], np.float32)
+    assert initial(plant, begin).dtype == initial(plant, [0.25, -1.0]).dtype == np.float64
+    # Three numbers of single precision are those of double: the same run.
+    run, other = (js.simulate(plant, 1.0, None, state, 1.0, 3) for state in (begin, begin.astype(float)))
+    np.testing.assert_array_equal(run.states, other.states)
+
+
+def test_a_picture_names_no_unit_that_it_does_not_know(runs):
+    # Radians, where a joint bends.
+    row = runs["adaptive"]._repr_html_().partition("peak deflection</th><td>")[2]
+    assert float(row.partition("</td>")[0]) == pytest.approx(np.max(np.abs(runs["adaptive"].deflection)), rel=1e-3)
 
 
 @pytest.mark.parametrize("case", WRONG)

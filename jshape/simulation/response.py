@@ -22,9 +22,9 @@ class Response(Result, eqx.Module):
     Attributes:
         times: s.
         states: shape (times, state), as the plant documents them.
-        command: the (shaped) command, m.
-        payload: position of what is to arrive, m.
-        deflection: of the flexible part, m.
+        command: the (shaped) command, in the plant's ``command_unit``.
+        payload: position of what is to arrive, in the plant's unit, m or rad.
+        deflection: of the flexible part, in the same.
         energy: above rest at the input of that instant, J.
         diverged: whether the plant has left the region from which it returns to rest.
         error: estimate of the worst absolute error of any state at any sample.
@@ -71,8 +71,8 @@ class Response(Result, eqx.Module):
         if self.times.ndim != 1 or not _check.is_concrete(self):
             return f"<code>{html.escape(repr(self))}</code>"
         peaks, left = np.atleast_1d(np.max(np.abs(self.deflection), axis=0)).tolist(), float(self.energy[-1])
-        # Of several axes each has a unit of its own.
-        peak = f"{peaks[0]:.4g} m" if len(peaks) == 1 else ", ".join(f"{peak:.4g}" for peak in peaks)
+        # Each axis has a unit of its own, m or rad, which the plant knows.
+        peak = ", ".join(f"{peak:.4g}" for peak in peaks)
         rows = [("status", self.message), ("peak deflection", peak), ("energy at the end", f"{left:.4g} J")]
         table = "".join(f"<tr><th>{name}</th><td>{html.escape(text)}</td></tr>" for name, text in rows)
         columns = zip(*(np.reshape(x, (len(self.times), -1)).T for x in (self.command, self.payload)), strict=True)

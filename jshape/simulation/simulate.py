@@ -77,11 +77,13 @@ def simulate(
         The response. A plant that diverges is no error: its ``status`` says so.
 
     Raises:
-        ValueError: for arguments of the wrong kind, a horizon that is not positive, fewer than two samples, or an
-            initial state of the wrong shape.
+        ValueError: for arguments of the wrong kind, a horizon that is not positive, fewer than two samples, negative
+            tolerances, or an initial state of the wrong shape.
     """
     _check.one_of(method, "method", ("adaptive", "fixed"))
     samples = _check.count(samples, "samples", least=2)
+    for name, value in (("rtol", rtol), ("atol", atol)):
+        _check.not_negative(_check.scalar(value, name), name)
     plan, plant, state = prepared(plant, shaper, command, initial_state)
     if horizon is None:
         horizon = default_horizon(plant, plan)
@@ -91,6 +93,8 @@ def simulate(
         import diffrax
 
         adjoint = diffrax.RecursiveCheckpointAdjoint() if adjoint is None else adjoint
+        if not isinstance(adjoint, diffrax.AbstractAdjoint):
+            raise ValueError(f"adjoint must be one of diffrax's, such as ForwardMode(), not {adjoint!r}")
         # No tighter than the arithmetic can tell, which in single precision is not tight.
         floor = 20 * float(jnp.finfo(state.dtype).eps)
         rtol, atol = max(rtol, floor), max(atol, floor / 100)
@@ -168,6 +172,8 @@ def initial(plant: AbstractPlant, initial_state: ArrayLike | None = None) -> Sta
     if initial_state is None:
         return rest
     state = _check.as_array(initial_state, "initial_state")
+    # A state of single precision is one of double, where the plant is.
+    state = state.astype(jnp.promote_types(state.dtype, rest.dtype))
     if state.shape != rest.shape:
         raise ValueError(f"initial_state must have shape {rest.shape} for {type(plant).__name__}, not {state.shape}")
     _check.finite(state, "initial_state")
