@@ -259,7 +259,7 @@ def _obstacles(model: Model, driven: Mapping[str, str]) -> Iterator[str]:
         yield f"tendon {name!r} is not simulated: remove it, and what acts on it"
     if on(bits.mjDSBL_EQUALITY):
         for name in names(model, "equality"):
-            yield f"equality constraint {name!r} is not simulated: remove it"
+            yield f"equality constraint {name!r} is not simulated: remove it (in a URDF, the mimic)"
     for name in names(model, "flex"):
         yield f"flex {name!r} is not simulated: remove it"
     if model.nplugin:
