@@ -296,6 +296,21 @@ def test_modes_far_apart_and_the_error_that_is_stated():
         assert off < 3 * ds[name].attrs["error"] + 1e-12
 
 
+@pytest.mark.filterwarnings("ignore:JAX is in its 32-bit mode")
+def test_the_error_that_is_stated_in_single_precision():
+    """In the place of 0: a tighter tolerance found the same numbers. Against the oscillator's closed form."""
+    with jax.enable_x64(False):
+        plant = js.plants.TwoMass(spring=js.plants.LinearSpring(10.0))
+        shaper = js.Shaper([0.4, 0.6], [0.0, 0.75])
+        ds = js.sweep(plant, shaper, 1.0, {"m2": [0.75, 1.0, 1.25]}, "residual_energy")
+    assert ds.residual_energy.dtype == np.float32
+    first, second = np.asarray(shaper.amplitudes, float)
+    turn = 0.75 * np.sqrt(10.0 / ds.m2_absolute.values.astype(float))
+    exact = 10.0 / 2 * (first**2 + second**2 + 2 * first * second * np.cos(turn))
+    apart = np.max(np.abs(ds.residual_energy.values[0] - exact))
+    assert 0 < apart < 1.5 * ds.attrs["error"] < 1e-4
+
+
 def test_summary():
     data = xr.DataArray(
         [np.arange(1.0, 101.0), np.append(np.ones(99), np.inf)], dims=("shaper", "sample"), attrs=dict(units="J")

@@ -17,6 +17,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import jax
 import numpy as np
 import xarray as xr
 
@@ -27,7 +28,7 @@ from jshape.plants import AbstractPlant
 from jshape.shaper import Shaper, Shaping
 from jshape.simulation.steps import TOLERANCE
 from jshape.sweeps.dask import check_client
-from jshape.sweeps.evaluate import Metric, Study, evaluate, is_wide, side_by_side, study
+from jshape.sweeps.evaluate import Metric, Study, evaluate, side_by_side, study
 from jshape.sweeps.leaves import leaf
 from jshape.sweeps.quantities import METRICS as METRICS
 from jshape.sweeps.quantities import about_metric, as_metrics, leaf_label, named_shapers
@@ -77,7 +78,8 @@ def sweep(
         it, ``<leaf>_absolute`` or ``<leaf>_ratio``. Residual metrics meet their tolerance or are NaN. Each variable's
         ``attrs["error"]`` (with one metric, the dataset's, too) is the largest change of a residual metric, for up to
         64 plants and each shaper, with a tolerance a hundred times tighter; of another metric by name, the change on
-        the fastest of these plants when its steps are chosen for it. The accuracy of a function is not known.
+        the fastest of these plants when its steps are chosen for it; both in double precision. The accuracy of a
+        function is not known.
 
     Raises:
         ValueError: for an unknown metric, leaf or sampling, an empty set, shapers that are none, a store that holds
@@ -143,6 +145,10 @@ def _coordinates(plant: AbstractPlant, name: str, given: np.ndarray, along: str,
     return {name: ratio, f"{name}_absolute": absolute} if relative else {name: absolute, f"{name}_ratio": ratio}
 
 
+def _doubled(leaf: Any) -> Any:
+    return leaf.astype(float) if isinstance(leaf, np.ndarray) and leaf.dtype == np.float32 else leaf
+
+
 def _errors(found: Study, asked: dict[str, str | Metric], values: np.ndarray) -> dict[str, float]:
     """The change of each metric, by name, under a tighter tolerance or finer steps.
 
@@ -158,7 +164,9 @@ def _errors(found: Study, asked: dict[str, str | Metric], values: np.ndarray) ->
     if not named:
         return {}
     again = dataclasses.replace(of, metrics=tuple(of.metrics[i] for i in named), slopes=(), finer=2 * of.finer)
-    other = side_by_side(again, few, len(values[0, 0, some]), is_wide(), TOLERANCE / 100)
+    # In single precision no tolerance is tighter: what double precision finds tells its error.
+    again, few = jax.tree.map(_doubled, (again, few))
+    other = side_by_side(again, few, len(values[0, 0, some]), True, TOLERANCE / 100)
     # Infinite both times is no change.
     with np.errstate(invalid="ignore"):
         change = np.abs(other - values[named][:, :, some])
