@@ -15,7 +15,9 @@ from jshape.plants.trolley import CRANE_DRIVES, AbstractCrane, Trolley
 class DoublePendulumCrane(AbstractCrane):
     """A crane with a hook on a cable and a payload on slings below it; both angles against the vertical.
 
-    Past the horizontal a cable is slack and the payload counts as diverged.
+    Past the horizontal a cable is slack and the payload counts as diverged. That is not checked before it: the slings
+    pull with m1 m2 g cos θ1 cos Δ / (m1 + m2 sin² Δ) where both cables turn round, Δ being the angle between them, and
+    are slack where that is more than 90°.
 
     Attributes:
         hook_length: from trolley to hook, m.
