@@ -136,7 +136,7 @@ def test_impulses_on_ticks(plant):
     grid = np.array([np.round(ticks) + np.array([0, i, j]) for i, j in near])
     grid = grid[(grid[:, 1] >= 0) & (grid[:, 2] >= grid[:, 1])]
     assert solution.objective <= float(np.min(energies(jnp.asarray(grid * tick)))) * (1 + 1e-9)
-    assert "at multiples of 0.004 s" in solution.message
+    assert f"at multiples of 0.004 s worst case {solution.objective:.6g} J" in solution.message
     # With amplitudes to choose and the duration given, too.
     fixed = robustly(plant, duration=0.92, sample_time=0.01)
     ticks = np.asarray(fixed.shaper.times) / 0.01
@@ -144,6 +144,17 @@ def test_impulses_on_ticks(plant):
     assert ticks[-1] == pytest.approx(92)
     free = robustly(plant, duration=0.92)
     assert free.objective <= fixed.objective < 1.5 * free.objective
+
+
+@pytest.mark.slow
+def test_what_a_missed_limit_counts_is_in_no_energy():
+    # No two impulses keep the pair within a tenth of the step: half of it at least is its first jump, or its last.
+    pair = js.plants.TwoMass(spring=js.plants.LinearSpring(10.0))
+    missed = js.tune(pair, 1.0, impulses=2, duration=(0.3, 0.4), starts=1, sample_time=0.1, peak_deflection=0.1)
+    assert missed.status is js.Status.INFEASIBLE
+    assert missed.history[-1] == pytest.approx(missed.objective)
+    assert max(missed.history) < 10.0
+    assert f"at multiples of 0.1 s nominal energy {missed.objective:.6g} J; a limit is missed" in missed.message
 
 
 @pytest.mark.slow

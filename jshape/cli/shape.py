@@ -105,7 +105,8 @@ def _show(before: "Trajectory", effect: "Effect", files: dict[str, str], step: f
     say(console, f"duration: {took:.6g} s before, {took + effect.seconds.max():.6g} s shaped; a sample {step:.6g} s")
     for unit, value in effect.path.items():
         of = "" if len(effect.path) == 1 else f" of the joints in {unit or 'no unit'}"
-        say(console, f"path{of}: departs from the unshaped one by {number(value)} {unit} at most".rstrip())
+        amount = f"{number(value)} {unit}".rstrip()
+        say(console, f"path{of}: departs from the unshaped one by {amount} at most")
     say(
         console,
         "between samples: how far the written points, joined as those of the trajectory, are from exact shaping",

@@ -190,7 +190,7 @@ class Search:
             if self.candidates:
                 self._sum_up(min(rounds[0][0], len(ranked)), len(starts))
         self.summary += self._doubts(iterations)
-        self.progress("local search", total, total, self.best.merit)
+        self.progress("local search", total, total, self._total())
 
     def _doubts(self, iterations: int) -> str:
         """What speaks against the best candidate, for the message."""
@@ -207,7 +207,7 @@ class Search:
     def _sum_up(self, refined: int, tried: int) -> None:
         """Say what a local search found, from how many of the designs that were tried."""
         # Values on the set before plants were added to it are no achievement.
-        self.history = np.maximum(self.history, self.best.merit).tolist()
+        self.history = np.maximum(self.history, self._total()).tolist()
         self.summary = f"{self._value()}, the best of {refined} refined starts out of {tried}"
         if self._reached():
             self.candidates, self.around = [self.best._replace(optimal=True)], None
@@ -340,13 +340,17 @@ class Search:
 
         point, ended = digital.on_ticks(search, found.point, sample_time, iterations, report)
         self.interrupted |= not ended
-        before, after = self.judge.merit(found.point), self.judge.merit(point)
-        self.history.append(after)
-        self.candidates = [Candidate(after, point, found.optimal)]
-        self.summary += f"; at multiples of {sample_time:g} s {after:.6g} instead of {before:.6g}"
+        self.candidates = [Candidate(self.judge.merit(point), point, found.optimal)]
+        self.history.append(self._total())
+        self.summary += f"; at multiples of {sample_time:g} s {self._value()}"
 
     def _add(self, point: Point, optimal: bool) -> None:
         self.candidates.append(Candidate(self.judge.merit(point), point, optimal))
+
+    def _total(self) -> float:
+        """The best candidate's objective with the cost of its time, J: its merit without what missed limits cost."""
+        point = self.best.point
+        return self.problem.total(self.judge.values(self.judge.vector(point)).energies, point)
 
     def _value(self) -> str:
         """The best candidate's objective, as messages say it."""
