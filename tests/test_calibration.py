@@ -300,6 +300,15 @@ def test_choice_by_its_rules(others, current, old):
         assert choice.reason
 
 
+def test_a_zv_that_gives_way_need_not_have_the_best_score():
+    zv, mzv = made_up("zv", 0.0089, 0.07165), made_up("mzv", 0.0, 0.08212)
+    choice = calibration.recommend([zv, mzv])
+    assert choice.best is mzv
+    assert mzv.score < zv.score
+    assert "scores best" not in choice.reason
+    assert choice.reason.startswith(f"by Klipper's margins none is better than {zv.label}, but that leaves 0.89 %")
+
+
 def test_costs_in_words():
     words = cost(made_up("ei", 0.011, 0.0445), made_up("mzv", 0.01, 0.05))
     assert words.startswith("1.1 % of the vibration left instead of 1 %, 11.0 % less smoothing, 12.4 % more accel")

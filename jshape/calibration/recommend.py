@@ -49,7 +49,8 @@ def recommend(fits: Sequence[Rated], version: str = "current") -> Choice:
         for other in fits:
             if other.name != "zv" and 1.1 * other.vibration < best.vibration:
                 reason = (
-                    f"{best.label} scores best, but leaves {percent(best.vibration)}; it is the first to leave less"
+                    f"by Klipper's margins none is better than {best.label}, but that leaves "
+                    f"{percent(best.vibration)}; it is the first to leave less"
                 )
                 best = other
                 break
