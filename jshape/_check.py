@@ -49,12 +49,14 @@ def as_array(value: Any, name: str) -> Array:
     """``value`` as an array of floats: its own float type if it has one, JAX's default otherwise.
 
     Raises:
-        ValueError: for a value that is not numeric.
+        ValueError: for a value that is not numeric, or complex.
     """
     if isinstance(value, bool | str | bytes):
         raise ValueError(f"{name} must be a number, not {value!r}")
+    dtype = getattr(value, "dtype", None)
+    if dtype is not None and jnp.issubdtype(dtype, jnp.complexfloating):
+        raise ValueError(f"{name} must be real, not {show(value) if is_concrete(value) else value}")
     try:
-        dtype = getattr(value, "dtype", None)
         if dtype is not None and jnp.issubdtype(dtype, jnp.floating):
             return on_device(value)
         if not isinstance(value, jax.Array) and is_concrete(value) and (plain := np.asarray(value)).dtype.kind in "iuf":

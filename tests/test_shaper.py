@@ -80,6 +80,8 @@ def test_lists_become_arrays():
         ([0.5, "x"], [0.0, 1.0], "amplitudes must be numeric, not"),
         ([0.5, 0.5], None, "times must be numeric, not None"),
         ([0.5, [0.5]], [0.0, 1.0], "amplitudes must be numeric, not"),
+        (np.array([0.5 + 1j, 0.5]), [0.0, 1.0], r"amplitudes must be real, not \[0.5\+1.j, 0.5\+0.j\]"),
+        ([0.5, 0.5], jnp.array([0.0, 1j]), "times must be real, not"),
     ],
 )
 def test_wrong_shapers(amplitudes, times, message):
