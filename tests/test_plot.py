@@ -163,6 +163,8 @@ def test_pareto_names_the_closed_forms_that_count():
     axis = plot.pareto(ds)
     assert [text.get_text() for text in axis.texts] == ["good"]
     assert len(axis.lines) == 3
+    # No name's patch hides a point.
+    assert all(point.get_zorder() > axis.texts[0].get_zorder() for point in axis.lines[1:])
 
 
 def test_drawing_loads_neither_jax_nor_xarray():

@@ -107,7 +107,8 @@ def pareto(dataset: "xr.Dataset", *, ax: Axes | None = None, style: Any = None) 
             # The energies of the search's own noise floor say nothing.
             if not 0 < at <= 1.05 * longest or not 1e-12 < value < np.inf:
                 continue
-            axis.plot(at, value, marker="o", linestyle="", color="0.4", markersize=3)
+            # Above the names, behind whose patches it would vanish.
+            axis.plot(at, value, marker="o", linestyle="", color="0.4", markersize=3, zorder=4)
             # Named are those that no other closed form beats in less time.
             if value < best:
                 best = value
