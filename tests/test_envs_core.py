@@ -1,5 +1,7 @@
 """The environments as pure functions: their physics beside SciPy's and jshape's own, their gradients, their rules."""
 
+import sys
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -9,6 +11,7 @@ from jshape_envs import (
     ENVIRONMENTS,
     Machine,
     Params,
+    RampProfile,
     TrapezoidProfile,
     move,
     observation_names,
@@ -18,7 +21,7 @@ from jshape_envs import (
 )
 
 import jshape as js
-from jshape.moves import STRICTNESS, ImpulseAction, ModalAction, ResidualAction, Sensor
+from jshape.moves import STRICTNESS, ImpulseAction, ModalAction, ResidualAction, Sensor, ShaperTable
 from jshape.moves.physics import of_first_axis
 
 KEY = jax.random.key(7)
@@ -89,6 +92,26 @@ def test_moves_of_every_environment_agree_with_jshape_in_double_precision(name):
             case = params.machine.case(states.distance[i], states.moves[i])
             bare, _ = params.oracle.costs(states.payload[i], jnp.abs(states.distance[i]), case)
             assert abs(float(info.evaluation.energy[i]) - energy) < 1e-4 * float(bare)
+
+
+def test_a_residual_of_ones_own_machine_is_over_the_greatest_energy_of_that_very_move(monkeypatch):
+    """In closed form: a pendulum whose support starts with v swings with v²/2, and after a time T with
+    2 (1 − cos ωT) as much. A table over a few payloads and distances cannot follow that cosine."""
+    one = jnp.ones((9, 9, 2), jnp.float32)
+    pairs = jnp.stack([one, one], axis=-1) / 2
+    table = ShaperTable(jnp.array([3.0, 8.0]), jnp.array([1.0, 9.0]), pairs, pairs, one, one)
+    # The package's function of that name hides the module.
+    monkeypatch.setattr(sys.modules[parameters.__module__], "design_table", lambda *_: table)
+    machine = Machine(js.plants.Crane(5.0, drive="velocity"), "cable_length", RampProfile(0.05))
+    params = parameters(machine, payload=(3.0, 8.0), distance=(0.1, 0.9))
+    state, _ = reset(KEY, params)
+    bare, run = js.Shaper(jnp.ones(1, jnp.float32), jnp.zeros(1, jnp.float32)), eqx.filter_jit(move)
+    for distance in (0.23, -0.47, 0.71):
+        state = eqx.tree_at(lambda s: s.distance, state, jnp.asarray(distance, jnp.float32))
+        *_, info = run(KEY, state, bare, params)
+        turns = np.sqrt(9.81 / float(state.payload)) * abs(distance) / 0.05
+        left = 2 * (1 - np.cos(turns))
+        np.testing.assert_allclose(info.residual, left / max(1.0, left), atol=1e-3)
 
 
 def test_left_vibration_is_where_the_next_move_begins_unless_switched_off(duffing):

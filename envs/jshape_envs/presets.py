@@ -23,7 +23,7 @@ class Preset:
         noise: of the sensor, over its reach.
         resolution: of the sensor, over its reach.
         steps: of ``physics.Steps``, enough for 1e-4 of the bare move's energy with the longest gaps and the fastest
-            payload; a plant with a closed form takes none.
+            payload; a plant with a closed form takes none. Empty where they are found by ``parameters``.
     """
 
     machine: Mapping[str, float]
@@ -32,7 +32,7 @@ class Preset:
     change_rate: float
     noise: float
     resolution: float
-    steps: tuple[int, int]
+    steps: tuple[int, ...]
 
 
 @dataclasses.dataclass(frozen=True)

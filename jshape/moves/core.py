@@ -241,11 +241,13 @@ def bounded_residual(energy: Scalar, reference: Scalar, diverged: Bool[Array, ""
 def bare_energy_and_oracle_cost(state: EnvState, params: Params) -> tuple[Scalar, Scalar]:
     """The energy by which the next move's residual is normalised, J, and the oracle's cost of that move."""
     machine = params.machine
-    table = params.oracle.costs(state.payload, jnp.abs(state.distance), machine.case(state.distance, state.moves))
+    size, case = jnp.abs(state.distance), machine.case(state.distance, state.moves)
+    reference, cost = params.oracle.costs(state.payload, size, case)
     plant, command = machine.plant(state.payload, state.moves), machine.command(state.distance, state.moves)
     # A bare step takes no time, so that its energy is known without a simulation, exactly.
-    at_once = len(schedule(plant, command).breaks) == 1
-    return (greatest_energy(plant, command, params.steps) if at_once else table[0]), table[1]
+    if reference is None or len(schedule(plant, command).breaks) == 1:
+        reference = greatest_energy(plant, command, params.steps)
+    return reference, cost
 
 
 def _draw(key: PRNGKeyArray, params: Params) -> tuple[Float[Array, "4"], Float[Array, " noise"]]:

@@ -25,7 +25,8 @@ class ShaperTable(eqx.Module):
         amplitudes: of the shapers, normalised.
         times: of the shapers, s.
         reference: greatest energy of the bare move over the square of its size, J/m², which is straight more nearly
-            than the energy itself.
+            than the energy itself; ``None`` where the grid is not known to be fine enough: the bare move of a crane
+            leaves more and less by turns as it becomes longer.
         cost: of a move with the shaper, from rest.
     """
 
@@ -33,7 +34,7 @@ class ShaperTable(eqx.Module):
     distance: Float[Array, "2"]
     amplitudes: Float[Array, "payloads distances cases impulses"]
     times: Float[Array, "payloads distances cases impulses"]
-    reference: Float[Array, "payloads distances cases"]
+    reference: Float[Array, "payloads distances cases"] | None
     cost: Float[Array, "payloads distances cases"]
 
     def shaper(self, payload: Scalar, distance: Scalar, case: Int[Array, ""]) -> Shaper:
@@ -41,9 +42,11 @@ class ShaperTable(eqx.Module):
         at = self._weights(payload, distance)
         return Shaper(_interpolate(self.amplitudes, case, *at), _interpolate(self.times, case, *at))
 
-    def costs(self, payload: Scalar, distance: Scalar, case: Int[Array, ""]) -> tuple[Scalar, Scalar]:
-        """The energy by which a residual is normalised, J, and the oracle's cost of the move."""
+    def costs(self, payload: Scalar, distance: Scalar, case: Int[Array, ""]) -> tuple[Scalar | None, Scalar]:
+        """The energy by which a residual is normalised, J, if it stands in the table, and the oracle's cost."""
         at = self._weights(payload, distance)
+        if self.reference is None:
+            return None, _interpolate(self.cost, case, *at)
         both = jnp.stack([self.reference, self.cost], axis=-1)
         reference, cost = _interpolate(both, case, *at)
         return reference * distance**2, cost
