@@ -12,6 +12,7 @@ from jax.flatten_util import ravel_pytree
 from jshape_envs import observation_names, parameters, rollout
 from jshape_envs.apg import EVERY, Recipe, _digest, train
 from jshape_envs.baselines import Oracle
+from jshape_envs.baselines.observed import observed
 from jshape_envs.evaluate import evaluate
 from jshape_envs.export_c import policy_to_c
 from jshape_envs.policy import FORMAT, POLICIES, GRUPolicy, Sizes, load_policy, named_arrays, save_policy, sizes_of
@@ -74,6 +75,15 @@ def test_a_policy_is_the_network_that_its_weights_say(trained):
     memory = jnp.zeros(policy.cell.hidden_size, jnp.float32)
     actions = jax.jit(lambda x: jax.lax.scan(step, memory, x)[1])(observations)
     np.testing.assert_allclose(actions, by_hand(policy, observations), atol=2e-6)
+
+
+def test_a_sample_that_did_not_come_counts_as_zero(params):
+    """What a memory takes in stays there."""
+    network = GRUPolicy(sizes_of(params), jax.random.key(0))
+    known = jnp.asarray(observations_of(network, 1)[0]).at[3].set(0.0)
+    torn, memory = known.at[3].set(jnp.nan), network.init(params)
+    assert eqx.tree_equal(network.act(memory, torn), network.act(memory, known))
+    assert eqx.tree_equal(observed(torn, params), observed(known, params))
 
 
 @pytest.mark.slow
@@ -305,11 +315,13 @@ def test_a_policy_in_c_acts_as_the_network_does(params, trained, tmp_path):
     built = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
     assert built.returncode == 0, built.stderr
     observations = observations_of(trained.policy, 200, seed=1)
+    observations[[5, 9, 30], [3, 0, -1]] = np.nan, np.inf, -np.inf
     orders = "\n".join(" ".join(f"{x:.9g}" for x in row) for row in observations)
     done = subprocess.run(["./main"], cwd=tmp_path, input=orders, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     found = np.array([line.split() for line in done.stdout.splitlines()], float)
-    np.testing.assert_allclose(found, by_hand(trained.policy, observations), atol=1e-6)
+    known = np.where(np.isfinite(observations), observations, 0.0)
+    np.testing.assert_allclose(found, by_hand(trained.policy, known), atol=1e-6)
 
 
 def test_c_wants_names_that_fit(trained):

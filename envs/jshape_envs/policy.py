@@ -46,7 +46,8 @@ class GRUPolicy(AbstractPolicy):
     """A small recurrent network: a gated recurrent unit over the observations, and one layer between it and the action.
 
     Its memory is the unit's state. The sensor's entries are spread by asinh(``gain`` x) first: what distinguishes
-    payloads is small beside the sensor's reach. The action passes through tanh.
+    payloads is small beside the sensor's reach. The action passes through tanh. An entry that is not finite counts as
+    0, as a sensor's does (``moves.Sensor``): it would stay in the memory for good.
 
     Args:
         sizes: of the environment that it is for.
@@ -100,6 +101,7 @@ class GRUPolicy(AbstractPolicy):
     def act(
         self, memory: Float[Array, " hidden"], observation: Observation, params: Any = None, state: Any = None
     ) -> tuple[Float[Array, " hidden"], Float[Array, " size"]]:
+        observation = jnp.where(jnp.isfinite(observation), observation, 0.0)
         sensed, others = observation[: self.sizes.sensed], observation[self.sizes.sensed :]
         features = jnp.concatenate([jnp.arcsinh(self.gain * sensed), others])
         memory = self.cell(features, memory)

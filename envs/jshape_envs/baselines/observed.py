@@ -26,7 +26,7 @@ class Observed(NamedTuple):
 
 
 def observed(observation: Float[Array, " observation"], params: Params) -> Observed:
-    """The samples and the distance that an observation holds.
+    """The samples and the distance that an observation holds; samples that are not finite count as 0.
 
     Raises:
         ValueError: where it holds features in the place of samples.
@@ -35,7 +35,8 @@ def observed(observation: Float[Array, " observation"], params: Params) -> Obser
     if sensor.kind != "samples":
         raise ValueError(f"observation must be 'samples' for a classical policy, not {sensor.kind!r}")
     distance = observation[sensor.size + params.action.size] * params.distance[1]
-    return Observed(observation[: sensor.samples] * sensor.reach, distance)
+    samples = observation[: sensor.samples]
+    return Observed(jnp.where(jnp.isfinite(samples), samples, 0.0) * sensor.reach, distance)
 
 
 def sensor_deviation(params: Params) -> Scalar:

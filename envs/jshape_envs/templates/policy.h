@@ -7,7 +7,7 @@
  *     ${name}_start(&memory);                       once, or when the memory is to begin anew
  *     ${name}_step(&memory, observation, action);   before every move
  *
- * Entries of the action lie within [-1, 1], as do those of the observation:
+ * Entries of the action lie within [-1, 1], as do those of the observation; one that is not finite counts as 0:
  *
 $entries
  */
@@ -59,7 +59,8 @@ static void ${name}_step(${name}_memory *memory, const float *observation, float
     float *const input = features + ${NAME}_HIDDEN;
     int i;
     for (i = 0; i < ${NAME}_OBSERVATIONS; i++) {
-        input[i] = i < ${NAME}_SENSED ? asinhf(${NAME}_GAIN * observation[i]) : observation[i];
+        const float entry = isfinite(observation[i]) ? observation[i] : 0.0f;
+        input[i] = i < ${NAME}_SENSED ? asinhf(${NAME}_GAIN * entry) : entry;
     }
     for (i = 0; i < ${NAME}_HIDDEN; i++) {
         const int update = i + ${NAME}_HIDDEN, candidate = update + ${NAME}_HIDDEN;
