@@ -209,6 +209,7 @@ def test_payload_changes_as_often_as_asked_and_moves_stay_on_the_track(duffing):
     ("arguments", "name"),
     [
         (dict(environment="Duffing"), "environment"),
+        (dict(dtype=int), "dtype"),
         (dict(preset="medium"), "preset"),
         (dict(action="torque"), "action"),
         (dict(context="secret"), "context"),

@@ -105,6 +105,8 @@ def parameters(
     _check.one_of(context, "context", CONTEXTS)
     _check_numbers(chosen, energy_weight, time_weight, context_noise)
     horizon = _check.count(horizon, "horizon")
+    if not jnp.issubdtype(dtype, jnp.floating):
+        raise ValueError(f"dtype must be one of floating-point numbers, not {dtype!r}")
     longest_move = max(chosen.distance)
     track = 2 * longest_move if track is None else track
     if not track >= longest_move:
