@@ -30,6 +30,9 @@ OPTIMAL = 1e-6
 EXCEEDED = 1e-6
 """A limit that is exceeded by less, as a fraction of itself, is kept."""
 
+MISSED = 1e12
+"""J; a limit that is exceeded costs more, and so more than the energy of any machine."""
+
 DERIVATIVES = 1e-6
 """The tolerance of derivatives during a search."""
 
@@ -196,7 +199,7 @@ class ScaledProblem:
         """The objective with the cost of time, J; limits that are exceeded cost more than any objective."""
         found = self.values(self.vector(point), tolerance)
         exceeded = max(0.0, -float(found.slacks.min(initial=0.0)) - EXCEEDED)
-        merit = self.problem.total(found.energies, point) + (1e6 * (1 + exceeded) if exceeded else 0.0)
+        merit = self.problem.total(found.energies, point) + (MISSED * (1 + exceeded) if exceeded else 0.0)
         return np.inf if np.isnan(merit) else merit
 
     def optimality(self, point: Point, near: float = 1e-4) -> Optimality:
