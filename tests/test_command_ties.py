@@ -74,7 +74,10 @@ POSITIONS, FORWARD, BACKWARD = (
 )
 
 
-MORE = ("trapezoid: rounded", "s-curve: full speed, held", "s-curve: full acceleration, cruising")
+MORE = (
+    *("trapezoid: rounded", "s-curve: full speed, held", "s-curve: full acceleration, cruising"),
+    *("s-curve: full acceleration, not cruising", "s-curve: all at once, rounded", "both begin and end at once"),
+)
 """Those of the slow set alone."""
 
 
@@ -140,7 +143,7 @@ SEVERAL = {
 """What makes a command of three parameters, the same by the textbook, and where it is at a tie."""
 
 
-@pytest.mark.parametrize("case", SEVERAL)
+@pytest.mark.parametrize("case", [pytest.param(case, marks=[pytest.mark.slow] * (case in MORE)) for case in SEVERAL])
 def test_derivatives_of_axes_and_of_given_polynomials_at_a_tie_are_one_sided(case):
     make, judge, x = SEVERAL[case]
     # Also at the tie itself, where the later piece counts.
@@ -169,10 +172,13 @@ def test_where_both_sides_agree_the_derivative_is_theirs():
     [
         lambda x: Step(x[0]),
         lambda x: Pulse(x[0], x[1]),
-        lambda x: Sampled(jnp.stack([0 * x[1], x[1], 2 * x[1]]), jnp.stack([0 * x[0], x[0], x[0]])),
+        pytest.param(
+            lambda x: Sampled(jnp.stack([0 * x[1], x[1], 2 * x[1]]), jnp.stack([0 * x[0], x[0], x[0]])),
+            marks=pytest.mark.slow,
+        ),
         lambda x: Trapezoid(x[0], x[1], 1.0),
         coincident_breaks,
-        lambda x: Axes(trolley=Trapezoid(x[0], x[1], 1.0), hoist=Step(x[2])),
+        pytest.param(lambda x: Axes(trolley=Trapezoid(x[0], x[1], 1.0), hoist=Step(x[2])), marks=pytest.mark.slow),
     ],
 )
 def test_a_shaped_command_at_a_tie(command):

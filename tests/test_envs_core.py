@@ -94,6 +94,7 @@ def test_moves_of_every_environment_agree_with_jshape_in_double_precision(name):
             assert abs(float(info.evaluation.energy[i]) - energy) < 1e-4 * float(bare)
 
 
+@pytest.mark.slow
 def test_a_residual_of_ones_own_machine_is_over_the_greatest_energy_of_that_very_move(monkeypatch):
     """In closed form: a pendulum whose support starts with v swings with v²/2, and after a time T with
     2 (1 − cos ωT) as much. A table over a few payloads and distances cannot follow that cosine."""

@@ -73,6 +73,7 @@ def test_a_negative_gain_finds_the_minimum_and_a_positive_one_leaves_it():
     assert ends[1] > 0.2
 
 
+@pytest.mark.slow
 def test_the_papers_numbers_converge_at_the_rate_of_eq_5():
     """a|γ|f''/2, less what the high-pass takes, ω²/(ω² + h²): a = 0.0001, γ = −0.007, ω = 2, h = 1, l = 2."""
     curvature = 4e4

@@ -154,7 +154,7 @@ def test_mujoco_puts_the_bodies_where_the_responses_are(slewing):
         plot.film(plant, runs)
 
 
-@pytest.mark.parametrize("rendered", [True, False])
+@pytest.mark.parametrize("rendered", [pytest.param(True, marks=pytest.mark.slow), False])
 def test_a_film_of_a_machine_of_a_file(slewing, rendered, tmp_path, monkeypatch):
     (plant, runs), _ = slewing
     if not rendered:

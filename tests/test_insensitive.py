@@ -242,7 +242,7 @@ TABLE = {
 }
 
 
-SLOW = ("two bands", "on-off damped", "damping range", "wide")
+SLOW = ("two bands", "on-off damped", "damping range", "wide", "loose", "sampled")
 
 
 @pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.slow) if n in SLOW else n for n in TABLE])
@@ -457,6 +457,7 @@ def test_strong_damping_leaves_next_to_nothing_for_the_last_impulse(band, limit,
     assert design.duration == pytest.approx(design.bound, rel=1e-5)
 
 
+@pytest.mark.slow
 def test_a_refinement_that_overflows_is_left():
     """Far more time than it takes: Newton's steps went beyond what exponentials hold, and the call ended there."""
     design = solve((2.8, 3.2), None, 0.05, duration=10.0)

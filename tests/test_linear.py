@@ -542,7 +542,9 @@ def along(function, point, direction):
 POINTS = {name: [3.0, 0.15, 0.05] if name in HUMPS else [3.0, 0.15] for name in BANDS}
 
 
-@pytest.mark.parametrize("name", ["mzv", "zvd", "ei", "um_zvd"])
+@pytest.mark.parametrize(
+    "name", ["zvd", "ei", *(pytest.param(name, marks=pytest.mark.slow) for name in ("mzv", "um_zvd"))]
+)
 def test_derivatives(name):
     point, step, function = jnp.array(POINTS[name]), 1e-6, outputs(name)
     for direction in jnp.eye(len(point)):

@@ -484,6 +484,7 @@ def test_a_slowly_damped_mode_settles_when_its_envelope_does():
     assert found == pytest.approx(0.75 + np.log(2 / (3 * np.pi) / 0.02) / (0.001 * 2 * np.pi), abs=0.5)
 
 
+@pytest.mark.slow
 def test_a_spring_without_stiffness_at_rest_has_no_period():
     """How long a payload must be observed depends on how far it swings then: no number is right for every move."""
     plant = plants.TwoMass(spring=plants.PowerLawSpring(1000.0, 3))

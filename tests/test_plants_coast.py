@@ -41,7 +41,7 @@ def test_modes_go_as_their_matrix_exponential_says():
         np.testing.assert_allclose(found, exact, atol=1e-11)
 
 
-@pytest.mark.parametrize("damping", [0.9, 1.0, 2.5])
+@pytest.mark.parametrize("damping", [0.9, *(pytest.param(zeta, marks=pytest.mark.slow) for zeta in (1.0, 2.5))])
 def test_derivatives_are_those_of_differences(damping):
     state, change = jnp.asarray([0.3, -2.0, 0.1, -0.04, 0.8, 3.0]), 1e-6
 

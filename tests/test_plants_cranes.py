@@ -532,6 +532,7 @@ def test_divergence(plant, state, diverged):
     assert bool(plant.diverged(jnp.asarray(state), plant.zero_inputs())) is diverged
 
 
+@pytest.mark.slow
 def test_a_simulation_says_that_a_cable_was_slack_on_the_way():
     # Half a swing while the trolley speeds up, and another one back while it slows down: past the horizontal and back.
     ramp, cruise, acceleration = 0.794804059649661, 1.3180829488812666, 1.5 * 9.81

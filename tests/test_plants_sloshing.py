@@ -78,8 +78,12 @@ def test_equations_of_motion_are_lagranges(drive):
     q, v = jnp.asarray(random.normal(size=3)), jnp.asarray(random.normal(size=3))
     given = 1.7
     # M q'' = ∂L/∂q − (∂²L/∂q'∂q) q' + force, where the tank's own motion is free or given.
-    inertia = jax.hessian(lagrangian, 1)(q, v)
-    rest = jax.grad(lagrangian)(q, v) - jax.jacfwd(jax.grad(lagrangian, 1))(q, v) @ v
+    inertia, rest = jax.jit(
+        lambda q, v: (
+            jax.hessian(lagrangian, 1)(q, v),
+            jax.grad(lagrangian)(q, v) - jax.jacfwd(jax.grad(lagrangian, 1))(q, v) @ v,
+        )
+    )(q, v)
     if drive == "force":
         push = jnp.array([given - 4.0 * v[0], 0.0, 0.0])
         wanted = jnp.linalg.solve(inertia, rest + push)
@@ -118,7 +122,7 @@ def test_damping_ratios_are_those_of_small_waves():
     np.testing.assert_allclose(np.sort(np.abs(poles))[::2], plant.natural_frequency(), rtol=1e-9)
 
 
-@pytest.mark.parametrize("modes", [1, 2, 3])
+@pytest.mark.parametrize("modes", [pytest.param(1, marks=pytest.mark.slow), 2, pytest.param(3, marks=pytest.mark.slow)])
 def test_a_free_tank_has_its_waves_frequencies_whatever_the_damping(modes):
     free, damped = (tank(modes=modes, drive="force", zeta=zeta) for zeta in (0.0, 0.3))
     matrix = jax.jacfwd(lambda y: free.vector_field(0.0, y, jnp.asarray(0.0)))(free.rest_state(jnp.asarray(0.0)))

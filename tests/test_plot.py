@@ -168,13 +168,9 @@ def test_pareto_names_the_closed_forms_that_count():
 
 
 def test_drawing_loads_neither_jax_nor_xarray():
-    code = "import sys\nfrom jshape.reports import plot\nassert not {'jax', 'xarray'} & set(sys.modules)"
-    subprocess.run([sys.executable, "-c", code], check=True)
-
-
-def test_tuning_and_reporting_do_not_load_xarray():
-    """Half a second of every command, which only sweeps and fronts need."""
-    code = "import sys\nfrom jshape.reports import report_files\nfrom jshape.design.tuning.tune import tune\n"
+    code = "import sys\nfrom jshape.reports import plot\nassert not {'jax', 'xarray'} & set(sys.modules)\n"
+    # Tuning and reporting load JAX, but not xarray: half a second of every command, which only sweeps and fronts need.
+    code += "from jshape.reports import report_files\nfrom jshape.design.tuning.tune import tune\n"
     subprocess.run([sys.executable, "-c", code + "assert 'xarray' not in sys.modules"], check=True)
 
 

@@ -296,6 +296,7 @@ def test_modes_far_apart_and_the_error_that_is_stated():
         assert off < 3 * ds[name].attrs["error"] + 1e-12
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:JAX is in its 32-bit mode")
 def test_the_error_that_is_stated_in_single_precision():
     """In the place of 0: a tighter tolerance found the same numbers. Against the oscillator's closed form."""
@@ -354,6 +355,7 @@ def test_a_plant_whose_rest_is_found_by_a_search():
         assert float(ds[name][0, 1]) == pytest.approx(float(getattr(js, name)(plant, TWO, 3.0)), rel=1e-6)
 
 
+@pytest.mark.slow
 def test_a_move_that_ends_where_it_began():
     """No axis has a distance: what bends is known all the same."""
     rows, state = [], np.zeros(3)
