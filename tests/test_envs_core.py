@@ -94,18 +94,30 @@ def test_moves_of_every_environment_agree_with_jshape_in_double_precision(name):
             assert abs(float(info.evaluation.energy[i]) - energy) < 1e-4 * float(bare)
 
 
-@pytest.mark.slow
-def test_a_residual_of_ones_own_machine_is_over_the_greatest_energy_of_that_very_move(monkeypatch):
-    """In closed form: a pendulum whose support starts with v swings with v²/2, and after a time T with
-    2 (1 − cos ωT) as much. A table over a few payloads and distances cannot follow that cosine."""
+@pytest.fixture
+def slow_crane(monkeypatch):
+    """A crane of one's own at 0.05 m/s, its oracle left out."""
     one = jnp.ones((9, 9, 2), jnp.float32)
     pairs = jnp.stack([one, one], axis=-1) / 2
     table = ShaperTable(jnp.array([3.0, 8.0]), jnp.array([1.0, 9.0]), pairs, pairs, one, one)
     # The package's function of that name hides the module.
     monkeypatch.setattr(sys.modules[parameters.__module__], "design_table", lambda *_: table)
     machine = Machine(js.plants.Crane(5.0, drive="velocity"), "cable_length", RampProfile(0.05))
-    params = parameters(machine, payload=(3.0, 8.0), distance=(0.1, 0.9))
-    state, _ = reset(KEY, params)
+    return parameters(machine, payload=(3.0, 8.0), distance=(0.1, 0.9))
+
+
+def test_the_sensor_of_ones_own_machine_reaches_as_far_as_it_swings(slow_crane):
+    # Half a period after the start the stop doubles the swing, which is then 2 v √(L/g), of moves of up to 0.9 m.
+    greatest = 2 * 0.05 * np.sqrt(8.0 / 9.81)
+    assert 0.8 * greatest < float(slow_crane.sensor.reach) < 1.001 * greatest
+    assert float(slow_crane.sensor.noise) == pytest.approx(0.005 * float(slow_crane.sensor.reach))
+
+
+@pytest.mark.slow
+def test_a_residual_of_ones_own_machine_is_over_the_greatest_energy_of_that_very_move(slow_crane):
+    """In closed form: a pendulum whose support starts with v swings with v²/2, and after a time T with
+    2 (1 − cos ωT) as much. A table over a few payloads and distances cannot follow that cosine."""
+    params, (state, _) = slow_crane, reset(KEY, slow_crane)
     bare, run = js.Shaper(jnp.ones(1, jnp.float32), jnp.zeros(1, jnp.float32)), eqx.filter_jit(move)
     for distance in (0.23, -0.47, 0.71):
         state = eqx.tree_at(lambda s: s.distance, state, jnp.asarray(distance, jnp.float32))

@@ -7,7 +7,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 from jshape import Shaper, _check
 from jshape._files import read_arrays
@@ -18,7 +18,7 @@ from jshape.moves.core import CONTEXTS, Params
 from jshape.moves.design import design_table
 from jshape.moves.machine import AbstractMachine
 from jshape.moves.oracle import ShaperTable
-from jshape.moves.physics import Steps, of_first_axis
+from jshape.moves.physics import Steps, of_first_axis, plan_move, run_move, run_window
 from jshape.moves.sensor import Sensor
 from jshape.plants import AbstractPlant
 from jshape.simulation.schedule import Schedule, schedule
@@ -82,7 +82,8 @@ def parameters(
         change_rate: probability that the payload is another one in the next move.
         noise: standard deviation of the sensor's noise, over its reach.
         resolution: the sensor's quantisation step, over its reach.
-        reach: greatest deflection that the sensor measures, m (rad for an angle).
+        reach: greatest deflection that the sensor measures, m (rad for an angle); for a machine the greatest after any
+            of its moves without a shaper, from rest, unless given.
         window: how long the sensor measures after a move, s.
         samples: number of samples in the window.
         impulses: number of impulses of ``"impulses"`` actions.
@@ -118,11 +119,13 @@ def parameters(
     period = _cast(2 * np.pi / frequencies[-1].min(), dtype)
     if known is None:
         known = Environment(type(machine), longest_move, 1.25 * float(period), 3, 0.75 * float(period), (9, 9), {})
-    reach = known.reach if reach is None else reach
     window = known.window if window is None else window
+    sensor = Sensor(known.reach, 0.0, 0.0, window, samples, observation)
+    steps = Steps(*(chosen.steps or _steps(machine, plants, known.longest, float(window), samples, distances[1])))
+    if reach is None:
+        reach = known.reach if known.presets else _reach(machine, payloads, distances, _cast(sensor, dtype), steps)
     sensor = Sensor(reach, chosen.noise * reach, chosen.resolution * reach, window, samples, observation)
-    steps = chosen.steps or _steps(machine, plants, known.longest, float(window), samples, distances[1])
-    steps, weights = Steps(*steps), (_cast(energy_weight, dtype), _cast(time_weight, dtype))
+    weights = (_cast(energy_weight, dtype), _cast(time_weight, dtype))
     table = _shipped(environment, preset, chosen, energy_weight, time_weight)
     if table is None:
         table = design_table(machine, payloads, distances, weights, period, steps, known.grid)
@@ -188,6 +191,28 @@ def _steps(
         still = Schedule(jnp.asarray([0.0, window / samples], distance.dtype), plan.coefficients[-2:])
         found.append([steps_for(plant, part, "tsit5", _TOLERANCE) for part in (plan, still)])
     return np.max(found, axis=0).tolist()
+
+
+def _reach(
+    machine: AbstractMachine, payloads: Float[Array, "2"], distances: Float[Array, "2"], sensor: Sensor, steps: Steps
+) -> float:
+    """The greatest deflection in the window after moves without a shaper, m (rad for an angle).
+
+    The longest move, where a plant diverges or none leaves anything.
+    """
+
+    @jax.jit
+    @jax.vmap
+    def left(payload: Scalar, distance: Scalar) -> Scalar:
+        first = jnp.zeros((), jnp.int32)
+        plant = machine.plant(payload, first)
+        plan = plan_move(plant, machine.command(distance, first), None, jnp.zeros_like(distance))
+        state, _ = run_move(plant, plan, plant.rest_state(plant.zero_inputs()).astype(distance.dtype), steps)
+        return jnp.max(jnp.abs(run_window(plant, plan, state, sensor, steps)[1]))
+
+    sets = jnp.meshgrid(jnp.linspace(*payloads, 5), jnp.linspace(*distances, 17))
+    greatest = float(jnp.max(left(*(each.ravel() for each in sets))))
+    return greatest if 0 < greatest < jnp.inf else float(distances[1])
 
 
 def table_file(environment: str, preset: str) -> Path:
