@@ -121,7 +121,8 @@ def parameters(
         known = Environment(type(machine), longest_move, 1.25 * float(period), 3, 0.75 * float(period), (9, 9), {})
     window = known.window if window is None else window
     sensor = Sensor(known.reach, 0.0, 0.0, window, samples, observation)
-    steps = Steps(*(chosen.steps or _steps(machine, plants, known.longest, float(window), samples, distances[1])))
+    found = chosen.steps or _steps(machine, plants, known.longest, float(window), samples, distances[1])
+    steps = Steps(found[0], found[1])
     if reach is None:
         reach = known.reach if known.presets else _reach(machine, payloads, distances, _cast(sensor, dtype), steps)
     sensor = Sensor(reach, chosen.noise * reach, chosen.resolution * reach, window, samples, observation)
@@ -210,7 +211,8 @@ def _reach(
         state, _ = run_move(plant, plan, plant.rest_state(plant.zero_inputs()).astype(distance.dtype), steps)
         return jnp.max(jnp.abs(run_window(plant, plan, state, sensor, steps)[1]))
 
-    sets = jnp.meshgrid(jnp.linspace(*payloads, 5), jnp.linspace(*distances, 17))
+    spans = jnp.linspace(payloads[0], payloads[1], 5), jnp.linspace(distances[0], distances[1], 17)
+    sets = jnp.meshgrid(*spans)
     greatest = float(jnp.max(left(*(each.ravel() for each in sets))))
     return greatest if 0 < greatest < jnp.inf else float(distances[1])
 
