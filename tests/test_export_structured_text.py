@@ -143,7 +143,7 @@ def test_wrong_parameters_are_refused(source, commands, wrong):
 def test_room_and_names():
     with pytest.raises(ValueError, match="capacity must be a whole number of at least 26"):
         export(SHAPER, "structured_text", sample_time=CYCLE, capacity=25)
-    for name in ("Function", "at", "1st", "a__b", "ü", "TON"):
+    for name in ("Function", "at", "1st", "a__b", "ü", "TON", "command"):
         with pytest.raises(ValueError, match="name must"):
             export(SHAPER, "structured_text", sample_time=CYCLE, name=name)
     with pytest.raises(ValueError, match="method must be one of"):

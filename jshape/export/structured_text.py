@@ -36,9 +36,12 @@ def in_dialect(text: str, name: str, dialect: str) -> str:
         dialect: one of ``DIALECTS``.
 
     Raises:
-        ValueError: for an unknown dialect.
+        ValueError: for an unknown dialect, and a name that one of the block's variables has.
     """
     _check.one_of(dialect, "dialect", DIALECTS)
+    variables = re.findall(r"^    (\w+) : ", text, re.M)
+    if name.lower() in map(str.lower, variables):
+        raise ValueError(f"name must not be that of a variable of the block, {', '.join(variables)}, not {name!r}")
     if dialect == "iec":
         return text
     about, _, block = text.partition(f"FUNCTION_BLOCK {name}\n")
@@ -53,7 +56,6 @@ def in_dialect(text: str, name: str, dialect: str) -> str:
             "twincat.xml", **values, about=about.splitlines(), declared=declared.splitlines(), body=body.splitlines()
         )
     # Siemens marks a block's own variables, and separates the halves by a word.
-    variables = re.findall(r"^    (\w+) : ", declared, re.M)
     parts = re.split(r"(\(\*.*?\*\))", body, flags=re.S)
     parts[::2] = [re.sub(rf"\b({'|'.join(variables)})\b", r"#\1", part) for part in parts[::2]]
     code = "".join(parts)
