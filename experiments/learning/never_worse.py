@@ -50,7 +50,6 @@ infinite no debt of the list was enough in every family, and the fallback acts a
 once, after the guard was final; rows that are missing have not been run. Of the declared ones `undamped` was held out
 until an earlier guard, whose bank knew more damping but not less and which fell back to `best-energy` alone, cost more
 than the better fixed shaper in 78 % of its episodes on DuffingPayload; `hardly-damped` and `biased` were then held out.
-Rows of CranePayload are still those of that earlier guard.
 """
 
 
