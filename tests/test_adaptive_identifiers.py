@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jshape.adaptive.formulas import JAX
+from jshape.adaptive.formulas import JAX, NUMPY, plain
 from jshape.adaptive.identifiers.damped_sinusoids import DampedSinusoids, fit_window
 from jshape.adaptive.identifiers.decrement import Decrement
 from jshape.adaptive.identifiers.frequency_tracker import FrequencyTracker
@@ -196,6 +196,19 @@ def test_jacobsen_is_exact_for_one_long_vibration(window):
         assert not found.valid[:-1].any()
 
 
+@pytest.mark.parametrize("window", ["rectangular", "hann"])
+def test_the_deviation_holds_where_nothing_but_the_tone_is_in_the_window(window):
+    # Few periods, whose mirror image leaks, and an offset whose rounding errors exceed the tone's energy.
+    for periods, offset, size in ((2.5, 0.0, 1.0), (5.5, 0.0, 1.0), (20.45, 0.0, 1.0), (5.3, 9.81, 1e-9)):
+        identifier = SlidingDFT(TIME, 400, (4.0, 90.0), threshold=0.0, window=window)
+        for phase in np.arange(0.0, np.pi, 0.8):
+            omega = periods * identifier.spacing
+            found = push(identifier, offset + vibration(400, omega, size=size, phase=phase))[0]
+            assert found.valid[-1]
+            assert abs(found.omega[-1] - omega) < 4 * found.omega_std[-1]
+            assert found.omega_std[-1] > 0
+
+
 @pytest.mark.slow
 def test_deviations_are_those_of_many_noisy_windows():
     random = np.random.default_rng(6)
@@ -293,6 +306,14 @@ def test_each_mode_stands_at_its_own_band():
     found, reasons, _ = push(identifier, samples)
     assert reasons[-1].tolist() == [Reason.OUTSIDE, Reason.FOUND]
     assert abs(found.omega[-1][1] - 70.0) < 1e-6
+
+
+def test_a_window_whose_rotation_has_real_eigenvalues_alone_is_fitted():
+    # Noise alone: NumPy returns such eigenvalues as real numbers, and one of them is negative.
+    identifier = DampedSinusoids(0.05, BAND, 1, points=32)
+    found = fit_window(plain(identifier), NUMPY, np.random.default_rng(26).standard_normal(32))
+    # As under JAX, whose eigenvalues are always complex.
+    np.testing.assert_allclose(found.omega, 7.0352843, rtol=1e-6)
 
 
 def cramer_rao(identifier, omega, zeta, noise):

@@ -219,7 +219,8 @@ def _esprit(xp: Any, data: Any, modes: int, spacing: float) -> Any:
     shifted = upper.T @ vectors[1:]
     # The inverse of upperᵀ upper = 1 − last lastᵀ, by Sherman and Morrison.
     rotation = shifted + xp.outer(last, last @ shifted) / xp.maximum(1 - last @ last, 1e-9)
-    logarithms = xp.log(xp.linalg.eigvals(rotation) + 1e-300)
+    # Complex even where all are real, as NumPy gives them then: the logarithm of a negative one would be no number.
+    logarithms = xp.log(xp.linalg.eigvals(rotation) + (1e-300 + 0j))
     angles = xp.where(logarithms.imag > 3.1, 0.0, logarithms.imag)
     chosen = xp.argsort(angles)[-modes:]
     return xp.stack([-logarithms.real[chosen], angles[chosen]]) / spacing

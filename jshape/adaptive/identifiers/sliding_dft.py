@@ -23,7 +23,7 @@ from jshape.adaptive.identifiers.sensor import LIMIT, Sensor, checked
 WINDOWS = ("rectangular", "hann")
 INTERPOLATIONS = ("jacobsen", "parabolic", "none")
 FLOOR = 1e-14
-"""Of the window's energy, what is taken as noise where there seems to be less: rounding errors."""
+"""Of the window's sum of squares, what is taken as noise where there seems to be less: rounding errors."""
 
 
 class Sums(NamedTuple):
@@ -69,9 +69,10 @@ class SlidingDFT(AbstractIdentifier):
     A magnitude is that of the DFT's sum, |Σ x_n e^(−jωn)|, in the unit of the samples and in either window: a steady
     vibration of amplitude A has A·points/2. A peak whose neighbour beyond the band is higher is the leakage of
     something outside, and no estimate. The standard deviation is that of Jacobsen's ratio with everything in the window
-    but the tone counted as white noise, and the width of a bin where nothing is interpolated. What is not in it: a
-    frequency that changes within the window is smeared, and a vibration struck anew, out of phase with itself, may
-    split the peak and shift it by a bin and more. Damping is not observed.
+    but the tone counted as white noise, together with what leaks in from the tone's negative frequency, and the width of
+    a bin where nothing is interpolated. What is not in it: a frequency that changes within the window is smeared, two
+    that lie closer than two bins are taken for one, and a vibration struck anew, out of phase with itself, may split
+    the peak and shift it by a bin and more. Damping is not observed.
 
     Args:
         sample_time: s.
@@ -240,16 +241,20 @@ def _peak(own: Any, numbers: Numbers, place: Any, whole: Sums, round: Sums) -> t
     fitted = fitted / (sinc * (shape[0] ** 2 + shape[1] ** 2 + shape[2] ** 2))
     tone = 2 * fitted**2 / own.points
     tone = select(tone > 0, tone, 1.0)
-    energy = whole.squares - whole.total * whole.total / own.points
-    noise = select(energy - tone > FLOOR * energy, energy - tone, FLOOR * abs(energy))
+    # Three bins may show more than there is where two tones lie close together: no tone fits by as much, either.
+    misfit = abs(whole.squares - whole.total * whole.total / own.points - tone)
+    floor = FLOOR * abs(whole.squares)
+    noise = select(misfit > floor, misfit, floor)
     variance = own.spacing**2 * spread * noise / (2 * sinc**2 * tone * own.points)
     if own.interpolation == "none":
         bin_below, _, bin_above = numbers.three(bins, middle)
         variance = variance + ((bin_above - bin_below) / 2) ** 2 / 12
-    if own.interpolation == "parabolic":
+    else:
         # What the same vibration at the negative frequency leaks into the peak moves it by about so many bins.
         share = own.spacing / (2 * bin_peak)
-        variance = variance + (own.spacing * (share**3 if own.window == "hann" else share / np.pi)) ** 2
+        leak = share**3 if own.window == "hann" else share / np.pi
+        leak = leak * share if own.interpolation == "jacobsen" else leak
+        variance = variance + (own.spacing * leak) ** 2
     omega = bin_peak + own.spacing * off
     return Estimate(omega, 0.0, math.sqrt(variance), np.inf, peak, True), (left > peak) | (right > peak)
 
