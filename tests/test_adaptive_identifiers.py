@@ -5,7 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jshape.adaptive.formulas import JAX, NUMPY, plain
+from jshape.adaptive import formulas
+from jshape.adaptive.formulas import JAX, NUMPY
 from jshape.adaptive.identifiers.damped_sinusoids import DampedSinusoids, fit_window
 from jshape.adaptive.identifiers.decrement import Decrement
 from jshape.adaptive.identifiers.frequency_tracker import FrequencyTracker
@@ -311,7 +312,7 @@ def test_each_mode_stands_at_its_own_band():
 def test_a_window_whose_rotation_has_real_eigenvalues_alone_is_fitted():
     # Noise alone: NumPy returns such eigenvalues as real numbers, and one of them is negative.
     identifier = DampedSinusoids(0.05, BAND, 1, points=32)
-    found = fit_window(plain(identifier), NUMPY, np.random.default_rng(26).standard_normal(32))
+    found = fit_window(formulas.plain(identifier), NUMPY, np.random.default_rng(26).standard_normal(32))
     # As under JAX, whose eigenvalues are always complex.
     np.testing.assert_allclose(found.omega, 7.0352843, rtol=1e-6)
 

@@ -69,10 +69,10 @@ class SlidingDFT(AbstractIdentifier):
     A magnitude is that of the DFT's sum, |Σ x_n e^(−jωn)|, in the unit of the samples and in either window: a steady
     vibration of amplitude A has A·points/2. A peak whose neighbour beyond the band is higher is the leakage of
     something outside, and no estimate. The standard deviation is that of Jacobsen's ratio with everything in the window
-    but the tone counted as white noise, together with what leaks in from the tone's negative frequency, and the width of
-    a bin where nothing is interpolated. What is not in it: a frequency that changes within the window is smeared, two
-    that lie closer than two bins are taken for one, and a vibration struck anew, out of phase with itself, may split
-    the peak and shift it by a bin and more. Damping is not observed.
+    but the tone counted as white noise, together with what leaks in from the tone's negative frequency, and the width
+    of a bin where nothing is interpolated. What is not in it: a frequency that changes within the window is smeared,
+    two that lie closer than two bins are taken for one, and a vibration struck anew, out of phase with itself, may
+    split the peak and shift it by a bin and more. Damping is not observed.
 
     Args:
         sample_time: s.
