@@ -9,6 +9,7 @@ import json
 import os
 import re
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -997,6 +998,18 @@ def test_mistakes_at_the_prompt():
         result = CliRunner().invoke(app, ["studio", *arguments])
         assert result.exit_code == 2
         assert said in " ".join(result.output.split())
+
+
+def test_a_port_that_is_taken_is_named():
+    # The address of another program's page, with this one's token, was said to be the studio's.
+    pytest.importorskip("nicegui")
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = str(taken.getsockname()[1])
+        result = CliRunner().invoke(app, ["studio", "--no-show", "--port", port])
+    assert result.exit_code == 2
+    assert f"--port {port}: " in " ".join(result.output.split())
 
 
 def test_a_stop_at_once_is_quiet(capfd):

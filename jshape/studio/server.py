@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import os
 import secrets
 import socket
 import sys
@@ -34,8 +35,11 @@ def serve(state: State, port: int, show: bool, say: Callable[[str], None], prepa
         show: whether the browser is opened.
         say: called with the page's address once it answers.
         prepare: called in the worker before anything is computed: it loads JAX, which takes longer than the page.
+
+    Raises:
+        ValueError: for a port that is taken.
     """
-    port, token = port or _free_port(), secrets.token_urlsafe(24)
+    port, token = _usable_port(port), secrets.token_urlsafe(24)
     # One thread: computing uses all cores by itself, and two compilations at once would only take longer.
     worker = ThreadPoolExecutor(1, thread_name_prefix="curves")
     # The page answers while it computes: Python's own 5 ms would come with every message.
@@ -136,9 +140,16 @@ def _begun() -> tuple[State | None, str]:
     return kept.get("state"), wrong
 
 
-def _free_port() -> int:
+def _usable_port(port: int) -> int:
+    """The port, or a free one for 0. *Raises* ``ValueError`` where another program has it: its page is not this one."""
     with socket.socket() as one:
-        one.bind((HOST, 0))
+        if os.name != "nt":
+            # As the server itself: connections that were closed a moment ago are no hindrance.
+            one.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            one.bind((HOST, port))
+        except OSError as error:
+            raise ValueError(f"--port {port}: {error.strerror}; a free one is chosen where none is given") from None
         return int(one.getsockname()[1])
 
 
