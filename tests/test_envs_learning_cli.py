@@ -8,7 +8,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from jshape.cli.evaluate import evaluate
+from jshape.cli.evaluate import COLUMNS, evaluate
 from jshape.cli.train import train
 
 app = typer.Typer()
@@ -42,6 +42,7 @@ def test_train_writes_a_policy_its_curve_and_goes_on_from_its_checkpoint(tmp_pat
     ended = run(*small)
     assert ended.exit_code == 0, ended.output
     assert len(update) == 3 + 3
+    assert "overwritten" not in ended.stderr
     with (out / "history.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert [int(row["moves"]) for row in rows] == [0, 16, 32, 48, 64]
@@ -83,3 +84,27 @@ def test_a_wrong_policy_lists_what_there_is(tmp_path):
     words = "--policy must be a policy's file (.npz), guarded, trained or one of zv, zvd, ei, best-fixed"
     assert words in found.stderr
     assert "did you mean best-fixed?" in found.stderr
+
+
+def test_policies_of_one_name_are_all_in_the_figure_and_one_seed_has_no_interval(tmp_path, monkeypatch):
+    import jshape_envs.evaluate as judged
+
+    from jshape.reports import plot
+
+    drawn, values = {}, iter((0.2, 0.1, 0.3))
+    monkeypatch.setattr(judged, "named_policy", lambda name, params: judged.baseline("zvd", params))
+    monkeypatch.setattr(judged, "evaluate", lambda *_: None)
+    row = judged.interval(np.array([1.0]))
+    monkeypatch.setattr(
+        judged, "summary", lambda _: dict.fromkeys(COLUMNS, row) | {"regret": row._replace(middle=next(values))}
+    )
+    monkeypatch.setattr(plot, "regret", drawn.update)
+    monkeypatch.setattr(plot, "save", lambda *_: None)
+    names = ("one/policy.npz", "two/policy.npz", "three/other.npz")
+    other = typer.Typer()
+    other.command()(evaluate)
+    given = [word for name in names for word in ("--policy", name)]
+    found = CliRunner().invoke(other, ["DuffingPayload", *given, "--seeds", "1", "--out", str(tmp_path / "x")])
+    assert found.exit_code == 0, found.output
+    assert list(drawn) == ["one/policy.npz", "two/policy.npz", "other"]
+    assert "nan" not in found.output

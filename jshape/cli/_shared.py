@@ -57,8 +57,13 @@ def made(draft: "Draft") -> "Problem":
     return problem
 
 
-def results_folder(out: Path | None, name: str) -> Path:
+def results_folder(out: Path | None, name: str, checkpoint: str = "") -> Path:
     """The folder asked for, or the one of that name.
+
+    Args:
+        out: as asked for.
+        name: of the folder, unless one is asked for.
+        checkpoint: the file in it from which a command resumes, so that nothing is lost where there is one.
 
     Raises:
         ValueError: if it holds files that are not jshape's, or cannot be written to.
@@ -67,7 +72,8 @@ def results_folder(out: Path | None, name: str) -> Path:
 
     folder = out or Path(name)
     check_writable(folder)
-    if (folder / "results.json").exists():
+    resumed = checkpoint and (folder / checkpoint).exists()
+    if (folder / "results.json").exists() and not resumed:
         typer.echo(f"{folder}: holds an earlier result, which is overwritten", err=True)
     return folder
 

@@ -1,6 +1,7 @@
 """``jshape evaluate``: fixed, adaptive and trained policies on the same moves of an environment."""
 
 import math
+from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -87,8 +88,12 @@ def evaluate(
             # What is judged is kept, whatever happens to the others.
             write_results(folder, {**chosen, "policies": found})
         step("figure")
-        shown = {name: printable(Path(name).stem) if name.endswith(".npz") else name for name in found}
-        regrets = {shown[name]: row["regret"] for name, row in found.items()}
+        short = {name: Path(name).stem if name.endswith(".npz") else name for name in found}
+        # Every training calls its policy policy.npz.
+        often = Counter(short.values())
+        regrets = {
+            printable(short[name] if often[short[name]] == 1 else name): row["regret"] for name, row in found.items()
+        }
         plot.save(plot.regret(regrets), folder / "regret.png")
     shift = "" if family == "none" else f", family {family}"
     show(f"{environment}, {preset}{shift}, payload {context}: {seeds} seeds of {episodes} episodes", found)
@@ -96,12 +101,13 @@ def evaluate(
 
 
 def show(title: str, found: dict[str, dict[str, "Interval"]]) -> None:
-    """A row a policy: interquartile mean over the seeds and half its 95 % interval's width."""
+    """A row a policy: interquartile mean over the seeds and half its 95 % interval's width, which one seed has not."""
     from jshape.reports.tables import new_console, say, show_table
 
     console, rows = new_console(), []
     for name, row in found.items():
         cells = [(row[score], factor) for score, (_, factor) in COLUMNS.items()]
-        rows.append((name, [f"{f * v.middle:.2f} ± {f * (v.high - v.low) / 2:.2f}" for v, f in cells]))
+        widths = ["" if math.isnan(v.low) else f" ± {f * (v.high - v.low) / 2:.2f}" for v, f in cells]
+        rows.append((name, [f"{f * v.middle:.2f}{width}" for (v, f), width in zip(cells, widths, strict=True)]))
     show_table(console, "policy", [heading for heading, _ in COLUMNS.values()], rows, title)
     say(console, "regret: what a move costs beyond that of an oracle that knows the payload and begins at rest")

@@ -38,7 +38,7 @@ def train(
     from jshape.reports import plot
     from jshape.status import Status
 
-    folder = results_folder(out, f"{environment}-policy")
+    folder = results_folder(out, f"{environment}-policy", checkpoint="checkpoint.npz")
     chosen = dict(environment=environment, preset=preset, context=context, action=action)
     params = parameters(environment, preset, context=context, action=action)
     recipe = Recipe(moves, environments, window, learning_rate, hidden=hidden, seed=seed)

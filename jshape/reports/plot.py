@@ -184,6 +184,7 @@ def regret(intervals: Mapping[str, tuple[float, float, float]], *, ax: Axes | No
             axis.plot([low, high], [place, place], color=COLOURS[0])
             axis.plot(middle, place, "o", color=COLOURS[0], markersize=4)
         axis.set_yticks(range(len(names)), map(plain, names))
+        axis.set_ylim(-0.6, len(names) - 0.4)
         axis.set_xlabel("regret against the oracle, 1000 × cost of a move")
     return axis
 
