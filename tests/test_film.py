@@ -187,6 +187,16 @@ def test_a_film_takes_as_long_as_the_move(tmp_path, speed, most):
     assert [path.name for path in tmp_path.iterdir()] == ["a.gif"]
 
 
+def test_curves_are_as_dense_as_the_response_however_fast_the_film_is(tmp_path, monkeypatch):
+    run, figures, animated = two_masses(1.0), [], film._animated
+    monkeypatch.setattr(film, "_animated", lambda *made: figures.append(made[0]) or animated(*made))
+    film.save_film(film.film(MASSES, {"unshaped": run}, speed=10.0), tmp_path / "a.gif")
+    times, curve = figures[0].subfigs[1].axes[0].lines[0].get_data()
+    # The last picture comes before the end. It had a point a picture, five in all for three periods.
+    assert len(times) > 0.7 * len(TIMES)
+    np.testing.assert_allclose(curve, 1e3 * np.interp(times, TIMES, np.ravel(run.deflection)), atol=1e-9)
+
+
 def test_what_no_film_can_be_made_of(tmp_path, monkeypatch):
     late = two_masses(1.0)
     late.times = 2 * TIMES
@@ -354,6 +364,8 @@ def test_an_episode_beside_the_same_moves_without_a_shaper(tmp_path, monkeypatch
         (["CranePayload", "--policy", "zvd", "--moves", "0"], "moves must be"),
         (["CranePayload", "--policy", "zvd", "--moves", "1", "--payload", "0.1", "--payload", "0.3"], "at most 1"),
         (["CranePayload", "--policy", "zvd", "--payload", "nan"], "payloads must be finite"),
+        (["DuffingPayload", "--policy", "zvd", "--payload", "-1"], "payloads must not be negative"),
+        (["DuffingPayload", "--policy", "zvd", "--payload", "0"], "payloads: with 0 the plant diverges"),
         (["paper_001", "--payload", "0.3"], "--payload: is for"),
     ]:
         result = run(app, ["animate", *given])

@@ -113,7 +113,7 @@ def watched_moves(
     if payloads and (len(payloads) > moves or params.context != "hidden"):
         raise ValueError(f"payloads must be hidden and at most {moves}, one a move, not {len(payloads)}")
     for payload in payloads:
-        _check.finite(payload, "payloads")
+        _check.not_negative(payload, "payloads")
         params.machine.plant(jnp.asarray(payload), jnp.zeros((), jnp.int32))
     state, observation = reset(first, params)
     memory = policy.init(params)
@@ -126,6 +126,8 @@ def watched_moves(
             key, policy, memory, state, observation, params
         )
         unshaped, shaped = jax.device_get(runs)
+        if not np.all(np.isfinite(unshaped.payload)):
+            raise ValueError(f"payloads: with {float(before.payload):g} the plant diverges")
         yield WatchedMove(plant, unshaped, shaped, float(before.payload), float(before.distance), float(residual))
         if ended:
             break

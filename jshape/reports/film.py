@@ -75,13 +75,17 @@ def film(
         raise ValueError(f"speed must be at least {end / most_frames:.3g} for a move of {end:.4g} s, not {speed:g}")
     step = speed * interval / 1000
     times = step * np.arange(max(int(np.ceil(end / step - 1e-9)), 1))
+    # Curves are as dense as the responses: a period may be shorter than a picture's time.
+    samples = max(len(run.times) for run in runs.values()) - 1
+    fine = max(int(np.ceil(step * samples / end)), 1) if end > 0 else 1
+    curve_times = step / fine * np.arange((len(times) - 1) * fine + 1)
+    bent = {name: sampled(run, run.deflection, curve_times) for name, run in runs.items()}
     with using(style):
         if model is None:
             motions = {name: motion_of(plant, run, times) for name, run in runs.items()}
-            figure, puts = _drawn(plant, motions, times)
+            figure, puts = _drawn(plant, motions, bent, curve_times, fine)
         else:
-            bent = {name: sampled(run, run.deflection, times) for name, run in runs.items()}
-            figure, puts = _rendered(plant, Scene(plant, model, runs, times), bent, times)
+            figure, puts = _rendered(plant, Scene(plant, model, runs, times), bent, curve_times, fine)
     if speed != 1:
         figure.text(0.99, 0.99, f"{speed:g} × true time", fontsize=7, ha="right", va="top", color="0.3")
     return _animated(figure, puts, len(times), interval)
@@ -105,8 +109,9 @@ def film_of_motions(
         style: as of ``film``.
     """
     frames = len(next(iter(motions.values())).places)
+    bent = {name: motion.deflection for name, motion in motions.items()}
     with using(style):
-        figure, puts = _drawn(plant, motions, interval / 1000 * np.arange(frames))
+        figure, puts = _drawn(plant, motions, bent, interval / 1000 * np.arange(frames))
     if captions:
         caption = figure.text(0.99, 0.99, captions[0], fontsize=8, ha="right", va="top", color="0.3")
         puts.append(lambda frame: caption.set_text(captions[frame]))
@@ -167,6 +172,7 @@ def _composed(
     view: tuple[Any, ...],
     bent: Mapping[str, np.ndarray],
     times: np.ndarray,
+    fine: int,
     shown: Callable[[Axes, str, str], Put],
 ) -> tuple[Figure, list[Put]]:
     """The figure, and what moves its parts: wide machines one above the other, others side by side.
@@ -174,8 +180,9 @@ def _composed(
     Args:
         plant: of the motions.
         view: the limits of both axes of a panel.
-        bent: name → deflections, shape (frames, axes).
-        times: s, of the frames.
+        bent: name → deflections, shape (times, axes).
+        times: s, of the deflections.
+        fine: how many of them there are from one frame to the next.
         shown: draws the machine of that name in a panel, in that colour.
     """
     names, below = list(bent), 0.4 + 1.3 * max(len(plant.axes), 1)
@@ -197,22 +204,30 @@ def _composed(
         curves = {name: values[:, i] for name, values in bent.items()}
         factor, unit = (180 / np.pi, "°") if plant.axis_unit(i) == "rad" else (1e3, "mm")
         label = (f"{plant.axes[i]}\n" if plant.axes else "") + f"{bent_word(plant, i)} ({unit})"
-        puts.append(_deflections(axes, label, {name: factor * values for name, values in curves.items()}, times))
+        puts.append(_deflections(axes, label, {name: factor * values for name, values in curves.items()}, times, fine))
     under[0].legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=len(names))
     under[-1].set_xlabel("time (s)")
     return figure, puts
 
 
-def _drawn(plant: "AbstractPlant", motions: Mapping[str, Motion], times: np.ndarray) -> tuple[Figure, list[Put]]:
+def _drawn(
+    plant: "AbstractPlant",
+    motions: Mapping[str, Motion],
+    bent: Mapping[str, np.ndarray],
+    times: np.ndarray,
+    fine: int = 1,
+) -> tuple[Figure, list[Put]]:
     draw, view = view_of(motions.values())
 
     def shown(panel: Axes, name: str, colour: str) -> Put:
         return draw(panel, motions[name].places, view, colour)
 
-    return _composed(plant, view, {name: motion.deflection for name, motion in motions.items()}, times, shown)
+    return _composed(plant, view, bent, times, fine, shown)
 
 
-def _rendered(plant: "AbstractPlant", scene: Scene, bent: Any, times: np.ndarray) -> tuple[Figure, list[Put]]:
+def _rendered(
+    plant: "AbstractPlant", scene: Scene, bent: Mapping[str, np.ndarray], times: np.ndarray, fine: int
+) -> tuple[Figure, list[Put]]:
     """Pictures by MuJoCo's renderer, or lines between the bodies."""
     (left, right), (low, top) = view = scene.view
     # About as many pixels as a panel has.
@@ -226,7 +241,7 @@ def _rendered(plant: "AbstractPlant", scene: Scene, bent: Any, times: np.ndarray
         image = panel.imshow(render(name, 0), extent=(left, right, low, top))
         return lambda frame: image.set_data(render(name, frame))
 
-    return _composed(plant, view, bent, times, shown)
+    return _composed(plant, view, bent, times, fine, shown)
 
 
 def view_of(motions: Iterable[Motion]) -> tuple[Callable[..., Put], tuple[Any, ...]]:
@@ -371,8 +386,8 @@ def _bodies(axes: Axes, scene: Scene, name: str, colour: str) -> Put:
     return put
 
 
-def _deflections(axes: Axes, label: str, curves: Mapping[str, np.ndarray], times: np.ndarray) -> Put:
-    """The deflection of every motion along one axis until now."""
+def _deflections(axes: Axes, label: str, curves: Mapping[str, np.ndarray], times: np.ndarray, fine: int) -> Put:
+    """The deflection of every motion along one axis until now, ``fine`` points from one frame to the next."""
     look = looks(curves)
     lines = {name: axes.plot([], [], label=plain(name), **look[name])[0] for name in curves}
     low, high = (f([f(values) for values in curves.values()]) for f in (np.nanmin, np.nanmax))
@@ -381,8 +396,9 @@ def _deflections(axes: Axes, label: str, curves: Mapping[str, np.ndarray], times
     now = axes.axvline(0.0, color="0.7", linewidth=0.8)
 
     def put(frame: int) -> None:
+        until = frame * fine
         for name, line in lines.items():
-            line.set_data(times[: frame + 1], curves[name][: frame + 1])
-        now.set_xdata([times[frame], times[frame]])
+            line.set_data(times[: until + 1], curves[name][: until + 1])
+        now.set_xdata([times[until], times[until]])
 
     return put
