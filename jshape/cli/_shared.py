@@ -63,7 +63,7 @@ def results_folder(out: Path | None, name: str, checkpoint: str = "") -> Path:
     Args:
         out: as asked for.
         name: of the folder, unless one is asked for.
-        checkpoint: the file in it from which a command resumes, so that nothing is lost where there is one.
+        checkpoint: the file in it from which a command resumes: where there is one, nothing is overwritten.
 
     Raises:
         ValueError: if it holds files that are not jshape's, or cannot be written to.
