@@ -270,8 +270,11 @@ class Search:
             going = any(one.left and not one.ended for one in descents)
             if not excess and self._reached():
                 return
-            if not excess and not going and (not all(one.ended for one in descents) or self._settled()):
-                return
+            if not excess and not going:
+                moved = self._settled() if all(one.ended for one in descents) else None
+                if moved is None:
+                    return
+                descents, bounds = [moved], [-np.inf]
             least = min(one.merit for one in descents)
             descents = [one for one, bound in zip(descents, bounds, strict=True) if bound <= least]
             descents = distinct(descents)[:2]
@@ -302,21 +305,25 @@ class Search:
             self._add(candidate.point, False)
         return maxima[0].energy / max(float(found.energies.max()), 1e-300) - 1
 
-    def _settled(self) -> bool:
-        """Whether the best candidate meets the conditions of an optimum; if not, it is moved to where they hold."""
+    def _settled(self) -> Descent | None:
+        """Where the best candidate does not meet the conditions of an optimum, it is moved to where they hold better.
+
+        Returns:
+            The search that moved it, to go on from; ``None`` where it stays.
+        """
         best, residual = self.best, self.judge.optimality(self.best.point).residual
         if residual < OPTIMAL:
             self.candidates.append(best._replace(optimal=True))
-            return True
-        descent = Descent(self.judge, best.point, BETWEEN)
+            return None
+        descent = Descent(ScaledProblem(self.problem), best.point, BETWEEN)
         descent.run(BETWEEN)
         descent.polish()
         close = self.judge.merit(descent.point) <= best.merit * (1 + 1e-9)
         if not close or self.judge.optimality(descent.point).residual >= residual:
-            return True
+            return None
         # Better, if not by what its value shows: it takes the place of all others.
         self.candidates = [Candidate(self.judge.merit(descent.point), descent.point, descent.optimal)]
-        return False
+        return descent
 
     def _first_order(self, starts: list[Point], iterations: int) -> None:
         """Adam, all starts side by side."""
