@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 
 from jshape.moves import EnvState, Params, bare_energy_and_oracle_cost, plan_move, run_move
 from jshape.plants import AbstractPlant
-from jshape.reports.film import Put, view_of
+from jshape.reports.drawings import Put, view_of
 from jshape.reports.places import motion_of
 from jshape.reports.style import COLOURS, STYLE
 from jshape.shaper import Shaper

@@ -2,6 +2,7 @@
 
 - ``report``: every shaper of a problem compared; ``results``: sweeps and fronts as files.
 - ``plot``: figures, with ``style``, their look, and ``motion`` and ``film``, those of moves.
+- ``drawings``: machines in motion.
 - ``tables``: what the prompt shows.
 """
 
