@@ -1,16 +1,21 @@
-"""How good a design is: on a finer set of plants, under a tighter tolerance, beside the bare command; its status."""
+"""How good a design is: on a finer set of plants, under a tighter tolerance, beside the bare command; its status.
+
+``solution`` puts all that together.
+"""
 
 from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 
+from jshape import _check
 from jshape.design.tuning import interval
 from jshape.design.tuning.design_problem import DesignProblem
 from jshape.design.tuning.evaluate import DIVERGED_ENERGY, Values, evaluate
 from jshape.design.tuning.objective import value_of
-from jshape.design.tuning.scaled_problem import EXCEEDED, ScaledProblem
+from jshape.design.tuning.scaled_problem import EXCEEDED, Optimality, ScaledProblem
 from jshape.design.tuning.scenarios import Point
+from jshape.design.tuning.solution import Solution
 from jshape.simulation.schedule import schedule
 from jshape.simulation.simulate import initial
 from jshape.simulation.steps import TOLERANCE, least_tolerance
@@ -23,6 +28,14 @@ class Candidate(NamedTuple):
     merit: float
     point: Point
     optimal: bool
+
+
+class Course(NamedTuple):
+    """How a search went: its history (see ``Solution``), the objective with how it was found, and if it was stopped."""
+
+    history: list[float]
+    summary: str
+    interrupted: bool
 
 
 def bare_energy(judge: ScaledProblem) -> float:
@@ -74,3 +87,45 @@ def status_of(values: np.ndarray, slacks: np.ndarray, optimal: bool) -> Status:
     if slacks.min(initial=0.0) < -EXCEEDED:
         return Status.INFEASIBLE
     return Status.CONVERGED if optimal else Status.STOPPED
+
+
+def solution(judge: ScaledProblem, best: Candidate, balance: Optimality, enough: bool, course: Course) -> Solution:
+    """A design as the result of a search: judged under the tightest tolerance and on a finer set.
+
+    Args:
+        judge: of the problem.
+        best: the design.
+        balance: how well it meets the conditions of an optimum.
+        enough: whether the plants of the set are dense enough for the worst case.
+        course: how the search came to it.
+    """
+    problem, scenarios = judge.problem, judge.problem.scenarios
+    amplitudes, gaps, leaves = (np.asarray(part) for part in best.point)
+    point = Point(amplitudes, gaps, _check.on_device(leaves))
+    found = judge.values(judge.vector(best.point))
+    values, slacks = found.energies, found.slacks
+    slack = float(slacks.min(initial=1.0))
+    status = Status.INTERRUPTED if course.interrupted else status_of(values, slacks, best.optimal)
+    doubts = f"; a limit is missed by {-100 * slack:.3g} %" if slack < -EXCEEDED else ""
+    if not enough:
+        doubts += "; the modes' phases differ so much over the set that a worse plant may stand between its plants"
+    heaviest = np.argsort(-balance.multipliers, kind="stable")
+    heaviest = heaviest[balance.multipliers[heaviest] > 1e-6]
+    samples = {name: np.asarray(v) for name, v in scenarios.samples.items()}
+    active = {name: v[heaviest] for name, v in samples.items()}
+    return Solution(
+        shaping=scenarios.shaping(Point(problem.bounds.each(lambda a: a / a.sum(), amplitudes), gaps, leaves)),
+        objective=value_of(problem.objective, values),
+        status=status,
+        message=f"{status.value}: {course.summary}{doubts}",
+        history=np.array(course.history or [best.merit]),
+        energies=values,
+        samples=samples,
+        objective_on_finer_set=on_finer_set(problem, best.point, found),
+        error=error_of(problem, best.point, found),
+        active={**active, "multiplier": balance.multipliers[heaviest]} if active else {},
+        optimality=balance.residual,
+        plant=scenarios.with_design(scenarios.plant, point),
+        leaves={name: float(leaves[i]) for i, name in enumerate(scenarios.designed)},
+        slack=slack,
+    )

@@ -9,22 +9,20 @@ from concurrent.futures import Future, wait
 
 import numpy as np
 
-from jshape import _check
 from jshape._compiling import beside
 from jshape._types import Progress
 from jshape.design.tuning import digital, interval, linear_models
 from jshape.design.tuning.adam import descend
 from jshape.design.tuning.design_problem import DesignProblem
 from jshape.design.tuning.evaluate import DIVERGED_ENERGY, LOOSEST
-from jshape.design.tuning.judging import Candidate, bare_energy, error_of, on_finer_set, status_of
+from jshape.design.tuning.judging import Candidate, Course, bare_energy, solution
 from jshape.design.tuning.local_search import COARSE, KNOWN, Descent, distinct, merged, side_by_side
 from jshape.design.tuning.objective import objective_name, value_of
 from jshape.design.tuning.restarts import Around, around
-from jshape.design.tuning.scaled_problem import EXCEEDED, OPTIMAL, Optimality, ScaledProblem
+from jshape.design.tuning.scaled_problem import OPTIMAL, Optimality, ScaledProblem
 from jshape.design.tuning.scenarios import Point
 from jshape.design.tuning.solution import Solution
 from jshape.design.tuning.zero_energy import End, ends_of, rounding
-from jshape.status import Status
 
 ROUNDS = ((12, 4), (8, 4), (5, 6), (3, 12), (1, 24), (2, None))
 """How many of the best starts are refined, and by how many iterations, before the best of those go on, two
@@ -370,39 +368,13 @@ class Search:
         return f"{objective_name(problem.objective)} {value:.6g}{unit}{cost}"
 
     def _solution(self) -> Solution:
-        """The best candidate, judged: to the tightest tolerance, on a finer set, by the conditions of an optimum."""
-        problem, scenarios, best = self.problem, self.problem.scenarios, self.best
-        amplitudes, gaps, leaves = (np.asarray(part) for part in best.point)
-        point = Point(amplitudes, gaps, _check.on_device(leaves))
-        found = self.judge.values(self.judge.vector(best.point))
-        values, slacks = found.energies, found.slacks
+        """The best candidate, judged."""
+        best = self.best
         few = self.around is not None and (self.around.few or self.around.alone)
-        status = Status.INTERRUPTED if self.interrupted else status_of(values, slacks, best.optimal and not few)
-        slack = float(slacks.min(initial=1.0))
-        doubts = f"; a limit is missed by {-100 * slack:.3g} %" if slack < -EXCEEDED else ""
-        if problem.objective == "worst" and scenarios.samples and not self._resolved.enough:
-            doubts += "; the modes' phases differ so much over the set that a worse plant may stand between its plants"
-        balance = self._optimality(best.point, values)
-        heaviest = np.argsort(-balance.multipliers, kind="stable")
-        heaviest = heaviest[balance.multipliers[heaviest] > 1e-6]
-        samples = {name: np.asarray(v) for name, v in scenarios.samples.items()}
-        active = {name: v[heaviest] for name, v in samples.items()}
-        return Solution(
-            shaping=scenarios.shaping(Point(problem.bounds.each(lambda a: a / a.sum(), amplitudes), gaps, leaves)),
-            objective=value_of(problem.objective, values),
-            status=status,
-            message=f"{status.value}: {self.summary}{doubts}",
-            history=np.array(self.history or [best.merit]),
-            energies=values,
-            samples=samples,
-            objective_on_finer_set=on_finer_set(problem, best.point, found),
-            error=error_of(problem, best.point, found),
-            active={**active, "multiplier": balance.multipliers[heaviest]} if active else {},
-            optimality=balance.residual,
-            plant=scenarios.with_design(scenarios.plant, point),
-            leaves={name: float(leaves[i]) for i, name in enumerate(scenarios.designed)},
-            slack=slack,
-        )
+        balance = self._optimality(best.point, self.judge.values(self.judge.vector(best.point)).energies)
+        enough = self.problem.objective != "worst" or not self.problem.scenarios.samples or self._resolved.enough
+        best = best._replace(optimal=best.optimal and not few)
+        return solution(self.judge, best, balance, enough, Course(self.history, self.summary, self.interrupted))
 
     def _optimality(self, point: Point, values: np.ndarray) -> Optimality:
         if self.problem.zero_is_optimal and self.best.optimal and float(values.max()) <= self._rounding:
