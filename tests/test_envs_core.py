@@ -1,5 +1,6 @@
 """The environments as pure functions: their physics beside SciPy's and jshape's own, their gradients, their rules."""
 
+import itertools
 import sys
 
 import equinox as eqx
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 from jshape_envs import (
     ENVIRONMENTS,
+    HoistingMachine,
     Machine,
     Params,
     RampProfile,
@@ -23,6 +25,7 @@ from jshape_envs import (
 import jshape as js
 from jshape.moves import STRICTNESS, ImpulseAction, ModalAction, ResidualAction, Sensor, ShaperTable
 from jshape.moves.physics import of_first_axis
+from jshape.simulation.schedule import schedule
 
 KEY = jax.random.key(7)
 
@@ -95,13 +98,18 @@ def test_moves_of_every_environment_agree_with_jshape_in_double_precision(name):
 
 
 @pytest.fixture
-def slow_crane(monkeypatch):
-    """A crane of one's own at 0.05 m/s, its oracle left out."""
+def without_oracle(monkeypatch):
+    """Machines of one's own have a table of ones in the place of an oracle, which takes ten seconds to design."""
     one = jnp.ones((9, 9, 2), jnp.float32)
     pairs = jnp.stack([one, one], axis=-1) / 2
     table = ShaperTable(jnp.array([3.0, 8.0]), jnp.array([1.0, 9.0]), pairs, pairs, one, one)
     # The package's function of that name hides the module.
     monkeypatch.setattr(sys.modules[parameters.__module__], "design_table", lambda *_: table)
+
+
+@pytest.fixture
+def slow_crane(without_oracle):
+    """A crane of one's own at 0.05 m/s."""
     machine = Machine(js.plants.Crane(5.0, drive="velocity"), "cable_length", RampProfile(0.05))
     return parameters(machine, payload=(3.0, 8.0), distance=(0.1, 0.9))
 
@@ -111,6 +119,38 @@ def test_the_sensor_of_ones_own_machine_reaches_as_far_as_it_swings(slow_crane):
     greatest = 2 * 0.05 * np.sqrt(8.0 / 9.81)
     assert 0.8 * greatest < float(slow_crane.sensor.reach) < 1.001 * greatest
     assert float(slow_crane.sensor.noise) == pytest.approx(0.005 * float(slow_crane.sensor.reach))
+
+
+@pytest.mark.slow
+def test_a_sensor_reaches_as_far_as_both_kinds_of_move_swing(without_oracle):
+    """A hoisting crane that lowers leaves more than one that hoists; each reaches what some move of it leaves."""
+    machine = HoistingMachine(6.0, 2.0, TrapezoidProfile(1.0, 0.8), 1.0, 1.0, 0.0)
+    params = parameters(machine, payload=(0.5, 1.5), distance=(2.0, 4.0))
+    greatest = []
+    for moves in (jnp.asarray(0), jnp.asarray(1)):
+        swings = []
+        for payload, distance in itertools.product((0.5, 1.0, 1.5), np.linspace(2.0, 4.0, 9)):
+            plant, command = machine.plant(jnp.asarray(payload), moves), machine.command(jnp.asarray(distance), moves)
+            found = js.simulate(plant, command)
+            after = np.asarray(found.times) - float(schedule(plant, command).breaks[-1])
+            within = (after > 0) & (after < float(params.sensor.window))
+            swings.append(np.abs(np.asarray(found.deflection)[within]).max())
+        greatest.append(max(swings))
+    assert max(greatest) > 1.1 * min(greatest)
+    assert 0.98 * max(greatest) < float(params.sensor.reach) < 1.02 * max(greatest)
+
+
+@pytest.mark.slow
+def test_a_payload_may_be_negative_where_the_machine_s_own_may(without_oracle):
+    from jshape_envs.baselines import baseline
+    from jshape_envs.film import watched_moves
+
+    machine = Machine(js.plants.TwoMass(spring=js.plants.Duffing(10.0, 5.0)), "spring.k3")
+    params = parameters(machine, payload=(-5.0, 5.0), distance=(0.1, 0.3))
+    watch = lambda payload: next(watched_moves(params, baseline("zvd", params), 1, payloads=(payload,)))
+    assert watch(-3.0).payload == -3.0
+    with pytest.raises(ValueError, match="payloads must be finite"):
+        watch(np.inf)
 
 
 @pytest.mark.slow

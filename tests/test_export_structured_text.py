@@ -15,7 +15,7 @@ from function_blocks import Block, shaped
 
 import jshape as js
 from jshape.export import export
-from jshape.export.structured_text import real
+from jshape.export.structured_text import in_dialect, real
 
 
 def filtered(taps, commands):
@@ -256,6 +256,15 @@ def test_dialects_hold_the_same_block(source, table, commands):
     assert "#Switches[#Upcoming]" in export(ON_OFF, "on_off", sample_time=0.04, modes=MODES, dialect="tia")
     with pytest.raises(ValueError, match="dialect must be one of"):
         made("basic")
+
+
+def test_labels_of_a_case_are_no_variables():
+    """A label and a comment that look like a declaration: neither is marked, nor keeps a name from the block."""
+    block = "FUNCTION_BLOCK Way\nVAR\n    State : INT;\nEND_VAR\n"
+    body = "CASE State OF\n    1 : State := 1;\nEND_CASE;\nEND_FUNCTION_BLOCK\n"
+    found = in_dialect(f"(*\n    Way : of a block\n*)\n{block}{body}", "Way", "tia")
+    assert "CASE #State OF\n    1 : #State := 1;" in found
+    assert "    State : INT;" in found
 
 
 # By a compiler for controllers

@@ -113,7 +113,8 @@ def watched_moves(
     if payloads and (len(payloads) > moves or params.context != "hidden"):
         raise ValueError(f"payloads must be hidden and at most {moves}, one a move, not {len(payloads)}")
     for payload in payloads:
-        _check.not_negative(payload, "payloads")
+        checked = _check.not_negative if params.payload[0] >= 0 else _check.finite
+        checked(payload, "payloads")
         params.machine.plant(jnp.asarray(payload), jnp.zeros((), jnp.int32))
     state, observation = reset(first, params)
     memory = policy.init(params)

@@ -7,7 +7,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from jshape import Shaper, _check
 from jshape._files import read_arrays
@@ -16,7 +16,7 @@ from jshape.design.linear import multi_mode
 from jshape.moves.actions import AbstractAction, ImpulseAction, ModalAction, ResidualAction
 from jshape.moves.core import CONTEXTS, Params
 from jshape.moves.design import design_table
-from jshape.moves.machine import AbstractMachine
+from jshape.moves.machine import CASES, AbstractMachine
 from jshape.moves.oracle import ShaperTable
 from jshape.moves.physics import Steps, of_first_axis, plan_move, run_move, run_window
 from jshape.moves.sensor import Sensor
@@ -120,12 +120,11 @@ def parameters(
     if known is None:
         known = Environment(type(machine), longest_move, 1.25 * float(period), 3, 0.75 * float(period), (9, 9), {})
     window = known.window if window is None else window
+    steps = Steps(*(chosen.steps or _steps(machine, plants, known.longest, float(window), samples, distances[1])))
     sensor = Sensor(known.reach, 0.0, 0.0, window, samples, observation)
-    found = chosen.steps or _steps(machine, plants, known.longest, float(window), samples, distances[1])
-    steps = Steps(found[0], found[1])
     if reach is None:
         reach = known.reach if known.presets else _reach(machine, payloads, distances, _cast(sensor, dtype), steps)
-    sensor = Sensor(reach, chosen.noise * reach, chosen.resolution * reach, window, samples, observation)
+    sensor = dataclasses.replace(sensor, reach=reach, noise=chosen.noise * reach, resolution=chosen.resolution * reach)
     weights = (_cast(energy_weight, dtype), _cast(time_weight, dtype))
     table = _shipped(environment, preset, chosen, energy_weight, time_weight)
     if table is None:
@@ -197,23 +196,22 @@ def _steps(
 def _reach(
     machine: AbstractMachine, payloads: Float[Array, "2"], distances: Float[Array, "2"], sensor: Sensor, steps: Steps
 ) -> float:
-    """The greatest deflection in the window after moves without a shaper, m (rad for an angle).
+    """The greatest deflection in the window after moves of both kinds without a shaper, m (rad for an angle).
 
     The longest move, where a plant diverges or none leaves anything.
     """
 
-    @jax.jit
-    @jax.vmap
-    def left(payload: Scalar, distance: Scalar) -> Scalar:
-        first = jnp.zeros((), jnp.int32)
-        plant = machine.plant(payload, first)
-        plan = plan_move(plant, machine.command(distance, first), None, jnp.zeros_like(distance))
+    def left(payload: Scalar, distance: Scalar, moves: Int[Array, ""]) -> Scalar:
+        plant = machine.plant(payload, moves)
+        plan = plan_move(plant, machine.command(distance, moves), None, jnp.zeros_like(distance))
         state, _ = run_move(plant, plan, plant.rest_state(plant.zero_inputs()).astype(distance.dtype), steps)
         return jnp.max(jnp.abs(run_window(plant, plan, state, sensor, steps)[1]))
 
     spans = jnp.linspace(payloads[0], payloads[1], 5), jnp.linspace(distances[0], distances[1], 17)
-    sets = jnp.meshgrid(*spans)
-    greatest = float(jnp.max(left(*(each.ravel() for each in sets))))
+    every, length = (each.ravel() for each in jnp.meshgrid(*spans))
+    over = jax.jit(jax.vmap(left, (0, 0, None)))
+    examples = [machine.example(case) for case in range(CASES)]
+    greatest = float(np.max([over(every, sign * length, jnp.asarray(moves)) for sign, moves in examples]))
     return greatest if 0 < greatest < jnp.inf else float(distances[1])
 
 

@@ -39,13 +39,13 @@ def in_dialect(text: str, name: str, dialect: str) -> str:
         ValueError: for an unknown dialect, and a name that one of the block's variables has.
     """
     _check.one_of(dialect, "dialect", DIALECTS)
-    variables = re.findall(r"^    (\w+) : ", text, re.M)
+    about, _, block = text.partition(f"FUNCTION_BLOCK {name}\n")
+    declared, _, body = block.rpartition("END_VAR\n")
+    variables = re.findall(r"^    (\w+) : ", declared, re.M)
     if name.lower() in map(str.lower, variables):
         raise ValueError(f"name must not be that of a variable of the block, {', '.join(variables)}, not {name!r}")
     if dialect == "iec":
         return text
-    about, _, block = text.partition(f"FUNCTION_BLOCK {name}\n")
-    declared, _, body = block.rpartition("END_VAR\n")
     body, declared = body.removesuffix("END_FUNCTION_BLOCK\n").strip("\n") + "\n", f"{declared}END_VAR\n"
     if dialect == "codesys":
         note = "(* CODESYS: down to the last END_VAR into the upper pane, what follows into the lower one. *)\n"
