@@ -202,7 +202,9 @@ def fit_window(own: Any, numbers: Numbers, means: Any) -> Estimate:
     omega_std, zeta_std = (xp.sqrt(abs(xp.einsum("im,imjm,jm->m", by, covariance, by))) for by in (by_omega, by_zeta))
     gain = mean_gain(numbers, damped, own.sample_time, own.block)
     magnitude = scale * amplitudes * xp.exp(-decay * times[-1]) / gain
-    zeta = xp.maximum(decay / omega, 0.0)
+    zeta = decay / omega
+    # What is cut off of a vibration that grows counts as an error.
+    zeta, zeta_std = xp.maximum(zeta, 0.0), xp.hypot(zeta_std, xp.minimum(zeta, 0.0))
     found = Estimate(omega, zeta, omega_std, zeta_std, magnitude, xp.full(modes, True))
     order = _order(xp, own.bands, found)
     return Estimate(*(field[order] for field in found))

@@ -40,14 +40,14 @@ class Line(NamedTuple):
         point = Line(weight, weight * x, weight * y, weight * x * x, weight * x * y, weight * y * y)
         return Line(*(old + new for old, new in zip(self, point, strict=True)))
 
-    def slope(self, numbers: Numbers, points: Any) -> tuple[Any, Any]:
-        """The slope and its variance, by the scatter about the line."""
+    def slope(self, numbers: Numbers, points: Any) -> tuple[Any, Any, Any]:
+        """The slope, its variance by the scatter about the line, and what a variance of the points is divided by."""
         weight = numbers.select(self.weight > 0, self.weight, 1.0)
         xx, yy = self.xx - self.x**2 / weight, self.yy - self.y**2 / weight
         xy, xx = self.xy - self.x * self.y / weight, numbers.select(xx > 0, xx, 1.0)
         slope, free = xy / xx, numbers.select(points > 2, points - 2, 1)
         scatter = yy - slope * xy
-        return slope, numbers.select(scatter > 0, scatter, 0.0) / free / xx
+        return slope, numbers.select(scatter > 0, scatter, 0.0) / free / xx, xx
 
 
 class Decay(NamedTuple):
@@ -163,7 +163,9 @@ def _with_mean(own: Any, numbers: Numbers, decay: Decay, mean: Any) -> Decay:
     bend = older - 2 * newer + latest
     aside = (older - latest) / (2 * select(bend < 0, bend, -1.0))
     peak = newer - (older - latest) * aside / 4
-    higher = (newer >= older) & (newer > latest) & (peak > up * decay.extreme)
+    # Before the first turn there are not always three means.
+    known = (decay.turns > 0) | (clock > 2)
+    higher = known & (newer >= older) & (newer > latest) & (peak > up * decay.extreme)
     extreme, reached = select(higher, (up * peak, clock - 1 + aside), (decay.extreme, decay.reached))
     passed = decay._replace(older=decay.newer, newer=mean, clock=clock, extreme=extreme, reached=reached)
     turns = up * extreme - latest > own.threshold
@@ -212,19 +214,27 @@ def _estimate(own: Any, numbers: Numbers, decay: Decay) -> Estimate:
     """Frequency and damping of the two lines."""
     xp, select = numbers.xp, numbers.select
     spacing = own.block * own.sample_time
-    falling, falling_variance = decay.sizes.slope(numbers, decay.swings)
-    half, half_variance = decay.times.slope(numbers, decay.swings)
+    falling, falling_variance, size_spread = decay.sizes.slope(numbers, decay.swings)
+    half, half_variance, time_spread = decay.times.slope(numbers, decay.swings)
     half = select(half > 0, half, np.inf)
     damped, sigma = np.pi / (half * spacing), -falling / spacing
     omega = xp.hypot(damped, sigma)
     omega = select(omega > 0, omega, 1.0)
-    damped_std, sigma_std = damped * xp.sqrt(half_variance) / half, xp.sqrt(falling_variance) / spacing
     zeta = sigma / omega
+    # Between the means a parabola misses a turning point by so much, at most; which need not scatter.
+    angle = omega * spacing
+    size_error, time_error = angle**4 / 43 + abs(zeta) * angle**3 / 8, angle**2 / 62 + abs(zeta) * angle / 6
+    half_variance, falling_variance = (
+        half_variance + time_error**2 / time_spread, falling_variance + size_error**2 / size_spread,
+    )  # fmt: skip
+    damped_std, sigma_std = damped * xp.sqrt(half_variance) / half, xp.sqrt(falling_variance) / spacing
+    zeta_std = xp.hypot(damped * sigma_std, sigma * damped_std) * damped / omega**3
     return Estimate(
         omega,
         select(zeta > 0, zeta, 0.0),
         xp.hypot(damped * damped_std, sigma * sigma_std) / omega,
-        xp.hypot(damped * sigma_std, sigma * damped_std) * damped / omega**3,
+        # What is cut off of a vibration that grows counts as an error.
+        xp.hypot(zeta_std, select(zeta < 0, zeta, 0.0)),
         decay.swing / mean_gain(numbers, omega, own.sample_time, own.block),
         True,
     )

@@ -32,6 +32,8 @@ class TrackState(NamedTuple):
     """Of the mean: (5, 5)."""
     outliers: Any
     """How many more than other samples, in the end: one less with each that is none."""
+    misfit: Any
+    """Squared innovations over their variance, mean of the lowest frequency's half period; 1 where all is modelled."""
     sensor: Sensor
     estimate: Estimate
     reason: Any
@@ -44,8 +46,9 @@ class FrequencyTracker(AbstractIdentifier):
     (``OUTLIER``); once these outnumber the others by half a period of the lowest frequency, or if everything is
     forgotten after a long gap, the filter begins anew. It begins in the middle of the band and converges from there
     where one vibration stands out; a second one of like size in or near the band misleads it. Damping ratios from
-    ``GREATEST_ZETA`` on are outside of what it follows. Standard deviations are
-    the filter's own, so as good as ``noise`` is.
+    ``GREATEST_ZETA`` on are outside of what it follows. Standard deviations are the filter's own, times the mean of the
+    squared innovations over their variance where that is above 1: what the filter does not model (a ramp, a second
+    vibration, noise above ``noise``) comes many samples in a row, and does not average out.
 
     Args:
         sample_time: s.
@@ -93,7 +96,7 @@ class FrequencyTracker(AbstractIdentifier):
     def initial(self) -> TrackState:
         # So many outliers that the filter begins with the first sample.
         outliers, none = self.patience + 1, (np.zeros(5), np.zeros((5, 5)))
-        return TrackState(*none, outliers, Sensor(), uninformed(self.band), reasons.STARTING)
+        return TrackState(*none, outliers, 1.0, Sensor(), uninformed(self.band), reasons.STARTING)
 
     @staticmethod
     def advance(own: Any, numbers: Numbers, state: TrackState, sample: Any, active: Any) -> TrackState:
@@ -115,6 +118,9 @@ class FrequencyTracker(AbstractIdentifier):
         innovation = value - mean[0] - mean[4]
         outlier = innovation**2 > GATE * variance
         weight = select((trouble == reasons.FOUND) & (outlier == 0), 1 / variance, 0.0)
+        # An outlier counts, too, as the least that is one: of what is not modelled at all, most samples are.
+        square = select(outlier, GATE, innovation**2 / variance)
+        misfit = state.misfit + select(trouble == reasons.FOUND, square - state.misfit, 0.0) / own.patience
         mean = mean + weight * innovation * cross
         covariance = covariance - weight * xp.outer(cross, cross)
         omega, zeta = xp.clip(mean[2], low, high), xp.clip(mean[3], 0.0, GREATEST_ZETA)
@@ -123,7 +129,8 @@ class FrequencyTracker(AbstractIdentifier):
         fewer = select(outliers > 0, outliers - 1, 0)
         outliers = select(trouble == reasons.FOUND, select(outlier, outliers + 1, fewer), outliers)
 
-        omega_std, zeta_std = (xp.sqrt(xp.maximum(covariance[i, i], 0.0)) for i in (2, 3))
+        wider = select(misfit > 1, misfit, 1.0)
+        omega_std, zeta_std = (wider * xp.sqrt(xp.maximum(covariance[i, i], 0.0)) for i in (2, 3))
         found = Estimate(mean[2], mean[3], omega_std, zeta_std, xp.hypot(mean[0], mean[1]), True)
         reason = reasons.first(
             numbers,
@@ -133,7 +140,9 @@ class FrequencyTracker(AbstractIdentifier):
             ((found.omega <= low) | (found.omega >= high) | (zeta >= GREATEST_ZETA), reasons.OUTSIDE),
             (omega_std > own.precision * found.omega, reasons.UNCERTAIN),
         )
-        return TrackState(mean, covariance, outliers, sensor, settle(numbers, state.estimate, found, reason), reason)
+        return TrackState(
+            mean, covariance, outliers, misfit, sensor, settle(numbers, state.estimate, found, reason), reason
+        )
 
 
 def _prior(own: Any, xp: Any, value: Any) -> tuple[Any, Any, Any]:

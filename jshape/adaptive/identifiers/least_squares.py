@@ -184,6 +184,8 @@ class FilteredLeastSquares:
         valid = (amplitude > self.threshold) & (omega > low) & (omega < high) & (abs(zeta) < 0.5)
         valid = valid & (omega_std < self.accuracy * omega) & (omega * self.sample_time < 2 * math.pi / SAMPLES)
         gain_valid = valid & (gain_std < self.accuracy * abs(gain))
+        # What is cut off of a vibration that grows counts as an error.
+        zeta_std = xp.hypot(zeta_std, xp.minimum(zeta, 0.0))
         return Fit(omega, xp.clip(zeta, 0.0, 0.5), gain, omega_std, zeta_std, gain_std, valid, gain_valid)
 
     def phasor(self, numbers: Numbers, state: Normal, omega: Any, zeta: Any) -> Any:
