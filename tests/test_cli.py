@@ -84,7 +84,7 @@ def test_compare_says_why_no_closed_form_applies(tmp_path):
 def test_an_earlier_result_is_named(tmp_path, capsys):
     write_results(tmp_path, {})
     assert results_folder(tmp_path, "unused") == tmp_path
-    assert f"{tmp_path}: holds an earlier result, which is overwritten" in capsys.readouterr().err
+    assert f"{tmp_path}: holds an earlier result, which a new one replaces" in capsys.readouterr().err
     assert results_folder(None, "other-results") == Path("other-results")
     assert capsys.readouterr().err == ""
 

@@ -1,5 +1,7 @@
 """Problem files: what is shipped loads; what is wrong is told with its line and key."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -227,6 +229,41 @@ def test_quantities_with_units(load):
     assert read.questions == []
     assert "move: Trapezoid, distance 0.5 m, speed 1 m/s, acceleration 4 m/s²" in read.understood
     assert "uncertain: m2 1000 … 8000 kg (0.25 … 2 times 4000 kg; 9 values)" in read.understood
+
+
+@pytest.mark.parametrize(
+    ("load_at_tip", "link", "uncertain", "found"),
+    [
+        ('"200 g"', "", "[0.0, 20.0]", "plant.load: must be a number without a unit, not '200 g'"),
+        ("10", "", '["0 g", "200 g"]', "uncertainty.load: must be a number without a unit, not '0 g'"),
+        ("10", "", "[0.0, 2.0]", 10.0),
+        ('"200 g"', 'loads = ["0 g", "100 g", "300 g"]', '["0 g", "300 g"]', 0.2),
+        ('"200 g"', 'type = "Beam"\nlength = 1\nbending_stiffness = 5\nmass_per_length = 0.3', '["0 g", "1 kg"]', 0.2),
+        ('"1 m"', 'type = "Beam"\nlength = 1\nbending_stiffness = 5\nmass_per_length = 0.3', "[0, 1]", "must be in kg"),
+    ],
+)
+def test_a_link_s_load_has_the_unit_of_its_link(tmp_path, load_at_tip, link, uncertain, found):
+    """Two hundred grams are no fifth of a coin."""
+    kind = "" if "type" in link else 'type = "TabulatedLink"'
+    text = f"""title = "Link"
+distance = 1
+[plant]
+type = "FlexibleLink"
+load = {load_at_tip}
+[plant.link]
+{kind}
+{link}
+[uncertainty]
+load = {{ values = {uncertain} }}
+[design]
+impulses = 3
+"""
+    (tmp_path / "link.toml").write_text(text)
+    if isinstance(found, str):
+        with pytest.raises(ValueError, match=re.escape(found)):
+            reading.read(str(tmp_path / "link.toml"))
+    else:
+        assert reading.read(str(tmp_path / "link.toml")).plant.values["load"] == pytest.approx(found)
 
 
 def test_a_multiple_and_an_absolute_value_are_the_same(load):

@@ -55,7 +55,7 @@ def test_quantities(text, unit, value):
         ("7", "m", "must be a number, or a text with a unit such as '6.5 m', not '7'"),
         ("3 kg", "m", "must be in m or a multiple of it, not '3 kg'"),
         ("3 Hz", "1/s", "must be in 1/s or a multiple of it, not '3 Hz'"),
-        ("3 m", "", "must be in no unit"),
+        ("3 m", "", "must be a number without a unit, not '3 m'"),
         ("3 N/m", "N/m^p", "must be a number, in N/m^p"),
     ],
 )

@@ -74,7 +74,7 @@ def results_folder(out: Path | None, name: str, checkpoint: str = "") -> Path:
     check_writable(folder)
     resumed = checkpoint and (folder / checkpoint).exists()
     if (folder / "results.json").exists() and not resumed:
-        typer.echo(f"{folder}: holds an earlier result, which is overwritten", err=True)
+        typer.echo(f"{folder}: holds an earlier result, which a new one replaces", err=True)
     return folder
 
 

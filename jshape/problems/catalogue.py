@@ -146,6 +146,22 @@ def suggestion(name: str, names: Iterable[str]) -> str:
     return f"; did you mean {lower[near[0]]}?" if near else ""
 
 
+def with_load(entry: Entry, values: dict[str, Any]) -> Entry:
+    """The entry of a plant with its load, if it has one, in the unit of its link: at the tip of a beam kg.
+
+    Args:
+        entry: of the plant.
+        values: its parameters as they are written. Where a table's loads are numbers, its load has no unit, either.
+    """
+    if "load" not in entry.keys or "link" not in entry.keys:
+        return entry
+    link = values.get("link")
+    link = link if isinstance(link, dict) else {}
+    loads = link.get("loads") if isinstance(link.get("loads"), list) else []
+    unit = "kg" if link.get("type") == "Beam" else None if any(isinstance(each, str) for each in loads) else ""
+    return dataclasses.replace(entry, keys=entry.keys | {"load": dataclasses.replace(entry.keys["load"], unit=unit)})
+
+
 def leaf_unit(leaf: str) -> str | None:
     """Unit of a leaf of a plant that is read from a file; ``None`` for a joint's, which depend on the joint."""
     part, _, rest = leaf.partition(".")

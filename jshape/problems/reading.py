@@ -301,7 +301,8 @@ class _Reader:
             near = suggestion(kind, known) if isinstance(kind, str) else ""
             raise self.lines.error([*keys, "type"], f"must be one of {', '.join(known)}, not {kind!r}{near}")
         rest = {key: value for key, value in table.items() if key != "type"}
-        return Part(kind, self.values(known[kind], rest, keys, units), known[kind])
+        entry = catalogue.with_load(known[kind], rest)
+        return Part(kind, self.values(entry, rest, keys, units), entry)
 
     def values(self, entry: Entry, table: dict[str, Any], keys: list[str], units: dict[str, str]) -> dict[str, Any]:
         """The parameters of an object of a class, checked."""

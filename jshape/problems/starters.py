@@ -75,7 +75,7 @@ def leaf_unit(starter: Starter, leaf: str) -> str | None:
             base = entry.keys[name].part if name in entry.keys else None
             if base is not None:
                 found[name] = part(value["type"], value, known(base)[value["type"]])
-        return reading.Part(kind, found, entry)
+        return reading.Part(kind, found, catalogue.with_load(entry, values))
 
     return reading.leaf_unit(part(starter.plant, starter.values, catalogue.plants()[starter.plant]), leaf)
 

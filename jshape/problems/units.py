@@ -99,7 +99,8 @@ def quantity(value: Any, unit: str | None) -> Any:
     factor, powers = size(given)
     target, wanted = (1.0, powers) if unit is None else size(unit)
     if powers != wanted:
-        raise ValueError(f"must be in {unit or 'no unit'} or a multiple of it, not {value!r}")
+        wanted = f"in {unit} or a multiple of it" if unit else "a number without a unit"
+        raise ValueError(f"must be {wanted}, not {value!r}")
     return number * factor / target
 
 
