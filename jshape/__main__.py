@@ -1,5 +1,16 @@
-"""``python -m jshape`` is the command line."""
+"""The entry of the command line, also of ``python -m jshape``."""
 
-from jshape.cli import main
+import sys
 
-main()
+
+def main() -> None:
+    """Run the command line; an interrupt while it is being loaded ends it without a traceback."""
+    try:
+        from jshape.cli import main
+    except KeyboardInterrupt:
+        sys.exit(130)
+    main()
+
+
+if __name__ == "__main__":
+    main()

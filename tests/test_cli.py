@@ -101,6 +101,14 @@ def test_figures_are_drawn_in_processes_of_their_own(tmp_path):
         draw(tmp_path / "nowhere" / "a.png", "convergence", history, "worst")
 
 
+def test_processes_that_draw_end_with_a_command_that_ended_before_they_began():
+    """Interrupted while it loads its libraries, a command left two of them for good, who held its output open."""
+    code = "import os; from jshape.cli._artist import artist\nwith artist(): os._exit(3)"
+    # Returns once nobody has the output open.
+    ended = subprocess.run([sys.executable, "-c", code], stdout=subprocess.PIPE, timeout=120)
+    assert ended.returncode == 3
+
+
 def test_new_writes_once(tmp_path):
     path = tmp_path / "mine.toml"
     assert run(app, ["new", str(path), "--like", "own_plant"]).exit_code == 0

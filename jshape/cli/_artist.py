@@ -27,7 +27,8 @@ def artist() -> Iterator[Callable[..., None]]:
     While the command loads its libraries and computes, two processes load matplotlib and draw; two, since the last
     figures come together. At the end all figures are on disk, and what went wrong with one of them is raised.
     """
-    with ProcessPoolExecutor(2, multiprocessing.get_context("spawn"), initializer=_begin) as processes:
+    spawn = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(2, spawn, initializer=_begin, initargs=(os.getpid(),)) as processes:
         figures: list[Future] = [processes.submit(_warm_up) for _ in range(2)]
         try:
             yield lambda *figure: figures.append(processes.submit(_draw, *figure))
@@ -38,8 +39,9 @@ def artist() -> Iterator[Callable[..., None]]:
             figure.result()
 
 
-def _begin() -> None:
-    threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
+def _begin(parent: int) -> None:
+    # The command may have ended already: whoever is the parent now is not asked.
+    threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
     # An interrupt is the other process's business, and so is most of the machine.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(os, "nice"):
