@@ -1,5 +1,6 @@
 """The environments as pure functions: their physics beside SciPy's and jshape's own, their gradients, their rules."""
 
+import dataclasses
 import itertools
 import sys
 
@@ -151,6 +152,39 @@ def test_a_payload_may_be_negative_where_the_machine_s_own_may(without_oracle):
     assert watch(-3.0).payload == -3.0
     with pytest.raises(ValueError, match="payloads must be finite"):
         watch(np.inf)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("machine", "payload", "distance"),
+    [
+        (
+            Machine(js.plants.TwoMass(spring=js.plants.LinearSpring(10.0)), "m2", TrapezoidProfile(1.0, 0.5)),
+            (0.5, 2.0),
+            (0.3, 1.0),
+        ),
+        (Machine(js.plants.Crane(5.0), "cable_length", TrapezoidProfile(1.0, 0.5)), (4.0, 6.0), (0.5, 5.0)),
+        (HoistingMachine(5.0, 1.0, TrapezoidProfile(1.0, 0.5), 1.0, 1.0, 0.1), (0.2, 1.0), (0.5, 4.0)),
+    ],
+    ids=["pair", "crane", "hoisting"],
+)
+def test_residuals_of_ones_own_machine_are_those_of_the_adaptive_solver(without_oracle, machine, payload, distance):
+    """With long gaps, after short moves and long ones, of both kinds."""
+    params = parameters(machine, payload=payload, distance=distance, dtype=jnp.float64)
+    shaper = js.Shaper(jnp.array([0.2, 0.6, 0.2]), 1.2 * params.period * jnp.arange(3.0))
+    rest, _ = reset(KEY, params)
+    found = jax.jit(lambda state: move(KEY, state, shaper, params)[-1].residual)
+    for size, mass, moves in itertools.product(distance, payload, (0, 1)):
+        before = jnp.asarray(moves, jnp.int32)
+        plant, command = machine.plant(jnp.asarray(mass), before), machine.command(jnp.asarray(size), before)
+        state = plant.rest_state(plant.zero_inputs())
+        rest = dataclasses.replace(
+            rest, plant=state, payload=jnp.asarray(mass), distance=jnp.asarray(size), moves=before
+        )
+        end = float(schedule(plant, command).breaks[-1])
+        bare = js.simulate(plant, command, horizon=end, samples=4001)
+        left = js.residual_energy(plant, {plant.axes[0]: shaper} if plant.axes else shaper, command)
+        assert found(rest) == pytest.approx(float(left / jnp.max(bare.energy)), abs=1e-4)
 
 
 @pytest.mark.slow

@@ -20,6 +20,7 @@ from jshape.simulation.integrate import integrate
 from jshape.simulation.replay import field_of
 from jshape.simulation.schedule import Schedule, Segments, inputs_at, schedule
 from jshape.simulation.simulate import all_states, final_state
+from jshape.simulation.trajectory import extremes
 
 
 class Steps(eqx.Module):
@@ -115,15 +116,19 @@ def greatest_energy(plant: AbstractPlant, command: AbstractCommand, steps: Steps
     _, residual = run_move(plant, plan, state, steps)
     if len(plan.breaks) == 1:
         return residual
-    segments = plan.segments()
+    segments, field = plan.segments(), field_of(plant)
     states = all_states(plant, segments, state, steps.move)
     local = jnp.outer(segments.duration, jnp.linspace(0.0, 1.0, steps.move + 1, dtype=state.dtype))
 
-    def energy(segment: Segments, state: State, age: Scalar) -> Scalar:
-        return plant.residual_energy(state, inputs_at(plant, segment.coefficients, segment.age + age))
+    def with_slope(segment: Segments, state: State, age: Scalar) -> tuple[Scalar, Scalar]:
+        def energy(state: State, age: Scalar) -> Scalar:
+            return plant.residual_energy(state, inputs_at(plant, segment.coefficients, segment.age + age))
 
-    along = jax.vmap(jax.vmap(energy, in_axes=(None, 0, 0)))(segments, states, local)
-    return jnp.maximum(residual, greatest(along))
+        return jax.jvp(energy, (state, age), (field(age, state, segment), jnp.ones_like(age)))
+
+    # Steps are too long to meet the maxima between them.
+    along, slopes = jax.vmap(jax.vmap(with_slope, in_axes=(None, 0, 0)))(segments, states, local)
+    return jnp.maximum(residual, greatest(extremes(along, slopes, segments.duration / steps.move)))
 
 
 def _coast(plant: AbstractPlant, plan: Schedule) -> Coast | None:

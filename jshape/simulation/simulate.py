@@ -142,7 +142,8 @@ def steps_for(plant: AbstractPlant, plan: Schedule, method: str = "dopri8", tole
         plant: the plant.
         plan: of the move.
         method: ``"dopri8"`` or ``"tsit5"``.
-        tolerance: relative error of the energy after ten periods.
+        tolerance: by which steps become longer or shorter, in the method's order. At the default one the energy of a
+            linear mode is off by up to 3e-8 (Tsit5: 4e-9) of itself after ten periods.
 
     Raises:
         ValueError: for more than 65,536 steps.
