@@ -234,6 +234,26 @@ def test_deviations_are_those_of_many_noisy_windows():
             assert 0.85 < scatter / stated < 1.2, (window, part)
 
 
+@pytest.mark.parametrize(
+    ("window", "points", "periods", "noise", "interpolation"),
+    [
+        pytest.param("hann", 400, 20.3, 0.1, "jacobsen", id="weak noise", marks=pytest.mark.slow),
+        pytest.param("rectangular", 60, 27.3, 0.02, "jacobsen", id="alias"),
+        pytest.param("rectangular", 400, 8.3, 0.1, "parabolic", id="parabola"),
+    ],
+)
+def test_no_window_s_deviation_is_much_too_small(window, points, periods, noise, interpolation):
+    """What is left beside the tone may not cancel by chance; close to the Nyquist frequency an alias leaks in."""
+    highest = 0.99 * np.pi / TIME
+    identifier = SlidingDFT(TIME, points, (4.0, highest), 0.0, window=window, interpolation=interpolation)
+    omega, random = periods * identifier.spacing, np.random.default_rng(3)
+    tones = np.cos(omega * TIME * np.arange(points) + random.uniform(0, 2 * np.pi, (300, 1)))
+    samples = tones + noise * random.standard_normal((300, points))
+    run = lambda samples: jax.lax.scan(lambda s, x: (identifier.step(s, x)[0], None), identifier.start(), samples)[0]
+    found = jax.jit(jax.vmap(run))(jnp.asarray(samples)).estimate
+    assert np.max(np.abs(found.omega - omega) / found.omega_std) < 6.0
+
+
 def test_the_papers_rule_for_an_update():
     # 3,000 points, 4 to 14 rad/s, above 7: Chatlatanagulchai, Chotana and Prutthapong.
     identifier = SlidingDFT(TIME, *PAPER)

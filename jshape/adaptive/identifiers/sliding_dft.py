@@ -69,10 +69,11 @@ class SlidingDFT(AbstractIdentifier):
     A magnitude is that of the DFT's sum, |Σ x_n e^(−jωn)|, in the unit of the samples and in either window: a steady
     vibration of amplitude A has A·points/2. A peak whose neighbour beyond the band is higher is the leakage of
     something outside, and no estimate. The standard deviation is that of Jacobsen's ratio with everything in the window
-    but the tone counted as white noise, together with what leaks in from the tone's negative frequency, and the width
-    of a bin where nothing is interpolated. What is not in it: a frequency that changes within the window is smeared,
-    two that lie closer than two bins are taken for one, and a vibration struck anew, out of phase with itself, may
-    split the peak and shift it by a bin and more. Damping is not observed.
+    but the tone counted as white noise, together with what leaks in from the tone's negative frequency or its alias,
+    and the width of a bin where nothing is interpolated, or a parabola is laid through the DFT's own bins. What is not
+    in it: a frequency that changes within the window is smeared, two that lie closer than two bins are taken for one,
+    and a vibration struck anew, out of phase with itself, may split the peak and shift it by a bin and more. Damping is
+    not observed.
 
     Args:
         sample_time: s.
@@ -205,7 +206,8 @@ class SlidingDFT(AbstractIdentifier):
 def _peak(own: Any, numbers: Numbers, place: Any, whole: Sums, round: Sums) -> tuple[Estimate, Any]:
     """The highest bin of the band, interpolated, and whether a neighbour is higher."""
     math, select, (first, last), bins = numbers.math, numbers.select, own.allowed, own.omegas[0]
-    values = _windowed(own, numbers, place, whole, round, centred=True)
+    sums = _unwindowed(own, numbers, place, whole, round, centred=True)
+    values = _window_of(own, numbers, place, sums)
     magnitudes = abs(values)
     highest = first + magnitudes[first:last].argmax()
     middle = select(highest < 1, 1, select(highest > len(bins) - 2, len(bins) - 2, highest))
@@ -228,30 +230,33 @@ def _peak(own: Any, numbers: Numbers, place: Any, whole: Sums, round: Sums) -> t
         off = 0.0 * peak
     off = select(abs(off) > 0.9, 0.0 * off, off)
 
-    # The tone as the three bins show it, and the error of Jacobsen's ratio by the white noise of the others.
+    # The error of Jacobsen's ratio by the white noise of what is not the tone, as three bins show that.
     inner = select(abs(off) < 1e-6, 1e-6, off)
-    sinc = math.sin(np.pi * inner) / (np.pi * inner * (1 - inner * inner))
+    sinc, spread = math.sin(np.pi * inner) / (np.pi * inner * (1 - inner * inner)), 1 + 3 * off**2
+    shape = 1 - off**2, abs(off) * (1 - off), abs(off) * (1 + off)
+    plain = _fitted(shape, sinc, numbers.three(abs(sums[0]), middle))
+    tone, squares = plain, whole.squares - whole.total * whole.total / own.points
     if own.window == "hann":
-        sinc = sinc / (4 - inner**2)
-        shape, spread = (4 - off**2, (1 - off) * (2 - off), (1 + off) * (2 + off)), (10 + 17.5 * off**2) / 72
-    else:
-        shape = 1 - off**2, abs(off) * (1 - off), abs(off) * (1 + off)
-        spread = 1 + 3 * off**2
-    fitted = shape[0] * peak + shape[1] * left + shape[2] * right
-    fitted = fitted / (sinc * (shape[0] ** 2 + shape[1] ** 2 + shape[2] ** 2))
-    tone = 2 * fitted**2 / own.points
+        sinc, spread = sinc / (4 - inner**2), (10 + 17.5 * off**2) / 72
+        shape = 4 - off**2, (1 - off) * (2 - off), (1 + off) * (2 + off)
+        tone = _fitted(shape, sinc, (left, peak, right))
+    tone = 2 * tone**2 / own.points
     tone = select(tone > 0, tone, 1.0)
-    # Three bins may show more than there is where two tones lie close together: no tone fits by as much, either.
-    misfit = abs(whole.squares - whole.total * whole.total / own.points - tone)
+    # Three bins may show more than there is where two tones lie close together: no tone fits by as much, either. In
+    # either window the difference may vanish by chance.
+    misfit, other = abs(squares - tone), abs(squares - 2 * plain**2 / own.points)
+    misfit = select(misfit > other, misfit, other)
     floor = FLOOR * abs(whole.squares)
     noise = select(misfit > floor, misfit, floor)
     variance = own.spacing**2 * spread * noise / (2 * sinc**2 * tone * own.points)
-    if own.interpolation == "none":
+    if own.interpolation == "none" or (own.interpolation == "parabolic" and own.own_bins):
         bin_below, _, bin_above = numbers.three(bins, middle)
         variance = variance + ((bin_above - bin_below) / 2) ** 2 / 12
     else:
-        # What the same vibration at the negative frequency leaks into the peak moves it by about so many bins.
-        share = own.spacing / (2 * bin_peak)
+        # What the same vibration at the negative frequency, or its alias, leaks into the peak moves it by about so many
+        # bins.
+        away, sample_rate = 2 * bin_peak, own.points * own.spacing
+        share = own.spacing / select(2 * away < sample_rate, away, sample_rate - away)
         leak = share**3 if own.window == "hann" else share / np.pi
         leak = leak * share if own.interpolation == "jacobsen" else leak
         variance = variance + (own.spacing * leak) ** 2
@@ -259,8 +264,20 @@ def _peak(own: Any, numbers: Numbers, place: Any, whole: Sums, round: Sums) -> t
     return Estimate(omega, 0.0, math.sqrt(variance), np.inf, peak, True), (left > peak) | (right > peak)
 
 
-def _windowed(own: Any, numbers: Numbers, place: Any, whole: Sums, round: Sums, centred: bool = False) -> Any:
-    """The window's DFT at the bins, but for the phase of the window's beginning.
+def _fitted(shape: Any, sinc: Any, magnitudes: Any) -> Any:
+    """The magnitude of a tone that three bins, the middle one first in ``shape``, show as nearly as can be."""
+    below, centre, above = magnitudes
+    fitted = shape[0] * centre + shape[1] * below + shape[2] * above
+    return fitted / (sinc * (shape[0] ** 2 + shape[1] ** 2 + shape[2] ** 2))
+
+
+def _windowed(own: Any, numbers: Numbers, place: Any, whole: Sums, round: Sums) -> Any:
+    """The window's DFT at the bins, but for the phase of the window's beginning."""
+    return _window_of(own, numbers, place, _unwindowed(own, numbers, place, whole, round))
+
+
+def _unwindowed(own: Any, numbers: Numbers, place: Any, whole: Sums, round: Sums, centred: bool = False) -> Any:
+    """The same in the rectangular window, of every offset.
 
     ``centred``: of the samples less their mean, which has no part in the DFT's own bins.
     """
@@ -275,6 +292,11 @@ def _windowed(own: Any, numbers: Numbers, place: Any, whole: Sums, round: Sums, 
             alone = abs(single) < 1e-12
             ones = xp.where(alone, own.points, (turn - 1) * xp.exp(-1j * place * angle) / xp.where(alone, 1.0, single))
             sums = sums - whole.total / own.points * ones
+    return sums
+
+
+def _window_of(own: Any, numbers: Numbers, place: Any, sums: Any) -> Any:
+    """A bin and, for the Hann window, its neighbours, combined."""
     if own.window == "rectangular":
         return sums[0]
     turn = _turn(own, numbers, place)
