@@ -158,6 +158,15 @@ def test_what_a_missed_limit_counts_is_in_no_energy():
 
 
 @pytest.mark.slow
+def test_nothing_left_within_a_limit_is_an_optimum(plant):
+    found = js.tune(plant, 1.0, duration=1.5, starts=4, peak_deflection=0.7)
+    assert found.objective < 1e-14
+    assert (found.status, found.optimality) == (js.Status.CONVERGED, 0.0)
+    assert 0 < found.slack < 1
+    assert "zero but for rounding" in found.message
+
+
+@pytest.mark.slow
 def test_leaves_designed_with_the_shaper(plant):
     # Two impulses 0.7 s apart suit one payload only: t2 grows with its square root.
     solution = js.tune(plant, 1.0, impulses=2, duration=0.7, also=["m2"], starts=4)

@@ -55,15 +55,15 @@ class DesignProblem:
 
     @property
     def zero_is_optimal(self) -> bool:
-        """Whether only residual energies count, which cannot fall below zero."""
-        plain = self.scenarios.metric is None and not self.scenarios.limits.any and self.time_cost == 0
-        return isinstance(self.objective, str) and plain
+        """Whether only residual energies count, which cannot fall below zero, within limits or not."""
+        return isinstance(self.objective, str) and self.scenarios.metric is None and self.time_cost == 0
 
     @property
     def has_roots(self) -> bool:
         """Whether the nominal plant's residual energy alone counts, of which Levenberg–Marquardt finds zeros."""
         open_ended = self.bounds.fixed_duration or self.bounds.shortest == 0
-        return self.objective == "nominal" and self.zero_is_optimal and open_ended
+        unlimited = self.zero_is_optimal and not self.scenarios.limits.any
+        return self.objective == "nominal" and unlimited and open_ended
 
     def total(self, energies: Float[np.ndarray, " plants"], point: Point) -> float:
         """The objective with the cost of the shaper's duration, J."""

@@ -377,7 +377,7 @@ class Search:
         return solution(self.judge, best, balance, enough, Course(self.history, self.summary, self.interrupted))
 
     def _optimality(self, point: Point, values: np.ndarray) -> Optimality:
-        if self.problem.zero_is_optimal and self.best.optimal and float(values.max()) <= self._rounding:
+        if self._reached() and self.best.optimal and float(values.max()) <= self._rounding:
             # Zero is the least energy there is; the slope of rounding says no more.
             return Optimality(np.full(len(values), 1 / len(values)), 0.0, 0.0)
         if self.interrupted and self.compiling is not None and not self.compiling.done():
