@@ -36,8 +36,6 @@ Written by `python -m experiments.learning.leaderboard`: hidden payload, {episod
 payload has changed, and the changes in which one of the first two does; *regret*: cost of a move beyond the oracle's
 from rest. The oracle itself pays some, because what one move leaves the next begins with; the full oracle sees that.
 Trainers of others are judged by their learning curves, PPO with ten times the moves, SAC with as many: `learning.md`.
-`guarded` of the flexible link, the hoisting crane and the crane but for `easy` is an earlier guard; the present one is
-in `never_worse.md`.
 """
 
 
