@@ -121,7 +121,10 @@ def parameters(
     if known is None:
         known = Environment(type(machine), longest_move, 1.25 * float(period), 3, 0.75 * float(period), (9, 9), {})
     window = known.window if window is None else window
-    steps = Steps(*(chosen.steps or _steps(machine, payloads, distances, known.longest, float(window), samples)))
+    move_steps, window_steps = chosen.steps or _steps(
+        machine, payloads, distances, known.longest, float(window), samples
+    )
+    steps = Steps(move_steps, window_steps)
     sensor = Sensor(known.reach, 0.0, 0.0, window, samples, observation)
     if reach is None:
         reach = known.reach if known.presets else _reach(machine, payloads, distances, _cast(sensor, dtype), steps)

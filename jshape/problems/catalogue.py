@@ -157,7 +157,8 @@ def with_load(entry: Entry, values: dict[str, Any]) -> Entry:
         return entry
     link = values.get("link")
     link = link if isinstance(link, dict) else {}
-    loads = link.get("loads") if isinstance(link.get("loads"), list) else []
+    loads = link.get("loads")
+    loads = loads if isinstance(loads, list) else []
     unit = "kg" if link.get("type") == "Beam" else None if any(isinstance(each, str) for each in loads) else ""
     return dataclasses.replace(entry, keys=entry.keys | {"load": dataclasses.replace(entry.keys["load"], unit=unit)})
 
