@@ -6,10 +6,10 @@ import sys
 def main() -> None:
     """Run the command line; an interrupt while it is being loaded ends it without a traceback."""
     try:
-        from jshape.cli import main
+        from jshape import cli
     except KeyboardInterrupt:
         sys.exit(130)
-    main()
+    cli.main()
 
 
 if __name__ == "__main__":

@@ -101,6 +101,19 @@ def test_figures_are_drawn_in_processes_of_their_own(tmp_path):
         draw(tmp_path / "nowhere" / "a.png", "convergence", history, "worst")
 
 
+@pytest.mark.parametrize("loaded", [False, True])
+def test_an_interrupt_ends_the_process_until_jax_is_loaded(loaded):
+    """A KeyboardInterrupt inside JAX crashed one process in four that was interrupted while loading it."""
+    code = (
+        "import os, signal, sys, time; from jshape.cli import _interrupt\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n_interrupt.end_at_interrupts()\n"
+        f"if {loaded}: _interrupt.raise_interrupts()\n"
+        "try: os.kill(os.getpid(), signal.SIGINT); time.sleep(60)\nexcept KeyboardInterrupt: sys.exit(7)"
+    )
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=50)
+    assert (ended.returncode, ended.stderr) == ((7, "") if loaded else (130, "jshape: interrupted\n"))
+
+
 def test_processes_that_draw_end_with_a_command_that_ended_before_they_began():
     """Interrupted while it loads its libraries, a command left two of them for good, who held its output open."""
     code = "import os; from jshape.cli._artist import artist\nwith artist(): os._exit(3)"

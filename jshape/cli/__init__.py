@@ -11,7 +11,7 @@ from typing import Annotated, Any, TextIO, cast
 
 import typer
 
-from jshape.cli._interrupt import end_at_once
+from jshape.cli._interrupt import end_at_interrupts, end_at_once
 from jshape.cli.adapt import adapt
 from jshape.cli.animate import animate
 from jshape.cli.calibrate import calibrate
@@ -87,6 +87,7 @@ class _Errors:
 def main() -> None:
     """Entry point of the command line; without arguments it shows the help."""
     code: Any = None
+    end_at_interrupts()
     if sys.stderr is not None:
         sys.stderr = cast(TextIO, _Errors(sys.stderr))
     try:

@@ -19,6 +19,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from jshape.cli._interrupt import held_interrupts
+
 
 @contextmanager
 def artist() -> Iterator[Callable[..., None]]:
@@ -29,7 +31,8 @@ def artist() -> Iterator[Callable[..., None]]:
     """
     spawn = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(2, spawn, initializer=_begin, initargs=(os.getpid(),)) as processes:
-        figures: list[Future] = [processes.submit(_warm_up) for _ in range(2)]
+        with held_interrupts():
+            figures: list[Future] = [processes.submit(_warm_up) for _ in range(2)]
         try:
             yield lambda *figure: figures.append(processes.submit(_draw, *figure))
         except BaseException:

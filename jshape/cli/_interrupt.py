@@ -6,6 +6,7 @@ then ends the process.
 """
 
 import contextlib
+import multiprocessing
 import multiprocessing.util
 import os
 import signal
@@ -59,13 +60,47 @@ def _watch(ours: socket.socket, interrupted: threading.Event) -> None:
                 _end()
 
 
+def end_at_interrupts() -> None:
+    """From now on an interrupt ends the process at once, until ``raise_interrupts``.
+
+    Libraries that are being loaded crash on ``KeyboardInterrupt`` (JAX), or make another error of it (pydantic).
+    """
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, _ended)
+
+
+def raise_interrupts() -> None:
+    """From now on an interrupt raises ``KeyboardInterrupt`` again: there may be something to save."""
+    if signal.getsignal(signal.SIGINT) is _ended:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@contextmanager
+def held_interrupts() -> Iterator[None]:
+    """Within, an interrupt waits; in processes that are begun within, where there are such masks, for ever."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _ended(*_: object) -> None:
+    _end()
+
+
 def _end() -> None:
     os.write(2, b"jshape: interrupted\n")
     end_at_once(130)
 
 
 def end_at_once(code: int) -> None:
-    """End the process, whatever its threads are doing; the semaphores of those that draw are not left behind."""
+    """End the process, whatever its threads are doing, and those that draw; their semaphores are not left behind."""
     with contextlib.suppress(Exception):
+        for process in multiprocessing.active_children():
+            process.kill()
         getattr(multiprocessing.util, "_run_finalizers")()  # noqa: B009
     os._exit(code)

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from jshape.cli._interrupt import prompt_interrupts
+from jshape.cli._interrupt import prompt_interrupts, raise_interrupts
 
 if TYPE_CHECKING:
     from jshape._types import Progress
@@ -116,6 +116,7 @@ def prepare_jax() -> None:
 
     jax.config.update("jax_enable_x64", True)
     keep_programs()
+    raise_interrupts()
     # Traces are hundreds of thousands of small objects; by default the collector would walk through all of JAX for
     # every few hundred of them, which takes a tenth of a command's time.
     gc.set_threshold(100_000, 50, 50)

@@ -224,9 +224,8 @@ def _estimate(own: Any, numbers: Numbers, decay: Decay) -> Estimate:
     # Between the means a parabola misses a turning point by so much, at most; which need not scatter.
     angle = omega * spacing
     size_error, time_error = angle**4 / 43 + abs(zeta) * angle**3 / 8, angle**2 / 62 + abs(zeta) * angle / 6
-    half_variance, falling_variance = (
-        half_variance + time_error**2 / time_spread, falling_variance + size_error**2 / size_spread,
-    )  # fmt: skip
+    half_variance = half_variance + time_error**2 / time_spread
+    falling_variance = falling_variance + size_error**2 / size_spread
     damped_std, sigma_std = damped * xp.sqrt(half_variance) / half, xp.sqrt(falling_variance) / spacing
     zeta_std = xp.hypot(damped * sigma_std, sigma * damped_std) * damped / omega**3
     return Estimate(

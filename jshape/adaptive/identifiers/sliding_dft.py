@@ -234,8 +234,8 @@ def _peak(own: Any, numbers: Numbers, place: Any, whole: Sums, round: Sums) -> t
     inner = select(abs(off) < 1e-6, 1e-6, off)
     sinc, spread = math.sin(np.pi * inner) / (np.pi * inner * (1 - inner * inner)), 1 + 3 * off**2
     shape = 1 - off**2, abs(off) * (1 - off), abs(off) * (1 + off)
-    plain = _fitted(shape, sinc, numbers.three(abs(sums[0]), middle))
-    tone, squares = plain, whole.squares - whole.total * whole.total / own.points
+    rectangular = _fitted(shape, sinc, numbers.three(abs(sums[0]), middle))
+    tone, squares = rectangular, whole.squares - whole.total * whole.total / own.points
     if own.window == "hann":
         sinc, spread = sinc / (4 - inner**2), (10 + 17.5 * off**2) / 72
         shape = 4 - off**2, (1 - off) * (2 - off), (1 + off) * (2 + off)
@@ -244,7 +244,7 @@ def _peak(own: Any, numbers: Numbers, place: Any, whole: Sums, round: Sums) -> t
     tone = select(tone > 0, tone, 1.0)
     # Three bins may show more than there is where two tones lie close together: no tone fits by as much, either. In
     # either window the difference may vanish by chance.
-    misfit, other = abs(squares - tone), abs(squares - 2 * plain**2 / own.points)
+    misfit, other = abs(squares - tone), abs(squares - 2 * rectangular**2 / own.points)
     misfit = select(misfit > other, misfit, other)
     floor = FLOOR * abs(whole.squares)
     noise = select(misfit > floor, misfit, floor)
@@ -265,7 +265,13 @@ def _peak(own: Any, numbers: Numbers, place: Any, whole: Sums, round: Sums) -> t
 
 
 def _fitted(shape: Any, sinc: Any, magnitudes: Any) -> Any:
-    """The magnitude of a tone that three bins, the middle one first in ``shape``, show as nearly as can be."""
+    """The magnitude of a tone by least squares from three bins.
+
+    Args:
+        shape: what a tone of size 1 / ``sinc`` has in the middle bin, the one below and the one above.
+        sinc: of the window.
+        magnitudes: of the bin below, the middle one and the one above.
+    """
     below, centre, above = magnitudes
     fitted = shape[0] * centre + shape[1] * below + shape[2] * above
     return fitted / (sinc * (shape[0] ** 2 + shape[1] ** 2 + shape[2] ** 2))
