@@ -99,8 +99,8 @@ def quantity(value: Any, unit: str | None) -> Any:
     factor, powers = size(given)
     target, wanted = (1.0, powers) if unit is None else size(unit)
     if powers != wanted:
-        wanted = f"in {unit} or a multiple of it" if unit else "a number without a unit"
-        raise ValueError(f"must be {wanted}, not {value!r}")
+        words = f"in {unit} or a multiple of it" if unit else "a number without a unit"
+        raise ValueError(f"must be {words}, not {value!r}")
     return number * factor / target
 
 
