@@ -23,6 +23,7 @@ import numba
 import numpy as np
 
 import jshape as js
+from experiments.benchmarks.by_diffrax import ADJOINTS, diffrax_energies, diffrax_energy, diffrax_modal
 from experiments.benchmarks.duffing import AMPLITUDES, GAPS, K1, K3, LEVELS, TIMES, energies, energy, scipy_energy
 from experiments.benchmarks.record import about, keep, least, processor
 from experiments.markdown import table
@@ -66,36 +67,6 @@ def main() -> None:
 
 
 # --- residual energies of many plants ---------------------------------------------------------------------------------
-
-
-def _diffrax_end(field, start, amplitudes, times, parameter, step, tolerance, solver, adjoint):
-    """As diffrax's documentation has it: one adaptive ``diffeqsolve`` between two impulses; the state at the last."""
-    state, level = start, 0.0
-    for i in range(len(amplitudes) - 1):
-        level = level + amplitudes[i]
-        state = diffrax.diffeqsolve(
-            diffrax.ODETerm(field), solver, times[i], times[i + 1], step, state, (parameter, level), adjoint=adjoint,
-            stepsize_controller=diffrax.PIDController(rtol=tolerance, atol=tolerance),
-        ).ys[-1]  # fmt: skip
-    return state
-
-
-def _diffrax_energy(mass, amplitudes, times, tolerance, solver, adjoint):
-    def field(t, y, args):
-        mass, level = args
-        x = y[0] - level
-        return jnp.stack([y[1], -(K1 * x + K3 * x**3) / mass])
-
-    state = _diffrax_end(field, jnp.zeros(2), amplitudes, times, mass, 0.05, tolerance, solver, adjoint)
-    x = state[0] - jnp.sum(amplitudes)
-    return mass * state[1] ** 2 / 2 + K1 * x**2 / 2 + K3 * x**4 / 4
-
-
-@functools.partial(jax.jit, static_argnums=2)
-def diffrax_energies(masses, tolerance, solver):
-    """The energies as a user of diffrax writes them: ``vmap`` of an adaptive solve."""
-    adjoint = diffrax.RecursiveCheckpointAdjoint()
-    return jax.vmap(lambda m: _diffrax_energy(m, AMPLITUDES, TIMES, tolerance, solver, adjoint))(masses)
 
 
 def _heyoka_system() -> list:
@@ -210,17 +181,6 @@ def compare(methods, exact) -> list[dict[str, Any]]:
 # --- value and gradient -----------------------------------------------------------------------------------------------
 
 
-ADJOINTS = {
-    "reverse": (diffrax.RecursiveCheckpointAdjoint(), diffrax.Dopri8(), jax.value_and_grad),
-    "forward": (
-        diffrax.ForwardMode(),
-        diffrax.Dopri8(scan_kind="bounded"),
-        lambda f, argnums: lambda a, t: (f(a, t), jax.jacfwd(f, argnums)(a, t)),
-    ),
-}
-"""diffrax's ways to a gradient: adjoint, solver, and how value and gradient are taken."""
-
-
 def gradients() -> list[dict[str, Any]]:
     """The mean over 1,000 plants and its gradient in all amplitudes and times; 2, 4 and 8 states.
 
@@ -239,14 +199,14 @@ def gradient_row(states: int, constant: bool, steps: int | None) -> dict[str, An
             return energy(r, a, t, steps)
 
         def theirs(solver, adjoint):
-            return lambda r, a, t: _diffrax_energy(r, a, t, 1e-8, solver, adjoint)
+            return lambda r, a, t: diffrax_energy(r, a, t, 1e-8, solver, adjoint)
     else:
         omega = jnp.asarray([4.0, 6.0, 8.0, 10.0][: states // 2])
 
         def ours(r, a, t):
             return js.residual_energy(js.plants.ModalPlant(omega * r, 0.01), js.Shaper(a, t), 1.0, steps=steps)
 
-        theirs = functools.partial(_diffrax_modal, omega)
+        theirs = functools.partial(diffrax_modal, omega)
     programs: dict[str, Callable[..., Any]] = {
         "value": _mean(ours, masses, constant),
         "gradient": _mean(ours, masses, constant, lambda f: jax.value_and_grad(f, argnums=(0, 1))),
@@ -281,23 +241,6 @@ def gradient_row(states: int, constant: bool, steps: int | None) -> dict[str, An
     numbers = ", ".join(f"{k} {v:.3g}" for k, v in row.items() if isinstance(v, float))
     print(f"{states} states, masses as {row['masses']}, {steps or 'default'} steps: {numbers}")
     return row
-
-
-def _diffrax_modal(omega, solver, adjoint):
-    """The energy of modes side by side, as a function of ratio, amplitudes and times."""
-    modes = len(omega)
-
-    def field(t, y, args):
-        w, level = args
-        q, v = y[:modes], y[modes:]
-        return jnp.concatenate([v, w**2 * (level - q) - 0.02 * w * v])
-
-    def modal_energy(r, a, t):
-        y = _diffrax_end(field, jnp.zeros(2 * modes), a, t, omega * r, 0.02, 1e-8, solver, adjoint)
-        w = omega * r
-        return jnp.sum(y[modes:] ** 2 + (w * (y[:modes] - jnp.sum(a))) ** 2) / modes**2 / 2
-
-    return modal_energy
 
 
 def _mean(energy, masses, constant: bool, derive=lambda f: f):

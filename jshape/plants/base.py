@@ -133,9 +133,9 @@ class AbstractPlant(Checked):
     def natural_frequency(self) -> Float[Array, "..."]:
         """Undamped natural frequencies of the plant linearised about rest at input 0, rad/s, ascending.
 
-        A scalar where there is only one. They are the magnitudes of the linearised equation's eigenvalues, a pair each,
-        which JAX computes on the CPU alone: the undamped frequencies where every mode is damped below critical, all in
-        proportion. A plant that is damped otherwise, or has a formula, overrides this.
+        A scalar where there is only one. They are the magnitudes of the linearised equation's eigenvalues, a pair each:
+        the undamped frequencies where every mode is damped below critical, all in proportion. A plant that is damped
+        otherwise, or has a formula, overrides this.
         """
         return self._linearised_frequency(self.zero_inputs())
 
