@@ -56,6 +56,9 @@ thrown out, or pass through where the plant turns."""
 
 _FINE = MOST_STEPS // 16
 
+_FEW = 16
+"""Segments or states whose sums are written out."""
+
 _TOGETHER = 1024
 """Steps up to which a segment begins anew while other branches of the batch are under way: they leave room for theirs
 below the most that can be differentiated."""
@@ -138,6 +141,16 @@ def _square(values: Any) -> Any:
     return sum(value * value for value in values)
 
 
+def _total(values: Array) -> Array:
+    """The sum of a vector; of few components one by one, which XLA fuses with what they are computed from."""
+    return sum(parts_of(values)) if len(values) <= _FEW else jnp.sum(values)
+
+
+def _eighth_root(value: Array) -> Array:
+    """A third of the time that a power takes."""
+    return jnp.sqrt(jnp.sqrt(jnp.sqrt(value)))
+
+
 class _Run(NamedTuple):
     """One run of the pilot: the steps that it took, states at the segments' ends, sums of their steps' absolute error
     estimates, the energies at their beginnings and ends, whether all steps were resolved, and if not, whether because
@@ -184,7 +197,7 @@ def _run(
                 changes = [a - b for a, b in zip(after, state, strict=True)]
                 good = resolved & (_square(local) <= 0.01 * _square(changes) + rounding * _square(state))
                 state = tuple(jnp.where(good, a, b) for a, b in zip(after, state, strict=True))
-                error = tuple(e + jnp.where(good, jnp.abs(x), 0.0) for e, x in zip(error, local, strict=True))
+                error = tuple(e + jnp.abs(x) for e, x in zip(error, local, strict=True))
                 return index + 1, state, error, good
 
             start = (jnp.zeros((), jnp.int32), state, zero, resolved)
@@ -221,8 +234,8 @@ def _in_energy(
     def one(coefficients, state: State, change: State):
         inputs = inputs_at(plant, coefficients, jnp.zeros_like(scale))
         slope, curved = jax.jvp(jax.grad(lambda y: plant.residual_energy(y, inputs)), (state,), (change,))
-        square = jnp.sum(jnp.abs(change * curved))
-        return jnp.maximum(jnp.sum(jnp.abs(slope * change)), jnp.sqrt(2 * scale * square)) + square / 2
+        along, square = (_total(jnp.abs(by * change)) for by in (slope, curved))
+        return jnp.maximum(along, jnp.sqrt(2 * scale * square)) + square / 2
 
     change = jax.vmap(one)(after, states, changes)
     return jnp.where(scale > 0, change / jnp.where(scale > 0, scale, 1.0), change)
@@ -273,10 +286,10 @@ def _error(last: _Pilot, steps: Array, estimates: Array, difference: Scalar) -> 
     ratio = last.before.astype(difference.dtype) / steps.astype(difference.dtype)
     # What the sum of local errors grew to in the coarser run, and will have grown to in this one. Where the
     # estimates fall far more slowly than their order says, the equation has kinks: they are no upper bound then.
-    slower = jnp.sum(estimates) / (jnp.sum(last.estimates * ratio**_KINKED) + tiny)
+    slower = _total(estimates) / (_total(last.estimates * ratio**_KINKED) + tiny)
     least = jnp.where(slower > 1, jnp.minimum(slower, 10.0), 0.1)
-    amplification = jnp.maximum(difference / (jnp.sum(last.estimates) + tiny), least)
-    return amplification * jnp.sum(estimates * ratio), slower
+    amplification = jnp.maximum(difference / (_total(last.estimates) + tiny), least)
+    return amplification * _total(estimates * ratio), slower
 
 
 def _attempt(plant, segments: Segments, plan: Schedule, state: State, tolerance: Scalar, last: _Pilot) -> _Pilot:
@@ -287,13 +300,13 @@ def _attempt(plant, segments: Segments, plan: Schedule, state: State, tolerance:
     scale = jnp.max(jnp.where(jnp.isfinite(energies), jnp.abs(energies), 0.0))
     measure = functools.partial(_in_energy, plant, plan.coefficients[1:], run.ends, scale=scale)
     estimates = jnp.nan_to_num(measure(run.errors), nan=jnp.inf)
-    estimate, difference = jnp.sum(estimates), greatest(measure(run.ends - last.ends))
+    estimate, difference = _total(estimates), greatest(measure(run.ends - last.ends))
     error, slower = _error(last, run.steps, estimates, difference)
     sound = run.resolved & jnp.isfinite(estimate)
     # In a batch steps grow where other branches need them, too: this branch is compared where its own have grown, but
     # for segments that add next to nothing.
     grown = run.steps > last.before
-    grown = jnp.any(grown) & (jnp.sum(jnp.where(grown, 0.0, estimates)) <= 10 * _IDLE * tolerance)
+    grown = jnp.any(grown) & (_total(jnp.where(grown, 0.0, estimates)) <= 10 * _IDLE * tolerance)
     compared = last.compared & sound & (difference <= 1e-2) & grown
     diverged = jnp.where(run.resolved, plant.diverged(run.ends[-1], end_inputs), run.left)
     kinked = last.kinked | (compared & (slower > 1) & (estimate > tolerance))
@@ -314,9 +327,9 @@ def _attempt(plant, segments: Segments, plan: Schedule, state: State, tolerance:
     ready = _batch_maximum((~(fine | ended) & run.resolved).astype(dtype)) == 0
     # The fewest steps whose errors add up to the target: a segment's share grows as the ninth root of its error.
     target = jnp.where(ready, tolerance, _PROBE)
-    shares = estimates ** (1 / (_ORDER + 1))
-    predicted = shares * (0.3 * jnp.sum(shares) / target) ** (1 / _ORDER)
-    refined = 1.1 * jnp.maximum(error / tolerance, 1.0) ** (1 / _ORDER)
+    shares = jnp.exp(jnp.log(estimates) / (_ORDER + 1))
+    predicted = shares * _eighth_root(0.3 * _total(shares) / target)
+    refined = 1.1 * _eighth_root(jnp.maximum(error / tolerance, 1.0))
     idle = estimates <= _IDLE * target / count
     # A run with the same numbers everywhere would be compared with itself. A step over a kink may not show it.
     idle = idle & ~jnp.all(idle) & ~kinked
