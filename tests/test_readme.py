@@ -74,7 +74,7 @@ def test_links_lead_somewhere(document):
 BENCHMARKS = ["benchmarks/kernel.json", "benchmarks/growth.json"]
 SOURCES = {
     "README.md": BENCHMARKS,
-    "experiments/benchmarks/README.md": BENCHMARKS,
+    "experiments/benchmarks/README.md": [*BENCHMARKS, "benchmarks/card.json", "benchmarks/lorenz.json"],
     "experiments/adaptive/README.md": [
         *("benchmarks/adaptive.json", "adaptive/recovery.md", "adaptive/nonlinear.md", "adaptive/within_move.md"),
     ],
