@@ -82,6 +82,14 @@ def test_from_another_state(damped, staircase):
     np.testing.assert_array_equal(run.states[0], begin)
 
 
+@pytest.mark.parametrize("method", METHODS)
+def test_what_comes_after_the_horizon_is_not_in_the_error(method, damped):
+    """The rest of the move was one step a segment, off by 0.03, and a response that was known to rounding *stopped*."""
+    run = js.simulate(damped, 1.0, js.Shaper([0.25, 0.5, 0.25], [0.0, 0.8, 1.6]), horizon=0.5, method=method)
+    assert run.converged
+    assert float(run.error) < 1e-12
+
+
 def test_default_horizon(plant):
     # The shaped command and four periods of the slowest mode, 2π/√10 each.
     period = 2 * np.pi / np.sqrt(10)

@@ -58,14 +58,14 @@ class Schedule(eqx.Module):
         """Segments that also end at each of the ``samples`` (s, increasing, not negative).
 
         Returns them with the index, for each sample, of the segment that begins there; a sample at a break comes
-        after the break. The last segment has no length.
+        after the break. What comes after the last sample has no length: nobody sees it.
         """
         events = jnp.concatenate([self.breaks, samples])
         order = jnp.argsort(events, stable=True)
         events = events[order]
         is_break = order < len(self.breaks)
         active = jnp.cumsum(is_break) - 1
-        duration = jnp.append(jnp.diff(events), 0.0)
+        duration = jnp.where(events < samples[-1], jnp.append(jnp.diff(events), 0.0), 0.0)
         segments = Segments(events, duration, events - self.breaks[active], self.coefficients[active])
         return segments, jnp.argsort(order)[len(self.breaks) :]
 
