@@ -5,16 +5,17 @@
 
 from typing import NamedTuple
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
 from jshape import _check
 from jshape.design.tuning import interval
 from jshape.design.tuning.design_problem import DesignProblem
-from jshape.design.tuning.evaluate import DIVERGED_ENERGY, Values, evaluate
+from jshape.design.tuning.evaluate import DIVERGED_ENERGY, Values, evaluate, slacks
 from jshape.design.tuning.objective import value_of
 from jshape.design.tuning.scaled_problem import EXCEEDED, Optimality, ScaledProblem
-from jshape.design.tuning.scenarios import Point
+from jshape.design.tuning.scenarios import Limits, Point, Scenarios
 from jshape.design.tuning.solution import Solution
 from jshape.simulation.schedule import schedule
 from jshape.simulation.simulate import initial
@@ -89,6 +90,18 @@ def status_of(values: np.ndarray, slacks: np.ndarray, optimal: bool) -> Status:
     return Status.CONVERGED if optimal else Status.STOPPED
 
 
+def missed(scenarios: Scenarios, point: Point) -> str:
+    """In words, which limits a design misses, and by what part of each."""
+    found = []
+    for name, of_axes in vars(scenarios.limits).items():
+        for axis, limit in of_axes.items():
+            alone = Limits(**{name: {axis: limit} if axis else limit}, axes=scenarios.plant.axes)
+            case = eqx.tree_at(lambda x: x.limits, scenarios, alone)
+            if (slack := float(slacks(case, point).min())) < -EXCEEDED:
+                found.append(f"; {name}{f' of {axis}' if axis else ''} is missed by {-100 * slack:.3g} %")
+    return "".join(found)
+
+
 def solution(judge: ScaledProblem, best: Candidate, balance: Optimality, enough: bool, course: Course) -> Solution:
     """A design as the result of a search: judged under the tightest tolerance and on a finer set.
 
@@ -103,10 +116,9 @@ def solution(judge: ScaledProblem, best: Candidate, balance: Optimality, enough:
     amplitudes, gaps, leaves = (np.asarray(part) for part in best.point)
     point = Point(amplitudes, gaps, _check.on_device(leaves))
     found = judge.values(judge.vector(best.point))
-    values, slacks = found.energies, found.slacks
-    slack = float(slacks.min(initial=1.0))
-    status = Status.INTERRUPTED if course.interrupted else status_of(values, slacks, best.optimal)
-    doubts = f"; a limit is missed by {-100 * slack:.3g} %" if slack < -EXCEEDED else ""
+    values, slack = found.energies, float(found.slacks.min(initial=1.0))
+    status = Status.INTERRUPTED if course.interrupted else status_of(values, found.slacks, best.optimal)
+    doubts = missed(scenarios, point) if slack < -EXCEEDED else ""
     if not enough:
         doubts += "; the modes' phases differ so much over the set that a worse plant may stand between its plants"
     heaviest = np.argsort(-balance.multipliers, kind="stable")

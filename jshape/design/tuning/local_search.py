@@ -61,6 +61,9 @@ KNOWN = 1e-7
 PENALTY = 10.0
 """Of a limit that is exceeded by all of itself, in objectives at the design from which the search goes on."""
 
+MISSED = 1e-3
+"""The part of the greatest energies of the move that is the least unit of the merit where a limit is missed."""
+
 TWIN = 1e-5
 """A design that is another one played backwards is not refined beside it where it is worse by no more than this part
 of the objective."""
@@ -161,7 +164,7 @@ class Descent:
         search = self.search
         known = yield from search.evaluating(self.x, self.tolerance)
         found = yield from search.linearising(self.x, self.tolerance)
-        merit = self._merit(scale_of(found.energies))
+        merit = self._merit(max(scale_of(found.energies), self._least_scale(known)))
         now = merit(self.x, found.energies, found.slacks)
         least = max(CONVERGED * now, 10 * self.tolerance * scale_of(known.greatest) / merit.scale)
         trial, gain = yield from self._propose(found, merit, self.radius)
@@ -189,6 +192,12 @@ class Descent:
             self.radius = 0.4 * step
         elif actual > 0.75 * gain and step > 0.8 * self.radius:
             self.radius = min(2.0 * self.radius, 1.0)
+
+    def _least_scale(self, known: Values) -> float:
+        """Of the merit. Where a limit is missed that of an energy which does not vanish with the objective: a design
+        that leaves nothing would not be left for any penalty in units of its own objective."""
+        missed = known.slacks.min(initial=0.0) < -EXCEEDED
+        return MISSED * scale_of(known.greatest) if missed else 0.0
 
     def _merit(self, scale: float) -> Merit:
         problem = self.search.problem

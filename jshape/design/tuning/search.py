@@ -145,8 +145,10 @@ class Search:
             self.progress("local search", done, total, self.history[-1])
 
         def begin(start: Point) -> Descent:
-            # Each in a search of its own: two run side by side.
-            return Descent(ScaledProblem(self.problem, report=report), start, iterations)
+            # Each in a search of its own: two run side by side. The best one knows what a missed limit has to cost.
+            descent = Descent(ScaledProblem(self.problem, report=report), start, iterations)
+            descent.penalty = max(one.penalty for one in [descent, *descents[:1]])
+            return descent
 
         self.judge.report = report
         ranked, descents = starts, list[Descent]()
