@@ -32,12 +32,13 @@ def about(machine: str, *packages: str) -> dict[str, Any]:
 
 
 def processor() -> str:
-    """The processor's name."""
+    """The processor's name, and whether it computes on eight numbers at a time."""
     try:
         text = Path("/proc/cpuinfo").read_text(encoding="utf-8")
-        return next(line.split(":")[1].strip() for line in text.splitlines() if line.startswith("model name"))
+        name = next(line.split(":")[1].strip() for line in text.splitlines() if line.startswith("model name"))
     except (OSError, StopIteration):
         return platform.processor() or "an unnamed processor"
+    return f"{name}, {'with' if 'avx512' in text else 'without'} AVX-512" if "avx" in text else name
 
 
 def keep(benchmark: str, record: dict[str, Any], lines: list[str]) -> None:
