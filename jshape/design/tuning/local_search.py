@@ -194,8 +194,8 @@ class Descent:
             self.radius = min(2.0 * self.radius, 1.0)
 
     def _least_scale(self, known: Values) -> float:
-        """Of the merit. Where a limit is missed that of an energy which does not vanish with the objective: a design
-        that leaves nothing would not be left for any penalty in units of its own objective."""
+        """The least unit of the merit, J: where a limit is missed one that does not vanish with the objective, as a
+        design that leaves nothing would not be left for any penalty in units of what it leaves."""
         missed = known.slacks.min(initial=0.0) < -EXCEEDED
         return MISSED * scale_of(known.greatest) if missed else 0.0
 
