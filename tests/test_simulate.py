@@ -262,12 +262,12 @@ def test_a_derivative_that_a_command_does_not_have(plant, command, kind):
 
 WRONG = {
     "plant": (dict(plant=3.0), "plant must be a jshape plant, not 3.0"),
-    "command": (dict(command="far"), "distance must be a number, not 'far'"),
-    "zero": (dict(command=0.0), "distance must not be 0"),
-    "list": (dict(command=[1.0, 2.0]), "distance must be a single number"),
+    "command": (dict(command="far"), "command must be a number, not 'far'"),
+    "zero": (dict(command=0.0), "command must not be 0"),
+    "list": (dict(command=[1.0, 2.0]), "command must be a single number"),
     "endless": (
         dict(command=PiecewisePolynomial([0.0], [[0.0, 1.0]], smoothness=1)),
-        "distance: the command does not come to rest",
+        "command: it does not come to rest",
     ),
     "shaper": (
         dict(shaper=[0.5, 0.5]),

@@ -85,7 +85,9 @@ def inputs_at(plant: AbstractPlant, coefficients: Float[Array, "*axes powers"], 
     return tuple(of(i, coefficients[i]) for i in range(len(drives))) if plant.axes else of(0, coefficients)
 
 
-def schedule(plant: AbstractPlant, command: AbstractCommand | Any, shaper: Shaping = None) -> Schedule:
+def schedule(
+    plant: AbstractPlant, command: AbstractCommand | Any, shaper: Shaping = None, name: str = "distance"
+) -> Schedule:
     """The schedule of a command, shaped or not.
 
     Args:
@@ -93,6 +95,7 @@ def schedule(plant: AbstractPlant, command: AbstractCommand | Any, shaper: Shapi
         command: any command; a number is a step of that size. Of a plant of several axes a plain command moves the
             first one, and those that are not named rest.
         shaper: one for all axes, axis → its own, or ``None``.
+        name: of the argument that the command was, for messages.
 
     Raises:
         ValueError: if the plant is driven by a derivative that the command does not have between impulses (a step has
@@ -101,20 +104,20 @@ def schedule(plant: AbstractPlant, command: AbstractCommand | Any, shaper: Shapi
     """
     if not isinstance(plant, AbstractPlant):
         raise ValueError(f"plant must be a jshape plant, not {plant!r}")
-    command = for_axes(command, plant.axes, type(plant).__name__)
+    command = for_axes(command, plant.axes, type(plant).__name__, name)
     axes = command.items() if isinstance(command, Axes) else [("", command)]
-    for axis, (name, one) in enumerate(axes):
+    for axis, (label, one) in enumerate(axes):
         drive = plant.drives(axis)[0]
         if one.smoothness < DRIVES[drive]:
             raise ValueError(
-                f"distance: {type(plant).__name__} is driven by {drive}{f' of {name}' if name else ''}, which "
+                f"{name}: {type(plant).__name__} is driven by {drive}{f' of {label}' if label else ''}, which "
                 f"{type(one).__name__} gives only as impulses; use a smoother command, such as Trapezoid"
             )
     breaks, coefficients = _pieces(command, shaper)
     if _check.is_concrete(coefficients):
         plain = np.asarray(coefficients)
         if np.any(plain[-1, ..., 1:] != 0):
-            raise ValueError("distance: the command does not come to rest: its last piece is not constant")
+            raise ValueError(f"{name}: it does not come to rest: its last piece is not constant")
         if plant.axes and _check.is_concrete(plant):
             plant.check_positions(plain[..., 0])
     return Schedule(breaks, coefficients)

@@ -84,7 +84,7 @@ def simulate(
     samples = _check.count(samples, "samples", least=2)
     for name, value in (("rtol", rtol), ("atol", atol)):
         _check.not_negative(_check.scalar(value, name), name)
-    plan, plant, state = prepared(plant, shaper, command, initial_state)
+    plan, plant, state = prepared(plant, shaper, command, initial_state, "command")
     if horizon is None:
         horizon = default_horizon(plant, plan)
     horizon = _check.scalar(horizon, "horizon")
@@ -103,9 +103,12 @@ def simulate(
     return simulate_fixed(plant, plan, state, horizon, samples, _steps_between(plant, plan, horizon, samples))
 
 
-def prepared(plant: Any, shaper: Shaping, command: Any, initial_state: ArrayLike | None) -> tuple[Schedule, Any, State]:
-    """What a simulation needs: the schedule of the shaped command, the plant with arrays, the state to begin with."""
-    plan = schedule(plant, command, shaper)
+def prepared(
+    plant: Any, shaper: Shaping, command: Any, initial_state: ArrayLike | None, name: str = "distance"
+) -> tuple[Schedule, Any, State]:
+    """What a simulation needs: the schedule of the shaped command (an argument called ``name``), the plant with arrays,
+    the state to begin with."""
+    plan = schedule(plant, command, shaper, name)
     _check.warn_if_single()
     plant = with_arrays(plant)
     return plan, plant, initial(plant, initial_state)
