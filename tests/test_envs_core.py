@@ -25,7 +25,8 @@ from jshape_envs import (
 
 import jshape as js
 from jshape.moves import STRICTNESS, ImpulseAction, ModalAction, ResidualAction, Sensor, ShaperTable
-from jshape.moves.physics import of_first_axis
+from jshape.moves.design import design_table
+from jshape.moves.physics import Steps, of_first_axis
 from jshape.simulation.schedule import schedule
 
 KEY = jax.random.key(7)
@@ -317,6 +318,12 @@ def test_bad_params_are_told_by_name(arguments, name):
         parameters(**({"environment": "DuffingPayload"} | arguments))
 
 
+def test_a_payload_without_a_frequency_is_named():
+    machine = Machine(js.plants.TwoMass(spring=js.plants.LinearSpring(10.0)), "m2")
+    with pytest.raises(ValueError, match=r"payload: natural frequencies .* not \[inf\], .* with 0, 1 and the mean"):
+        parameters(machine, payload=(0.0, 1.0), distance=(0.5, 1.0))
+
+
 def test_payloads_have_their_units():
     units = {name: parameters(name).machine.payload_unit() for name in ENVIRONMENTS}
     expected = {"DuffingPayload": "kg", "CranePayload": "kg", "FlexibleLinkPayload": "coins", "HoistingCrane": "m"}
@@ -416,6 +423,17 @@ def test_the_oracles_between_their_grid_points_cost_what_they_say(name):
 
     paid, told = run(payload, distance)
     np.testing.assert_allclose(paid, told, rtol=0.002)
+
+
+@pytest.mark.slow
+def test_an_oracle_does_not_take_a_diverged_move_for_a_cheap_one():
+    """Beyond the reach of a softening spring the energy falls without bound: costs of −8e8, where none is negative."""
+    machine = Machine(js.plants.TwoMass(spring=js.plants.Duffing(10.0, -5.0)), "m2")
+    table = design_table(machine, jnp.array([0.5, 2.0]), jnp.array([0.5, 1.9]), (1.0, 0.1), 2.2, Steps(32, 8), (9, 9))
+    assert float(jnp.min(table.cost)) > 0.03
+    # A bare step of 2.5 m leaves −17.6 J.
+    with pytest.raises(ValueError, match="the plant diverges on the way"):
+        design_table(machine, jnp.array([0.5, 2.0]), jnp.array([0.5, 2.5]), (1.0, 0.1), 2.2, Steps(32, 8), (2, 2))
 
 
 @pytest.mark.slow

@@ -8,7 +8,7 @@ import pytest
 from jshape_envs import Params, RampProfile, parameters, reset, step
 
 import jshape as js
-from jshape.moves.physics import Steps, _coast, plan_move
+from jshape.moves.physics import Steps, _coast, plan_move, run_move
 
 
 def test_only_commands_made_of_steps_go_in_closed_form():
@@ -49,3 +49,12 @@ def test_moves_agree_with_runge_kutta_steps(monkeypatch):
     for exact, rounded, other in zip(found, rough, stepped, strict=True):
         np.testing.assert_allclose(exact, other, atol=1e-6)
         np.testing.assert_allclose(rounded, other, atol=1e-5 * float(jnp.max(jnp.abs(other))))
+
+
+def test_a_plant_that_has_diverged_has_no_finite_energy():
+    """Beyond its reach of √2 m a softening spring has less and less energy: −17.6 J after a step of 2.5 m."""
+    plant = js.plants.TwoMass(spring=js.plants.Duffing(10.0, -5.0))
+    for distance, left in ((1.0, 3.75), (2.5, np.inf)):
+        plan = plan_move(plant, js.Step(distance), None, jnp.zeros(()))
+        _, energy = run_move(plant, plan, plant.rest_state(plant.zero_inputs()), Steps(32, 8))
+        assert float(energy) == pytest.approx(left)

@@ -117,6 +117,12 @@ def parameters(
     machine, payloads, distances = _cast((machine, np.asarray(chosen.payload), np.asarray(chosen.distance)), dtype)
     plants = [machine.plant(p, jnp.zeros((), jnp.int32)) for p in (*payloads, jnp.mean(payloads))]
     frequencies = np.array([np.atleast_1d(np.asarray(plant.natural_frequency())) for plant in plants])
+    if not np.all(np.isfinite(frequencies) & (frequencies > 0)):
+        found = ", ".join(_check.show(each) for each in frequencies)
+        raise ValueError(
+            f"payload: natural frequencies (rad/s) must be positive, not {found} with {payloads[0]:g}, {payloads[1]:g} "
+            "and the mean of the two"
+        )
     period = _cast(2 * np.pi / frequencies[-1].min(), dtype)
     if known is None:
         known = Environment(type(machine), longest_move, 1.25 * float(period), 3, 0.75 * float(period), (9, 9), {})

@@ -15,7 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from jshape.moves import EnvState, Params, bare_energy_and_oracle_cost, plan_move, run_move
+from jshape.moves import EnvState, Params, bare_energy_and_oracle_cost, bounded_residual, plan_move, run_move
 from jshape.plants import AbstractPlant
 from jshape.reports.drawings import Put, view_of
 from jshape.reports.places import motion_of
@@ -152,7 +152,8 @@ def _watch(state: EnvState, action: Array, params: Params) -> tuple[AbstractPlan
     plan = plan_move(plant, machine.command(state.distance, state.moves), shaper, state.position)
     reference, _ = bare_energy_and_oracle_cost(state, params)
     _, energy = run_move(plant, plan, state.plant, params.steps)
-    return plant, shaper, watched(plant, state, shaper, params), energy / reference
+    residual = bounded_residual(energy, reference, ~jnp.isfinite(energy))
+    return plant, shaper, watched(plant, state, shaper, params), residual
 
 
 def _window() -> Any:

@@ -88,7 +88,10 @@ def _design_all(
 
         def cost(trial: Shaper, strictness: float) -> Scalar:
             _, energy = run_move(plant, plan_move(plant, command, trial, jnp.zeros_like(size)), state, steps)
-            return strictness * weights[0] * energy / reference + weights[1] * trial.duration / period
+            # A bare move without a positive energy has diverged, and nothing can be counted by it.
+            counts = (reference > 0) & jnp.isfinite(reference)
+            residual = jnp.where(counts, energy / reference, jnp.inf)
+            return strictness * weights[0] * residual + weights[1] * trial.duration / period
 
         def search(scale: Scalar) -> tuple[Array, Scalar]:
             parts = [zv(omega / scale) for omega in jnp.atleast_1d(plant.natural_frequency())]

@@ -58,15 +58,22 @@ def of_first_axis(plant: AbstractPlant, shaper: Shaper) -> Shaping:
 
 
 def run_move(plant: AbstractPlant, plan: Schedule, state: State, steps: Steps) -> tuple[State, Scalar]:
-    """The state right after the last break, and the residual energy there, J."""
-    if len(plan.breaks) > 1:
-        coast, segments = _coast(plant, plan), plan.segments()
-        if coast is None:
-            state, _ = final_state(plant, plan, state, steps.move, steps.method)
-        else:
-            levels = (segments.coefficients[:, 0], segments.duration)
-            state, _ = jax.lax.scan(lambda state, level: (coast(state, *level), None), state, levels)
-    return state, plant.residual_energy(state, plan.final_inputs(plant))
+    """The state right after the last break, and the residual energy there, J: infinite where the plant has diverged."""
+    state = _after(plant, plan, state, steps)
+    inputs = plan.final_inputs(plant)
+    # Beyond a softening spring's reach there is less and less energy, without bound.
+    return state, jnp.where(plant.diverged(state, inputs), jnp.inf, plant.residual_energy(state, inputs))
+
+
+def _after(plant: AbstractPlant, plan: Schedule, state: State, steps: Steps) -> State:
+    """The state right after the last break."""
+    if len(plan.breaks) == 1:
+        return state
+    coast, segments = _coast(plant, plan), plan.segments()
+    if coast is None:
+        return final_state(plant, plan, state, steps.move, steps.method)[0]
+    levels = (segments.coefficients[:, 0], segments.duration)
+    return jax.lax.scan(lambda state, level: (coast(state, *level), None), state, levels)[0]
 
 
 def run_window(
@@ -113,7 +120,7 @@ def greatest_energy(plant: AbstractPlant, command: AbstractCommand, steps: Steps
     """
     plan = schedule(plant, command)
     state = plant.rest_state(plant.zero_inputs())
-    _, residual = run_move(plant, plan, state, steps)
+    residual = plant.residual_energy(_after(plant, plan, state, steps), plan.final_inputs(plant))
     if len(plan.breaks) == 1:
         return residual
     segments, field = plan.segments(), field_of(plant)
