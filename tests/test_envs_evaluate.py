@@ -129,6 +129,24 @@ def test_a_policy_abroad_acts_as_at_home(context, tmp_path):
     np.testing.assert_allclose(action, same, atol=1e-6)
 
 
+def test_a_policy_acts_where_the_actions_are_others_and_is_refused_where_observations_are(tmp_path):
+    """``jshape train --action impulses``, and then the command that it names: four numbers where there are three."""
+    home, away = parameters("DuffingPayload", action="impulses"), parameters("DuffingPayload")
+    policy = GRUPolicy(sizes_of(home), jax.random.key(0), hidden=2, width=2)
+    about = dict(environment="DuffingPayload", preset="paper", context="hidden", action="impulses")
+    save_policy(policy, tmp_path / "p.npz", about)
+    found = named_policy(str(tmp_path / "p.npz"), away)
+    state, observation = reset(jax.random.key(3), away)
+    act = eqx.filter_jit(lambda policy, memory, given: policy.act(memory, given, away, state))
+    (_, action), shaper = act(found, found.init(away), observation)
+    _, same = act(policy, policy.init(home), np.insert(observation, 16, 0.0))
+    np.testing.assert_allclose(action, same, atol=1e-6)
+    np.testing.assert_allclose(shaper.times, home.action.shaper(same).times, rtol=1e-5)
+    for name, context in (("DuffingPayload", "observed"), ("CranePayload", "hidden")):
+        with pytest.raises(ValueError, match=r"p\.npz: is for DuffingPayload, payload hidden; this"):
+            named_policy(str(tmp_path / "p.npz"), parameters(name, context=context))
+
+
 # --- the command ------------------------------------------------------------------------------------------------------
 
 

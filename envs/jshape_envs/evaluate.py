@@ -19,7 +19,7 @@ from jaxtyping import Array, Float, Key
 from scipy import stats
 
 from jshape import _check
-from jshape.moves import AbstractPolicy, Choice, EnvState, Info, Observation, Params, rollout
+from jshape.moves import AbstractPolicy, Choice, EnvState, Info, Observation, Params, observation_names, rollout
 from jshape_envs.baselines import baseline
 from jshape_envs.families import as_in
 from jshape_envs.parameters import parameters
@@ -222,7 +222,7 @@ class Transferred(AbstractPolicy):
     """A policy on an environment with other params than those it was trained with.
 
     Its actions mean what they meant there, and distances and payloads come to it in the same units. Both environments
-    must have the same sensor and as many entries in an action.
+    must have the same sensor and observe the same, but for the last action.
 
     Attributes:
         policy: the trained one.
@@ -239,7 +239,8 @@ class Transferred(AbstractPolicy):
         # The shaper is none of this environment's actions: what the policy did last, it observes from its memory.
         (memory, last), place = memory, params.sensor.size
         scaled = as_in(self.home, observation, params)
-        scaled = scaled.at[place : place + len(last)].set(last.astype(observation.dtype))
+        parts = scaled[:place], last.astype(observation.dtype), scaled[place + params.action.size :]
+        scaled = jnp.concatenate(parts)
         memory, action = self.policy.act(memory, scaled, self.home, state)
         return (memory, action), self.home.action.shaper(action)
 
@@ -248,7 +249,8 @@ def named_policy(name: str, params: Params) -> AbstractPolicy:
     """A baseline by its name, or a trained policy from its file (a name that ends in ``.npz``), ``Transferred``.
 
     Raises:
-        ValueError: as ``baselines.baseline`` and ``load_policy``.
+        ValueError: as ``baselines.baseline`` and ``load_policy``, and for a policy of another sensor or other
+            observations.
     """
     if not name.endswith(".npz"):
         return baseline(name, params)
@@ -257,4 +259,20 @@ def named_policy(name: str, params: Params) -> AbstractPolicy:
         home = parameters(about["environment"], about["preset"], context=about["context"], action=about["action"])
     except (KeyError, TypeError, ValueError) as error:
         raise ValueError(f"{name}: does not say which environment it is for ({error})") from None
+    if not _alike(home, params):
+        raise ValueError(
+            f"{name}: is for {about['environment']}, payload {about['context']}; this environment observes otherwise"
+        )
     return Transferred(policy, home)
+
+
+def _alike(home: Params, params: Params) -> bool:
+    """Whether observations mean the same in both environments, but for the last action and the ranges."""
+
+    def observed(params: Params) -> list[str]:
+        return [name for name in observation_names(params) if not name.startswith("last action")]
+
+    def sensor(params: Params) -> tuple[float, float]:
+        return float(params.sensor.reach), float(params.sensor.window)
+
+    return observed(home) == observed(params) and np.allclose(sensor(home), sensor(params))

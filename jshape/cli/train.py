@@ -56,7 +56,9 @@ def train(
                 progress=lambda stage, done, total, best: progress(stage, done, total, math.inf),
             )
         except KeyboardInterrupt:
-            typer.echo(f"the training so far is in {checkpoint}; the same command resumes it", err=True)
+            # Before the first update there is nothing to keep.
+            if checkpoint.exists():
+                typer.echo(f"the training so far is in {checkpoint}; the same command resumes it", err=True)
             raise
         if found.status is Status.DIVERGED:
             raise ValueError(f"training diverged: {found.message}")
