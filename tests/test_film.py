@@ -238,6 +238,7 @@ def test_mistakes_are_named_before_anything_is_drawn(problem, tmp_path):
     for given, words in [
         (["--out", "kept.gif"], "exists already"),
         (["--out", "no/mine.gif"], "no folder no"),
+        (["--out", str(tmp_path), "--force"], "is a folder, not a film"),
         (["--out", "mine.avi"], ".gif or .mp4"),
         (["--shaper", "other"], "other: holds the results of another problem file"),
         (["--shaper", str(tmp_path)], "holds no results of jshape tune"),

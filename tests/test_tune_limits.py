@@ -1,6 +1,7 @@
 """Tuning with limits on the move, a cost of time, a clock's ticks, designed leaves and objectives of one's own."""
 
 import itertools
+import re
 
 import jax
 import jax.numpy as jnp
@@ -72,6 +73,19 @@ def test_peak_deflection_is_limited(free, plant):
     assert missed.status is js.Status.INFEASIBLE
     assert "; peak_deflection is missed by " in missed.message
     assert missed.slack < -0.5
+
+
+@pytest.mark.slow
+def test_of_several_limits_those_that_are_missed_are_named(plant):
+    command, hoisting = js.Trapezoid(1.0, speed=1.0, acceleration=4.0), js.plants.HoistingCrane(1.0)
+    options = dict(impulses=2, duration=0.5, starts=1, iterations=2)
+    kept = dict(command_overshoot=0.5)
+    missed = js.tune(plant, command, peak_deflection=1e-3, speed_limit=0.1, **kept, **options)
+    assert re.search(r"; peak_deflection is missed by \S+ %; speed_limit is missed by \S+ %$", missed.message)
+    moves = js.Axes(trolley=command, hoist=js.Trapezoid(-0.2, speed=1.0, acceleration=4.0))
+    missed = js.tune(hoisting, moves, speed_limit={"trolley": 0.1, "hoist": 10.0}, **kept, **options)
+    assert re.search(r"%?; speed_limit of trolley is missed by \S+ %$", missed.message)
+    assert "hoist" not in missed.message
 
 
 @pytest.mark.slow

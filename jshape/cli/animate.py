@@ -88,6 +88,8 @@ def animate(
 
 def _free(path: Path, force: bool) -> Path:
     """The film's path, where no other film is written over."""
+    if path.is_dir():
+        raise ValueError(f"{path}: is a folder, not a film")
     check_new(force, path)
     if not path.parent.is_dir():
         raise ValueError(f"{path}: there is no folder {path.parent}")
