@@ -207,6 +207,8 @@ def test_what_no_film_can_be_made_of(tmp_path, monkeypatch):
         ({"a": two_masses(1.0), "b": late}, {}, "one horizon"),
         ({"a": diverged}, {}, "'a' has no place for the payload at some instant"),
         ({"a": two_masses(1.0)}, {"speed": 0.0}, "speed must be greater than 0"),
+        # Of two seconds, in pictures of 40 ms: a single one showed where it begins, above an empty chart.
+        ({"a": two_masses(1.0)}, {"speed": 51.0}, "speed must be below 50 for a move of 2 s, not 51"),
         ({"a": two_masses(1.0)}, {"most_frames": 0}, "most_frames must be at least 1"),
         ({"a": two_masses(1.0)}, {"most_frames": 1}, "speed must be at least 2"),
     ]:

@@ -53,8 +53,8 @@ def film(
 
     Raises:
         ValueError: for no response, one that diverged, responses of different horizons, a speed or number of frames
-            that is not positive, a speed at which a picture a second is not enough, and a model that is not the
-            plant's.
+            that is not positive, a speed at which a picture a second is not enough or a single one is all, and
+            a model that is not the plant's.
     """
     ends = {round(float(run.times[-1]), 9) for run in runs.values()}
     if len(ends) != 1:
@@ -71,6 +71,8 @@ def film(
     if interval is None:
         raise ValueError(f"speed must be at least {end / most_frames:.3g} for a move of {end:.4g} s, not {speed:g}")
     step = speed * interval / 1000
+    if end <= step:
+        raise ValueError(f"speed must be below {end / step * speed:.3g} for a move of {end:.4g} s, not {speed:g}")
     times = step * np.arange(max(int(np.ceil(end / step - 1e-9)), 1))
     # Curves are as dense as the responses: a period may be shorter than a picture's time.
     samples = max(len(run.times) for run in runs.values()) - 1
