@@ -182,6 +182,15 @@ def test_a_design_that_leaves_nothing_beyond_its_limit_is_left(plant):
 
 
 @pytest.mark.slow
+def test_a_missed_limit_costs_more_than_any_energy():
+    """The same move in other units: 10,000 t over 100 km store 3e18 J, for which a limit was missed."""
+    plant = js.plants.TwoMass(1e7, 1e7, js.plants.Duffing(1e8, 1e9 / 1e10))
+    found = js.tune(plant, 1e5, duration=1.0, peak_deflection=0.32e5, starts=8)
+    assert found.converged
+    assert found.objective / 1e17 == pytest.approx(0.0125785, rel=1e-4)
+
+
+@pytest.mark.slow
 def test_nothing_left_within_a_limit_is_an_optimum(plant):
     found = js.tune(plant, 1.0, duration=1.5, starts=4, peak_deflection=0.7)
     assert found.objective < 1e-14

@@ -11,7 +11,6 @@ traced program. "Over one CUDA kernel": the time, divided by that of the same st
 
 import argparse
 import functools
-import importlib.util
 import time
 import warnings
 from collections.abc import Callable
@@ -26,7 +25,7 @@ from jax.interpreters.partial_eval import dce_jaxpr
 from experiments.benchmarks.by_diffrax import ADJOINTS, diffrax_energies, diffrax_energy
 from experiments.benchmarks.duffing import AMPLITUDES, GAPS, K1, K3, LEVELS, TIMES, energies, energy, scipy_energy
 from experiments.benchmarks.record import about, keep, least
-from experiments.benchmarks.whole_solve import whole_solve
+from experiments.benchmarks.whole_solve import can_solve_whole, whole_solve
 from experiments.markdown import table
 
 PLANTS = 10_000_000
@@ -113,7 +112,7 @@ def worst_error(masses: jax.Array, found: jax.Array) -> float:
 
 def least_possible(masses: np.ndarray, steps: int) -> float | None:
     """What one CUDA kernel takes for the same steps, s, where there are a card and CuPy."""
-    if jax.devices()[0].platform != "gpu" or importlib.util.find_spec("cupy") is None:
+    if not can_solve_whole():
         return None
     x = "(y0 - u)"
     slopes = ["y1", f"-(real({K1}) * {x} + real({K3}) * {x} * {x} * {x}) / p"]

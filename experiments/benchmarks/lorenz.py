@@ -13,7 +13,6 @@ CUDA kernel": the time, divided by that of the same steps in one kernel of CUDA 
 
 import argparse
 import functools
-import importlib.util
 import warnings
 from typing import Any
 
@@ -26,7 +25,7 @@ from scipy.integrate import solve_ivp
 import jshape as js
 from experiments.benchmarks.card import operations, peaks_of
 from experiments.benchmarks.record import about, keep, least, processor
-from experiments.benchmarks.whole_solve import whole_solve
+from experiments.benchmarks.whole_solve import can_solve_whole, whole_solve
 from experiments.markdown import table
 from jshape.simulation.integrate import integrate
 from jshape.simulation.schedule import schedule
@@ -142,7 +141,7 @@ def measure(name: str, run: Any, double: bool, trajectories: int, peaks: Any) ->
 
 def limit(rho: np.ndarray) -> float | None:
     """What one CUDA kernel takes for the same steps, s, where there are a card and CuPy."""
-    if jax.devices()[0].platform != "gpu" or importlib.util.find_spec("cupy") is None:
+    if not can_solve_whole():
         return None
     slopes = ["real(10) * (y1 - y0)", "y0 * (p - y2) - y1", f"y0 * y1 - real({8 / 3}) * y2"]
     run = whole_solve("tsit5", slopes, [1, 0, 0], [(0, 1)], STEPS, "y0", rho)

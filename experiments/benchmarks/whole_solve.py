@@ -4,15 +4,22 @@ Written for the occasion from a tableau and equations in CUDA C, it computes wha
 and the error estimate of every step. Needs CuPy.
 """
 
+import importlib.util
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import jax
 import numpy as np
 
 from jshape.simulation.integrate import tableau_of
 
 THREADS = 128
 """In a block; 64 and 256 take as long on an H200."""
+
+
+def can_solve_whole() -> bool:
+    """Whether there are a card and CuPy."""
+    return jax.devices()[0].platform == "gpu" and importlib.util.find_spec("cupy") is not None
 
 
 def whole_solve(

@@ -61,7 +61,7 @@ KNOWN = 1e-7
 PENALTY = 10.0
 """Of a limit that is exceeded by all of itself, in objectives at the design from which the search goes on."""
 
-MISSED = 1e-3
+LEAST_UNIT = 1e-3
 """The part of the greatest energies of the move that is the least unit of the merit where a limit is missed."""
 
 TWIN = 1e-5
@@ -164,7 +164,7 @@ class Descent:
         search = self.search
         known = yield from search.evaluating(self.x, self.tolerance)
         found = yield from search.linearising(self.x, self.tolerance)
-        merit = self._merit(max(scale_of(found.energies), self._least_scale(known)))
+        merit = self._merit(max(scale_of(found.energies), self._least_unit(known)))
         now = merit(self.x, found.energies, found.slacks)
         least = max(CONVERGED * now, 10 * self.tolerance * scale_of(known.greatest) / merit.scale)
         trial, gain = yield from self._propose(found, merit, self.radius)
@@ -193,11 +193,11 @@ class Descent:
         elif actual > 0.75 * gain and step > 0.8 * self.radius:
             self.radius = min(2.0 * self.radius, 1.0)
 
-    def _least_scale(self, known: Values) -> float:
+    def _least_unit(self, known: Values) -> float:
         """The least unit of the merit, J: where a limit is missed one that does not vanish with the objective, as a
         design that leaves nothing would not be left for any penalty in units of what it leaves."""
         missed = known.slacks.min(initial=0.0) < -EXCEEDED
-        return MISSED * scale_of(known.greatest) if missed else 0.0
+        return LEAST_UNIT * scale_of(known.greatest) if missed else 0.0
 
     def _merit(self, scale: float) -> Merit:
         problem = self.search.problem

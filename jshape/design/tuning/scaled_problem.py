@@ -30,7 +30,7 @@ OPTIMAL = 1e-6
 EXCEEDED = 1e-6
 """A limit that is exceeded by less, as a fraction of itself, is kept."""
 
-MISSED = 1e12
+MISSED = 1e24
 """J; a limit that is exceeded costs more, and so more than the energy of any machine."""
 
 DERIVATIVES = 1e-6
