@@ -37,14 +37,15 @@ their operations, and those follow one another, in the place of waiting for thre
 for 5.7 s (a crane of 5 m) and 1.8 for 3.5 s (a hardening pair), one residual energy of a double-pendulum crane among
 programs of its user's 0.7 for 1.8 ms and its gradient 3.3 for 43; a user's first gradient of it compiles for 29 s in
 the place of 20. With a whole megabyte a bridge crane's search would be no faster, and compile for 38 s in the place of
-24 (jaxlib 0.10)."""
+24. Their inner loops are left as they are, not unrolled: a double-pendulum crane's derivatives compile for 9.7 in the
+place of 13.8 s of processor time, run as fast, and a sweep of 300,000 pairs takes 0.56 for 0.51 s (jaxlib 0.10)."""
 
 if tuple(map(int, version("jaxlib").split(".")[:2])) <= (0, 10):
     # An option that a later XLA no longer knows is an error.
     LEAN[_EMITTERS] = False
     WHOLE = {
         _EMITTERS: "false",
-        "xla_backend_extra_options": "xla_cpu_small_while_loop_byte_threshold=500000",
+        "xla_backend_extra_options": "xla_cpu_small_while_loop_byte_threshold=500000,xla_cpu_disable_loop_unrolling",
         "xla_cpu_scheduler_type": "CPU_SCHEDULER_TYPE_MEMORY_OPTIMIZED",
     }
 

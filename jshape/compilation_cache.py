@@ -21,6 +21,7 @@ import json
 import os
 import shutil
 import sys
+import threading
 import time
 import types
 import warnings
@@ -71,6 +72,9 @@ _UNGUARDED = ("lapack_dormqr_ffi", "lapack_sormqr_ffi")
 
 _DAYS = 30
 """Programs of another version that nobody has used for so long are deleted."""
+
+_TRACING = threading.RLock()
+"""Python traces one function at a time: in turns, the first program is compiled while the second one is traced."""
 
 _folder: Path | None = None
 """Where programs are kept, if they are."""
@@ -252,7 +256,8 @@ def _program(function: Callable, leaves: list, tree: Any, folder: Path) -> Calla
         result, exported = _read(path)
     except Exception:  # It is not there, or damaged.
         try:
-            result, exported = _export(function, leaves, tree)
+            with _TRACING:
+                result, exported = _export(function, leaves, tree)
             if exported.nr_devices > 1:
                 # It could be called from among as many devices only.
                 return None

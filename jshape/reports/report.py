@@ -15,6 +15,7 @@ from jshape.design.closed_forms import closed_forms
 from jshape.design.tuning.solution import Solution
 from jshape.metrics import residual_energy
 from jshape.problems.problem import Problem
+from jshape.reports.responses import responses
 from jshape.shaper import Shaper, Shaping, shaped
 from jshape.sweeps.evaluate import CHECKED, Study, alike_shapers, evaluate, run_first_chunk, study
 from jshape.sweeps.leaves import leaf
@@ -192,8 +193,13 @@ def rehearse(problem: Problem, closed: dict[str, Shaper], tuned: Shaping) -> Non
         closed: its closed forms.
         tuned: any shaper of the tuned one's form.
     """
+    shapers = {**closed, "tuned": tuned}
     if problem.over:
-        run_first_chunk(_study(problem, {**closed, "tuned": tuned}, _judged(problem)[1]))
+        run_first_chunk(_study(problem, shapers, _judged(problem)[1]))
+    *_, alike = alike_shapers(list(shapers.values()), problem.plant.axes)
+    longest = max(float(shaper.duration) for shaper in closed.values())
+    for _ in responses(problem, {"tuned": alike}, alike, longest + float(as_command(problem.distance).duration)):
+        pass
 
 
 def _judged(problem: Problem) -> tuple[dict[str, list[float]], dict[str, list[float]]]:

@@ -132,13 +132,17 @@ def figures(report: Report, step: Step = lambda _: None) -> Iterator[tuple[str, 
     step("responses")
     shown = _rows_of_panels(chosen)
     horizon = max(report.move_time(row) for row in shown)
-    bare = next(row for row in report.rows if row.name == "unshaped")
-    for name, values in responses(problem, {row.name: row.shaper for row in shown}, bare.shaper, horizon):
+    # All are as long as the longest of the report, whichever are shown: those of its rehearsal, whose program runs.
+    alike = alike_shapers([row.shaper for row in report.rows], problem.plant.axes)
+    shapers = {row.name: shaper for row, shaper in zip(report.rows, alike, strict=True)}
+    drawn = {row.name: shapers[row.name] for row in shown}
+    for name, values in responses(problem, drawn, shapers["unshaped"], horizon):
         yield name, "response", values
     if isinstance(problem.plant, AbstractOscillator):
         step("energies")
-        profiles, alike = {}, alike_shapers([row.shaper for row in shown], ())
-        for row, shaper in zip(shown, alike, strict=True):
+        profiles = {}
+        for row in shown:
+            shaper = shapers[row.name]
             assert isinstance(shaper, Shaper)
             profile = energy_profile(problem.plant, shaper, problem.distance)
             profiles[row.name] = numbers_of(profile, "position", "kinetic", "potential", "total")

@@ -1,5 +1,6 @@
 """The responses of a problem's machine to its shapers, as they are drawn: a figure for each axis that moves."""
 
+import math
 from collections.abc import Iterator, Mapping
 from types import SimpleNamespace
 from typing import Any
@@ -14,9 +15,12 @@ from jshape.plants.slewing import AbstractSlewingCrane
 from jshape.problems.problem import Problem
 from jshape.reports.places import bent_along
 from jshape.shaper import Shaping
-from jshape.simulation.simulate import natural_frequencies, simulate
-from jshape.sweeps.evaluate import alike_shapers
+from jshape.simulation.schedule import schedule
+from jshape.simulation.simulate import natural_frequencies, prepared, simulate_fixed, steps_between
 from jshape.sweeps.leaves import leaf, with_leaves
+
+SAMPLES = 600
+"""Points of a curve."""
 
 
 def responses(
@@ -29,30 +33,34 @@ def responses(
 
     Args:
         problem: the problem.
-        shapers: those that are drawn, by name.
-        bare: no shaper.
+        shapers: those that are drawn, by name, with equally many impulses, so that one program runs them.
+        bare: no shaper, with as many.
         duration: of the longest shaped command, s.
     """
     plant, move = problem.plant, as_command(problem.distance)
     horizon = shown_until(plant, duration)
-    *alike, unshaped_alike = alike_shapers([*shapers.values(), bare], plant.axes)
-
-    def run(plant: AbstractPlant, shaper: Shaping) -> SimpleNamespace:
-        # The kernel that tuned and judged the shapers; its error is far below a line's width, and it compiles soonest.
-        found = simulate(plant, move, shaper, horizon=horizon, samples=600, method="fixed")
-        return numbers_of(found, "times", "command", "payload", "deflection", "states")
 
     ends = [
         with_leaves(plant, {name: values[at] * leaf(plant, name)})
         for name, values in problem.over.items()
         for at in (0, -1)
     ]
-    nominal = {name: run(plant, shaper) for name, shaper in zip(shapers, alike, strict=True)}
-    extremes = {name: [run(end, shaper) for end in ends] for name, shaper in zip(shapers, alike, strict=True)}
+    # As many steps for all as the fastest takes, a power of two, so that one program runs them: that of the rehearsal.
+    most = max(steps_between(one, schedule(one, move), horizon, SAMPLES) for one in (plant, *ends))
+    steps = 2 ** math.ceil(math.log2(most))
+
+    def run(plant: AbstractPlant, shaper: Shaping) -> SimpleNamespace:
+        # The kernel that tuned and judged the shapers; its error is far below a line's width, and it compiles soonest.
+        plan, plant, state = prepared(plant, shaper, move, None)
+        found = simulate_fixed(plant, plan, state, horizon, SAMPLES, steps)
+        return numbers_of(found, "times", "command", "payload", "deflection", "states")
+
+    nominal = {name: run(plant, shaper) for name, shaper in shapers.items()}
+    extremes = {name: [run(end, shaper) for end in ends] for name, shaper in shapers.items()}
     turning = [plant.axis_unit(i) == "rad" for i in range(max(len(plant.axes), 1))]
     liquid = isinstance(plant, SloshingTank)
     sways = any(turning) or isinstance(plant, AbstractCrane)
-    unshaped = run(plant, unshaped_alike) if sways else None
+    unshaped = run(plant, bare) if sways else None
     axes = moving(plant, move)
     for i, axis in [(plant.axes.index(axis), axis) for axis in axes] or [(0, "")]:
         turns, drive = turning[i], plant.drives(i)[0]

@@ -98,9 +98,9 @@ def simulate(
         # No tighter than the arithmetic can tell, which in single precision is not tight.
         floor = 20 * float(jnp.finfo(state.dtype).eps)
         rtol, atol = max(rtol, floor), max(atol, floor / 100)
-        steps = _steps_between(plant, plan, horizon, samples)
+        steps = steps_between(plant, plan, horizon, samples)
         return _simulate_adaptive(plant, plan, state, horizon, samples, rtol, atol, adjoint, steps)
-    return simulate_fixed(plant, plan, state, horizon, samples, _steps_between(plant, plan, horizon, samples))
+    return simulate_fixed(plant, plan, state, horizon, samples, steps_between(plant, plan, horizon, samples))
 
 
 def prepared(
@@ -282,7 +282,7 @@ def _simulate_adaptive(plant, plan, state, horizon, samples, rtol, atol, adjoint
     return _response(plant, times, states, segments, at, greatest(jnp.abs(states - other)) + bound)
 
 
-def _steps_between(plant: AbstractPlant, plan: Schedule, horizon: Scalar, samples: int) -> int:
+def steps_between(plant: AbstractPlant, plan: Schedule, horizon: Scalar, samples: int) -> int:
     """Fixed steps from one sample to the next."""
     if not _check.is_concrete(plant, plan, horizon):
         return max(1, -(-256 // samples))

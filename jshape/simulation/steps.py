@@ -137,6 +137,17 @@ def _no_tangent(value: Array) -> Any:
     return jnp.zeros(value.shape, jax.dtypes.float0)
 
 
+def _one_for_each(of: Any, values: Any) -> Any:
+    """What a loop begins with; in a batch whose branches differ in any number of ``of``, one for each branch.
+
+    Where JAX finds only in the loop that a value differs from branch to branch, it traces the loop's body once more,
+    at each level of loops within loops: half of what a residual energy takes to trace. XLA drops the comparison.
+    """
+    numbers = [jnp.sum(leaf) for leaf in jax.tree.leaves(of) if eqx.is_inexact_array(leaf)]
+    branch = sum(numbers[1:], numbers[0])
+    return jax.tree.map(lambda value: jnp.where(branch == branch, value, value), values)
+
+
 def _square(values: Any) -> Any:
     return sum(value * value for value in values)
 
@@ -182,7 +193,9 @@ def _run(
         state, resolved, left = carry
         segment, least = item
         inputs = inputs_at(plant, segment.coefficients, segment.age + segment.duration)
-        zero = tuple(map(jnp.zeros_like, state))
+        zero, none, no = _one_for_each(
+            state, (tuple(map(jnp.zeros_like, state)), jnp.zeros((), jnp.int32), jnp.asarray(False))
+        )
 
         def attempt(inside):
             count, outside = inside[0], inside[-3]
@@ -212,7 +225,7 @@ def _run(
             count = jnp.where(again, jnp.minimum(4 * count, most), count)
             return count, end, error, good, outside, gone, again
 
-        start = (least, state, zero, resolved, jnp.zeros((), jnp.int32), jnp.asarray(False), jnp.asarray(True))
+        start = (least, state, zero, resolved, none, no, jnp.asarray(True))
         count, end, error, good, _, gone, _ = jax.lax.while_loop(lambda inside: inside[-1], attempt, start)
         begin = plant.residual_energy(jnp.stack(state), inputs_at(plant, segment.coefficients, segment.age))
         last = jnp.stack(end)
@@ -220,7 +233,7 @@ def _run(
         left = left | (resolved & ~good & gone)
         return (end, good, left), (count, last, jnp.stack(error), energies)
 
-    begin = (tuple(state), jnp.asarray(True), jnp.asarray(False))
+    begin = (tuple(state), *_one_for_each(state, (jnp.asarray(True), jnp.asarray(False))))
     (_, resolved, left), found = jax.lax.scan(advance_segment, begin, (segments, steps))
     return _Run(*found, resolved, left)
 
@@ -370,12 +383,15 @@ def has_kinks(plant: AbstractPlant) -> bool:
 def _pilot(plant, segments: Segments, plan: Schedule, state: State, tolerance: Scalar) -> Checked:
     """Runs with more and more steps until the tolerance is met, in the whole batch or wherever it can be."""
     count, dtype = len(segments.begin), state.dtype
-    first = jnp.full(count, _FIRST, jnp.int32)
-    nothing = jnp.zeros((), dtype)
-    no, kinked, none = jnp.asarray(False), jnp.asarray(has_kinks(plant)), jnp.zeros((), jnp.int32)
+    first, runs = jnp.full(count, _FIRST, jnp.int32), jnp.zeros((), jnp.int32)
+    nothing, no, kinked = jnp.zeros((), dtype), jnp.asarray(False), jnp.asarray(has_kinks(plant))
+    ends, estimates, none = jnp.zeros((count, len(state)), dtype), jnp.zeros(count, dtype), runs
+    ends, estimates, nothing, no, kinked, none, state, found = _one_for_each(
+        (plant, segments, state), (ends, estimates, nothing, no, kinked, none, state, first)
+    )
     start = _Pilot(
-        first, jnp.asarray(_TOGETHER, jnp.int32), first, jnp.zeros((count, len(state)), dtype), jnp.zeros(count, dtype),
-        no, no, nothing, nothing, no, state, first, no, kinked, no, none, nothing, none, jnp.asarray(True),
+        first, jnp.asarray(_TOGETHER, jnp.int32), first, ends, estimates, no, no, nothing, nothing, no, state, found,
+        no, kinked, no, none, nothing, runs, jnp.asarray(True),
     )  # fmt: skip
 
     def attempt(last):
