@@ -108,3 +108,43 @@ def test_policies_of_one_name_are_all_in_the_figure_and_one_seed_has_no_interval
     assert found.exit_code == 0, found.output
     assert list(drawn) == ["one/policy.npz", "two/policy.npz", "other"]
     assert "nan" not in found.output
+
+
+def test_an_interrupted_evaluation_goes_on_where_it_was(tmp_path, monkeypatch):
+    import jshape_envs.evaluate as judged
+
+    from jshape.reports import plot
+
+    row, asked = judged.interval(np.array([1.0])), []
+
+    def score(name, *_):
+        asked.append(name)
+        if len(asked) == 2:
+            raise KeyboardInterrupt
+        return dict.fromkeys(COLUMNS, row)
+
+    monkeypatch.setattr(judged, "named_policy", lambda name, params: name)
+    monkeypatch.setattr("jshape_envs.families.Declared", lambda made, params: made)
+    monkeypatch.setattr(judged, "evaluate", score)
+    monkeypatch.setattr(judged, "summary", lambda scores: scores)
+    monkeypatch.setattr(plot, "save", lambda *_: None)
+    other = typer.Typer()
+    other.command()(evaluate)
+    given = ["DuffingPayload", "--policy", "zv", "--policy", "zvd", "--out", str(tmp_path / "x")]
+    assert CliRunner().invoke(other, [*given, "--seeds", "1"]).exit_code == 130
+    # Of another evaluation nothing is taken over.
+    assert CliRunner().invoke(other, [*given, "--seeds", "2"]).exit_code == 0
+    assert asked == ["zv", "zvd", "zv", "zvd"]
+
+    asked.clear()
+    assert CliRunner().invoke(other, [*given, "--seeds", "1"]).exit_code == 130
+    found = CliRunner().invoke(other, [*given, "--seeds", "1"])
+    assert found.exit_code == 0, found.output
+    assert asked == ["zv", "zvd", "zvd"]
+    assert "goes on after an interrupt; judged already: zv\n" in found.stderr
+    record = json.loads((tmp_path / "x" / "results.json").read_text())
+    assert record["finished"] is True
+    assert list(record["policies"]) == ["zv", "zvd"]
+    # A finished one begins anew.
+    assert CliRunner().invoke(other, [*given, "--seeds", "1"]).exit_code == 0
+    assert asked == ["zv", "zvd", "zvd", "zv", "zvd"]

@@ -476,6 +476,22 @@ class SinhMass(plants.AbstractPlant):
         return jnp.stack([inputs, 0.0 * inputs])
 
 
+class Restless(SinhMass):
+    """The same, whose rest does not follow its base."""
+
+    def rest_state(self, inputs):
+        return jnp.zeros(2)
+
+
+@pytest.mark.parametrize("call", [js.residual_energy, js.simulate, js.overshoot])
+def test_a_rest_that_is_no_equilibrium_is_named(call):
+    plant = Restless(jnp.asarray(1.0), jnp.asarray(10.0))
+    words = r"rest_state: Restless is in no equilibrium there: at the input 0.5 \[0., 0.\] changes by \[0. *, 5.2"
+    arguments = (plant, 0.5) if call is js.simulate else (plant, None, 0.5)
+    with pytest.warns(UserWarning, match=words):
+        call(*arguments)
+
+
 class Chain(plants.AbstractPlant):
     """Two masses on two springs, written by a user: no formula for the frequencies."""
 

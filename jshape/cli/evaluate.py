@@ -1,9 +1,10 @@
 """``jshape evaluate``: fixed, adaptive and trained policies on the same moves of an environment."""
 
+import json
 import math
 from collections import Counter
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -45,7 +46,7 @@ def evaluate(
     """Judge policies on an environment: residual, move time, recovery from changes, regret against the oracle."""
     _shared.need_environments()
     _shared.prepare_jax()
-    from jshape_envs.baselines import BASELINES, FullOracle, Oracle, applicable
+    from jshape_envs.baselines import FullOracle, Oracle, applicable
     from jshape_envs.evaluate import evaluate, named_policy, summary
     from jshape_envs.families import FAMILIES, Declared
     from jshape_envs.parameters import parameters
@@ -53,40 +54,43 @@ def evaluate(
     from jshape_envs.strategies import strategy
 
     from jshape import _check
-    from jshape._files import printable, write_results
-    from jshape.problems.catalogue import suggestion
+    from jshape._files import digest, printable, read_bytes, write_results
     from jshape.reports import plot
 
-    folder = results_folder(out, f"{environment}-results")
     # Wrong numbers are reported before the first policy has been made.
     _check.count(episodes, "--episodes")
     _check.count(seeds, "--seeds")
     _check.one_of(family, "--family", tuple(FAMILIES))
     params = parameters(environment, preset, context=context)
     true = FAMILIES[family](params)
-    chosen = dict(
+    chosen: dict[str, Any] = dict(
         environment=environment, preset=preset, context=context, family=family, episodes=episodes, seeds=seeds
     )
     shipped = policy_file(environment, context=context).exists()
     names = list(dict.fromkeys(policy)) or [*applicable(params), *(["trained"] if shipped else [])]
-    for name in names:
-        if name not in (*BASELINES, "trained", "guarded") and not name.endswith(".npz"):
-            near = suggestion(name, [*BASELINES, "trained", "guarded"])
-            words = f"a policy's file (.npz), guarded, trained or one of {', '.join(BASELINES)}, not {name!r}{near}"
-            raise ValueError(f"--policy must be {words}")
+    _check_names(names)
     if not {"trained", "guarded"}.isdisjoint(names) and not shipped:
         raise ValueError(f"--policy: no trained policy comes with jshape for {environment}, payload {context}")
-    found: dict[str, dict[str, Interval]] = {}
+    chosen["files"] = {name: digest(read_bytes(Path(name))) for name in names if Path(name).is_file()}
+    folder = out or Path(f"{environment}-results")
+    found = _judged_before(folder, chosen)
+    results_folder(folder, folder.name, checkpoint="results.json" if found else "")
+    if found:
+        typer.echo(f"{folder}: goes on after an interrupt; judged already: {', '.join(found)}", err=True)
     with progress_line() as (step, progress):
         for done, name in enumerate(names):
             progress(name, done, len(names), math.inf)
+            if name in found:
+                continue
             ours = name in ("trained", "guarded")
             made = strategy(name, environment, params) if ours else named_policy(name, params)
             # Oracles know the truth.
             made = made if isinstance(made, Oracle | FullOracle) else Declared(made, params)
             found[name] = summary(evaluate(made, true, episodes, seeds))
             # What is judged is kept, whatever happens to the others.
-            write_results(folder, {**chosen, "policies": found})
+            finished = all(name in found for name in names)
+            found = {name: found[name] for name in names if name in found}
+            write_results(folder, {**chosen, "finished": finished, "policies": found})
         step("figure")
         short = {name: Path(name).stem if name.endswith(".npz") else name for name in found}
         # Every training calls its policy policy.npz.
@@ -98,6 +102,42 @@ def evaluate(
     shift = "" if family == "none" else f", family {family}"
     show(f"{environment}, {preset}{shift}, payload {context}: {seeds} seeds of {episodes} episodes", found)
     typer.echo(f"results in {folder}: results.json, regret.png, regret.pdf")
+
+
+def _check_names(names: list[str]) -> None:
+    """*Raises* ``ValueError`` for a name that is no policy's."""
+    from jshape_envs.baselines import BASELINES
+
+    from jshape.problems.catalogue import suggestion
+
+    for name in names:
+        if name not in (*BASELINES, "trained", "guarded") and not name.endswith(".npz"):
+            near = suggestion(name, [*BASELINES, "trained", "guarded"])
+            words = f"a policy's file (.npz), guarded, trained or one of {', '.join(BASELINES)}, not {name!r}{near}"
+            raise ValueError(f"--policy must be {words}")
+
+
+def _judged_before(folder: Path, chosen: dict[str, Any]) -> "dict[str, dict[str, Interval]]":
+    """What an interrupted run of the same evaluation judged: the scores of each policy."""
+    from jshape_envs.evaluate import Interval
+
+    from jshape._files import check_seal, read_text
+
+    try:
+        record = json.loads(read_text(folder / "results.json"))
+        check_seal(record)
+        same = record["finished"] is False and all(record[key] == value for key, value in chosen.items())
+        # JSON has no NaN, which a single seed's interval has for its ends.
+        return {
+            name: {
+                score: Interval(*(math.nan if value is None else float(value) for value in interval))
+                for score, interval in row.items()
+            }
+            for name, row in record["policies"].items()
+            if same
+        }
+    except (OSError, ValueError, TypeError, KeyError, AttributeError):
+        return {}
 
 
 def show(title: str, found: dict[str, dict[str, "Interval"]]) -> None:

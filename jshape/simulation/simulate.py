@@ -6,6 +6,7 @@ instants.
 derivatives of every order. Both run segment by segment in a time that is rescaled to [0, 1] on each of them.
 """
 
+import warnings
 from typing import TYPE_CHECKING, Any
 
 import jax
@@ -39,6 +40,9 @@ _ANGLE = {"dopri8": 0.6, "tsit5": 0.06}
 _ORDER = {"dopri8": 8, "tsit5": 5}
 
 _MOST_STEPS = 65536
+
+_AT_REST = 1e-6
+"""The part of the derivative a unit away from rest that is taken for rounding."""
 
 _MOST_BETWEEN = 8192
 """Fixed steps from one sample to the next: where more would be due, the adaptive solver's 4,096 do not suffice."""
@@ -111,7 +115,33 @@ def prepared(
     plan = schedule(plant, command, shaper, name)
     _check.warn_if_single()
     plant = with_arrays(plant)
+    warn_unless_at_rest(plant, plan)
     return plan, plant, initial(plant, initial_state)
+
+
+def warn_unless_at_rest(plant: AbstractPlant, plan: Schedule) -> None:
+    """Warn where a plant that is not jshape's moves by itself in what it calls rest, before a command or after it."""
+    if type(plant).__module__.partition(".")[0] == "jshape" or not _check.is_concrete(plant, plan):
+        return
+    for inputs in (plant.zero_inputs(), plan.final_inputs(plant)):
+        rest, rates, matrix = map(np.asarray, _near_rest(plant, inputs))
+        # Beside what changes where it is a unit away from there.
+        unit = np.max(np.abs(matrix), initial=0.0) * (1 + np.max(np.abs(rest)))
+        rounding = max(_AT_REST, 1e3 * float(np.finfo(rest.dtype).eps))
+        if np.all(np.isfinite(rest)) and np.max(np.abs(rates)) > rounding * unit:
+            words = f"at the input {_check.show(inputs)} {_check.show(rest)} changes by {_check.show(rates)} a second"
+            warnings.warn(f"rest_state: {type(plant).__name__} is in no equilibrium there: {words}", stacklevel=4)
+
+
+@kept
+def _near_rest(plant: AbstractPlant, inputs: Inputs) -> tuple[State, State, Array]:
+    """What a plant calls rest at an input, the derivative there, and its Jacobian."""
+    rest = plant.rest_state(inputs)
+
+    def field(state):
+        return plant.vector_field(jnp.zeros((), rest.dtype), state, inputs)
+
+    return rest, field(rest), jax.jacfwd(field)(rest)
 
 
 def final_state(

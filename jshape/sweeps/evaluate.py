@@ -32,7 +32,7 @@ from jshape.compilation_cache import kept
 from jshape.plants import AbstractOscillator, AbstractPlant
 from jshape.shaper import Shaper, Shaping
 from jshape.simulation.schedule import schedule
-from jshape.simulation.simulate import with_arrays
+from jshape.simulation.simulate import warn_unless_at_rest, with_arrays
 from jshape.simulation.steps import TOLERANCE, least_tolerance
 from jshape.simulation.trajectory import finer, finer_for
 from jshape.sweeps.checkpoint import in_chunks
@@ -182,6 +182,7 @@ def study(
         ValueError: as ``check_over`` and ``as_command`` do.
     """
     command, plant = for_axes(distance, plant.axes, type(plant).__name__), with_arrays(plant)
+    warn_unless_at_rest(plant, schedule(plant, command))
     absolute = check_over(plant, over, relative)
     points = {name: np.asarray(values) for name, values in (grid(absolute) if combined else absolute).items()}
     some = alike_shapers(list(shapers), plant.axes)
