@@ -65,6 +65,11 @@ class DesignProblem:
         unlimited = self.zero_is_optimal and not self.scenarios.limits.any
         return self.objective == "nominal" and unlimited and open_ended
 
+    @property
+    def over_interval(self) -> bool:
+        """Whether the worst case counts, which may stand between the plants of the set."""
+        return self.objective == "worst" and bool(self.scenarios.samples)
+
     def total(self, energies: Float[np.ndarray, " plants"], point: Point) -> float:
         """The objective with the cost of the shaper's duration, J."""
         return value_of(self.objective, energies) + self.time_cost * float(np.sum(point.gaps))

@@ -136,6 +136,8 @@ class Search:
         count, done = min(len(starts), count), 0
         # Derivatives, while values are compiled and ranked; what stands in the way is met again below.
         self.compiling = beside(self.judge.compile, starts[0])
+        if self.problem.over_interval:
+            beside(lambda: self._resolved)  # It judges the end, too, where an interrupt has no time to compile.
         more = max(1.0, CHEAP / self._work(starts[0]))
         known, rounds = KNOWN, [(min(count, max(2, int(size * more))) if most else size, most) for size, most in ROUNDS]
         total = sum(size for size, _ in rounds)
@@ -160,12 +162,11 @@ class Search:
             # Here, so that two threads do not compile the same program twice.
             wait([self.compiling])
             self.judge.linearise(self.judge.vector(ranked[0]))
-            exchanged = self.problem.objective == "worst" and bool(self.problem.scenarios.samples)
-            if exchanged:
+            if self.problem.over_interval:
                 self._pose(ranked[0], [])
             descents = [begin(start) for start in ranked[: rounds[0][0]]]
             # Where plants will be added, the last ones are not refined to the end before.
-            for size, most in rounds[:-1] if exchanged else rounds:
+            for size, most in rounds[:-1] if self.problem.over_interval else rounds:
                 if self._reached():
                     break
                 descents = merged(descents)[:size]
@@ -177,7 +178,7 @@ class Search:
                     descents = self.around.descents
                 for descent in distinct(descents)[:1] if most else descents:
                     self._add(descent.point, descent.optimal)
-            if exchanged:
+            if self.problem.over_interval:
                 self._exchange(descents)
             elif all(one.ended for one in descents):
                 self._settled()
@@ -372,11 +373,11 @@ class Search:
     def _solution(self) -> Solution:
         """The best candidate, judged."""
         best = self.best
-        few = self.around is not None and (self.around.few or self.around.alone)
+        few = (near := self.around) is not None and (near.few or near.alone)
         balance = self._optimality(best.point, self.judge.values(self.judge.vector(best.point)).energies)
-        enough = self.problem.objective != "worst" or not self.problem.scenarios.samples or self._resolved.enough
-        best = best._replace(optimal=best.optimal and not few)
-        return solution(self.judge, best, balance, enough, Course(self.history, self.summary, self.interrupted))
+        enough = not self.problem.over_interval or self._resolved.enough
+        course = Course(self.history, self.summary, self.interrupted)
+        return solution(self.judge, best._replace(optimal=best.optimal and not few), balance, enough, course)
 
     def _optimality(self, point: Point, values: np.ndarray) -> Optimality:
         if self._reached() and self.best.optimal and float(values.max()) <= self._rounding:
