@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from jshape import _check
 from jshape._types import ArrayLike
 from jshape.axes import moving
 from jshape.command import as_command
@@ -38,8 +39,7 @@ def responses(
         duration: of the longest shaped command, s.
     """
     plant, move = problem.plant, as_command(problem.distance)
-    horizon = shown_until(plant, duration)
-
+    horizon = _check.scalar(shown_until(plant, duration), "horizon")
     ends = [
         with_leaves(plant, {name: values[at] * leaf(plant, name)})
         for name, values in problem.over.items()
