@@ -127,10 +127,11 @@ def _judged_before(folder: Path, chosen: dict[str, Any]) -> "dict[str, dict[str,
         record = json.loads(read_text(folder / "results.json"))
         check_seal(record)
         same = record["finished"] is False and all(record[key] == value for key, value in chosen.items())
-        # JSON has no NaN, which a single seed's interval has for its ends.
+        # What ``write_results`` makes of NaN, which a single seed's interval has for its ends, and of infinity.
+        words = {None: math.nan, "diverged": math.inf}
         return {
             name: {
-                score: Interval(*(math.nan if value is None else float(value) for value in interval))
+                score: Interval(*(float(words.get(value, value)) for value in interval))
                 for score, interval in row.items()
             }
             for name, row in record["policies"].items()

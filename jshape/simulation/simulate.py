@@ -115,15 +115,15 @@ def prepared(
     plan = schedule(plant, command, shaper, name)
     _check.warn_if_single()
     plant = with_arrays(plant)
-    warn_unless_at_rest(plant, plan)
+    warn_unless_at_rest(plant, command)
     return plan, plant, initial(plant, initial_state)
 
 
-def warn_unless_at_rest(plant: AbstractPlant, plan: Schedule) -> None:
+def warn_unless_at_rest(plant: AbstractPlant, command: Any) -> None:
     """Warn where a plant that is not jshape's moves by itself in what it calls rest, before a command or after it."""
-    if type(plant).__module__.partition(".")[0] == "jshape" or not _check.is_concrete(plant, plan):
+    if type(plant).__module__.partition(".")[0] == "jshape" or not _check.is_concrete(plant, command):
         return
-    for inputs in (plant.zero_inputs(), plan.final_inputs(plant)):
+    for inputs in (plant.zero_inputs(), schedule(plant, command).final_inputs(plant)):
         rest, rates, matrix = map(np.asarray, _near_rest(plant, inputs))
         # Beside what changes where it is a unit away from there.
         unit = np.max(np.abs(matrix), initial=0.0) * (1 + np.max(np.abs(rest)))

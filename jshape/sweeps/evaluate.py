@@ -182,7 +182,7 @@ def study(
         ValueError: as ``check_over`` and ``as_command`` do.
     """
     command, plant = for_axes(distance, plant.axes, type(plant).__name__), with_arrays(plant)
-    warn_unless_at_rest(plant, schedule(plant, command))
+    warn_unless_at_rest(plant, command)
     absolute = check_over(plant, over, relative)
     points = {name: np.asarray(values) for name, values in (grid(absolute) if combined else absolute).items()}
     some = alike_shapers(list(shapers), plant.axes)

@@ -137,7 +137,7 @@ class Search:
         # Derivatives, while values are compiled and ranked; what stands in the way is met again below.
         self.compiling = beside(self.judge.compile, starts[0])
         if self.problem.over_interval:
-            beside(lambda: self._resolved)  # It judges the end, too, where an interrupt has no time to compile.
+            beside(lambda: self._resolved)  # The best design is judged by it; an interrupt has no time to compile it.
         more = max(1.0, CHEAP / self._work(starts[0]))
         known, rounds = KNOWN, [(min(count, max(2, int(size * more))) if most else size, most) for size, most in ROUNDS]
         total = sum(size for size, _ in rounds)

@@ -24,7 +24,6 @@ from jshape.design.tuning.starts import starts as starting_points
 from jshape.memory import make_room
 from jshape.plants import AbstractPlant
 from jshape.shaper import Shaper
-from jshape.simulation.schedule import schedule
 from jshape.simulation.simulate import warn_unless_at_rest
 
 
@@ -121,7 +120,7 @@ def tune(
         relative=relative, metric=metric, also=also, initial_state=initial_state, time_cost=time_cost, shapers=shapers,
         limits=Limits(peak_deflection, speed_limit, command_overshoot, getattr(plant, "axes", ())),
     )  # fmt: skip
-    warn_unless_at_rest(problem.scenarios.plant, schedule(problem.scenarios.plant, problem.scenarios.command))
+    warn_unless_at_rest(problem.scenarios.plant, problem.scenarios.command)
     if sample_time is not None:
         _check.positive(sample_time, "sample_time")
         digital.check(sample_time, problem.bounds)
