@@ -128,10 +128,10 @@ def _judged_before(folder: Path, chosen: dict[str, Any]) -> "dict[str, dict[str,
         check_seal(record)
         same = record["finished"] is False and all(record[key] == value for key, value in chosen.items())
         # What ``write_results`` makes of NaN, which a single seed's interval has for its ends, and of infinity.
-        words = {None: math.nan, "diverged": math.inf}
+        words: dict[Any, float] = {None: math.nan, "diverged": math.inf}
         return {
             name: {
-                score: Interval(*(float(words.get(value, value)) for value in interval))
+                score: Interval(*(words[value] if value in words else float(value) for value in interval))
                 for score, interval in row.items()
             }
             for name, row in record["policies"].items()
