@@ -19,6 +19,7 @@ from jaxtyping import Array, Bool, Float, Int
 from jshape._roots import greatest
 from jshape._types import Scalar, State
 from jshape.plants import AbstractPlant
+from jshape.simulation.batches import batch_maximum, one_for_each
 from jshape.simulation.components import parts_of
 from jshape.simulation.integrate import runge_kutta_step, tableau_of
 from jshape.simulation.replay import MOST_REPLAYED, field_of, replay
@@ -137,17 +138,6 @@ def _no_tangent(value: Array) -> Any:
     return jnp.zeros(value.shape, jax.dtypes.float0)
 
 
-def _one_for_each(of: Any, values: Any) -> Any:
-    """What a loop begins with; in a batch whose branches differ in any number of ``of``, one for each branch.
-
-    Where JAX finds only in the loop that a value differs from branch to branch, it traces the loop's body once more,
-    at each level of loops within loops: half of what a residual energy takes to trace. XLA drops the comparison.
-    """
-    numbers = [jnp.sum(leaf) for leaf in jax.tree.leaves(of) if eqx.is_inexact_array(leaf)]
-    branch = sum(numbers[1:], numbers[0])
-    return jax.tree.map(lambda value: jnp.where(branch == branch, value, value), values)
-
-
 def _square(values: Any) -> Any:
     return sum(value * value for value in values)
 
@@ -193,7 +183,7 @@ def _run(
         state, resolved, left = carry
         segment, least = item
         inputs = inputs_at(plant, segment.coefficients, segment.age + segment.duration)
-        zero, none, no = _one_for_each(
+        zero, none, no = one_for_each(
             state, (tuple(map(jnp.zeros_like, state)), jnp.zeros((), jnp.int32), jnp.asarray(False))
         )
 
@@ -221,7 +211,7 @@ def _run(
             outside = jnp.where(~good & plant.diverged(jnp.stack(end), inputs), outside + 1, 0)
             gone = outside >= jnp.where(count >= _FINE, _LEFT_FINE, _LEFT)
             more = resolved & ~good & ~waits & ~gone & (count < most)
-            again = _batch_maximum(more.astype(dtype)) > 0
+            again = batch_maximum(more.astype(dtype)) > 0
             count = jnp.where(again, jnp.minimum(4 * count, most), count)
             return count, end, error, good, outside, gone, again
 
@@ -233,7 +223,7 @@ def _run(
         left = left | (resolved & ~good & gone)
         return (end, good, left), (count, last, jnp.stack(error), energies)
 
-    begin = (tuple(state), *_one_for_each(state, (jnp.asarray(True), jnp.asarray(False))))
+    begin = (tuple(state), *one_for_each(state, (jnp.asarray(True), jnp.asarray(False))))
     (_, resolved, left), found = jax.lax.scan(advance_segment, begin, (segments, steps))
     return _Run(*found, resolved, left)
 
@@ -340,7 +330,7 @@ def _attempt(plant, segments: Segments, plan: Schedule, state: State, tolerance:
     fine = sound & (estimate <= 10 * _PROBE)
     # A branch that is not resolved by the steps it may take now waits until the others are done.
     ended = met | last.met | last.spent
-    ready = _batch_maximum((~(fine | ended) & run.resolved).astype(dtype)) == 0
+    ready = batch_maximum((~(fine | ended) & run.resolved).astype(dtype)) == 0
     # The fewest steps whose errors add up to the target: a segment's share grows as the ninth root of its error.
     target = jnp.where(ready, tolerance, _PROBE)
     shares = jnp.exp(jnp.log(estimates) / (_ORDER + 1))
@@ -357,9 +347,9 @@ def _attempt(plant, segments: Segments, plan: Schedule, state: State, tolerance:
     stuck = jnp.where(run.resolved, jnp.all(wanted <= run.steps) & (ready | ~fine), last.most >= MOST_STEPS)
     spent = last.spent | stuck | (rounded >= _ROUNDED)
     done = met | last.met | spent
-    steps = _batch_maximum(jnp.where(done, 0.0, wanted)).astype(jnp.int32)
-    most = jnp.where(_batch_maximum((~done & run.resolved).astype(dtype)) > 0, last.most, MOST_STEPS)
-    go_on = (_batch_maximum((~done).astype(dtype)) > 0) & (last.runs + 1 < _RUNS)
+    steps = batch_maximum(jnp.where(done, 0.0, wanted)).astype(jnp.int32)
+    most = jnp.where(batch_maximum((~done & run.resolved).astype(dtype)) > 0, last.most, MOST_STEPS)
+    go_on = (batch_maximum((~done).astype(dtype)) > 0) & (last.runs + 1 < _RUNS)
 
     def kept(old, new):
         return jnp.where(last.met, old, new)
@@ -386,7 +376,7 @@ def _pilot(plant, segments: Segments, plan: Schedule, state: State, tolerance: S
     first, runs = jnp.full(count, _FIRST, jnp.int32), jnp.zeros((), jnp.int32)
     nothing, no, kinked = jnp.zeros((), dtype), jnp.asarray(False), jnp.asarray(has_kinks(plant))
     ends, estimates, none = jnp.zeros((count, len(state)), dtype), jnp.zeros(count, dtype), runs
-    ends, estimates, nothing, no, kinked, none, state, found = _one_for_each(
+    ends, estimates, nothing, no, kinked, none, state, found = one_for_each(
         (plant, segments, state), (ends, estimates, nothing, no, kinked, none, state, first)
     )
     start = _Pilot(
@@ -400,15 +390,5 @@ def _pilot(plant, segments: Segments, plan: Schedule, state: State, tolerance: S
     last = jax.lax.while_loop(lambda last: last.go_on, attempt, start)
     end = jnp.where(last.met, last.end, jnp.nan)
     # One set of numbers for the batch, without those of branches that are flagged anyway.
-    steps = _batch_maximum(jnp.where(last.met, last.found, 1))
+    steps = batch_maximum(jnp.where(last.met, last.found, 1))
     return Checked(end, last.error, last.scale, last.diverged, last.met, steps)
-
-
-def _of_batch(axis_size: int, in_batched: list[bool], value: Array):
-    del axis_size, in_batched
-    return _batch_maximum(jnp.max(value, axis=0)), False
-
-
-_batch_maximum: Any = jax.custom_batching.custom_vmap(lambda value: value)
-"""The value itself; under ``vmap`` the greatest of the batch, one for all."""
-_batch_maximum.def_vmap(_of_batch)

@@ -234,7 +234,6 @@ class Search:
         """The starts from the best to the worst; the best of those that an interrupt lets through is a candidate."""
         merits: list[float] = []
         before = len(self.history)
-
         try:
             for start in starts:
                 merits.append(self._coarse(start))
