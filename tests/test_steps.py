@@ -309,3 +309,18 @@ def test_a_crane_in_single_precision_is_answered():
         with jax.enable_x64(False):
             found = jax.vmap(lambda mass, metric=metric: metric(single(crane(mass)), *single(move)))(single(masses))
         np.testing.assert_allclose(found, expected, rtol=2e-4)
+
+
+@pytest.mark.parametrize("derivative", [jax.jacfwd, jax.jacrev])
+def test_a_derivative_through_more_steps_than_can_be_replayed_is_flagged(derivative, monkeypatch):
+    """In reverse mode it was that of the energy at a state that does not move: finite, and wrong."""
+    monkeypatch.setattr("jshape.simulation.steps.MOST_REPLAYED", 4)
+
+    def state(m2):
+        plant = with_arrays(pair(m2=m2))
+        return checked_state(plant, schedule(plant, 1.0, js.Shaper([0.5, 0.5], [0.0, 0.9])), initial(plant)).state
+
+    assert np.all(np.isfinite(state(1.3)))
+    assert np.all(np.isnan(derivative(state)(1.3)))
+    batch = jax.vmap(derivative(state))(jnp.array([1.3, 1.4]))
+    assert np.all(np.isnan(batch))

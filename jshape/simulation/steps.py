@@ -127,7 +127,8 @@ def checked_state(plant: AbstractPlant, plan: Schedule, initial_state: State, to
         _, tangent = jax.jvp(again, primals[:1], tangents[:1])
         known = found.met & jnp.all(found.steps <= MOST_REPLAYED)
         zero = jax.tree.map(_no_tangent, found)
-        return found, zero._replace(state=jnp.where(known, tangent, jnp.nan))
+        # A factor, which reverse mode meets, too: of a constant in the tangent's place it would make a derivative of 0.
+        return found, zero._replace(state=tangent * jnp.where(known, 1.0, jnp.nan).astype(tangent.dtype))
 
     return run(dynamic, asked)
 
