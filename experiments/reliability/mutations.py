@@ -55,6 +55,7 @@ ROOMS = {
 
 TESTS = {
     "jshape/simulation/angles.py": ("angles",),
+    "jshape/simulation/batches.py": ("steps",),
     "jshape/simulation/components.py": ("components", "integrate"),
     "jshape/simulation/energy_profile.py": ("metrics", "papers_energy::test_energies_along_the_three_impulse_move"),
     "jshape/simulation/integrate.py": ("integrate", "components"),
