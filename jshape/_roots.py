@@ -46,7 +46,7 @@ def newton_root(function: Callable[[Scalar], Scalar], start: Any) -> Scalar:
     )
     root = _differentiable(function, "Newton", dict(rtol=1e-13, atol=1e-13), start, options=side, max_steps=256)
     found = jnp.abs(function(root)) <= 1e-9 * (1 + jnp.abs(function(start)))
-    return jnp.where(found, root, jnp.nan)
+    return known_or_nan(root, found)
 
 
 def nearest_root(function: Callable[[Scalar], Scalar], side: Any) -> Scalar:
@@ -115,17 +115,26 @@ def checked_integral(function: Callable[[Scalar], Scalar], end: Scalar, kinks: S
     at_places = jnp.max(jnp.abs(jax.lax.stop_gradient(jax.vmap(function)(places))), initial=0.0)
     rounding = 64 * eps * jnp.abs(jax.lax.stop_gradient(end)) * at_places
     known = jnp.abs(difference) <= jnp.maximum(max(1e-10, 256 * eps) * size, rounding)
-    return jnp.where(known, value, jnp.nan)
+    return known_or_nan(value, known)
 
 
 def greatest(values: Array, axis: int | tuple[int, ...] | None = None) -> Array:
     """The greatest entry; NaN where one is, which ``jnp.max`` on a processor loses among some thousands (jax 0.10)."""
-    return jnp.where(jnp.any(jnp.isnan(values), axis), jnp.nan, jnp.max(values, axis))
+    return known_or_nan(jnp.max(values, axis), ~jnp.any(jnp.isnan(values), axis))
+
+
+def known_or_nan(value: Array, known: Any) -> Array:
+    """The value where it is known, elsewhere NaN, of which the derivatives are NaN, too.
+
+    NaN is a factor: as a constant in the value's place it would have a derivative of 0.
+    """
+    return value * jnp.where(known, 1.0, jnp.nan).astype(value.dtype)
 
 
 def safe_sqrt(x: Float[Array, "..."]) -> Float[Array, "..."]:
     """Square root, 0 for what rounding has made negative, with a derivative of 0 there instead of an infinite one."""
-    return jnp.where(x > 0, jnp.sqrt(jnp.where(x > 0, x, 1.0)), 0.0)
+    positive = ~(x <= 0)
+    return jnp.where(positive, jnp.sqrt(jnp.where(positive, x, 1.0)), 0.0)
 
 
 def complete_elliptic_k(m: Any) -> Scalar:

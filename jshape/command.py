@@ -202,9 +202,10 @@ class Trapezoid(AbstractCommand):
 
     def pieces(self) -> tuple[Breaks, Coefficients]:
         length, a = jnp.abs(self.distance), self.acceleration
-        cruises = self.speed**2 <= length * a
-        peak = jnp.where(cruises, self.speed, jnp.sqrt(length * a))
-        ramp, cruise = peak / a, _unless(~cruises, length / peak - peak / a)
+        # Comparisons are such that a number that is NaN stays in the answer.
+        short = self.speed**2 > length * a
+        peak = jnp.where(short, jnp.sqrt(length * a), self.speed)
+        ramp, cruise = peak / a, _unless(short, length / peak - peak / a)
         return _from_derivatives(self.distance, [ramp, cruise, ramp], jnp.stack([a, 0 * a, -a]), order=2)
 
 
@@ -235,14 +236,14 @@ class SCurve(AbstractCommand):
         # (v²/a + v a/j = length) or, where that speed lies below a²/j, without it (2 v sqrt(v/j) = length).
         full = (jnp.sqrt((a / j) ** 2 + 4 * length / a) - a / j) * a / 2
         brief = jnp.cbrt(length**2 * j / 4)
-        fast = full >= a**2 / j
-        top = jnp.where(fast, full, brief)
-        cruises = self.speed <= top
-        peak = jnp.where(cruises, self.speed, top)
-        holds = jnp.where(cruises, self.speed >= a**2 / j, fast)
-        rise = jnp.where(holds, a / j, jnp.sqrt(peak / j))
-        hold = _unless(~holds, peak / a - a / j)
-        cruise = _unless(~cruises, length / peak - (2 * rise + hold))
+        slow = full < a**2 / j
+        top = jnp.where(slow, brief, full)
+        short = self.speed > top
+        peak = jnp.where(short, top, self.speed)
+        briefly = jnp.where(short, slow, self.speed < a**2 / j)
+        rise = jnp.where(briefly, jnp.sqrt(peak / j), a / j)
+        hold = _unless(briefly, peak / a - a / j)
+        cruise = _unless(short, length / peak - (2 * rise + hold))
         signs = jnp.asarray([1, 0, -1, 0, -1, 0, 1], dtype=j.dtype)
         return _from_derivatives(self.distance, [rise, hold, rise, cruise, rise, hold, rise], j * signs, order=3)
 

@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Array
 
 from jshape import _check
-from jshape._roots import greatest
+from jshape._roots import greatest, known_or_nan
 from jshape._types import ArrayLike, Number, PerAxis, Scalar
 from jshape.command import Distance
 from jshape.compilation_cache import kept
@@ -332,10 +332,10 @@ def _energy_and_vibration(plant, plan: Schedule, state, steps: int | None, fine:
     met = end.met
     if isinstance(plant, AbstractOscillator) and plant.drives()[0] == "displacement":
         stored = plant.residual_energy(end.state, inputs)
-        amplitude = jnp.where(jnp.isnan(stored), jnp.nan, plant.spring.amplitude(stored))
+        amplitude = known_or_nan(plant.spring.amplitude(stored), ~jnp.isnan(stored))
         diverged = end.diverged | jnp.isinf(amplitude)
         distance = jnp.abs(_target(plant, plan) - _start(plant, plan))
-        amplitude = jnp.where(distance > 0, amplitude / jnp.where(distance > 0, distance, 1.0), jnp.nan)
+        amplitude = known_or_nan(amplitude / jnp.where(distance > 0, distance, 1.0), distance > 0)
     else:
         still = Schedule(plan.breaks[-1:], plan.coefficients[-1:])
         along = trajectory(plant, still, end.state, 2.0, "payload", fine)
@@ -346,9 +346,9 @@ def _energy_and_vibration(plant, plan: Schedule, state, steps: int | None, fine:
 
         amplitude = _over_distance(departure, plant, plan, along)
         diverged = end.diverged | along.diverged
-        amplitude = jnp.where(timed(plant), amplitude, jnp.nan)
+        amplitude = known_or_nan(amplitude, timed(plant))
         met = met & (along.met | along.diverged)
-    vibration = jnp.where(met, jnp.where(diverged, jnp.inf, amplitude), jnp.nan)
+    vibration = known_or_nan(jnp.where(diverged, jnp.inf, amplitude), met)
     return energy_at_end(plant, plan, end)[0], vibration, end.error, met
 
 
@@ -366,7 +366,7 @@ def _over_distance(measure: Callable[..., Array], plant, plan: Schedule, along: 
     target = _target(plant, plan)
     distance = target - _start(plant, plan)
     value = along_each_axis(measure, along, target, distance, *rows)
-    value = jnp.where((distance == 0) | jnp.any(jnp.isnan(along.value)), jnp.nan, value)
+    value = known_or_nan(value, (distance != 0) & ~jnp.any(jnp.isnan(along.value)))
     return jnp.where(along.diverged, jnp.inf, value)
 
 

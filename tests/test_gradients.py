@@ -227,6 +227,27 @@ def test_gradient_with_a_trapezoid():
     assert np.all(np.abs(found) > 1e-6)
 
 
+def no_number(measure, x):
+    """Whether a value and its derivatives in both modes are NaN."""
+    both = jax.jit(lambda x: (measure(x), jax.grad(measure)(x), jax.jvp(measure, (x,), (jnp.ones_like(x),))[1]))
+    return np.isnan(np.hstack(both(jnp.asarray(x)))).all()
+
+
+def test_what_is_not_known_has_no_derivative():
+    # A tolerance that is not met, and a trajectory that its steps do not resolve: no derivative of 0 in either mode.
+    plant, shaper = plants.TwoMass(1.0, 1.0, plants.Duffing(10.0, 100.0)), js.Shaper([0.5, 0.5], [0.0, 2e4])
+    assert no_number(lambda size: js.residual_energy(plant, shaper, size), 1.0)
+    assert no_number(lambda size: js.overshoot(plant, shaper, size), 1.0)
+    assert no_number(lambda omega: js.percentage_vibration(shaper, omega, 0.1), np.nan)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["residual_vibration", "peak_deflection", "settling_time", "rise_time"])
+def test_no_metric_that_is_not_known_has_a_derivative(name):
+    plant, shaper = plants.TwoMass(1.0, 1.0, plants.Duffing(10.0, 100.0)), js.Shaper([0.5, 0.5], [0.0, 2e4])
+    assert no_number(lambda size: getattr(js, name)(plant, shaper, size), 1.0)
+
+
 @pytest.mark.slow
 def test_gradient_of_a_forced_mass():
     # The place of rest is the root of an equation that depends on the spring.

@@ -172,6 +172,23 @@ def test_a_traced_trajectory_is_right_infinite_or_no_number():
     assert along(1.0, -0.25, 6.0) == np.inf
 
 
+@pytest.mark.parametrize("steps", [None, 4])
+def test_a_number_that_is_nan_leaves_no_energy(steps):
+    # Of plant, shaper, command or initial state; a traced call cannot refuse it.
+    def energy(x):
+        plant = plants.TwoMass(1.0, x[0], plants.Duffing(x[1], x[2]), plants.LinearDamper(x[3]))
+        moves = [js.Trapezoid(x[8], x[9], x[10]), js.SCurve(x[8], x[9], x[10], x[11])]
+        shaper = js.Shaper(jnp.stack([x[4], x[5]]), jnp.stack([x[6], x[7]]))
+        return [js.residual_energy(plant, shaper, move, initial_state=x[12:], steps=steps) for move in moves]
+
+    x = jnp.asarray([1.2, 10.0, 100.0, 0.5, 0.5, 0.5, 0.0, 0.59, 1.0, 0.9, 4.0, 20.0, 0.01, 0.02])
+    for short in (x, x.at[9].set(9.0)):
+        assert np.all(np.isfinite(energy(short)))
+        found = np.array(jax.jit(jax.vmap(energy))(short[None] + jnp.diag(jnp.full(len(x), jnp.nan))))
+        # A trapezoid has no jerk.
+        np.testing.assert_array_equal(np.isnan(found), [np.arange(len(x)) != 11, np.full(len(x), True)])
+
+
 def test_steps_along_a_move_are_refined_until_they_are_enough(monkeypatch):
     expected = float(js.overshoot(PLANT, SHAPER, 1.0))
     monkeypatch.setattr("jshape.simulation.trajectory.fine_steps", lambda *_: 16)

@@ -118,6 +118,12 @@ def test_slope_of_the_amplitude(name):
     assert float(_slope_of_amplitude(spring, energy)) == pytest.approx(1 / force(deflection), rel=1e-10)
 
 
+@pytest.mark.parametrize("name", SPRINGS)
+def test_no_amplitude_of_an_energy_that_is_nan(name):
+    spring, energy = SPRINGS[name][0], jnp.asarray(np.nan)
+    assert np.isnan([_amplitude(spring, energy), _slope_of_amplitude(spring, energy)]).all()
+
+
 def test_amplitude_beyond_the_summit_is_infinite():
     # The softening spring's summit: x² = −k1/k3 = 5 with U = k1²/(−4 k3) = 1.25 J.
     spring = plants.Duffing(1.0, -0.2)

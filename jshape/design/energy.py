@@ -25,7 +25,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jshape import _check
-from jshape._roots import bracketed_root, integral
+from jshape._roots import bracketed_root, integral, known_or_nan
 from jshape._types import Scalar
 from jshape.command import Distance
 from jshape.compilation_cache import kept
@@ -299,7 +299,7 @@ def _bases(plant: AbstractOscillator, ways: Array, losses: Array | None = None) 
 
         # A damper takes energy, so the base may have to stand beyond the destination of the swing.
         share = bracketed_root(excess, 0.0, FARTHEST)
-        return way * jnp.where(excess(jnp.asarray(FARTHEST)) >= 0, share, jnp.nan)
+        return way * known_or_nan(share, excess(jnp.asarray(FARTHEST)) >= 0)
 
     return jax.vmap(base)(ways, losses)
 
@@ -360,7 +360,7 @@ def _newton(conditions: Callable[[Array], Array], start: Array) -> Array:
     tolerance = max(1e-11, 20 * float(jnp.finfo(start.dtype).eps))
     solver = optx.Newton(rtol=tolerance, atol=tolerance, linear_solver=lx.LU())
     solution = optx.root_find(lambda x, _: conditions(x), solver, start, max_steps=32, throw=False)
-    return jnp.where(solution.result == optx.RESULTS.successful, solution.value, jnp.nan)
+    return known_or_nan(solution.value, solution.result == optx.RESULTS.successful)
 
 
 def _effective(plant: AbstractOscillator, damping: str) -> str:

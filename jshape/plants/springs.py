@@ -20,7 +20,7 @@ import numpy as np
 
 from jshape import _check
 from jshape._check import Argument, Checked, finite, positive, real
-from jshape._roots import bracketed_root, checked_integral, safe_sqrt
+from jshape._roots import bracketed_root, checked_integral, known_or_nan, safe_sqrt
 from jshape._types import ArrayLike, Scalar
 
 if not TYPE_CHECKING:
@@ -54,10 +54,11 @@ class AbstractSpring(Checked):
             reached = ~(stored < energy)
             index = jnp.maximum(jnp.argmax(reached), 1)
             root = bracketed_root(lambda a: self.potential(sign * a) - energy, grid[index - 1], grid[index])
-            root = jnp.where(jnp.isnan(stored[index]), jnp.nan, root)
+            root = known_or_nan(root, ~jnp.isnan(stored[index]))
             return jnp.where(jnp.any(reached), root, jnp.inf)
 
-        return jnp.where(energy > 0, jnp.maximum(one_side(1.0), one_side(-1.0)), 0.0)
+        greater = jnp.maximum(one_side(1.0), one_side(-1.0))
+        return known_or_nan(jnp.where(energy > 0, greater, 0.0), ~jnp.isnan(energy))
 
     def stiffness(self, x: Any) -> Scalar:
         """Slope of the force at deflection x (m), N/m."""
@@ -114,7 +115,7 @@ class Duffing(AbstractSpring):
     def amplitude(self, energy: Scalar) -> Scalar:
         # The smaller root of k3 a⁴/4 + k1 a²/2 = E, in the form that survives k3 → 0.
         inside = self.k1**2 + 4 * self.k3 * energy
-        bounded = inside >= 0
+        bounded = ~(inside < 0)
         root = jnp.sqrt(jnp.where(bounded, inside, 1.0))
         return jnp.where(bounded, safe_sqrt(4 * energy / (self.k1 + root)), jnp.inf)
 
@@ -171,7 +172,8 @@ class PowerLawSpring(AbstractSpring):
 
     def amplitude(self, energy: Scalar) -> Scalar:
         ratio = (self.power + 1) * energy / self.k
-        return jnp.where(ratio > 0, jnp.where(ratio > 0, ratio, 1.0) ** (1 / (self.power + 1)), 0.0)
+        positive = ~(ratio <= 0)
+        return jnp.where(positive, jnp.where(positive, ratio, 1.0) ** (1 / (self.power + 1)), 0.0)
 
 
 class _Function(eqx.Module):

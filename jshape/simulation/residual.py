@@ -1,13 +1,16 @@
 """The state after the last impulse and the residual energy there, each with its accuracy."""
 
+import functools
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool
 
 from jshape import _check
+from jshape._roots import known_or_nan
 from jshape._types import Scalar, State
 from jshape.compilation_cache import kept
 from jshape.plants import AbstractPlant
@@ -35,7 +38,10 @@ def state_at_end(plant, plan: Schedule, state: State, steps: int | None, method:
     end, error = final_state(plant, plan, state, steps, method)
     slope, curved = jax.jvp(jax.grad(lambda y: plant.residual_energy(y, inputs)), (end,), (error,))
     bound = jnp.abs(slope) @ error + jnp.abs(curved) @ error / 2
-    return End(end, bound, plant.diverged(end, inputs), jnp.asarray(True))
+    # A state that is not finite is one that has diverged, unless something given was NaN.
+    given = [leaf for leaf in jax.tree.leaves((plant, plan, state)) if eqx.is_inexact_array(leaf)]
+    met = ~functools.reduce(jnp.logical_or, [jnp.any(jnp.isnan(leaf)) for leaf in given])
+    return End(end, bound, plant.diverged(end, inputs), met)
 
 
 @kept
@@ -49,7 +55,7 @@ def energy_at_end(plant, plan: Schedule, end: End) -> tuple[Scalar, Scalar, Bool
     # A plant without rest at its final input has no energy above it, whatever the tolerance.
     rest = jnp.all(jnp.isfinite(plant.rest_state(plan.final_inputs(plant))))
     energy = jnp.where(end.diverged & rest, jnp.inf, energy)
-    return jnp.where(end.met, energy, jnp.nan), jnp.where(end.met, end.error, jnp.inf), end.met | ~rest
+    return known_or_nan(energy, end.met), jnp.where(end.met, end.error, jnp.inf), end.met | ~rest
 
 
 def check_tolerance(tolerance: Any, state: State) -> None:

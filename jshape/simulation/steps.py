@@ -224,7 +224,7 @@ def _run(
         left = left | (resolved & ~good & gone)
         return (end, good, left), (count, last, jnp.stack(error), energies)
 
-    begin = (tuple(state), *one_for_each(state, (jnp.asarray(True), jnp.asarray(False))))
+    begin = (tuple(state), *one_for_each(state, (jnp.all(jnp.isfinite(state)), jnp.asarray(False))))
     (_, resolved, left), found = jax.lax.scan(advance_segment, begin, (segments, steps))
     return _Run(*found, resolved, left)
 

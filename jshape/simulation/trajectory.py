@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from jshape import _check
+from jshape._roots import known_or_nan
 from jshape._types import Scalar, State
 from jshape.command import polynomial
 from jshape.compilation_cache import kept
@@ -177,7 +178,7 @@ def observed(plant, plan: Schedule, state: State, periods: float, name: str) -> 
         )
     along = trajectory(plant, plan, state, periods, name, steps, parts)
     if not _check.is_concrete(along.value):
-        flagged = jnp.where((along.met & known) | along.diverged, along.value, jnp.nan)
+        flagged = known_or_nan(along.value, (along.met & known) | along.diverged)
         return eqx.tree_at(lambda along: along.value, along, flagged)
     while not (along.met or along.diverged):
         steps *= 4
