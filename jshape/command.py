@@ -18,6 +18,7 @@ reaches the limit where both are equal, and all numbers of the move follow from 
 
 import abc
 import math
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, ClassVar
 from typing import ClassVar as AbstractVar
 
@@ -290,6 +291,9 @@ def as_command(distance: Distance, name: str = "distance") -> AbstractCommand:
     """
     if isinstance(distance, AbstractCommand):
         return distance
+    if isinstance(distance, Mapping):
+        axes = ", ".join(f"{axis}=…" for axis in distance)
+        raise ValueError(f"{name} must be a number or a command, not a dict; for several axes js.Axes({axes})")
     size = _check.scalar(distance, name)
     _check.not_zero(size, name)
     return Step(size)

@@ -156,6 +156,10 @@ WRONG = {
         lambda: js.residual_energy(CRANE, None, js.Axes(slew=TROLLEY)),
         "HoistingCrane has the axes trolley, hoist, and no slew",
     ),
+    "commands in a dict": (
+        lambda: js.residual_energy(CRANE, None, {"trolley": TROLLEY}),
+        r"distance must be a number or a command, not a dict; for several axes js.Axes\(trolley=…\)",
+    ),
     "one axis": (lambda: js.residual_energy(plants.Crane(1.0), None, BOTH), "Crane has one axis and takes a plain"),
     "too rough": (
         lambda: js.residual_energy(CRANE, None, js.Axes(hoist=1.0)),
