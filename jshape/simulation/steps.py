@@ -240,9 +240,11 @@ def _in_energy(
 
     def one(coefficients, state: State, change: State):
         inputs = inputs_at(plant, coefficients, jnp.zeros_like(scale))
-        slope, curved = jax.jvp(jax.grad(lambda y: plant.residual_energy(y, inputs)), (state,), (change,))
+        energy = jax.value_and_grad(lambda y: plant.residual_energy(y, inputs))
+        (value, slope), (_, curved) = jax.jvp(energy, (state,), (change,))
         along, square = (_total(jnp.abs(by * change)) for by in (slope, curved))
-        return jnp.maximum(along, jnp.sqrt(2 * scale * square)) + square / 2
+        # An energy that is not known at a state is no better known with more steps.
+        return jnp.where(jnp.isnan(value), 0.0, jnp.maximum(along, jnp.sqrt(2 * scale * square)) + square / 2)
 
     change = jax.vmap(one)(after, states, changes)
     return jnp.where(scale > 0, change / jnp.where(scale > 0, scale, 1.0), change)

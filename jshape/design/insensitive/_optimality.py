@@ -203,12 +203,19 @@ def _feasible(specification: Specification, amplitudes: Vector, times: Vector, m
 
 
 def _without_redundant(design: Design, specification: Specification) -> Design:
-    """The design without impulses of amplitude 0, and with coincident ones merged; it begins at 0."""
+    """The design without impulses of amplitude 0, and with coincident ones merged; it begins at 0.
+
+    Two positive ones so close that one between them, at their centre, does the same to rounding coincide, too.
+    """
     amplitudes, times = list(design.amplitudes), list(design.times)
-    for i in reversed(range(len(amplitudes))):
-        merged = i > 0 and specification.kind.name != "bounded" and times[i] - times[i - 1] < 1e-7
-        if merged:
+    close = max(1e-7, 2e-7 * (times[-1] - times[0]))
+    for i in reversed(range(1, len(amplitudes) if specification.kind.name != "bounded" else 1)):
+        both = min(amplitudes[i - 1 : i + 1]) > 0
+        if (gap := times[i] - times[i - 1]) < (close if both else 1e-7):
             amplitudes[i - 1] += amplitudes[i]
-        if merged or (abs(amplitudes[i]) < 1e-9 and len(amplitudes) > 1):
+            times[i - 1] += gap * amplitudes[i] / amplitudes[i - 1] if both else 0.0
+            del amplitudes[i], times[i]
+    for i in reversed(range(len(amplitudes))):
+        if abs(amplitudes[i]) < 1e-9 and len(amplitudes) > 1:
             del amplitudes[i], times[i]
     return dataclasses.replace(design, amplitudes=np.array(amplitudes), times=np.array(times) - times[0])

@@ -136,18 +136,23 @@ class Descent:
             yield from self._iterate()
 
     def polish(self) -> None:
-        """Meet the conditions of an optimum to more digits than differences of the energies show: minima of models,
-        whatever the energies there, then SLSQP on the energies themselves, no further than a little around."""
+        """Meet the conditions of an optimum to more digits than differences of the energies show: minima of models that
+        learn from each step, whatever the energies there, then SLSQP on the energies, no further than a little around.
+        """
         search, space, (iterations, reach) = self.search, self.search.space, POLISHED
-        best, residual = self.x, search.optimality(self.point).residual
+        residual, found, within = search.optimality(self.point).residual, search.linearise(self.x), reach
         for _ in range(iterations):
             if residual < OPTIMAL:
                 break
-            found = search.linearise(self.x)
-            self.x, _ = end_of(self._propose(found, self._merit(scale_of(found.energies)), reach))
-            if (reached := search.optimality(self.point).residual) < residual:
-                best, residual = self.x, reached
-        self.x = best
+            trial, _ = end_of(self._propose(found, self._merit(scale_of(found.energies)), within))
+            if np.all(trial == self.x):
+                break
+            there, step = search.linearise(trial), trial - self.x
+            self._update(step, found, there)
+            if (reached := search.optimality(search.point(trial)).residual) < residual:
+                self.x, residual, found = trial, reached, there
+            else:
+                within = 0.25 * np.abs(step).max()
         if residual >= OPTIMAL:
             merit = self._merit(scale_of(search.values(self.x).energies))
             lower, upper = np.maximum(space.lower, self.x - reach), np.minimum(space.upper, self.x + reach)
