@@ -15,7 +15,7 @@ import jshape as js
 from jshape._files import write_results
 from jshape.cli import app
 from jshape.cli._artist import artist
-from jshape.cli._shared import explained, results_folder
+from jshape.cli._shared import explained, results_folder, results_name
 from jshape.export import read_shaper
 from jshape.problems.reading import shipped
 
@@ -87,6 +87,13 @@ def test_an_earlier_result_is_named(tmp_path, capsys):
     assert f"{tmp_path}: holds an earlier result, which a new one replaces" in capsys.readouterr().err
     assert results_folder(None, "other-results") == Path("other-results")
     assert capsys.readouterr().err == ""
+
+
+def test_results_of_two_identified_axes_do_not_meet():
+    assert results_name(Path("crane.toml")) == results_name(Path("machines/crane.toml")) == "crane-results"
+    assert results_name(Path("problem.toml")) == "problem-results"
+    assert results_name(Path("x-results/problem.toml")) == "x-problem-results"
+    assert results_name(Path("data/y-results/problem.toml")) == "y-problem-results"
 
 
 @pytest.mark.slow

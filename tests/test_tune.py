@@ -423,7 +423,10 @@ WRONG = {
     "unknown leaf, nominal": (dict(over={"m3": [1.0]}), "unknown leaf 'm3'"),
     "no starts": (dict(starts=0), "starts must be a whole number of at least 1, not 0"),
     "duration": (dict(duration=-1.0), "duration must be greater than 0, not -1"),
-    "durations": (dict(duration=(2.0, 1.0)), r"duration must be one number or \(shortest, longest\), not \(2.0, 1.0\)"),
+    "durations": (
+        dict(duration=(2.0, 1.0)),
+        r"duration must be one number, or the shortest and the longest in that order, not \(2.0, 1.0\)",
+    ),
     "time_cost": (dict(time_cost=-1.0), "time_cost must not be negative, not -1"),
     "sample_time": (dict(sample_time=0.0), "sample_time must be greater than 0, not 0"),
     "no multiple": (dict(duration=0.7, sample_time=0.4), "duration 0.7 s is no multiple of sample_time 0.4 s"),

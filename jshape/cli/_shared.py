@@ -39,7 +39,7 @@ def checked(name: str, out: Path | None) -> tuple["Draft", Path]:
     from jshape.problems.reading import read
 
     draft = read(name)
-    folder = results_folder(out, f"{draft.path.stem}-results")
+    folder = results_folder(out, results_name(draft.path))
     check_unedited(folder, draft.text, draft.files)
     return draft, folder
 
@@ -76,6 +76,14 @@ def results_folder(out: Path | None, name: str, checkpoint: str = "") -> Path:
     if (folder / "results.json").exists() and not resumed:
         typer.echo(f"{folder}: holds an earlier result, which a new one replaces", err=True)
     return folder
+
+
+def results_name(problem: Path) -> str:
+    """The folder for the results of a problem file, NAME-results; X-problem-results for the one that ``identify`` wrote
+    into X-results, so that those of two axes do not meet."""
+    identified = problem.stem == "problem" and problem.parent.name.endswith("-results")
+    before = problem.parent.name.removesuffix("results") if identified else ""
+    return f"{before}{problem.stem}-results"
 
 
 def plants_of(problem: "Problem") -> int:

@@ -8,7 +8,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from jshape.cli._shared import ProblemFile, check_new, explained, made, need_environments, prepare_jax, progress_line
+from jshape.cli._shared import (
+    ProblemFile,
+    check_new,
+    explained,
+    made,
+    need_environments,
+    prepare_jax,
+    progress_line,
+    results_name,
+)
 
 if TYPE_CHECKING:
     from jshape.problems.problem import Problem
@@ -67,7 +76,7 @@ def animate(
 
     check_film(path)
     with progress_line() as (step, progress):
-        name, chosen = _chosen(loaded, shaper, Path(f"{draft.path.stem}-results"), step)
+        name, chosen = _chosen(loaded, shaper, Path(results_name(draft.path)), step)
         step("responses")
         move = as_command(loaded.distance)
         bare, alike = alike_shapers([None, chosen], loaded.plant.axes)

@@ -91,7 +91,7 @@ def identify_csv(
         raise RecordError(message if message.startswith(str(path)) else f"{path}: {message}") from None
     notes = [*read.notes, *converted]
     if measured is None and named != "position":
-        notes.append(f'{", ".join(names)}: {named}, as the name says; measured="position" reads it otherwise')
+        notes.append(f"{', '.join(names)}: {named}, as the name says; say so (measured: position) where it is not")
     return dataclasses.replace(found, notes=(*notes, *found.notes))
 
 

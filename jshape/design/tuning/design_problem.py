@@ -177,5 +177,7 @@ def _durations(plant: AbstractPlant, impulses: int, duration: Any) -> tuple[floa
         return float(given), float(given)
     _check.not_negative(given, "duration")
     if given.shape != (2,) or not given[0] < given[1]:
-        raise ValueError(f"duration must be one number or (shortest, longest), not {duration!r}")
+        raise ValueError(
+            f"duration must be one number, or the shortest and the longest in that order, not {duration!r}"
+        )
     return float(given[0]), float(given[1])
