@@ -1,8 +1,10 @@
 """Roots and integrals of smooth functions of one variable, differentiable to any order; a safe root and maximum."""
 
+import functools
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -129,6 +131,12 @@ def known_or_nan(value: Array, known: Any) -> Array:
     NaN is a factor: as a constant in the value's place it would have a derivative of 0.
     """
     return value * jnp.where(known, 1.0, jnp.nan).astype(value.dtype)
+
+
+def without_nan(tree: Any) -> Array:
+    """Whether no number of a tree of arrays is NaN."""
+    leaves = [leaf for leaf in jax.tree.leaves(tree) if eqx.is_inexact_array(leaf)]
+    return ~functools.reduce(jnp.logical_or, [jnp.any(jnp.isnan(leaf)) for leaf in leaves])
 
 
 def safe_sqrt(x: Float[Array, "..."]) -> Float[Array, "..."]:

@@ -30,6 +30,7 @@ from jaxtyping import Array, Float
 
 from jshape import _check
 from jshape._check import Argument, Checked, as_array, finite, not_zero, positive
+from jshape._roots import known_or_nan, without_nan
 from jshape._types import ArrayLike, Breaks, Coefficients, Impulses, PerAxis, Scalar
 from jshape.compilation_cache import kept
 
@@ -327,7 +328,7 @@ def _superposed(command: AbstractCommand, amplitudes: Impulses, times: Impulses)
     weight = jnp.where(started > 0, amplitudes[None, :], 0.0)
     age = merged[:, None] - (times[None, :] + breaks[active])
     shifted = taylor_shift(coefficients[active], age)
-    return merged, jnp.sum(weight[..., None] * shifted, axis=1)
+    return merged, known_or_nan(jnp.sum(weight[..., None] * shifted, axis=1), without_nan(merged))
 
 
 def taylor_shift(coefficients: Float[Array, "... powers"], shift: Float[Array, "..."]) -> Float[Array, "... powers"]:
@@ -351,4 +352,5 @@ def _from_derivatives(distance: Any, durations: list[Any], highest: Array, order
     # The move ends where it should, to the last bit.
     rows[-1] = jnp.zeros_like(rows[-1]).at[0].set(distance)
     breaks = jnp.concatenate([jnp.zeros(1, highest.dtype), jnp.cumsum(jnp.stack(durations))])
-    return breaks, jnp.stack(rows)
+    # No time is before or after a break that is NaN.
+    return breaks, known_or_nan(jnp.stack(rows), without_nan(breaks))

@@ -270,7 +270,8 @@ def _settling_time(plant: AbstractPlant, plan: Schedule, along: Trajectory, band
         sides = [last_above(sign * (along.value - target) - limit, sign * along.slope, along) for sign in (1, -1)]
         last = jnp.maximum(*sides)
         # One that swings on is within the band twice a period; of several modes, for as long as a beat.
-        return jnp.where((last > along.time[-1, -1] - within) | (later > limit), jnp.inf, last)
+        settles = jnp.where((last > along.time[-1, -1] - within) | (later > limit), jnp.inf, last)
+        return known_or_nan(settles, ~jnp.isnan(limit))
 
     return _over_distance(settled, plant, plan, along, later)
 
@@ -365,8 +366,10 @@ def _over_distance(measure: Callable[..., Array], plant, plan: Schedule, along: 
     """
     target = _target(plant, plan)
     distance = target - _start(plant, plan)
-    value = along_each_axis(measure, along, target, distance, *rows)
-    value = known_or_nan(value, (distance != 0) & ~jnp.any(jnp.isnan(along.value)))
+    # An axis at rest leaves the derivatives of the others alone.
+    rests = distance == 0
+    value = along_each_axis(measure, along, target, jnp.where(rests, 1.0, distance), *rows)
+    value = jnp.where(rests, jnp.nan, known_or_nan(value, ~jnp.any(jnp.isnan(along.value))))
     return jnp.where(along.diverged, jnp.inf, value)
 
 

@@ -189,6 +189,32 @@ def test_a_number_that_is_nan_leaves_no_energy(steps):
         np.testing.assert_array_equal(np.isnan(found), [np.arange(len(x)) != 11, np.full(len(x), True)])
 
 
+def test_no_number_begins_or_ends_a_move():
+    plant, none = plants.TwoMass(1.0, 1.0, plants.Duffing(10.0, 100.0)), jnp.asarray(np.nan)
+    ring = lambda state: js.residual_energy(plant, None, 1.0, initial_state=state)
+    for found in (jax.jit(ring), jax.jit(jax.grad(ring)), jax.jit(jax.jacfwd(ring))):
+        assert np.isnan(found(jnp.asarray([np.nan, 0.1]))).all()
+    for build in (lambda x: js.Trapezoid(1.0, x, 4.0), lambda x: js.SCurve(1.0, x, 2.0, 9.0), lambda x: js.Step(x)):
+        assert np.isnan(jax.jit(lambda x, build=build: build(x)(0.6))(none))
+        states = jax.jit(lambda x, build=build: js.simulate(plant, build(x), SHAPER, horizon=3.0, samples=7).states)(
+            none
+        )
+        assert np.isnan(states[-1]).all()
+
+
+def test_an_axis_at_rest_leaves_the_derivatives_of_the_other_alone():
+    def left(length):
+        plant, move = plants.BridgeCrane(length), js.Axes(trolley=js.Trapezoid(1.5, 1.0, 2.0))
+        return js.residual_vibration(plant, js.Shaper([0.3, 0.7], [0.0, 0.6]), move)
+
+    value, derivative = jax.jit(left)(1.2), jax.jit(jax.grad(lambda length: left(length)[0]))(1.2)
+    assert np.isfinite(value[0])
+    assert np.isnan(value[1])
+    step = 1e-4
+    slope = (jax.jit(left)(1.2 + step)[0] - jax.jit(left)(1.2 - step)[0]) / (2 * step)
+    assert derivative == pytest.approx(float(slope), rel=1e-6)
+
+
 def test_steps_along_a_move_are_refined_until_they_are_enough(monkeypatch):
     expected = float(js.overshoot(PLANT, SHAPER, 1.0))
     monkeypatch.setattr("jshape.simulation.trajectory.fine_steps", lambda *_: 16)

@@ -198,6 +198,18 @@ def test_kinks_without_a_name_give_no_number():
     assert float(js.residual_energy(named, shaper, 0.9, tolerance=1e-8)) == pytest.approx(expected, rel=1e-7)
 
 
+@pytest.mark.slow
+def test_an_energy_that_is_not_known_on_the_way_is_no_energy():
+    # The quadrature fails at some of the states between; SciPy leaves 17.1495 J.
+    def force(x):
+        return 10 * x + 100 * x**3 + 0.3 * jnp.tanh((x - 0.6) / 0.03) + 0.3 * jnp.tanh((x + 0.6) / 0.03)
+
+    plant = plants.TwoMass(1.0, 1.0, plants.ForceSpring(force, odd=True))
+    shaper = js.Shaper([0.25986324, 0.52114452, 0.21899224], [0.0, 7.8395408, 15.6340176])
+    with pytest.raises(ValueError, match="residual energy of TwoMass"):
+        js.residual_energy(plant, shaper, 1.0)
+
+
 class Sinh(eqx.Module):
     """A force with a parameter of its own."""
 

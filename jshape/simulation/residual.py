@@ -1,22 +1,22 @@
 """The state after the last impulse and the residual energy there, each with its accuracy."""
 
-import functools
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool
 
 from jshape import _check
-from jshape._roots import known_or_nan
+from jshape._roots import known_or_nan, without_nan
 from jshape._types import Scalar, State
 from jshape.compilation_cache import kept
 from jshape.plants import AbstractPlant
 from jshape.simulation.schedule import Schedule
 from jshape.simulation.simulate import final_state
 from jshape.simulation.steps import TOLERANCE, checked_state, least_tolerance
+
+_KINKS = "a ForceSpring with kinks has to name them, kinks=…"
 
 
 class End(NamedTuple):
@@ -39,9 +39,8 @@ def state_at_end(plant, plan: Schedule, state: State, steps: int | None, method:
     slope, curved = jax.jvp(jax.grad(lambda y: plant.residual_energy(y, inputs)), (end,), (error,))
     bound = jnp.abs(slope) @ error + jnp.abs(curved) @ error / 2
     # A state that is not finite is one that has diverged, unless something given was NaN.
-    given = [leaf for leaf in jax.tree.leaves((plant, plan, state)) if eqx.is_inexact_array(leaf)]
-    met = ~functools.reduce(jnp.logical_or, [jnp.any(jnp.isnan(leaf)) for leaf in given])
-    return End(end, bound, plant.diverged(end, inputs), met)
+    met = without_nan((plant, plan, state))
+    return End(end, bound, plant.diverged(end, inputs) & met, met)
 
 
 @kept
@@ -56,6 +55,11 @@ def energy_at_end(plant, plan: Schedule, end: End) -> tuple[Scalar, Scalar, Bool
     rest = jnp.all(jnp.isfinite(plant.rest_state(plan.final_inputs(plant))))
     energy = jnp.where(end.diverged & rest, jnp.inf, energy)
     return known_or_nan(energy, end.met), jnp.where(end.met, end.error, jnp.inf), end.met | ~rest
+
+
+def _at_the_start(plant: AbstractPlant, plan: Schedule) -> Scalar:
+    """The energy above the last rest, where the move begins."""
+    return plant.residual_energy(plant.rest_state(plant.zero_inputs()), plan.final_inputs(plant))
 
 
 def check_tolerance(tolerance: Any, state: State) -> None:
@@ -79,10 +83,11 @@ def require_met(plant: AbstractPlant, plan: Schedule, energy: Any, met: Any, err
     name = type(plant).__name__
     if np.any(np.isnan(np.asarray(energy))) and np.all(np.asarray(met)):
         if np.all(np.isfinite(np.asarray(plant.rest_state(plan.final_inputs(plant))))):
-            words = "a ForceSpring with kinks has to name them, kinks=…"
-            raise ValueError(f"plant: the residual energy of {name} is not known ({words})")
+            raise ValueError(f"plant: the residual energy of {name} is not known ({_KINKS})")
         raise ValueError(f"distance: {name} has no rest at its final input, {_check.show(plan.final)}")
     if not np.all(np.asarray(met)):
+        if np.all(np.isnan(np.asarray(_at_the_start(plant, plan)))):
+            raise ValueError(f"plant: the residual energy of {name} is not known ({_KINKS})")
         asked = "the default" if tolerance is None else f"{tolerance:g}"
         raise ValueError(
             f"tolerance ({asked}) was not met: the residual energy of {name} after "

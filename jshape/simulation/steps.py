@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from jshape._roots import greatest
+from jshape._roots import greatest, without_nan
 from jshape._types import Scalar, State
 from jshape.plants import AbstractPlant
 from jshape.simulation.batches import batch_maximum, one_for_each
@@ -104,8 +104,8 @@ def checked_state(plant: AbstractPlant, plan: Schedule, initial_state: State, to
     """
     if len(plan.breaks) == 1:
         zero = jnp.zeros((), initial_state.dtype)
-        diverged = plant.diverged(initial_state, plan.final_inputs(plant))
-        return Checked(initial_state, zero, zero, diverged, jnp.asarray(True), jnp.zeros(0, jnp.int32))
+        diverged, known = plant.diverged(initial_state, plan.final_inputs(plant)), without_nan(initial_state)
+        return Checked(initial_state, zero, zero, diverged & known, known, jnp.zeros(0, jnp.int32))
     asked = TOLERANCE if tolerance is None else tolerance
     asked = jnp.maximum(jnp.asarray(asked, initial_state.dtype), least_tolerance(initial_state.dtype))
     dynamic, static = eqx.partition((plant, plan.segments(), plan, initial_state), eqx.is_array)
@@ -224,7 +224,7 @@ def _run(
         left = left | (resolved & ~good & gone)
         return (end, good, left), (count, last, jnp.stack(error), energies)
 
-    begin = (tuple(state), *one_for_each(state, (jnp.all(jnp.isfinite(state)), jnp.asarray(False))))
+    begin = (tuple(state), *one_for_each(state, (without_nan((plant, segments, state)), jnp.asarray(False))))
     (_, resolved, left), found = jax.lax.scan(advance_segment, begin, (segments, steps))
     return _Run(*found, resolved, left)
 
@@ -240,11 +240,9 @@ def _in_energy(
 
     def one(coefficients, state: State, change: State):
         inputs = inputs_at(plant, coefficients, jnp.zeros_like(scale))
-        energy = jax.value_and_grad(lambda y: plant.residual_energy(y, inputs))
-        (value, slope), (_, curved) = jax.jvp(energy, (state,), (change,))
+        slope, curved = jax.jvp(jax.grad(lambda y: plant.residual_energy(y, inputs)), (state,), (change,))
         along, square = (_total(jnp.abs(by * change)) for by in (slope, curved))
-        # An energy that is not known at a state is no better known with more steps.
-        return jnp.where(jnp.isnan(value), 0.0, jnp.maximum(along, jnp.sqrt(2 * scale * square)) + square / 2)
+        return jnp.maximum(along, jnp.sqrt(2 * scale * square)) + square / 2
 
     change = jax.vmap(one)(after, states, changes)
     return jnp.where(scale > 0, change / jnp.where(scale > 0, scale, 1.0), change)
