@@ -1,4 +1,7 @@
-"""Roots and integrals of smooth functions of one variable, differentiable to any order; a safe root and maximum."""
+"""Roots and integrals of smooth functions of one variable, differentiable to any order.
+
+Beside them a safe square root and maximum, and values that are not known.
+"""
 
 import functools
 from collections.abc import Callable, Sequence
