@@ -7,8 +7,10 @@ import pytest
 from calibration_data import RECORD, record_text, sets_text, spectrum_text
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from scipy import signal
 
 from jshape import calibration
+from jshape.calibration.modes import identify
 from jshape.calibration.score import Bins
 from jshape.calibration.spectrum import normalised
 from jshape.klipper import impulses
@@ -301,3 +303,31 @@ def test_bursts_that_a_sensor_lost_are_no_record(tmp_path):
         np.savetxt(path, kept, fmt="%.6f", delimiter=",", header=head, comments="#")
         with pytest.raises(ValueError, match=words):
             calibration.read(path)
+
+
+@pytest.mark.parametrize("zeta", [0.02, 0.04])
+def test_damping_ratios_are_not_the_width_of_the_windows(zeta, write):
+    """A mode shaken from 20 to 80 Hz in a minute, as Klipper's test does, read 0.031 and 0.048, once."""
+    rate, centre, begin, end, span = 3200.0, 45.0, 20.0, 80.0, 60.0
+    t = np.arange(int(span * rate)) / rate
+    f = begin + (end - begin) * t / span
+    w = 2 * np.pi * centre
+    shaken = 75 * f * np.sin(2 * np.pi * (begin + f) / 2 * t)
+    _, x, _ = signal.lsim(signal.TransferFunction([2 * zeta * w, w**2], [1, 2 * zeta * w, w**2]), shaken, t)
+    rows = [f"{a:.6f},{b:.3f},0,0" for a, b in zip(t, x, strict=True)]
+    (found,) = calibration.read(write("\n".join(["#time,accel_x,accel_y,accel_z", *rows])))
+    assert not found.transient
+    (mode,) = identify(found)
+    assert mode.frequency == pytest.approx(centre, abs=0.1)
+    assert mode.zeta == pytest.approx(zeta, rel=0.02)
+
+
+def test_a_single_blow_is_no_test_of_the_damping(write):
+    """0.021 for 0.04 without a word, once."""
+    spectra = calibration.read(write(record_text(1000, 1000.0)))
+    assert spectra[0].transient
+    assert "data.csv: more than half of its power lies within 0.5 s, as after a single blow" in (
+        calibration.calibrate(spectra, starts=1).message
+    )
+    assert "blow" not in calibration.calibrate(calibration.read(write(spectrum_text())), starts=1).message
+    assert not calibration.read(RECORD)[0].transient

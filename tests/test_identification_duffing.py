@@ -70,6 +70,17 @@ def swinging(times, start, k1, k3, c):
     return solve_ivp(slope, (0, times[-1]), [start, 0.0], "DOP853", times, rtol=1e-10, atol=1e-13).y[0]
 
 
+def test_rest_before_the_release():
+    """k3 was found to be −17 ± 13 for 30, and of a blow that no such spring explains the motion."""
+    times, noise = 0.01 * np.arange(1200), 0.005 * np.random.default_rng(0).standard_normal(1200)
+    swing = swinging(times, 1.0, 10.0, 30.0, 0.3)
+    zero = int(np.argmax(swing < 0))
+    for values in (np.append(np.ones(100), swing[:-100]), np.append(np.zeros(100), swing[zero : zero + 1100])):
+        found = identify_duffing(times, values + noise)
+        close(found, k1=10.0, k3=30.0, c=0.3)
+        assert "the free vibration is taken from here on" in found.notes[0]
+
+
 def test_less_than_half_a_period():
     """No minimum beside the true law, which leaves less: k3 was found to be −374 ± 330."""
     times = 0.005 * np.arange(40)

@@ -16,7 +16,7 @@ import numpy as np
 
 from jshape import _check
 from jshape._files import printable, read_bytes
-from jshape.calibration.spectrum import Spectrum, normalised, power_spectrum
+from jshape.calibration.spectrum import Spectrum, is_transient, normalised, power_spectrum
 
 COMPONENTS = ("xyz", "x", "y", "z")
 """Which direction of the accelerometer counts: all three, as for Klipper, or one of them."""
@@ -151,7 +151,7 @@ def _spectra(path: Path, header: int, heading: list[str], rows: Iterable[Row], c
         raise _problem(path, header, f"has no column psd_{component}: the sets are sums of all directions")
     with _located(path, lines[-1]):
         return [
-            Spectrum(printable(name), frequencies, density if done else normalised(frequencies, density))
+            Spectrum(printable(name), frequencies, density if done else normalised(frequencies, density), windowed=True)
             for name, density in chosen.items()
         ]
 
@@ -185,7 +185,8 @@ def _record(path: Path, rows: Iterable[Row], component: str) -> Spectrum:
     with _located(path, lines[-1]):
         frequencies, densities = power_spectrum(values[:, 0], values[:, 1:])
         density = densities.sum(axis=1) if component == "xyz" else densities[:, "xyz".index(component)]
-        return Spectrum(printable(path.name), frequencies, normalised(frequencies, density))
+        transient = is_transient(values[:, 0], values[:, 1:])
+        return Spectrum(printable(path.name), frequencies, normalised(frequencies, density), True, transient)
 
 
 def _demand_whole(path: Path, lines: list[int], steps: np.ndarray) -> None:

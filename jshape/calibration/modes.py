@@ -14,7 +14,7 @@ from scipy.signal import find_peaks
 
 from jshape._types import ArrayLike
 from jshape.calibration.score import CEILING
-from jshape.calibration.spectrum import Spectrum
+from jshape.calibration.spectrum import Spectrum, spectral_window
 
 MOST = 4
 """Modes looked for in a spectrum."""
@@ -38,9 +38,9 @@ class Mode:
 def identify(spectrum: Spectrum, ceiling: float = CEILING) -> list[Mode]:
     """The modes of a spectrum, strongest first, from resonance curves fitted to its peaks by least squares.
 
-    Peaks of less than a twentieth of the greatest are left aside. At least one mode, at most ``MOST``. A peak narrower
-    than the spectrum's resolution reads as more damped than it is. ``jshape.identification`` weighs all frequencies
-    alike and finds weak modes, too; here those count that the score counts.
+    Peaks of less than a twentieth of the greatest are left aside. At least one mode, at most ``MOST``. The curves are
+    smoothed as the spectrum's windows smooth it. ``jshape.identification`` weighs all frequencies alike and finds weak
+    modes, too; here those count that the score counts.
 
     Args:
         spectrum: measured.
@@ -56,7 +56,12 @@ def identify(spectrum: Spectrum, ceiling: float = CEILING) -> list[Mode]:
     step = np.median(np.diff(f))
     low = np.r_[f[peaks] - 5 * step, np.full(count, 0.002), np.zeros(count)]
     high = np.r_[f[peaks] + 5 * step, np.full(count, 0.5), np.full(count, 2.0)]
-    run = least_squares(lambda x: _curve(f, *x.reshape(3, -1)) - p, start, bounds=(np.maximum(low, 1e-3), high))
+    offsets, weights = spectral_window(spectrum.frequencies) if spectrum.windowed else (np.zeros(1), np.ones(1))
+
+    def misfit(x: np.ndarray) -> np.ndarray:
+        return _curve((f[:, None] + offsets).ravel(), *x.reshape(3, -1)).reshape(len(f), -1) @ weights - p
+
+    run = least_squares(misfit, start, bounds=(np.maximum(low, 1e-3), high))
     frequency, zeta, height = run.x.reshape(3, -1)
     # The power under a resonance curve is π f/(4ζ) times its static height squared.
     power = height**2 * np.pi * frequency / (4 * zeta)

@@ -7,8 +7,11 @@ import numpy as np
 from jaxtyping import Float
 from scipy.signal import welch
 
-WINDOW = 0.5
-"""The least length of a window, s."""
+WINDOW, BETA = 0.5, 6.0
+"""The least length of a window, s; and the shape of Kaiser's."""
+
+SIDE = 4
+"""Steps of the frequencies, to either side, beyond which a window lets nothing through."""
 
 LEAST_SAMPLE_RATE = 200.0
 """Hz: a record sampled more slowly shows nothing above 100 Hz, where printers vibrate."""
@@ -22,6 +25,10 @@ class Spectrum:
         name: for tables and figures.
         frequencies: Hz, increasing, shape (bins,).
         density: normalised power density, of any unit, shape (bins,).
+        windowed: whether it was computed by windows one over the step of the frequencies long (``power_spectrum``),
+            which widen its peaks.
+        transient: whether the record was of a single blow, as far as is known: most of its power lies within one such
+            window, where a test that shakes at all frequencies, one after the other, has little of it.
 
     Raises:
         ValueError: for lists of different lengths, frequencies that do not increase from 0 or above, densities that
@@ -32,6 +39,8 @@ class Spectrum:
     name: str
     frequencies: Float[np.ndarray, " bins"]
     density: Float[np.ndarray, " bins"]
+    windowed: bool = False
+    transient: bool = False
 
     def __post_init__(self):
         f, p = (np.asarray(values, float) for values in (self.frequencies, self.density))
@@ -54,6 +63,24 @@ def normalised(frequencies: Float[np.ndarray, " bins"], density: Float[np.ndarra
     """The density over (f + 0.1 Hz), since the printer shakes the more the higher the frequency; quiet below 10 Hz."""
     shifted = frequencies + 0.1
     return density / shifted * np.where(frequencies < 10, np.exp(1 - (10 / shifted) ** 2), 1.0)
+
+
+def spectral_window(frequencies: Float[np.ndarray, " bins"]) -> tuple[np.ndarray, np.ndarray]:
+    """The spectral window that ``power_spectrum`` smooths a density with: offsets of frequency, Hz; weights, sum 1.
+
+    Source: Kaiser (1966), the window's transform.
+    """
+    offsets = np.linspace(-SIDE, SIDE, 16 * SIDE + 1)
+    under = np.sqrt(BETA**2 - (np.pi * offsets) ** 2 + 0j)
+    weights = np.abs(np.sinc(1j * under / np.pi)) ** 2
+    return offsets * np.median(np.diff(frequencies)), weights / weights.sum()
+
+
+def is_transient(times: Float[np.ndarray, " samples"], acceleration: Float[np.ndarray, " samples axes"]) -> bool:
+    """Whether more than half of the power of a record (s, mm/s²) lies within a window's length."""
+    power = np.append(0.0, np.cumsum(np.sum((acceleration - acceleration.mean(axis=0)) ** 2, axis=1)))
+    ends = np.searchsorted(times, times + WINDOW)
+    return bool(np.max(power[ends] - power[: len(times)]) > 0.5 * power[-1])
 
 
 def power_spectrum(
@@ -88,5 +115,5 @@ def power_spectrum(
     length = 2 ** int(np.ceil(np.log2(WINDOW * sample_rate)))
     if count < length:
         raise ValueError(f"times must be at least one window of {length} samples, not {count}")
-    window: Any = np.kaiser(length, 6.0)
+    window: Any = np.kaiser(length, BETA)
     return welch(acceleration, sample_rate, window, length, length // 2, detrend="constant", scaling="density", axis=0)

@@ -7,7 +7,7 @@ from scipy.signal import savgol_filter
 
 from jshape._types import ArrayLike
 from jshape.identification._motion import Data, Law, pieces
-from jshape.identification.records import Record, RecordError, Where, check_record, longest_stretch
+from jshape.identification.records import Record, RecordError, Where, check_record, free_part, longest_stretch
 
 _WIDTH = 0.01
 """Of dry friction's change of sign, over the greatest speed."""
@@ -41,6 +41,7 @@ def prepared(times: ArrayLike, values: Any, inputs: Any, between: str, where: Wh
         RecordError: a ``ValueError``, for what cannot be used.
     """
     record = longest_stretch(check_record(times, values, inputs, where=where))
+    record = record if inputs is not None else free_part(record, every=True)
     if record.values.shape[1] != 1:
         raise ValueError(f"values must be one channel, the payload's position, not {record.values.shape[1]}")
     at, x = record.axis - record.axis[0], record.values[:, 0]

@@ -79,7 +79,8 @@ def identify_duffing(
 ) -> IdentifiedDuffing:
     """A payload on a spring k1 x + k3 x³ and a damper c v (or c v³), from its measured position.
 
-    Where the sensor's zero is, and how the motion began, is fitted, too.
+    Where the sensor's zero is, and how the motion began, is fitted, too; where nothing drives it and it rests at first,
+    the motion is fitted from the release, or the blow, on.
 
     Args:
         times: s, even, shape (rows,).

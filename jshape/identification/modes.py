@@ -15,7 +15,7 @@ import numpy as np
 from jshape import _check
 from jshape._types import ArrayLike, Progress
 from jshape.identification._projection import STEEPEST, AbstractFamily, Fit, fit
-from jshape.identification._search import search
+from jshape.identification._search import MOST, search
 from jshape.identification._uncertainty import is_white
 from jshape.identification.records import (
     FEWEST,
@@ -23,6 +23,7 @@ from jshape.identification.records import (
     RecordError,
     Where,
     check_record,
+    free_part,
     longest_stretch,
     require_range,
     row,
@@ -58,10 +59,10 @@ def identify(
         times: s, increasing, evenly spaced but for gaps, shape (rows,); of a spectrum frequencies, rad/s.
         values: shape (rows,) or (rows, channels); channels share the modes. Of a spectrum complex values are a
             frequency response, real ones a power spectral density (of what noise shakes).
-        kind: ``"ring-down"``, free vibration; ``"step"``, what follows a step of the command; ``"sweep"``, any motion
-            whose command is recorded with it; ``"spectrum"``.
+        kind: ``"ring-down"``, free vibration, perhaps after some rest; ``"step"``, what follows a step of the command;
+            ``"sweep"``, any motion whose command is recorded with it; ``"spectrum"``.
         inputs: the command at the same times, needed by a sweep; a step without it begins at the first sample and
-            yields shares of the vibration instead of gains.
+            yields shares of the vibration instead of gains, or is a ring-down where the machine rests at first.
         modes: how many; by Bayes's information criterion unless given.
         measured: what the channels are: ``"position"``, ``"velocity"`` or ``"acceleration"``. Gains are those of a
             position, in its unit: of an accelerometer in m/s² and a command in m, none.
@@ -97,6 +98,9 @@ def identify(
             raise RecordError(f"inputs: too short a record, {len(record.axis) - at} samples from the step on")
         rest = np.mean(record.values[:at], axis=0)
         record = record.part(slice(at, None))
+    if kind in ("ring-down", "step") and record.inputs is None:
+        free = free_part(record, every=kind == "step")
+        record, kind = (record, kind) if free is record else (free, "ring-down")
     if kind != "spectrum":
         require_range(record)
     family, centre, scale = _family(record, kind)
@@ -169,6 +173,8 @@ def _result(
         f"{w / 2 / np.pi:.5g} ± {1.96 * s / 2 / np.pi:.2g} Hz, damping {z:.4g} ± {1.96 * d:.2g}"
         for w, z, s, d in zip(omega, zeta, deviation, deviation[len(omega) :], strict=False)
     ]
+    if modes is None and len(found.omega) == MOST:
+        notes.append(f"{MOST} modes, the most that are looked for: perhaps this is no {kind}, or not all of it is")
     how = "as asked for" if modes is not None else "by Bayes's criterion"
     message = f"{len(omega)} mode{'s' if len(omega) > 1 else ''} ({how}; 95 % intervals): {'; '.join(described)}"
     if not found.converged:

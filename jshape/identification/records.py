@@ -8,6 +8,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from scipy.signal import medfilt
 
 from jshape import _check
 
@@ -22,6 +23,12 @@ UNEVEN = 0.2
 
 MISSING = 0.2
 """The share of a record that may be missing."""
+
+QUIET = 0.1
+"""The deviation, over the greatest distance from the first value, up to which a machine rests before it vibrates."""
+
+STRONGER = 1.3
+"""By how much noise may be stronger at first than at the end of a record."""
 
 LONGEST = 1e9
 """The gap, in sampling intervals, from which on a time is refused."""
@@ -144,6 +151,43 @@ def longest_stretch(record: Record) -> Record:
     note = f"{record.where(int(record.rows[begins[i]]))}from here on {ends[i] - begins[i]} samples are used, "
     notes = (*record.notes, note + "the longest stretch without a gap")
     return dataclasses.replace(record.part(slice(begins[i], ends[i])), notes=notes)
+
+
+def free_part(record: Record, every: bool) -> Record:
+    """The record from where the machine vibrates freely, with a note where it rests before, as until a blow.
+
+    Args:
+        record: of a machine that nothing drives.
+        every: whether all channels must rest at first. Otherwise some may be noise, no stronger than at the end.
+    """
+    channels = (record.values / np.maximum(np.max(np.abs(record.values), axis=0), 1e-300)).T
+    found = [_rest(medfilt(channel, 3)) for channel in channels]  # A single wrong value is no blow.
+    rest = min((rest for rest, _ in found if rest), default=0)
+    begin, tail = max(begin for _, begin in found), len(record.axis) // 4
+    if not rest or len(record.axis) - begin < FEWEST:
+        return record
+    others = [channel for channel, (own, _) in zip(channels, found, strict=True) if not own]
+    if any(every or np.std(channel[:rest]) > STRONGER * np.std(channel[-tail:]) for channel in others):
+        return record
+    place = record.where(int(record.rows[begin]))
+    note = f"{place}the free vibration is taken from here on; for {rest} samples at first the machine rests"
+    return dataclasses.replace(record.part(slice(begin, None)), notes=(*record.notes, note))
+
+
+def _rest(channel: np.ndarray) -> tuple[int, int]:
+    """For how many samples a channel rests at first, and where its free vibration begins; 0 and 0 if it does not rest.
+
+    A blow or a release lets the distance from the first value grow to half of its greatest, and on to a first peak; it
+    is taken to begin twice the time between these two before the peak, and to have ended as long after it.
+    """
+    away = np.abs(channel - np.median(channel[:FEWEST]))
+    half = int(np.argmax(away > 0.5 * np.max(away)))
+    falls = away[half:] < 0.5 * np.maximum.accumulate(away[half:])
+    peak = half + int(np.argmax(away[half:][: np.argmax(falls) or None]))
+    rest = 2 * half - peak
+    if rest < FEWEST or np.std(channel[:rest]) >= QUIET * np.max(away):
+        return 0, 0
+    return rest, 3 * peak - 2 * half + 1
 
 
 def require_range(record: Record) -> None:

@@ -87,9 +87,18 @@ def with_leaves(plant: Tree, values: Mapping[str, Any]) -> Tree:
     """
     for name, value in values.items():
         where, index = _where(plant, name)
-        new = value if index is None else jnp.asarray(where(plant)).at[index].set(value)
+        new = value if index is None else _with_entry(where(plant), index, value)
         plant = eqx.tree_at(where, plant, new)
     return plant
+
+
+def _with_entry(array: Any, index: int, value: Any) -> Array:
+    """The array with one entry replaced."""
+    if not _check.is_concrete(array, value):
+        return jnp.asarray(array).at[index].set(value)
+    entries = np.array(array)
+    entries[index] = value
+    return _check.on_device(entries)
 
 
 def changed(

@@ -28,8 +28,9 @@ from jshape.design.tuning.scaled_problem import ScaledProblem, scale_of
 from jshape.design.tuning.scenarios import Point
 from jshape.simulation.simulate import modes
 
-SCANNED, LAWSON = 4000, 8
-"""Random times that are tried in a round, and iterations by which amplitudes are fitted to each."""
+SCANNED, LAWSON, PROMISING = 4000, 8, (2, 4)
+"""Random times that are tried in a round, and iterations by which amplitudes are fitted to each; after the first two to
+the best quarter only."""
 
 REFINED, KNOWN, ROUNDS = 100, 20, (2, 4)
 """So many of them that lie apart are refined side by side, beside the best that are known; in so many rounds at least
@@ -156,15 +157,18 @@ class LinearModels:
         turned = np.swapaxes(self.phasors(x, rates)[1] * np.sqrt(weights)[:, :, None], 2, 3)
         forms = np.real(turned @ np.conj(np.swapaxes(turned, 2, 3))).reshape(count, len(rates), n * n)
         shares, least = np.full(forms.shape[:2], 1 / len(rates)), np.full(count, np.inf)
-        for _ in range(1 if np.all(bounds.lower == bounds.upper) else LAWSON):
-            square = (shares[:, None] @ forms).reshape(count, n, n)
+        for number in range(1 if np.all(bounds.lower == bounds.upper) else LAWSON):
+            if number == PROMISING[0]:
+                best = np.argsort(least)[: max(1, count // PROMISING[1])]
+                x, forms, shares, least = (each[best] for each in (x, forms, shares, least))
+            square = (shares[:, None] @ forms).reshape(-1, n, n)
             square += (1e-9 * np.trace(square, axis1=1, axis2=2)[:, None, None] + 1e-300) * np.eye(n)
-            solved = np.linalg.solve(square, np.ones((count, n, 1)))[..., 0]
+            solved = np.linalg.solve(square, np.ones((len(x), n, 1)))[..., 0]
             trial = x.copy()
             trial[:, :n] = solved / solved.sum(axis=1, keepdims=True)
             trial = _within(self.search, trial)
             twice = trial[:, :n, None] * trial[:, None, :n]
-            energies = np.maximum((forms @ twice.reshape(count, n * n, 1))[..., 0], 0.0)
+            energies = np.maximum((forms @ twice.reshape(-1, n * n, 1))[..., 0], 0.0)
             values = self._objectives(energies)
             x[values < least], least = trial[values < least], np.minimum(values, least)
             if self.search.problem.objective == "mean":
