@@ -40,7 +40,7 @@ def check_writable(folder: Path) -> None:
     try:
         if folder.exists() and not folder.is_dir():
             raise ValueError(f"{folder}: is a file, not a folder")
-        if folder.exists() and any(path.suffix != PARTIAL for path in folder.iterdir()) and not _results(folder):
+        if folder.exists() and any(path.suffix != PARTIAL for path in folder.iterdir()) and not results_of(folder):
             raise ValueError(f"{folder}: holds files that are not jshape's results; name another folder")
         made = [each for each in (folder, *folder.parents) if not each.exists()]
         try:
@@ -67,7 +67,7 @@ def check_unedited(folder: Path, text: str | None = None, files: Mapping[str, by
     Raises:
         ValueError: for one that its user may have edited.
     """
-    record = _results(folder)
+    record = results_of(folder)
     digests = record.get("file_digests")
     digests = digests if isinstance(digests, dict) else {}
     path = folder / "problem.toml"
@@ -80,7 +80,7 @@ def check_unedited(folder: Path, text: str | None = None, files: Mapping[str, by
             raise ValueError(f"{path}: has been edited, and is left as it is; name another folder")
 
 
-def _results(folder: Path) -> dict[str, Any]:
+def results_of(folder: Path) -> dict[str, Any]:
     """The content of a folder's ``results.json``; nothing where it is not jshape's."""
     try:
         found = json.loads(read_text(folder / "results.json"))

@@ -1,5 +1,6 @@
 """What commands write and print: names are data, files are whole or not there, and what a user has edited stays."""
 
+import dataclasses
 import errno
 import json
 import os
@@ -20,8 +21,10 @@ from jshape.identification.files import write
 from jshape.identification.from_csv import identify_csv
 from jshape.problems.problem import load
 from jshape.reports import plot, tables
-from jshape.reports.report import Report
+from jshape.reports.report import Report, Row
 from jshape.reports.report_files import write as write_report
+from jshape.reports.report_files import write_numbers
+from jshape.shaper import Shaper
 
 app = typer.Typer()
 app.command()(identify)
@@ -201,6 +204,27 @@ def test_a_report_writes_its_numbers_before_its_pictures(tmp_path, monkeypatch):
     assert record["title"] == problem.title
     _files.check_unedited(tmp_path / "out")
     assert_whole(tmp_path / "out")
+
+
+def test_shapers_and_figures_of_another_problem_are_removed(tmp_path):
+    """A tuned shaper, and its convergence, lay beside the closed forms of a problem that it was not made for."""
+    folder, problem = tmp_path / "out", load("paper_001")
+    rows = [Row(name, Shaper([0.5, 0.5], [0.0, 1.0]), 0.0, 0.0, 0.0) for name in ("linear ZV", "tuned")]
+
+    write_numbers(Report(problem, rows, {}, {}, None), folder)
+    own = [folder / "shapers" / "mine.json", folder / "figures" / "mine.png", folder / "notes.txt"]
+    figures = [folder / "figures" / f"{name}.png" for name in ("convergence", "response_x", "sensitivity_m2")]
+    for path in (*own, *figures, folder / "sensitivity_m2.csv"):
+        path.write_text("", encoding="utf-8")
+    # The same problem, compared: what was tuned is still its own.
+    write_numbers(Report(problem, rows[:1], {}, {}, None), folder)
+    assert all(path.exists() for path in (*own, *figures))
+    write_numbers(Report(problem, rows, {}, {}, None), folder)
+    other = dataclasses.replace(problem, text=problem.text + "\n# Another load.\n")
+    write_numbers(Report(other, rows[:1], {}, {}, None), folder)
+    assert all(path.exists() for path in own)
+    assert not any(path.exists() for path in (*figures, folder / "sensitivity_m2.csv"))
+    assert {path.name for path in (folder / "shapers").iterdir()} == {"linear_ZV.json", "linear_ZV.csv", "mine.json"}
 
 
 def test_an_error_of_the_disk_is_one_line(tmp_path):

@@ -137,6 +137,20 @@ def rows(**left: tuple[float, float]) -> list[report.Row]:
     return [report.Row(name, js.Shaper([0.5, 0.5], [0.0, time]), 0.0, v, v) for name, (time, v) in names.items()]
 
 
+def test_what_tuning_gains_and_what_more_time_would_bring():
+    problem = load("paper_001")
+    made = rows(linear_ZV=(1, 0.5), linear_ZVD=(2, 0.01), tuned=(1.5, 0.05))
+    for limit, bound in ((problem.design.duration, False), ([1.0, 1.5], True), ([1.0, 1.6], False)):
+        design = problem.design.model_copy(update={"duration": limit})
+        lines = report.Report(dataclasses.replace(problem, design=design), made, {}, {}, None).gains()
+        assert "worst residual energy 0.05 J: 10 times less than the 0.5 J of linear ZV, the best" in lines[0]
+        assert lines[-1] == "linear ZVD leaves 0.01 J, but takes 0.5 s longer"
+        assert (lines[1] == "it takes all of the 1.5 s that [design] duration allows: more may leave less") == bound
+        assert len(lines) == 2 + bound
+    better = rows(linear_ZV=(1, 0.5), linear_ZVD=(2, 0.06), tuned=(1.5, 0.05))
+    assert len(report.Report(problem, better, {}, {}, None).gains()) == 1
+
+
 def test_five_shapers_at_most_are_drawn():
     made = rows(linear_ZV=(1, 0.5), linear_ZVD=(2, 0.1), linear_EI=(2, 0.2), energy_2=(0.6, 0.3), energy_4=(3, 0.01))
     bare = report.Row("unshaped", js.Shaper([1.0], [0.0]), 1.0, 1.0, 1.0)

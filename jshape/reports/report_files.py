@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from jshape._files import digest, whole, write_results, write_text
+from jshape._files import digest, results_of, whole, write_results, write_text
 from jshape.export import export
 from jshape.plants import AbstractOscillator
 from jshape.reports.report import Report, Row, Step, badness
@@ -17,6 +17,9 @@ from jshape.reports.responses import numbers_of, responses
 from jshape.shaper import Shaper
 from jshape.simulation.energy_profile import energy_profile
 from jshape.sweeps.evaluate import alike_shapers
+
+FIGURES = ("convergence", "energy", "response*", "sensitivity_*")
+"""Names of figures, as patterns of files."""
 
 Draw = Callable[..., None]
 """``draw(path, kind, *numbers)``: draws and saves that figure, a function of ``jshape.reports.plot``."""
@@ -48,11 +51,14 @@ def write(report: Report, folder: Path, step: Step = lambda _: None, draw: Draw 
 
 def write_numbers(report: Report, folder: Path) -> None:
     """Write the numbers, the shapers and the problem into a folder, each whole."""
-    write_results(folder, numbers(report))
+    record, before = numbers(report), results_of(folder)
+    write_results(folder, record)
+    if any(before.get(part) != record[part] for part in ("problem_digest", "file_digests")):
+        _remove(folder, before)
     (folder / "shapers").mkdir(exist_ok=True)
     (folder / "figures").mkdir(exist_ok=True)
     for row in report.rows:
-        stem = row.name.replace(",", "").replace(" ", "_").replace("-", "_")
+        stem = _stem(row.name)
         export(row.shaper, "json", folder / "shapers" / f"{stem}.json", name=row.name)
         export(row.shaper, "csv", folder / "shapers" / f"{stem}.csv")
     write_text(folder / "problem.toml", report.problem.text)
@@ -68,6 +74,21 @@ def write_numbers(report: Report, folder: Path) -> None:
             columns = (part.tolist() for part in (curves.ratios, curves.values, values))
             table.writerows([shaper, *row] for row in zip(*columns, strict=True))
         write_text(folder / f"sensitivity_{name}.csv", file.getvalue())
+
+
+def _stem(name: str) -> str:
+    """The name of a shaper's files."""
+    return name.replace(",", "").replace(" ", "_").replace("-", "_")
+
+
+def _remove(folder: Path, before: dict[str, Any]) -> None:
+    """Remove the shapers and figures of an earlier result: beside another problem's they would be taken for its own."""
+    rows = before.get("shapers")
+    stems = [_stem(str(row["name"])) for row in rows if "name" in row] if isinstance(rows, list) else []
+    stale = [folder / "shapers" / f"{Path(stem).name}.{kind}" for stem in stems for kind in ("json", "csv")]
+    stale += [path for name in FIGURES for kind in ("png", "pdf") for path in folder.glob(f"figures/{name}.{kind}")]
+    for path in [*stale, *folder.glob("sensitivity_*.csv"), folder / "table.tex"]:
+        path.unlink(missing_ok=True)
 
 
 def numbers(report: Report) -> dict[str, Any]:
