@@ -514,6 +514,25 @@ def test_vibration_that_moves_on_into_another_channel_is_no_rest():
         np.testing.assert_allclose(found.omega, omega, rtol=1e-4)
 
 
+@pytest.mark.parametrize("kind", ["ring-down", "step"])
+def test_of_a_long_record_what_has_faded_is_left_out(kind):
+    """Two minutes of an accelerometer with one blow in them took a minute, and nothing was seen in the picture."""
+    random, times = np.random.default_rng(0), np.arange(80_000) * 1e-3
+    values = swing(times, OMEGA, ZETA, np.array([1.0, 0.5])) + 0.01 * random.standard_normal(80_000)
+    found, whole = identify(times, values, kind=kind), identify(times[:49_000], values[:49_000], kind=kind)
+    assert found.kind == kind
+    assert "from here on nothing decays (noise, a hum), which is left out" in found.notes[0]
+    assert 10_000 < len(found.values) < 40_000
+    assert not whole.notes
+    np.testing.assert_allclose(found.omega, whole.omega, rtol=1e-5)
+    np.testing.assert_allclose(found.omega_std, whole.omega_std, rtol=0.1)
+    # One that does not fade is in what is left, too; and nothing is left out while anything decays.
+    humming = identify(times, values + 0.05 * np.sin(30 * times), kind=kind)
+    np.testing.assert_allclose(humming.omega, [OMEGA[0], 30.0, OMEGA[1]], rtol=1e-3)
+    slow = values + swing(times, np.array([30.0]), np.array([5e-4]), np.array([0.3]))
+    assert len(identify(times, slow, kind=kind, modes=3).values) == 80_000
+
+
 def test_a_wrong_value_is_no_blow():
     times = 0.005 * np.arange(2400)
     values = swing(times, OMEGA, ZETA, np.array([1.0, 0.5])) + 0.01 * np.random.default_rng(0).standard_normal(2400)

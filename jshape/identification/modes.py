@@ -100,7 +100,7 @@ def identify(
         record = record.part(slice(at, None))
     if kind in ("ring-down", "step") and record.inputs is None:
         free = free_part(record, every=kind == "step")
-        record, kind = (record, kind) if free is record else (free, "ring-down")
+        record, kind = free, kind if free.rows[0] == record.rows[0] else "ring-down"
     if kind != "spectrum":
         require_range(record)
     family, centre, scale = _family(record, kind)

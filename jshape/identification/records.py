@@ -30,6 +30,9 @@ QUIET = 0.1
 STRONGER = 1.3
 """By how much noise may be stronger at first than at the end of a record."""
 
+LONG, BLOCKS = 50_000, 200
+"""Samples from which on a record is left out where it has faded; and parts in which its power is compared."""
+
 LONGEST = 1e9
 """The gap, in sampling intervals, from which on a time is refused."""
 
@@ -154,7 +157,9 @@ def longest_stretch(record: Record) -> Record:
 
 
 def free_part(record: Record, every: bool) -> Record:
-    """The record from where the machine vibrates freely, with a note where it rests before, as until a blow.
+    """The record from where the machine vibrates freely, and of a long one as long as something decays.
+
+    A note says where the machine rests before, as until a blow, and from where on what is left stays the same.
 
     Args:
         record: of a machine that nothing drives.
@@ -164,14 +169,35 @@ def free_part(record: Record, every: bool) -> Record:
     found = [_rest(medfilt(channel, 3)) for channel in channels]  # A single wrong value is no blow.
     rest = min((rest for rest, _ in found if rest), default=0)
     begin, tail = max(begin for _, begin in found), len(record.axis) // 4
-    if not rest or len(record.axis) - begin < FEWEST:
-        return record
     others = [channel for channel, (own, _) in zip(channels, found, strict=True) if not own]
-    if any(every or np.std(channel[:rest]) > STRONGER * np.std(channel[-tail:]) for channel in others):
+    stronger = any(every or np.std(channel[:rest]) > STRONGER * np.std(channel[-tail:]) for channel in others if rest)
+    if stronger or len(record.axis) - begin < FEWEST:
+        begin = 0
+    end = _faded(channels[:, begin:]) + begin
+    notes = list(record.notes)
+    if begin:
+        place = record.where(int(record.rows[begin]))
+        notes.append(f"{place}the free vibration is taken from here on; for {rest} samples at first the machine rests")
+    if end < len(record.axis):
+        place = record.where(int(record.rows[end]))
+        notes.append(f"{place}from here on nothing decays (noise, a hum), which is left out")
+    if len(notes) == len(record.notes):
         return record
-    place = record.where(int(record.rows[begin]))
-    note = f"{place}the free vibration is taken from here on; for {rest} samples at first the machine rests"
-    return dataclasses.replace(record.part(slice(begin, None)), notes=(*record.notes, note))
+    return dataclasses.replace(record.part(slice(begin, end)), notes=tuple(notes))
+
+
+def _faded(channels: np.ndarray) -> int:
+    """The sample from which on a long record is left out: as long after its vibration has faded as that lasted."""
+    each = channels.shape[1] // BLOCKS
+    if each * BLOCKS < LONG:
+        return channels.shape[1]
+    blocks = channels[:, : each * BLOCKS].reshape(len(channels), BLOCKS, each)
+    power = np.mean((blocks - blocks[:, -BLOCKS // 4 :].mean(axis=(1, 2), keepdims=True)) ** 2, axis=2)
+    noise = power[:, -BLOCKS // 4 :].mean(axis=1, keepdims=True)
+    # The power of noise in a block deviates by so much of itself.
+    strong = np.flatnonzero(np.any(power > (1 + 6 * np.sqrt(2 / each)) * noise, axis=0))
+    faded = 2 * each * (int(strong[-1]) + 1 if len(strong) else BLOCKS)
+    return faded if 2 * faded < channels.shape[1] else channels.shape[1]
 
 
 def _rest(channel: np.ndarray) -> tuple[int, int]:
