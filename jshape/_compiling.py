@@ -26,12 +26,19 @@ process that tunes a double-pendulum crane (35.4 s) they take 6.9 s, and what th
 against 8.2 to 9.0 s in a second process). Delete it when XLA no longer does.
 
 And its emitters of fused loops build each loop through MLIR. Without them a first residual energy of two masses takes
-1.8 s of processor time for 3.1, its first gradient 4.2 for 8.5; the same bits, as fast for cranes, 2.5 for 1.9 µs a
-plant of two states in large batches, which two million plants make up for (jaxlib 0.10).
+1.8 s of processor time for 3.1, its first gradient 4.2 for 8.5 (jaxlib 0.10).
 
 And where a processor has AVX-512 it computes with eight numbers at a time, XLA by default with four: a sweep of a
 million pairs 1.22 for 1.31 s, one of derivatives 4.9 for 5.3 s; searches over nine plants as fast or up to a tenth
 faster. Delete it when that is XLA's default."""
+
+LARGE = dict(LEAN)
+"""The same for arrays of ``MANY`` numbers or more, the chunks of a large sweep: with the emitters.
+
+The same bits; a million pairs take 1.6 for 3.3 s, three shapers 5.1 for 9.6, derivatives 7.9 for 9.5, a first sweep
+no longer; double-pendulum cranes and eight states are swept, and compiled, as fast (jaxlib 0.10)."""
+
+MANY = 2**16
 
 WHOLE: dict[str, str] = {}
 """Flags of XLA for all programs of a process that keeps them: it takes them so alone.
@@ -47,6 +54,7 @@ place of 13.8 s of processor time, run as fast, and a sweep of 300,000 pairs tak
 if tuple(map(int, version("jaxlib").split(".")[:2])) <= (0, 10):
     # An option that a later XLA no longer knows is an error.
     LEAN |= {_EMITTERS: False, _WIDTH: 512}
+    LARGE |= {_EMITTERS: True, _WIDTH: 512}
     WHOLE = {
         _EMITTERS: "false",
         _WIDTH: "512",

@@ -37,7 +37,7 @@ import jax.export
 import numpy as np
 
 from jshape import _check
-from jshape._compiling import LEAN, compile_lean
+from jshape._compiling import LARGE, LEAN, MANY, compile_lean
 from jshape._files import whole
 
 try:
@@ -209,7 +209,7 @@ def kept(function: Callable[P, R]) -> Callable[P, R]:
     All arrays are traced, everything else is part of the program. What the function returns consists of arrays.
     """
     jit: Any = eqx.filter_jit
-    plain, lean = jit(function), jit(function, compiler_options=LEAN)
+    plain, lean, large = jit(function), jit(function, compiler_options=LEAN), jit(function, compiler_options=LARGE)
     programs: dict[Any, Callable[[list], Any] | None] = {}
 
     @functools.wraps(function)
@@ -219,7 +219,8 @@ def kept(function: Callable[P, R]) -> Callable[P, R]:
             # A part of another program, whose options hold.
             return plain(*args, **kwargs)
         if _folder is None:
-            return (lean if jax.default_backend() == "cpu" else plain)(*args, **kwargs)
+            options = _options(leaves)
+            return (plain if options is None else large if options is LARGE else lean)(*args, **kwargs)
         # Precision and the like, as they hold here and now.
         settings = trace_context()
         kinds = tuple(_kind(leaf) for leaf in leaves)
@@ -229,6 +230,13 @@ def kept(function: Callable[P, R]) -> Callable[P, R]:
         return plain(*args, **kwargs) if program is None else program([leaf for leaf in leaves if eqx.is_array(leaf)])
 
     return call
+
+
+def _options(leaves: list) -> dict[str, str | bool | int] | None:
+    """How XLA compiles a program of these arguments."""
+    if jax.default_backend() != "cpu":
+        return None
+    return LARGE if any(eqx.is_array(leaf) and leaf.size >= MANY for leaf in leaves) else LEAN
 
 
 def _kind(leaf: Any) -> Any:
@@ -266,7 +274,7 @@ def _program(function: Callable, leaves: list, tree: Any, folder: Path) -> Calla
         except Exception:  # What stands in the way, if it is an error at all, the plain call reports.
             return None
     structure = jax.tree.structure(result)
-    options: Any = LEAN if jax.default_backend() == "cpu" else None
+    options: Any = _options(leaves)
     run = jax.jit(_named(function.__name__, lambda *arrays: exported.call(*arrays)), compiler_options=options)
     return lambda arrays: jax.tree.unflatten(structure, run(*arrays))
 
