@@ -94,6 +94,31 @@ def _differentiable(
     return root
 
 
+def implicit(function: Callable[..., Array], root: Array, constants: Sequence[Any]) -> Array:
+    """A root of a function of vectors, with the derivatives that the implicit function theorem gives, of any order.
+
+    Where they are not known they are NaN, without an error that would end a whole batch.
+
+    Args:
+        function: of the unknowns, shape (n,), and the constants, to shape (n,).
+        root: found with the constants held fixed, shape (n,).
+        constants: with respect to which it is differentiated.
+    """
+
+    @jax.custom_jvp
+    def solved(root: Array, constants: Any) -> Array:
+        return root
+
+    @solved.defjvp
+    def _(primals: Any, tangents: Any) -> tuple[Array, Array]:
+        root, constants = solved(*primals), primals[1]
+        _, moved = jax.jvp(lambda constants: function(root, *constants), (constants,), (tangents[1],))
+        slopes = jax.jacfwd(lambda unknowns: function(unknowns, *constants))(root)
+        return root, -jnp.linalg.solve(slopes, moved)
+
+    return solved(jax.lax.stop_gradient(root), tuple(constants))
+
+
 def integral(function: Callable[[Scalar], Scalar], lower: ArrayLike, upper: ArrayLike) -> Scalar:
     """The integral of a smooth function by Gauss–Legendre quadrature with 64 points; exact to rounding where smooth."""
     lower, upper = jnp.asarray(lower, dtype=float), jnp.asarray(upper, dtype=float)

@@ -1,6 +1,7 @@
 """Energy shapers on a spring that is not odd, where pulling and pushing differ: judged by SciPy."""
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -93,6 +94,23 @@ def test_wrong_arguments_are_named(case):
     call, message = WRONG[case]
     with pytest.raises(ValueError, match=message):
         call()
+
+
+@pytest.mark.parametrize("shape", [energy.two_impulse, energy.negative])
+def test_a_plant_that_is_nan_leaves_the_derivatives_of_others_alone(shape):
+    """An error of the linear solver ended the whole batch."""
+
+    def total(c):
+        plant = js.plants.TwoMass(1.0, 1.0, js.plants.Duffing(10.0, 100.0), js.plants.PowerDamper(c, 3))
+        shaper = shape(plant, 1.0)
+        return jnp.sum(shaper.times * (1 + shaper.amplitudes))
+
+    values = jax.jit(jax.vmap(total))
+    slopes = jax.vmap(jax.grad(total))(jnp.array([0.1, np.nan, 0.3]))
+    assert np.isnan(slopes[1])
+    at = jnp.array([0.1, 0.1, 0.3])
+    differences = (values(at + 1e-5) - values(at - 1e-5)) / 2e-5
+    np.testing.assert_allclose(slopes[::2], differences[::2], rtol=1e-7)
 
 
 def test_single_precision_is_pointed_out():

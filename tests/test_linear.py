@@ -664,6 +664,21 @@ def test_wrong_modes_of_several(modes, kind, message):
         linear.multi_mode(modes, kind=kind)
 
 
+@pytest.mark.parametrize("shape", [linear.ei, linear.um_zvd])
+def test_a_damping_ratio_that_is_nan_leaves_others_alone(shape):
+    """It ended the whole batch, with the advice to lower it."""
+
+    def total(zeta):
+        return jnp.sum(shape(6.0, zeta).times)
+
+    at = jnp.array([0.1, np.nan, 0.2])
+    found = jnp.stack([jax.vmap(total)(at), jax.vmap(jax.grad(total))(at), jax.vmap(jax.jacfwd(total))(at)])
+    assert np.all(np.isnan(found[:, 1]))
+    for zeta, column in zip((0.1, 0.2), (0, 2), strict=True):
+        difference = (total(zeta + 1e-5) - total(zeta - 1e-5)) / 2e-5
+        np.testing.assert_allclose(found[:, column], [total(zeta), difference, difference], rtol=1e-8)
+
+
 def test_a_shaper_that_is_not_there_is_never_a_silent_nan():
     with pytest.raises(ValueError, match=r"zeta must be lower: for zeta = 0.9, vibration = 0.05 no extra-insensitive"):
         linear.ei(1.0, 0.9)

@@ -25,7 +25,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jshape import _check
-from jshape._roots import bracketed_root, integral, known_or_nan
+from jshape._roots import bracketed_root, implicit, integral, known_or_nan
 from jshape._types import Scalar
 from jshape.command import Distance
 from jshape.compilation_cache import kept
@@ -359,8 +359,10 @@ def _newton(conditions: Callable[[Array], Array], start: Array) -> Array:
 
     tolerance = max(1e-11, 20 * float(jnp.finfo(start.dtype).eps))
     solver = optx.Newton(rtol=tolerance, atol=tolerance, linear_solver=lx.LU())
-    solution = optx.root_find(lambda x, _: conditions(x), solver, start, max_steps=32, throw=False)
-    return known_or_nan(solution.value, solution.result == optx.RESULTS.successful)
+    fixed, constants = jax.closure_convert(conditions, start)
+    start, held = jax.lax.stop_gradient((start, constants))
+    solution = optx.root_find(lambda x, held: fixed(x, *held), solver, start, held, max_steps=32, throw=False)
+    return known_or_nan(implicit(fixed, solution.value, constants), solution.result == optx.RESULTS.successful)
 
 
 def _effective(plant: AbstractOscillator, damping: str) -> str:

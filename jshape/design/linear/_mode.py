@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Complex, Float
 
 from jshape import _check
+from jshape._roots import implicit, without_nan
 from jshape._types import ArrayLike, Scalar
 
 
@@ -63,15 +64,17 @@ def follow(residual, start: Float[Array, " unknowns"], begin: tuple, args: tuple
     start = jax.lax.stop_gradient(start)
     shares = jnp.arange(1, _STEPS + 1, dtype=start.dtype) / _STEPS
     (_, guess), _ = jax.lax.scan(step, (start, start), shares)
-    root = optx.root_find(residual, solver, jax.lax.stop_gradient(guess), args, max_steps=6, throw=False).value
+    root = optx.root_find(residual, solver, guess, end, max_steps=6, throw=False).value
+    root = implicit(lambda unknowns, *args: residual(unknowns, args), root, args)
     found = jnp.max(jnp.abs(residual(root, args))) < eps**0.5
     return root, found
 
 
 def when_solved(times: Array, solved: Bool[Array, ""], hint: str, **given: Scalar) -> Array:
-    """The times, if they solve the equations. *Raises* otherwise: at once where concrete, at run time where traced."""
+    """The times, if they solve the equations. *Raises* otherwise: at once where concrete, at run time where traced;
+    where a traced number is NaN they are NaN."""
     if not _check.is_concrete(solved, times):
-        return eqx.error_if(times, ~solved, f"zeta must be lower: {hint}")
+        return eqx.error_if(times, ~solved & without_nan(given), f"zeta must be lower: {hint}")
     if not bool(solved):
         values = ", ".join(f"{name} = {_check.show(value)}" for name, value in given.items())
         raise ValueError(f"zeta must be lower: for {values} {hint}")
