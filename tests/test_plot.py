@@ -137,6 +137,14 @@ def rows(**left: tuple[float, float]) -> list[report.Row]:
     return [report.Row(name, js.Shaper([0.5, 0.5], [0.0, time]), 0.0, v, v) for name, (time, v) in names.items()]
 
 
+def test_energies_between_coincident_impulses_do_not_widen_the_axis():
+    plant = js.plants.TwoMass(1.0, 1.0, js.plants.Duffing(10.0, 100.0))
+    shaper = js.Shaper([0.5, 0.5, 0.0], [0.0, 0.99, 0.99])
+    (axis,) = plot.energy({"padded": js.energy_profile(plant, shaper, 1.0)})[:, 0]
+    drawn = max(np.max(line.get_ydata()) for line in axis.lines if np.ptp(line.get_xdata()) > 0)
+    assert axis.get_ylim()[1] < 1.2 * drawn
+
+
 def test_what_tuning_gains_and_what_more_time_would_bring():
     problem = load("paper_001")
     made = rows(linear_ZV=(1, 0.5), linear_ZVD=(2, 0.01), tuned=(1.5, 0.05))

@@ -94,9 +94,12 @@ def energy(profiles: "Mapping[str, EnergyProfile]", *, ax: Any = None, style: An
     with using(style, ax):
         axes = stacked(list(profiles), ax)
         for axis, (name, profile) in zip(axes[:, 0], profiles.items(), strict=True):
+            position = np.asarray(profile.position)
+            # What ends when it begins, between coincident impulses, is no curve.
+            lasts = np.ptp(position, axis=1) > 0
             for part, line in parts.items():
-                values = np.asarray(getattr(profile, part)).T
-                axis.plot(np.asarray(profile.position).T, values, color=look[name]["color"], linestyle=line)
+                values = np.asarray(getattr(profile, part))[lasts].T
+                axis.plot(position[lasts].T, values, color=look[name]["color"], linestyle=line)
             axis.set(ylabel="energy (J)", ylim=(0, None))
         axes[-1, 0].set_xlabel("payload position (m)")
         lines = {part: dict(color="black", linestyle=line, linewidth=1.2) for part, line in parts.items()}
