@@ -52,6 +52,7 @@ def test_mistakes_are_a_line(tmp_path):
         ([str(bad)], "bad.csv:50: x: 'oops' is no number"),
         ([str(good), "--columns", "time,x"], "there are 1 't', 2 'x', 3 'y'"),
         ([str(good), "--kind", "song"], "kind must be one of"),
+        ([str(good), str(bad)], "bad.csv: a second file is named by --along-y"),
         ([str(good), "--modes", "0"], "modes must be a whole number"),
         ([str(good), "--sample-rate", "0"], "sample_rate must be greater than 0"),
         ([str(good), "--kind", "sweep"], "inputs must be given"),

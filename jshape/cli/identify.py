@@ -14,7 +14,10 @@ if TYPE_CHECKING:
 
 @explained()
 def identify(
-    data: Annotated[Path, typer.Argument(help="A CSV file; separators and decimal commas are recognised.")],
+    files: Annotated[
+        list[Path],
+        typer.Argument(metavar="DATA", help="A CSV file; separators and decimal commas are recognised."),
+    ],
     columns: Annotated[
         str | None,
         typer.Option(help="Time and channels, by name or number, as in t,x,y or 1,3; all columns unless given."),
@@ -49,6 +52,9 @@ def identify(
     out: Out = None,
 ) -> None:
     """Find a machine's frequencies and damping ratios, with their uncertainty, and write a problem file for them."""
+    data, *others = files
+    if others:
+        raise ValueError(f"{others[0]}: a second file is named by --along-y, of a move along y; or run once for each")
     prepare_jax()
     from jshape._files import check_unedited
     from jshape.identification.files import write
@@ -76,14 +82,14 @@ def identify(
         ]
         found = records[0] if along_y is None else identify_planar(*records)
         step("files")
-        files = write(found, folder, data.name if along_y is None else f"{data.name} and {along_y.name}")
+        written = write(found, folder, data.name if along_y is None else f"{data.name} and {along_y.name}")
     for note in found.notes:
         typer.echo(f"note: {note}", err=True)
     channels = ", ".join(records[0].names)
     typer.echo(f"{data if along_y is None else f'{data}, {along_y}'} ({channels}): {found.message.split(':')[0]}")
     headings = ["frequency\n(Hz)", "\nfrom", "\nto", "damping\nratio", "\nfrom", "\nto"]
     show_table(new_console(), "mode", headings, _rows(found))
-    typer.echo(f"results in {folder}: {', '.join(files)}. Next: jshape tune {folder / 'problem.toml'}")
+    typer.echo(f"results in {folder}: {', '.join(written)}. Next: jshape tune {folder / 'problem.toml'}")
 
 
 def _rows(found: "AbstractIdentified") -> list[tuple[str, list[str]]]:
