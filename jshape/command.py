@@ -70,17 +70,25 @@ class AbstractCommand(Checked):
 
 @kept
 def _end(command: AbstractCommand) -> tuple[Scalar, PerAxis]:
-    breaks, coefficients = command.pieces()
+    breaks, coefficients = _pieces(command)
     return breaks[-1], coefficients[-1, ..., 0]
 
 
 @kept
 def _value(command: AbstractCommand, t: Array, derivative: int) -> Array:
-    breaks, coefficients = command.pieces()
+    breaks, coefficients = _pieces(command)
     index = jnp.clip(jnp.searchsorted(breaks, t, side="right") - 1, 0)
     each = (...,) + (None,) * (coefficients.ndim - 2)
     value = polynomial(coefficients[index], (t - breaks[index])[each], derivative)
     return jnp.where((t < breaks[0])[each], 0.0, value)
+
+
+def _pieces(command: AbstractCommand) -> tuple[Breaks, Float[Array, "breaks *axes powers"]]:
+    """A command's pieces, NaN where a break is: nobody knows then which of them counts."""
+    breaks, coefficients = command.pieces()
+    # A multiple of the breaks, so that derivatives are NaN, too, where the coefficients do not depend on what is.
+    unknown = jnp.where(without_nan(breaks), 0.0, jnp.nan).astype(breaks.dtype)
+    return breaks, coefficients + unknown * jnp.sum(jnp.where(jnp.isinf(breaks), 0.0, breaks))
 
 
 def polynomial(coefficients: Float[Array, "... powers"], t: Array, derivative: int = 0) -> Array:

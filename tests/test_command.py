@@ -454,3 +454,21 @@ def test_shaped_copies_keep_their_smoothness_in_single_precision():
     with jax.enable_x64(False):
         shaper = js.Shaper(jnp.asarray([30.0, -60.0, 31.0]), jnp.asarray([0.0, 0.7, 211.3]))
         assert shaper.shape(js.Trapezoid(300.0, 1.0, 0.5)).smoothness == 2
+
+
+def test_a_break_that_is_nan_makes_the_value_unknown():
+    """A pulse of no known width was one that never ends, and an axis of no known delay one that never moves."""
+    times = jnp.array([0.2, 1.0, 5.0])
+
+    def pulse(width):
+        return js.Pulse(1.0, width)(times)
+
+    def axes(delay):
+        move = js.Axes(x=js.Step(1.0), y=js.Trapezoid(0.5, 1.0, 1.0), delay={"y": delay})
+        return move(times)
+
+    for command in (pulse, axes):
+        assert np.all(np.isnan(jax.jit(command)(jnp.nan)))
+        assert np.all(np.isnan(jax.jacfwd(command)(jnp.nan)))
+        assert np.all(np.isfinite(jax.jit(command)(0.3)))
+    assert np.isnan(jax.jit(lambda width: js.Pulse(1.0, width).final)(jnp.nan))

@@ -19,7 +19,7 @@ from jshape.calibration.modes import Mode, identify, remaining_of, step_response
 from jshape.calibration.recommend import Choice, cost, percent, recommend
 from jshape.calibration.score import CEILING, ZETAS, Bins, Rated, vibration
 from jshape.calibration.smoothing import CORNER_SPEED, rounded
-from jshape.calibration.spectrum import WINDOW, Spectrum
+from jshape.calibration.spectrum import NEARLY, WINDOW, Spectrum
 from jshape.calibration.tuned import LEAST, Tuned, judged, tune
 from jshape.export import export
 from jshape.export.firmware import REPRAP, SINCE, klipper_section, reprapfirmware
@@ -76,8 +76,8 @@ class Calibration(Result):
     def message(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
         """The tuned shaper compared with the recommended one, and what speaks against the records."""
         doubts = [
-            f"; {spectrum.name}: more than half of its power lies within {WINDOW:g} s, as after a single blow; damping"
-            " ratios need a test that shakes at all frequencies in turn (jshape identify reads those of a ring-down)"
+            f"; {spectrum.name}: {100 * NEARLY:.0f} % of its power lie within {WINDOW:g} s, as after a single blow;"
+            " damping ratios need a test that shakes at all frequencies in turn (of a ring-down: jshape identify)"
             for spectrum in self.spectra
             if spectrum.transient
         ]

@@ -10,6 +10,9 @@ from scipy.signal import welch
 WINDOW, BETA = 0.5, 6.0
 """The least length of a window, s; and the shape of Kaiser's."""
 
+NEARLY = 0.8
+"""The part of a record's power that a blow has in a window, and a slow passage of a narrow resonance has not."""
+
 SIDE = 4
 """Steps of the frequencies, to either side, beyond which a window lets nothing through."""
 
@@ -27,8 +30,8 @@ class Spectrum:
         density: normalised power density, of any unit, shape (bins,).
         windowed: whether it was computed by windows one over the step of the frequencies long (``power_spectrum``),
             which widen its peaks.
-        transient: whether the record was of a single blow, as far as is known: most of its power lies within one such
-            window, where a test that shakes at all frequencies, one after the other, has little of it.
+        transient: whether the record was of a single blow, as far as is known: nearly all of its power lies within one
+            such window, where a test that shakes at all frequencies, one after the other, has less of it.
 
     Raises:
         ValueError: for lists of different lengths, frequencies that do not increase from 0 or above, densities that
@@ -77,10 +80,10 @@ def spectral_window(frequencies: Float[np.ndarray, " bins"]) -> tuple[np.ndarray
 
 
 def is_transient(times: Float[np.ndarray, " samples"], acceleration: Float[np.ndarray, " samples axes"]) -> bool:
-    """Whether more than half of the power of a record (s, mm/s²) lies within a window's length."""
+    """Whether nearly all of the power of a record (s, mm/s²) lies within a window's length."""
     power = np.append(0.0, np.cumsum(np.sum((acceleration - acceleration.mean(axis=0)) ** 2, axis=1)))
     ends = np.searchsorted(times, times + WINDOW)
-    return bool(np.max(power[ends] - power[: len(times)]) > 0.5 * power[-1])
+    return bool(np.max(power[ends] - power[: len(times)]) > NEARLY * power[-1])
 
 
 def power_spectrum(

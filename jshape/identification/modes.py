@@ -15,7 +15,7 @@ import numpy as np
 from jshape import _check
 from jshape._types import ArrayLike, Progress
 from jshape.identification._projection import STEEPEST, AbstractFamily, Fit, fit
-from jshape.identification._search import MOST, search
+from jshape.identification._search import search
 from jshape.identification._uncertainty import is_white
 from jshape.identification.records import (
     FEWEST,
@@ -36,6 +36,9 @@ from jshape.identification.sweep import Sweep
 from jshape.status import Status
 
 KINDS = ("ring-down", "step", "sweep", "spectrum")
+
+SUSPECT = 6
+"""So many modes are reported as suspect: some may stand for a part of the record that is of another kind."""
 
 
 def identify(
@@ -173,8 +176,8 @@ def _result(
         f"{w / 2 / np.pi:.5g} ± {1.96 * s / 2 / np.pi:.2g} Hz, damping {z:.4g} ± {1.96 * d:.2g}"
         for w, z, s, d in zip(omega, zeta, deviation, deviation[len(omega) :], strict=False)
     ]
-    if modes is None and len(found.omega) == MOST:
-        notes.append(f"{MOST} modes, the most that are looked for: perhaps this is no {kind}, or not all of it is")
+    if modes is None and len(found.omega) >= SUSPECT:
+        notes.append(f"{len(found.omega)} modes are many: perhaps this is no {kind}, or not all of it is")
     how = "as asked for" if modes is not None else "by Bayes's criterion"
     message = f"{len(omega)} mode{'s' if len(omega) > 1 else ''} ({how}; 95 % intervals): {'; '.join(described)}"
     if not found.converged:

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from scipy.fft import next_fast_len
 from scipy.signal import medfilt
 
 from jshape import _check
@@ -24,14 +25,17 @@ UNEVEN = 0.2
 MISSING = 0.2
 """The share of a record that may be missing."""
 
-QUIET = 0.1
-"""The deviation, over the greatest distance from the first value, up to which a machine rests before it vibrates."""
+FEWEST_AT_REST, QUIET = 8, 0.1
+"""Samples at least for which a machine rests before it vibrates; and their deviation at most, over the greatest
+distance from the first value."""
 
 STRONGER = 1.3
-"""By how much noise may be stronger at first than at the end of a record."""
+"""By how much noise may be stronger at first than at the end of a record, or than its changes from sample to sample."""
 
-LONG, BLOCKS = 50_000, 200
-"""Samples from which on a record is left out where it has faded; and parts in which its power is compared."""
+LONG, BLOCKS, LINE = 50_000, 200, 60.0
+"""Samples from which on a record is left out where it has faded; parts in which its power is compared; and a line of
+its spectrum, over the median, that noise does not have: the greatest of a million is 14 times the mean, 20 the median.
+"""
 
 LONGEST = 1e9
 """The gap, in sampling intervals, from which on a time is refused."""
@@ -157,16 +161,16 @@ def longest_stretch(record: Record) -> Record:
 
 
 def free_part(record: Record, every: bool) -> Record:
-    """The record from where the machine vibrates freely, and of a long one as long as something decays.
+    """The record from where the machine vibrates freely, and of a long one until nothing is left but noise.
 
-    A note says where the machine rests before, as until a blow, and from where on what is left stays the same.
+    A note says where the machine rests before, as until a blow, and from where on there is noise.
 
     Args:
         record: of a machine that nothing drives.
         every: whether all channels must rest at first. Otherwise some may be noise, no stronger than at the end.
     """
     channels = (record.values / np.maximum(np.max(np.abs(record.values), axis=0), 1e-300)).T
-    found = [_rest(medfilt(channel, 3)) for channel in channels]  # A single wrong value is no blow.
+    found = [_rest(channel) for channel in channels]
     rest = min((rest for rest, _ in found if rest), default=0)
     begin, tail = max(begin for _, begin in found), len(record.axis) // 4
     others = [channel for channel, (own, _) in zip(channels, found, strict=True) if not own]
@@ -180,7 +184,7 @@ def free_part(record: Record, every: bool) -> Record:
         notes.append(f"{place}the free vibration is taken from here on; for {rest} samples at first the machine rests")
     if end < len(record.axis):
         place = record.where(int(record.rows[end]))
-        notes.append(f"{place}from here on nothing decays (noise, a hum), which is left out")
+        notes.append(f"{place}from here on there is nothing but noise, which is left out")
     if len(notes) == len(record.notes):
         return record
     return dataclasses.replace(record.part(slice(begin, end)), notes=tuple(notes))
@@ -197,23 +201,33 @@ def _faded(channels: np.ndarray) -> int:
     # The power of noise in a block deviates by so much of itself.
     strong = np.flatnonzero(np.any(power > (1 + 6 * np.sqrt(2 / each)) * noise, axis=0))
     faded = 2 * each * (int(strong[-1]) + 1 if len(strong) else BLOCKS)
-    return faded if 2 * faded < channels.shape[1] else channels.shape[1]
+    if 2 * faded >= channels.shape[1]:
+        return channels.shape[1]
+    # A vibration below the noise stands out among its frequencies.
+    tail = channels[:, faded:] - channels[:, faded:].mean(axis=1, keepdims=True)
+    lines = np.abs(np.fft.rfft(tail, next_fast_len(tail.shape[1], real=True), axis=1)) ** 2
+    return channels.shape[1] if np.any(lines.max(axis=1) > LINE * np.median(lines, axis=1)) else faded
 
 
 def _rest(channel: np.ndarray) -> tuple[int, int]:
     """For how many samples a channel rests at first, and where its free vibration begins; 0 and 0 if it does not rest.
 
     A blow or a release lets the distance from the first value grow to half of its greatest, and on to a first peak; it
-    is taken to begin twice the time between these two before the peak, and to have ended as long after it.
+    is taken to begin twice the time between these two before the peak, and to have ended as long after it. A free
+    vibration whose record begins near an extreme is there for less than that time, and is smoother than noise.
     """
-    away = np.abs(channel - np.median(channel[:FEWEST]))
+    smooth = medfilt(channel, 5)  # Two wrong values are no blow.
+    away = np.abs(smooth - np.median(channel[:FEWEST_AT_REST]))
     half = int(np.argmax(away > 0.5 * np.max(away)))
     falls = away[half:] < 0.5 * np.maximum.accumulate(away[half:])
-    peak = half + int(np.argmax(away[half:][: np.argmax(falls) or None]))
-    rest = 2 * half - peak
-    if rest < FEWEST or np.std(channel[:rest]) >= QUIET * np.max(away):
+    rise = int(np.argmax(away[half:][: np.argmax(falls) or None]))
+    rest = half - rise
+    if rest < max(FEWEST_AT_REST, 0.7 * rise) or np.std(smooth[:rest]) >= QUIET * np.max(away):
         return 0, 0
-    return rest, 3 * peak - 2 * half + 1
+    noise = np.sqrt(np.mean(np.diff(channel[:rest]) ** 2) / 2)
+    if rest < 2 * rise and np.std(channel[:rest]) > STRONGER * noise:
+        return 0, 0
+    return rest, half + 3 * rise + 4
 
 
 def require_range(record: Record) -> None:

@@ -84,8 +84,8 @@ def _stem(name: str) -> str:
 def _remove(folder: Path, before: dict[str, Any]) -> None:
     """Remove the shapers and figures of an earlier result: beside another problem's they would be taken for its own."""
     rows = before.get("shapers")
-    stems = [_stem(str(row.get("name"))) for row in rows if isinstance(row, dict)] if isinstance(rows, list) else []
-    stale = [folder / "shapers" / f"{Path(stem).name}.{kind}" for stem in stems for kind in ("json", "csv")]
+    stems = {_stem(str(row.get("name"))) for row in rows if isinstance(row, dict)} if isinstance(rows, list) else set()
+    stale = [path for kind in ("json", "csv") for path in folder.glob(f"shapers/*.{kind}") if path.stem in stems]
     stale += [path for name in FIGURES for kind in ("png", "pdf") for path in folder.glob(f"figures/{name}.{kind}")]
     for path in [*stale, *folder.glob("sensitivity_*.csv"), folder / "table.tex"]:
         path.unlink(missing_ok=True)
