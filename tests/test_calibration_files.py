@@ -333,6 +333,11 @@ def test_a_single_blow_is_no_test_of_the_damping(write):
     assert not calibration.read(RECORD)[0].transient
 
 
+def test_a_header_as_numpy_writes_it(write):
+    (plain,), (spaced,) = (calibration.read(write(text)) for text in (record_text(), "# " + record_text()[1:]))
+    np.testing.assert_array_equal(spaced.density, plain.density)
+
+
 def test_what_is_a_single_blow():
     times = np.arange(0, 65, 1 / 800)
     passage = np.exp(-((times - 22.0) ** 2) / (2 * 0.3**2)) * np.sin(2 * np.pi * 50 * times)

@@ -224,7 +224,9 @@ def test_shapers_and_figures_of_another_problem_are_removed(tmp_path):
     write_numbers(Report(other, rows[:1], {}, {}, None), folder)
     assert all(path.exists() for path in own)
     assert not any(path.exists() for path in (*figures, folder / "sensitivity_m2.csv"))
-    assert {path.name for path in (folder / "shapers").iterdir()} == {"linear_ZV.json", "linear_ZV.csv", "mine.json"}
+    assert {path.name for path in (folder / "shapers").iterdir()} == {
+        *("linear_ZV.json", "linear_ZV.csv", "mine.json", "tuned_before.json", "tuned_before.csv")
+    }
 
 
 def test_an_error_of_the_disk_is_one_line(tmp_path):

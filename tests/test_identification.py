@@ -544,6 +544,15 @@ def test_a_vibration_that_begins_near_an_extreme_is_no_rest(phase):
     assert abs(found.omega[0] - 6.0) < 4 * found.omega_std[0]
 
 
+def test_a_long_test_that_shakes_is_no_ring_down():
+    """Modes of a printer's resonance test were looked for for a quarter of an hour."""
+    times = np.arange(60_000) / 1000
+    shaken = np.sin(2 * np.pi * (20 * times + times**2 / 2)) / np.hypot(1 - ((20 + times) / 45) ** 2, 0.06)
+    noise = np.random.default_rng(0).standard_normal(60_000)
+    with pytest.raises(RecordError, match=r"row 2\d{4}: the vibration is strongest about here, .* jshape calibrate"):
+        identify(times, np.stack([shaken + 0.01 * noise, np.roll(noise, 7)], axis=1))
+
+
 def test_a_wrong_value_is_no_blow():
     times = 0.005 * np.arange(2400)
     values = swing(times, OMEGA, ZETA, np.array([1.0, 0.5])) + 0.01 * np.random.default_rng(0).standard_normal(2400)

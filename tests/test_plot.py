@@ -155,8 +155,14 @@ def test_what_tuning_gains_and_what_more_time_would_bring():
         assert lines[-1] == "linear ZVD leaves 0.01 J, but takes 0.5 s longer"
         assert (lines[1] == "it takes all of the 1.5 s that [design] duration allows: more may leave less") == bound
         assert len(lines) == 2 + bound
-    better = rows(linear_ZV=(1, 0.5), linear_ZVD=(2, 0.06), tuned=(1.5, 0.05))
-    assert len(report.Report(problem, better, {}, {}, None).gains()) == 1
+    better = report.Report(problem, rows(linear_ZV=(1, 0.5), linear_ZVD=(2, 0.06), tuned=(1.5, 0.05)), {}, {}, None)
+    assert len(better.gains()) == 1
+    assert better.advised.stem == "tuned"
+    # A closed form that is better is what to go on with; a bare command is none.
+    worse = report.Report(problem, rows(linear_ZV=(1, 0.04), tuned=(1.5, 0.05)), {}, {}, None)
+    assert worse.advised.stem == "linear_ZV"
+    alone = report.Report(problem, rows(unshaped=(0, 0.5), tuned=(1.5, 0.05)), {}, {}, None)
+    assert alone.gains()[0].endswith("0.5 J of the bare command; no closed form takes no longer")
 
 
 def test_five_shapers_at_most_are_drawn():

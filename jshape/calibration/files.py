@@ -71,6 +71,8 @@ def _read(path: Path, component: str) -> list[Spectrum]:
     text = _text(path)
     # Not splitlines(), which knows ends of lines that editors do not count.
     lines = [line.removesuffix("\r") for line in text.split("\n")]
+    # NumPy puts a space before a header.
+    lines[0] = lines[0].replace("# time", "#time", 1) if lines[0].startswith("# time") else lines[0]
     header = next((i for i, line in enumerate(lines) if _is_header(line)), None)
     if header is None or any(line.strip() and not line.startswith("#") for line in lines[:header]):
         at = next((i for i, line in enumerate(lines) if line.strip() and not line.startswith("#")), 0)

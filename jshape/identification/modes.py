@@ -25,6 +25,7 @@ from jshape.identification.records import (
     check_record,
     free_part,
     longest_stretch,
+    require_decay,
     require_range,
     row,
 )
@@ -106,6 +107,8 @@ def identify(
         record, kind = free, kind if free.rows[0] == record.rows[0] else "ring-down"
     if kind != "spectrum":
         require_range(record)
+    if kind == "ring-down":
+        require_decay(record)
     family, centre, scale = _family(record, kind)
     found, criteria = search(family, modes, progress)
     if isinstance(family, PowerSpectrum):

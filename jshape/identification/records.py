@@ -32,6 +32,9 @@ distance from the first value."""
 STRONGER = 1.3
 """By how much noise may be stronger at first than at the end of a record, or than its changes from sample to sample."""
 
+GROWN = 4.0
+"""Times the greatest power in the first fifth of a long record from which on it is no ring-down."""
+
 LONG, BLOCKS, LINE = 50_000, 200, 60.0
 """Samples from which on a record is left out where it has faded; parts in which its power is compared; and a line of
 its spectrum, over the median, that noise does not have: the greatest of a million is 14 times the mean, 20 the median.
@@ -228,6 +231,32 @@ def _rest(channel: np.ndarray) -> tuple[int, int]:
     if rest < 2 * rise and np.std(channel[:rest]) > STRONGER * noise:
         return 0, 0
     return rest, half + 3 * rise + 4
+
+
+def require_decay(record: Record) -> None:
+    """Refuse a long record that is strongest after its first fifth in a channel, and decays in none.
+
+    It is no ring-down, and modes would be looked for in it for minutes.
+
+    Raises:
+        RecordError: that says where it is strongest.
+    """
+    if len(record.axis) < LONG:
+        return
+    blocks = np.array_split(record.values - record.values.mean(axis=0), BLOCKS)
+    power = np.array([np.mean(block**2, axis=0) for block in blocks]) / np.maximum(
+        np.var(record.values, axis=0), 1e-300
+    )
+    early = power[: BLOCKS // 5].max(axis=0)
+    grown = power.max(axis=0) > GROWN * early
+    decays = ~grown & (early > GROWN * np.median(power, axis=0))
+    if grown.any() and not decays.any():
+        at = int(np.median(power.argmax(axis=0)[grown])) * len(record.axis) // BLOCKS
+        raise RecordError(
+            f"{record.where(int(record.rows[at]))}the vibration is strongest about here, which no ring-down is: a test "
+            'that shakes a printer is for jshape calibrate, a record with its command for kind="sweep" (--kind sweep '
+            "--input COLUMN)"
+        )
 
 
 def require_range(record: Record) -> None:

@@ -50,6 +50,11 @@ class Row:
         return self.shaper if isinstance(self.shaper, dict) else {"": self.shaper}
 
     @property
+    def stem(self) -> str:
+        """The name of its files."""
+        return stem_of(self.name)
+
+    @property
     def duration(self) -> float:
         """Of the shaper that takes longest, s."""
         return max(float(shaper.duration) for shaper in self.shapers.values())
@@ -58,6 +63,11 @@ class Row:
     def impulses(self) -> int:
         """Of the shaper that has most."""
         return max(len(shaper.times) for shaper in self.shapers.values())
+
+
+def stem_of(name: str) -> str:
+    """The name of a shaper's files."""
+    return name.replace(",", "").replace(" ", "_").replace("-", "_")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -100,6 +110,18 @@ class Report:
             return float(row.shaper.duration) + float(move.duration)
         return float(shaped(move, row.shaper).duration)
 
+    @property
+    def advised(self) -> Row:
+        """The shaper to go on with: the tuned one, or a closed form that takes no longer and leaves less of the worst
+        case that was to be minimised."""
+        tuned = self.rows[-1]
+        if tuned.worst_energy is None or self.problem.objective != "worst":
+            return tuned
+        longest = tuned.duration * (1 + 1e-6)
+        short = [row for row in self.rows if row.worst_energy is not None and row.duration <= longest]
+        best = min(short, key=lambda row: row.worst_energy or 0.0)
+        return best if (best.worst_energy or 0.0) < tuned.worst_energy else tuned
+
     def gains(self) -> list[str]:
         """The gain of tuning over the best closed form that takes no longer, in words, and what more time would bring;
         nothing where no worst cases are compared."""
@@ -113,10 +135,9 @@ class Report:
             return []
         ratio = best.worst_energy / tuned.worst_energy
         words = f"{ratio:.3g} times less than" if ratio > 1 else f"{1 / ratio:.3g} times more than"
-        gains = [
-            f"worst residual energy {tuned.worst_energy:.6g} J: {words} the {best.worst_energy:.6g} J of "
-            f"{best.name}, the best closed form that takes no longer"
-        ]
+        known = f"{best.name}, the best closed form that takes no longer"
+        known = "the bare command; no closed form takes no longer" if best.name == "unshaped" else known
+        gains = [f"worst residual energy {tuned.worst_energy:.6g} J: {words} the {best.worst_energy:.6g} J of {known}"]
         allowed = self.problem.design.duration
         if isinstance(allowed, list) and tuned.duration > (1 - 1e-3) * max(allowed):
             gains.append(f"it takes all of the {max(allowed):g} s that [design] duration allows: more may leave less")

@@ -12,7 +12,7 @@ import numpy as np
 from jshape._files import digest, results_of, whole, write_results, write_text
 from jshape.export import export
 from jshape.plants import AbstractOscillator
-from jshape.reports.report import Report, Row, Step, badness
+from jshape.reports.report import Report, Row, Step, badness, stem_of
 from jshape.reports.responses import numbers_of, responses
 from jshape.shaper import Shaper
 from jshape.simulation.energy_profile import energy_profile
@@ -58,7 +58,7 @@ def write_numbers(report: Report, folder: Path) -> None:
     (folder / "shapers").mkdir(exist_ok=True)
     (folder / "figures").mkdir(exist_ok=True)
     for row in report.rows:
-        stem = _stem(row.name)
+        stem = row.stem
         export(row.shaper, "json", folder / "shapers" / f"{stem}.json", name=row.name)
         export(row.shaper, "csv", folder / "shapers" / f"{stem}.csv")
     write_text(folder / "problem.toml", report.problem.text)
@@ -76,19 +76,22 @@ def write_numbers(report: Report, folder: Path) -> None:
         write_text(folder / f"sensitivity_{name}.csv", file.getvalue())
 
 
-def _stem(name: str) -> str:
-    """The name of a shaper's files."""
-    return name.replace(",", "").replace(" ", "_").replace("-", "_")
-
-
 def _remove(folder: Path, before: dict[str, Any]) -> None:
-    """Remove the shapers and figures of an earlier result: beside another problem's they would be taken for its own."""
+    """Remove the shapers and figures of an earlier result: beside another problem's they would be taken for its own.
+
+    The tuned shaper, which took longest, is kept under another name.
+    """
     rows = before.get("shapers")
-    stems = {_stem(str(row.get("name"))) for row in rows if isinstance(row, dict)} if isinstance(rows, list) else set()
+    stems = (
+        {stem_of(str(row.get("name"))) for row in rows if isinstance(row, dict)} if isinstance(rows, list) else set()
+    )
     stale = [path for kind in ("json", "csv") for path in folder.glob(f"shapers/*.{kind}") if path.stem in stems]
     stale += [path for name in FIGURES for kind in ("png", "pdf") for path in folder.glob(f"figures/{name}.{kind}")]
     for path in [*stale, *folder.glob("sensitivity_*.csv"), folder / "table.tex"]:
-        path.unlink(missing_ok=True)
+        if path.stem == "tuned":
+            path.replace(path.with_stem("tuned_before"))
+        else:
+            path.unlink(missing_ok=True)
 
 
 def numbers(report: Report) -> dict[str, Any]:

@@ -45,10 +45,11 @@ def show_report(report: "Report", folder: Path, written: list[Path]) -> None:
             say(console, line)
     say(console, f"results in {folder}, with {', '.join(str(path.relative_to(folder)) for path in written)}")
     if report.solution is not None:
-        each, time = isinstance(report.rows[-1].shaper, dict), report.problem.design.sample_time
-        shaper = folder if each else folder / "shapers" / "tuned.json"
-        given = (f" --sample-time {time:g}" if time is not None else "") + (" --out shaper.st" if each else "")
-        say(console, f"Next: jshape export {shaper} --format structured_text{given} (--list shows the other formats)")
+        row, time = report.advised, report.problem.design.sample_time
+        shaper = folder if isinstance(row.shaper, dict) else folder / "shapers" / f"{row.stem}.json"
+        cycle = "" if time is not None else "0.01 s or your controller's cycle; "
+        given = f"--format structured_text --sample-time {time or 0.01:g} --out shaper.st"
+        say(console, f"Next: jshape export {shaper} {given} ({cycle}--list shows the other formats)")
 
 
 def _cells(report: "Report") -> tuple[list[str], list[tuple[str, list[str]]]]:
