@@ -227,6 +227,10 @@ def _rest(channel: np.ndarray) -> tuple[int, int]:
     rest = half - rise
     if rest < max(FEWEST_AT_REST, 0.7 * rise) or np.std(smooth[:rest]) >= QUIET * np.max(away):
         return 0, 0
+    # What grows meanwhile is shaken.
+    first, second = (np.median(np.abs(part - np.median(part))) for part in np.array_split(channel[:rest], 2))
+    if rest >= 4 * FEWEST_AT_REST and second > 2 * first + 1e-3 * np.max(away):
+        return 0, 0
     noise = np.sqrt(np.mean(np.diff(channel[:rest]) ** 2) / 2)
     if rest < 2 * rise and np.std(channel[:rest]) > STRONGER * noise:
         return 0, 0
