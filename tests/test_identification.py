@@ -553,6 +553,13 @@ def test_a_long_test_that_shakes_is_no_ring_down():
         identify(times, np.stack([shaken + 0.01 * noise, np.roll(noise, 7)], axis=1))
 
 
+def test_a_long_vibration_that_beats_is_a_ring_down():
+    times = np.arange(60_000) / 500
+    omega, zeta = 2 * np.pi * np.array([1.0, 1.003]), np.array([1e-4, 1e-4])
+    beats = swing(times, omega, zeta, np.array([1.0, -1.0])) + 0.01 * np.random.default_rng(0).standard_normal(60_000)
+    np.testing.assert_allclose(identify(times, beats, modes=2).omega, omega, rtol=1e-4)
+
+
 def test_a_wrong_value_is_no_blow():
     times = 0.005 * np.arange(2400)
     values = swing(times, OMEGA, ZETA, np.array([1.0, 0.5])) + 0.01 * np.random.default_rng(0).standard_normal(2400)

@@ -238,9 +238,8 @@ def _rest(channel: np.ndarray) -> tuple[int, int]:
 
 
 def require_decay(record: Record) -> None:
-    """Refuse a long record that is strongest after its first fifth in a channel, and decays in none.
-
-    It is no ring-down, and modes would be looked for in it for minutes.
+    """Refuse a long record whose strongest vibration comes after its first fifth, at another frequency, and decays in
+    no channel: it is no ring-down, nor one that beats, and modes would be looked for in it for minutes.
 
     Raises:
         RecordError: that says where it is strongest.
@@ -254,13 +253,22 @@ def require_decay(record: Record) -> None:
     early = power[: BLOCKS // 5].max(axis=0)
     grown = power.max(axis=0) > GROWN * early
     decays = ~grown & (early > GROWN * np.median(power, axis=0))
-    if grown.any() and not decays.any():
-        at = int(np.median(power.argmax(axis=0)[grown])) * len(record.axis) // BLOCKS
+    if not grown.any() or decays.any():
+        return
+    channel, fifth = int(np.argmax(power.max(axis=0) / early)), len(record.axis) // 5
+    at = int(power[:, channel].argmax()) * len(record.axis) // BLOCKS
+    pair = [_strongest(record.values[begin : begin + fifth, channel]) for begin in (0, max(at - fifth // 2, 0))]
+    if max(pair) > 1.2 * min(pair):
         raise RecordError(
             f"{record.where(int(record.rows[at]))}the vibration is strongest about here, which no ring-down is: a test "
             'that shakes a printer is for jshape calibrate, a record with its command for kind="sweep" (--kind sweep '
             "--input COLUMN)"
         )
+
+
+def _strongest(channel: np.ndarray) -> float:
+    """The frequency at which a channel is strongest, in cycles a sample."""
+    return float(np.argmax(np.abs(np.fft.rfft(channel - channel.mean())))) / len(channel)
 
 
 def require_range(record: Record) -> None:
