@@ -7,7 +7,8 @@ from scipy.signal import savgol_filter
 
 from jshape._types import ArrayLike
 from jshape.identification._motion import Data, Law, pieces
-from jshape.identification.records import Record, RecordError, Where, check_record, free_part, longest_stretch
+from jshape.identification.free_vibration import free_part
+from jshape.identification.records import Record, RecordError, Where, check_record, longest_stretch
 
 _WIDTH = 0.01
 """Of dry friction's change of sign, over the greatest speed."""

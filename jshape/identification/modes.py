@@ -17,15 +17,14 @@ from jshape._types import ArrayLike, Progress
 from jshape.identification._projection import STEEPEST, AbstractFamily, Fit, fit
 from jshape.identification._search import search
 from jshape.identification._uncertainty import is_white
+from jshape.identification.free_vibration import free_part, require_decay
 from jshape.identification.records import (
     FEWEST,
     Record,
     RecordError,
     Where,
     check_record,
-    free_part,
     longest_stretch,
-    require_decay,
     require_range,
     row,
 )
