@@ -172,7 +172,7 @@ def test_belts_share_a_shaper_that_both_axes_have(folder, monkeypatch):
     monkeypatch.chdir(folder)
     assert run(*files, "--starts", 2).exit_code == 0
     for axis in "xy":
-        text = (folder / f"{files[0].stem}-{axis}-results" / "paste.txt").read_text(encoding="utf-8")
+        text = (folder / f"{files[0].stem}-{axis}-calibration" / "paste.txt").read_text(encoding="utf-8")
         assert f"shaper_type_{axis}: " in text
 
 

@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 
 import jshape as js
+from jshape.design.linear.minimax import _groups, drawn_together
 from jshape.design.tuning import linear_models
 from jshape.design.tuning.design_problem import design_problem
+from jshape.design.tuning.interval import with_places
 from jshape.design.tuning.scaled_problem import ScaledProblem
 from jshape.design.tuning.scenarios import Limits
 from jshape.design.tuning.starts import starts
-from jshape.sweeps.leaves import with_leaves
+from jshape.sweeps.leaves import grid, with_leaves
 
 
 @pytest.fixture(scope="module")
@@ -51,11 +53,81 @@ def test_models_of_a_linear_plant_are_exact(search):
 def test_starts_are_designs_within_the_bounds_and_better_than_those_given(search):
     problem = search.problem
     given = starts(problem, 8, 0)
-    found, sure = linear_models.linear_starts(search, given, np.random.default_rng(0))
+    found, sure, _ = linear_models.linear_starts(search, given, np.random.default_rng(0))
     assert sure
     assert 0 < len(found) <= linear_models.KEPT
     assert all(problem.bounds.contains(one) for one in found)
     assert search.merit(found[0]) < 0.5 * min(map(search.merit, given))
+
+
+@pytest.fixture(scope="module")
+def three_modes():
+    """A machine with three modes, all frequencies uncertain, in the time that ZVD takes; its models with energies."""
+    omega, zeta = [19.5, 32.7, 56.5], [0.02, 0.02, 0.02]
+    plant = js.plants.ModalPlant(omega=omega, zeta=zeta, gains=[0.5, 0.3, 0.2])
+    over = {f"omega.{i}": np.linspace(0.95, 1.05, 2) for i in range(3)}
+    duration = sum(2 * np.pi / np.array(omega))
+    problem = design_problem(
+        plant, 1.0, 9, duration, "positive", None, over, "worst",
+        relative=True, initial_state=None, limits=Limits(),
+    )  # fmt: skip
+    search = ScaledProblem(with_places(problem))
+    models = linear_models.LinearModels(search)
+    models.fit(np.array([search.vector(one) for one in starts(problem, 12, 0)]))
+    return plant, over, duration, models
+
+
+def test_no_positive_impulses_leave_less_than_the_lower_bound(three_modes):
+    """Shapers of 2 to 30 impulses at any times, and the best one with other amplitudes and times; it comes close."""
+    *_, duration, models = three_modes
+    least = models.minimax()
+
+    def left(amplitudes, times):
+        turned = np.exp(models.rates[:, :, None] * (duration - times))
+        return np.sum(models.weights * np.abs(turned @ amplitudes) ** 2, axis=1).max()
+
+    random = np.random.default_rng(0)
+    for count in random.integers(2, 31, 300):
+        assert left(random.dirichlet(np.ones(count)), random.uniform(0.0, duration, count)) > least.bound
+    best = models.near(least)[0] * models.search.units
+    amplitudes, times = best[:9], np.append(0.0, np.cumsum(best[9:]))
+    assert left(amplitudes, times) <= 1.1 * least.bound
+    for spread in np.repeat(10.0 ** np.arange(-5, 0), 100):
+        changed = np.maximum(amplitudes + spread * random.normal(size=9), 0.0)
+        later = np.clip(times + spread * duration * random.normal(size=9), 0.0, duration)
+        # Times on a grid leave a little more than those between them.
+        assert left(changed / changed.sum(), later) >= 0.99 * least.bound
+
+
+def test_a_machine_of_three_modes_is_left_near_the_lower_bound(three_modes):
+    """Of other searches, from 32 starts of three seeds, the best came to 1.08 times what this one leaves."""
+    plant, over, duration, models = three_modes
+    found = js.tune(plant, 1.0, 9, duration, "positive", over=over, objective="worst", starts=4)
+    assert found.converged
+    assert found.objective_on_finer_set == pytest.approx(found.objective, rel=1e-6)
+    # Twenty-seven plants are worst to a tenth of a percent; one that is worse by 2e-5 was missed among them.
+    on_grid = {name: plant.omega[i] * np.linspace(0.95, 1.05, 21) for i, name in enumerate(over)}
+    energy = jax.jit(jax.vmap(lambda leaves: js.residual_energy(with_leaves(plant, leaves), found.shaper, 1.0)))
+    assert float(energy(grid(on_grid)).max()) <= found.objective * (1 + 1e-6)
+    assert models.minimax().bound * 0.99 <= found.objective <= 1.3 * models.minimax().bound
+    few = js.tune(plant, 1.0, 5, duration, "positive", over=over, objective="worst", starts=4)
+    assert f"{len(models.minimax().times)} impulses in the same time may leave as little as" in few.message
+    assert few.objective > 2 * models.minimax().bound
+
+
+@pytest.mark.parametrize("count", [1, 3, 5, 8])
+def test_impulses_drawn_together_keep_their_sum_and_their_mean_time(count):
+    times = np.linspace(0.0, 2.0, 41)
+    amplitudes = np.zeros(41)
+    amplitudes[[0, 9, 10, 20, 33, 40]] = [0.2, 0.1, 0.1, 0.3, 0.05, 0.25]
+    sums, groups = _groups(amplitudes, times)
+    np.testing.assert_allclose(sums, [0.2, 0.2, 0.3, 0.05, 0.25])
+    np.testing.assert_allclose(groups, [0.0, 0.475, 1.0, 1.65, 2.0])
+    together, at = drawn_together(sums, groups, count)
+    assert len(together) == len(at) == count
+    assert np.all(np.diff(at) >= 0)
+    assert together.sum() == pytest.approx(1.0)
+    assert together @ at == pytest.approx(amplitudes @ times)
 
 
 def test_no_starts_without_modes_or_energies(search, monkeypatch):

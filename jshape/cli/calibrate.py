@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from jshape.cli._shared import Out, explained, prepare_jax, progress_line, results_folder
+from jshape.cli._shared import explained, prepare_jax, progress_line, results_folder
 
 if TYPE_CHECKING:
     from jshape.calibration.report import Calibration
@@ -16,7 +16,9 @@ def calibrate(
     data: Annotated[
         list[Path], typer.Argument(help="Klipper's files, raw or spectra; x or y in a name says of which axis.")
     ],
-    out: Out = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for the results; NAME-calibration, of the data, unless given.")
+    ] = None,
     klipper: Annotated[
         str, typer.Option(help="Whose choice to follow: current, or 2024 for December 2024.")
     ] = "current",
@@ -57,10 +59,10 @@ def calibrate(
 
     axes = _axes(data, axis, loads)
     spectra = {which: read(files, component) for which, files in axes.items()}
-    names = {which: f"{files[0].stem}-results" for which, files in axes.items()}
+    names = {which: f"{files[0].stem}-calibration" for which, files in axes.items()}
     if len(set(names.values())) < len(names):
         # Two belts, whose files are the same for both axes.
-        names = {which: f"{files[0].stem}-{which}-results" for which, files in axes.items()}
+        names = {which: f"{files[0].stem}-{which}-calibration" for which, files in axes.items()}
     folders = {
         which: results_folder(out / which if out and len(axes) > 1 else out, name) for which, name in names.items()
     }

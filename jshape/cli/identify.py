@@ -55,6 +55,8 @@ def identify(
     data, *others = files
     if others:
         raise ValueError(f"{others[0]}: a second file is named by --along-y, of a move along y; or run once for each")
+    if kind == "sweep" and input_ is None:
+        raise ValueError("--input must name the column of the command: a sweep is what drives the machine")
     prepare_jax()
     from jshape._files import check_unedited
     from jshape.identification.files import write

@@ -8,9 +8,18 @@ from pathlib import Path
 import numpy as np
 
 from jshape._files import digest, printable, write_results, write_text
+from jshape.design.linear.minimax import minimax
 from jshape.identification.planar import IdentifiedPlane
 from jshape.identification.result import Identified
 from jshape.reports import plot
+
+DRIFT = 0.05
+"""By what part a machine's frequencies may differ from those of the record, where nobody says more."""
+
+PER_AXIS = 'impulses = 3\nshapers = "per axis"'
+
+SPREAD, MOST_IMPULSES = np.linspace(-1.0, 1.0, 5), 24
+"""Where in its range each frequency is while impulses are counted; and how many there may be, for the search's sake."""
 
 _MOVES = "\n".join(
     f"""
@@ -68,16 +77,16 @@ def write(found: Identified | IdentifiedPlane, folder: Path, name: str) -> list[
 
 
 def problem(found: Identified | IdentifiedPlane, name: str) -> str:
-    """A problem file for ``jshape tune``: the plant that was measured, as uncertain as the measurement left it."""
-    reach = np.minimum(1.96 * found.omega_std / found.omega, 0.5)
-    # Every combination is a plant of its own, so that few values a mode must do where there are many modes.
-    count = {1: 11, 2: 5}.get(len(reach), 3)
-    uncertain = "\n".join(
-        f'"omega.{i}" = {{ low = {1 - r!r}, high = {1 + r!r}, count = {count} }}'
-        for i, r in enumerate(reach.tolist())
-        if r > 1e-6
-    )
+    """A problem file for ``jshape tune``: the plant that was measured, uncertain by the measurement's interval and by
+    ``DRIFT``, and a shaper that lasts as long as ZVD."""
     planar = isinstance(found, IdentifiedPlane)
+    modes = len(found.omega)
+    reach = np.minimum(1.96 * found.omega_std / found.omega, 0.45) + DRIFT
+    # Every combination is a plant of its own, so that few values a mode must do where there are many modes.
+    count = {1: 11, 2: 5, 3: 3}.get(modes, 2)
+    uncertain = "\n".join(
+        f'"omega.{i}" = {{ low = {1 - r:.4f}, high = {1 + r:.4f}, count = {count} }}' for i, r in enumerate(reach)
+    )
     move = _MOVES if planar else "distance = 1.0   # m; put the move of your machine here\n"
     # Of what JSON escapes, TOML knows all but the two halves of a character.
     title = json.dumps(f"Identified from {printable(name)}", ensure_ascii=False)
@@ -90,15 +99,29 @@ omega = {found.omega.tolist()}   # rad/s
 zeta = {found.zeta.tolist()}
 gains = {(found.gains if planar else found.gains[:, 0]).tolist()}
 
-# Multiples: the 95 % intervals of the frequencies.
+# Multiples of the frequencies: their 95 % intervals, and {DRIFT:.0%} to either side for loads, poses and temperatures
+# other than the record's; put here what your machine meets.
 [uncertainty]
 {uncertain}
 
 [design]
-impulses = {3 if planar else 2 * len(found.omega) + 1}
 amplitudes = "positive"
-{'shapers = "per axis"' if planar else ""}
+{PER_AXIS if planar else _time(found.omega, found.zeta, reach)}
 """
+
+
+def _time(omega: np.ndarray, zeta: np.ndarray, reach: np.ndarray) -> str:
+    """The time that ZVD takes, and as many impulses as help in that time against modes anywhere in their ranges."""
+    zeta = np.minimum(zeta, 0.99)
+    duration = float(sum(2 * np.pi / (omega * np.sqrt(1 - zeta**2))))
+    ranges = omega * (1 + reach * SPREAD[:, None])
+    found = minimax(ranges * (-zeta + 1j * np.sqrt(1 - zeta**2)), ranges**2, duration)
+    count = max(len(found.times), 3)
+    words = (
+        "more would not help in this time" if count <= MOST_IMPULSES else f"{count} would leave less, and take longer"
+    )
+    return f"""impulses = {min(count, MOST_IMPULSES)}   # {words}
+duration = {duration:.6g}   # s: a period of each mode, as ZVD takes; a longer one leaves less"""
 
 
 def _write_prediction(found: Identified, path: Path) -> None:

@@ -85,6 +85,10 @@ class Curves:
     vibrations: dict[str, np.ndarray]
 
 
+ALIKE = 0.01
+"""Durations that differ by less, as a part of them, count as the same."""
+
+
 @dataclasses.dataclass(frozen=True)
 class Report:
     """A problem's shapers compared.
@@ -117,7 +121,7 @@ class Report:
         tuned = self.rows[-1]
         if tuned.worst_energy is None or self.problem.objective != "worst":
             return tuned
-        longest = tuned.duration * (1 + 1e-6)
+        longest = tuned.duration * (1 + ALIKE)
         short = [row for row in self.rows if row.worst_energy is not None and row.duration <= longest]
         best = min(short, key=lambda row: row.worst_energy or 0.0)
         return best if (best.worst_energy or 0.0) < tuned.worst_energy else tuned
@@ -128,14 +132,14 @@ class Report:
         tuned = next((row for row in self.rows if row.name == "tuned"), None)
         if tuned is None or tuned.worst_energy is None or self.problem.objective != "worst":
             return []
-        longest = tuned.duration * (1 + 1e-6)
+        longest = tuned.duration * (1 + ALIKE)
         others = [row for row in self.rows if row is not tuned and row.duration <= longest]
         best = min(others, key=lambda row: row.worst_energy or 0.0)
         if not best.worst_energy or not tuned.worst_energy or not np.isfinite(best.worst_energy):
             return []
         ratio = best.worst_energy / tuned.worst_energy
         words = f"{ratio:.3g} times less than" if ratio > 1 else f"{1 / ratio:.3g} times more than"
-        known = f"{best.name}, the best closed form that takes no longer"
+        known = f"{best.name}, the best closed form that takes at most {ALIKE:.0%} longer"
         known = "the bare command; no closed form takes no longer" if best.name == "unshaped" else known
         gains = [f"worst residual energy {tuned.worst_energy:.6g} J: {words} the {best.worst_energy:.6g} J of {known}"]
         allowed = self.problem.design.duration

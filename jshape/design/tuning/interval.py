@@ -25,7 +25,7 @@ MOST_PLACES = 64
 """Plants that are added to a set, at most, but for as many as there are variables."""
 
 MAXIMA = 6
-"""Local maxima that are looked at closely, at most."""
+"""Local maxima that are added to a set at once, at most."""
 
 NEAR = 0.02
 """A maximum of the finer set may exceed the greatest energy nearby where it is less by at most this part, and twice
@@ -157,7 +157,8 @@ def greatest(
         problem: with an uncertain set.
         point: the design.
         found: what it leaves in the plants.
-        excess: maxima that are above by less than this part of it are left out; at most ``MAXIMA`` others are found.
+        excess: maxima that are above by less than this part of it are left out; of the others the first ``MAXIMA`` are
+            enough, unless it is 0: then they are the greatest of all.
         axes: values of the leaves between which they are looked for; those of the finer set unless given.
 
     Returns:
@@ -177,9 +178,17 @@ def greatest(
     # Between the plants of the finer set the energy is greater, by more than by parabolas where the set is coarse.
     tops = table + 2 * sum(_excess(table, *neighbours[i : i + 2]) for i in range(0, len(neighbours), 2))
     peaks &= tops >= (1 - NEAR) * worst
-    order = sorted(zip(*np.nonzero(peaks), strict=True), key=lambda index: -tops[index])[:MAXIMA]
-    starts = {name: axis[[index[i] for index in order]] for i, (name, axis) in enumerate(axes.items())}
-    return [one for one in _refined(problem, point, axes, starts) if one.energy > (1 + excess) * worst]
+    order = sorted(zip(*np.nonzero(peaks), strict=True), key=lambda index: -tops[index])
+    # Three plants for each, as many at a time as the problem's program has. Many may be nearly as great, in an order
+    # that the scan does not know, so that all are looked at before it is said that there are none.
+    size = max(MAXIMA, len(problem.scenarios.samples[next(iter(axes))]) // 3)
+    maxima = list[Maximum]()
+    for some in (order[i : i + size] for i in range(0, len(order), size)):
+        starts = {name: axis[[index[i] for index in some]] for i, (name, axis) in enumerate(axes.items())}
+        maxima += [one for one in _refined(problem, point, axes, starts) if one.energy > (1 + excess) * worst]
+        if maxima and excess:
+            break
+    return sorted(maxima, key=lambda one: -one.energy)[:MAXIMA]
 
 
 def _excess(between: np.ndarray, left: np.ndarray, right: np.ndarray) -> np.ndarray:

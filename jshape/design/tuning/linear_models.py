@@ -17,6 +17,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 from jshape._blas import one_thread
+from jshape.design.linear.minimax import Minimax, drawn_together, minimax
 from jshape.design.tuning.design_problem import DesignProblem
 from jshape.design.tuning.epigraph import Merit, Vector, minimise_epigraph
 from jshape.design.tuning.evaluate import DIVERGED_ENERGY, Linearisation
@@ -52,6 +53,12 @@ MOST_PLANTS, MOST_NUMBERS = 200, 2_000_000
 """Plants of the models at most, those between the given ones among them; and numbers of an array, beyond which fewer
 designs are tried."""
 
+CLOSER, LONG = ((1.0, 20), (4.0, 20), (16.0, 20), (64.0, 20)), 100
+"""The same, for impulses at any times that were drawn together; and iterations of SLSQP that end it."""
+
+PROVEN = 0.25
+"""A design whose objective exceeds the lower bound of all by at most this part is near the best."""
+
 ENDS, ITERATIONS, KEPT = 8, 30, 8
 """How many of the best designs of each search are refined to the end, by so many iterations of SLSQP at most; how many
 of the best ends are starting points."""
@@ -79,6 +86,15 @@ class LinearModels:
         none = np.zeros((0, len(search.units)))
         self.own, self.between = (none, np.zeros((0, self.given))), (none, np.zeros((0, len(self.rates) - self.given)))
         """Designs that the models of the set's plants and of those between are fitted to, and the energies there."""
+
+    @property
+    def convex(self) -> bool:
+        """Whether the objective is convex in the amplitudes of given times, which are positive and have no limit, and
+        no mode grows beyond all numbers."""
+        problem, bounds = self.search.problem, self.search.problem.bounds
+        positive = bool(np.all(bounds.lower == 0.0) and np.all(bounds.upper >= 1.0))
+        grown = float(np.max(np.real(self.rates))) * bounds.longest
+        return positive and problem.objective in ("worst", "mean") and not problem.time_cost and grown < 100
 
     def _rates(self, samples: Mapping[str, Any]) -> np.ndarray:
         """Decay and angular frequency of each plant's modes, as complex numbers, 1/s."""
@@ -177,6 +193,21 @@ class LinearModels:
             shares /= np.maximum(shares.sum(axis=1, keepdims=True), 1e-300)
         return x[np.argsort(least)]
 
+    def minimax(self) -> Minimax:
+        """What positive impulses at any times leave at least."""
+        mean, longest = self.search.problem.objective == "mean", self.search.problem.bounds.longest
+        return minimax(self.rates[: self.given], self.weights[: self.given], longest, mean)
+
+    def near(self, found: Minimax) -> np.ndarray:
+        """The best design on the way from impulses at any times, drawn together to as many as there are, to a local
+        minimum, shape (1, variables)."""
+        amplitudes, times = drawn_together(found.amplitudes, found.times, self.impulses)
+        x = _within(self.search, np.append(amplitudes, np.diff(times))[None] / self.search.units)
+        for power, iterations in CLOSER[: 1 if self.search.problem.objective == "mean" else None]:
+            x = self.descended(x, power, iterations)
+        both = np.append(x, self.end(x[0], LONG)[None], axis=0)
+        return both[[np.argmin(self.merits(both))]]
+
     def round(self, known: np.ndarray, random: np.random.Generator) -> np.ndarray:
         """The designs of a search after one more round, from the best to the worst."""
         numbers, objective = self.rates[: self.given].size * self.impulses, self.search.problem.objective
@@ -189,11 +220,15 @@ class LinearModels:
 
     def ends(self, known: np.ndarray) -> np.ndarray:
         """The local minima to which SLSQP comes from the best designs, from the best to the worst."""
-        search, found = self.search, []
-        for x in known[np.argsort(self.merits(known))][:ENDS]:
-            scaled = Merit(search.problem.objective, search.time_cost, scale_of(self(x).energies), 0.0, 0.0)
-            found.append(minimise_epigraph(self, search.space, scaled, x, ITERATIONS, 1e-4))
-        return np.array(found)[np.argsort(self.merits(np.array(found)))]
+        best = known[np.argsort(self.merits(known))][:ENDS]
+        found = np.array([self.end(x, ITERATIONS) for x in best])
+        return found[np.argsort(self.merits(found))]
+
+    def end(self, x: np.ndarray, iterations: int) -> np.ndarray:
+        """The local minimum to which SLSQP comes from a design."""
+        search = self.search
+        scaled = Merit(search.problem.objective, search.time_cost, scale_of(self(x).energies), 0.0, 0.0)
+        return minimise_epigraph(self, search.space, scaled, x, iterations, 1e-4)
 
     def merits(self, x: np.ndarray) -> np.ndarray:
         """The objective of designs and the cost of their time, J."""
@@ -262,11 +297,21 @@ class Starts(NamedTuple):
     Attributes:
         points: the best first; none where a plant has no modes, or diverges after all designs, or the models do not
             hold.
-        sure: whether two independent searches came to the same best one, and the models hold there.
+        sure: whether two independent searches came to the same best one, or none can be much better, and the models
+            hold there.
+        minimax: what more impulses could leave, where that is known.
     """
 
     points: list[Point]
     sure: bool
+    minimax: Minimax | None = None
+
+    def more(self, impulses: int, left: float) -> str:
+        """What more impulses could leave where that is less than half of what is left, J, for a message."""
+        least = self.minimax
+        if least is None or len(least.times) <= impulses or 2 * least.bound >= left:
+            return ""
+        return f"; {len(least.times)} impulses in the same time may leave as little as {least.bound:.3g} J"
 
 
 def linear_starts(search: ScaledProblem, designs: list[Point], random: np.random.Generator) -> Starts:
@@ -286,7 +331,18 @@ def linear_starts(search: ScaledProblem, designs: list[Point], random: np.random
         return Starts([], False)
     models.fit_between(points[:FEW])
     known, agreed = [np.zeros((0, len(search.units)))] * 2, False
+
+    def hold(x: np.ndarray) -> bool:
+        there = search.merit(search.point(x), search.tolerance_for(x, COARSE))
+        return bool(abs(models.merits(x[None])[0] - there) <= HOLD * there)
+
     with one_thread(), ThreadPoolExecutor(2) as pool:
+        if (least := models.minimax() if models.convex else None) is not None:
+            known[0] = x = models.near(least)
+            models.fit(x)
+            models.fit_between(x)
+            if models.merits(x)[0] <= (1 + PROVEN) * least.bound and hold(x[0]):
+                return Starts([search.point(x[0])], True)
         for number in range(ROUNDS[1]):
             known = list(pool.map(models.round, known, random.spawn(2)))
             # The designs that matter are tried, so that the models hold there.
@@ -301,9 +357,8 @@ def linear_starts(search: ScaledProblem, designs: list[Point], random: np.random
                 break
     x = np.concatenate(known)
     x = np.array(apart(x[np.argsort(models.merits(x))], KEPT))
-    there = search.merit(search.point(x[0]), search.tolerance_for(x[0], COARSE))
-    holds = abs(models.merits(x[:1])[0] - there) <= HOLD * there
-    return Starts([search.point(end) for end in x], bool(agreed and holds))
+    holds = hold(x[0])
+    return Starts([search.point(end) for end in x], agreed and holds, least if holds else None)
 
 
 def _norm(energies: np.ndarray, power: float) -> np.ndarray:

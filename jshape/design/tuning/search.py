@@ -75,10 +75,10 @@ class Search:
         self.judge, self.most = ScaledProblem(self.problem), most
         self.candidates: list[Candidate] = []
         self.history: list[float] = []
-        self.summary = ""
-        self.interrupted = False
+        self.summary, self.interrupted = "", False
         self.around: Around | None = None
         self.compiling: Future[None] | None = None
+        self.models = linear_models.Starts([], False)
 
     @property
     def best(self) -> Candidate:
@@ -190,7 +190,7 @@ class Search:
             self.judge.report = lambda _: None
             if self.candidates:
                 self._sum_up(min(rounds[0][0], len(ranked)), len(starts))
-        self.summary += self._doubts(iterations)
+        self.summary += self._doubts(iterations) + self.models.more(self.problem.bounds.impulses, self._total())
         self.progress("local search", total, total, self._total())
 
     def _doubts(self, iterations: int) -> str:
@@ -222,7 +222,7 @@ class Search:
         ranked = self._ranked(starts)
         if not modelled or not linear_models.applies(self.problem):
             return ranked, False
-        found = linear_models.linear_starts(self.judge, ranked, self.random.spawn(1)[0])
+        self.models = found = linear_models.linear_starts(self.judge, ranked, self.random.spawn(1)[0])
         ranked = self._ranked(ranked + found.points)
         if found.sure:
             # Played backwards the best one is nearly as good, or better.
