@@ -15,7 +15,7 @@ HEADINGS = [
     "move\ntime\n(s)",
     "nominal\nenergy\n(J)",
     "worst\nenergy\n(J)",
-    "worst\nvibration\n(%)",
+    "worst\nvibration\n(% of move)",
     "more",
     "still more",
 ]

@@ -55,7 +55,7 @@ def show_report(report: "Report", folder: Path, written: list[Path]) -> None:
 def _cells(report: "Report") -> tuple[list[str], list[tuple[str, list[str]]]]:
     """The headings and the rows of a report's table."""
     headings = ["move\ntime\n(s)", "nominal\nenergy\n(J)"]
-    headings += ["worst\nenergy\n(J)", "worst\nvibration\n(%)"] if report.problem.over else []
+    headings += ["worst\nenergy\n(J)", "worst\nvibration\n(% of move)"] if report.problem.over else []
     rows = []
     for row in report.rows:
         cells = [f"{report.move_time(row):.4f}", number(row.nominal_energy)]

@@ -185,7 +185,7 @@ def greatest(
     maxima = list[Maximum]()
     for some in (order[i : i + size] for i in range(0, len(order), size)):
         starts = {name: axis[[index[i] for index in some]] for i, (name, axis) in enumerate(axes.items())}
-        maxima += [one for one in _refined(problem, point, axes, starts) if one.energy > (1 + excess) * worst]
+        maxima += [one for one in _refined(problem, point, axes, starts, worst) if one.energy > (1 + excess) * worst]
         if maxima and excess:
             break
     return sorted(maxima, key=lambda one: -one.energy)[:MAXIMA]
@@ -199,9 +199,10 @@ def _excess(between: np.ndarray, left: np.ndarray, right: np.ndarray) -> np.ndar
 
 
 def _refined(
-    problem: DesignProblem, point: Point, axes: dict[str, np.ndarray], starts: dict[str, np.ndarray]
+    problem: DesignProblem, point: Point, axes: dict[str, np.ndarray], starts: dict[str, np.ndarray], worst: float
 ) -> list[Maximum]:
-    """Maxima of the finer set, each moved to the maximum of a parabola along one leaf after the other."""
+    """Maxima of the finer set, each moved to the maximum of a parabola along one leaf after the other, until none is
+    going to be above the worst, J."""
     if not len(next(iter(starts.values()))):
         return []
     values, best = energies_of(problem, point, starts), dict(starts)
@@ -224,7 +225,8 @@ def _refined(
             beyond = (np.abs(shift) >= 1) & (tried > values)
             best[name], values = np.where(tried > values, moved, best[name]), np.maximum(tried, values)
             widths[name] = np.where(beyond, width, width / 4)
-        if number and np.all(values <= before * (1 + SETTLED)):
+        # A further round gains less than the last one did.
+        if number and np.all((values <= before * (1 + SETTLED)) | (3 * values - 2 * before < worst)):
             break
     order = np.argsort(-values, kind="stable")
     return [Maximum({name: float(v[i]) for name, v in best.items()}, float(values[i])) for i in order]
