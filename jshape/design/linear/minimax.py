@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import nnls
 
-TIMES, ITERATIONS, HEAVY = 160, 60, 1e3
+TIMES, ITERATIONS, HEAVY = 160, 20, 1e3
 """Times at which impulses may be, iterations at most, and the weight of the amplitudes' sum."""
 
 SETTLED = 0.01

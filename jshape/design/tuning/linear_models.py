@@ -311,7 +311,7 @@ class Starts(NamedTuple):
         least = self.minimax
         if least is None or len(least.times) <= impulses or 2 * least.bound >= left:
             return ""
-        return f"; {len(least.times)} impulses in the same time may leave as little as {least.bound:.3g} J"
+        return f"; {len(least.times)} impulses in the time allowed may leave as little as {least.bound:.3g} J"
 
 
 def linear_starts(search: ScaledProblem, designs: list[Point], random: np.random.Generator) -> Starts:
@@ -337,7 +337,9 @@ def linear_starts(search: ScaledProblem, designs: list[Point], random: np.random
         return bool(abs(models.merits(x[None])[0] - there) <= HOLD * there)
 
     with one_thread(), ThreadPoolExecutor(2) as pool:
-        if (least := models.minimax() if models.convex else None) is not None:
+        least = models.minimax() if models.convex else None
+        # Far more impulses than there are say nothing of these.
+        if least and len(least.times) <= 2 * models.impulses:
             known[0] = x = models.near(least)
             models.fit(x)
             models.fit_between(x)
