@@ -10,8 +10,9 @@ from jshape.design.linear.minimax import _groups, drawn_together
 from jshape.design.tuning import linear_models
 from jshape.design.tuning.design_problem import design_problem
 from jshape.design.tuning.interval import with_places
+from jshape.design.tuning.judging import on_finer_set
 from jshape.design.tuning.scaled_problem import ScaledProblem
-from jshape.design.tuning.scenarios import Limits
+from jshape.design.tuning.scenarios import Limits, Point
 from jshape.design.tuning.starts import starts
 from jshape.sweeps.leaves import grid, with_leaves
 
@@ -113,6 +114,66 @@ def test_a_machine_of_three_modes_is_left_near_the_lower_bound(three_modes):
     few = js.tune(plant, 1.0, 5, duration, "positive", over=over, objective="worst", starts=4)
     assert f"{len(models.minimax().times)} impulses in the time allowed may leave as little as" in few.message
     assert few.objective > 2 * models.minimax().bound
+
+
+@pytest.mark.slow
+def test_a_worst_case_of_four_modes_is_that_of_their_closed_form():
+    """Of a shaper that leaves equally much in many plants: a lobe between two plants of the finer set, narrower than
+    those of the modes' phases, was missed, so that 0.23 % more was left than was said."""
+    amplitudes = np.array(
+        [
+            0.013248251619733297,
+            0.02604255315664828,
+            0.050454722368295485,
+            0.08453436720525023,
+            0.1010254221657258,
+            0.13314556233912553,
+            0.13677935860555956,
+            0.12933521911356566,
+            0.11948812226488356,
+            0.08360828301927618,
+            0.06325075268264889,
+            0.03595346830419899,
+            0.015917420547482915,
+            0.007216496607605655,
+        ]
+    )
+    times = np.array(
+        [
+            0.0,
+            0.059253136003828366,
+            0.10990296214723656,
+            0.16512184801538274,
+            0.21913919043640762,
+            0.271318219462705,
+            0.3258158142830486,
+            0.3777062140501233,
+            0.43124525442169853,
+            0.4848040186284958,
+            0.5370738314241329,
+            0.5918375691103699,
+            0.6431924010969573,
+            0.6969676234387456,
+        ]
+    )
+    omega, zeta = np.array([19.5, 32.7, 56.5, 88.0]), 0.02
+    plant = js.plants.ModalPlant(omega=omega, zeta=[zeta] * 4, gains=[0.13, 0.57, 0.13, 0.17])
+    over = {f"omega.{i}": np.linspace(0.95, 1.05, 2) for i in range(4)}
+    problem = design_problem(
+        plant, 1.0, 14, times[-1], "positive", None, over, "worst",
+        relative=True, initial_state=None, limits=Limits(),
+    )  # fmt: skip
+    search, point = ScaledProblem(with_places(problem)), Point(amplitudes, np.diff(times), np.zeros(0))
+    said = on_finer_set(search.problem, point, search.values(search.vector(point)))
+    worst = 0.0
+    for one, weight in zip(omega, plant.weights(), strict=True):
+        values = one * np.linspace(0.95, 1.05, 100_001)
+        rates = values * (-zeta + 1j * np.sqrt(1 - zeta**2))
+        # After a step, q − u is −A Re((1 − jζ/√(1 − ζ²)) exp(λt)), and its derivative the same with λ before it.
+        turned = np.exp(np.outer(times[-1] - times, rates)) * (1 - 1j * zeta / np.sqrt(1 - zeta**2))
+        modes = np.sum(amplitudes[:, None] * turned, axis=0)
+        worst += float(weight) * np.max(np.real(rates * modes) ** 2 + (values * np.real(modes)) ** 2) / 2
+    assert said == pytest.approx(worst, rel=1e-6)
 
 
 @pytest.mark.parametrize("count", [1, 3, 5, 8])

@@ -24,7 +24,6 @@ from jshape.design.tuning.linear_models import LinearModels
 from jshape.design.tuning.scaled_problem import ScaledProblem
 from jshape.design.tuning.scenarios import Limits
 from jshape.design.tuning.starts import starts
-from jshape.sweeps.leaves import grid, with_leaves
 
 HERTZ, GAINS, ZETA = [3.1, 5.2, 9.0, 14.0], [0.3, 1.3, 0.3, 0.4], 0.02
 """The modes, their gains and their damping ratio."""
@@ -46,12 +45,19 @@ def bound(plant: Any, duration: float, over: dict[str, Any]) -> tuple[float, int
     return found.bound, len(found.times)
 
 
-def greatest(plant: Any, shaper: js.Shaper, over: dict[str, Any]) -> float:
-    """The greatest energy over the frequencies, J: on a grid of some thousand plants."""
-    values = int(4000 ** (1 / len(over)))
-    samples = {name: plant.omega[i] * np.linspace(0.95, 1.05, values) for i, name in enumerate(over)}
-    energy = jax.jit(jax.vmap(lambda leaves: js.residual_energy(with_leaves(plant, leaves), shaper, 1.0)))
-    return float(np.max(energy(grid(samples))))
+def greatest(plant: Any, shaper: js.Shaper) -> float:
+    """The greatest energy over the frequencies, J, by the closed form of each mode's response. Their energies add
+    up, so that the greatest is the sum of the greatest."""
+    amplitudes, since = np.asarray(shaper.amplitudes)[:, None], np.asarray(shaper.times)[-1] - np.asarray(shaper.times)
+    total = 0.0
+    for omega, zeta, weight in zip(*map(np.asarray, (plant.omega, plant.zeta, plant.weights())), strict=True):
+        omega = omega * np.linspace(0.95, 1.05, 100_001)
+        damped, phase = omega * np.sqrt(1 - zeta**2), np.multiply.outer(since, omega * np.sqrt(1 - zeta**2))
+        faded = amplitudes * np.exp(-zeta * np.multiply.outer(since, omega))
+        left = np.sum(faded * (np.cos(phase) + zeta * omega / damped * np.sin(phase)), axis=0)
+        speed = np.sum(faded * omega**2 / damped * np.sin(phase), axis=0)
+        total += weight * np.max(speed**2 + (omega * left) ** 2) / 2
+    return float(total)
 
 
 def row(modes: int) -> list[str]:
@@ -71,12 +77,11 @@ def row(modes: int) -> list[str]:
     with patch.object(LinearModels, "convex", False):
         other, more = tuned()
     zvd = js.design.linear.multi_mode([(each, ZETA) for each in omega], kind="zvd")
-    energies = [greatest(plant, each, over) for each in (zvd, found.shaper)]
-    # On a grid no more than over the whole set is left.
-    assert energies[1] <= found.objective_on_finer_set * (1 + 1e-6), (energies[1], found)
+    energies = [greatest(plant, each) for each in (zvd, found.shaper)]
+    apart = abs(energies[1] / found.objective - 1)
     cells = [f"{duration:.3f}", f"{impulses}", f"{len(zvd.times)}", *(f"{value:.3g}" for value in (energies[0], least))]
-    return [*cells, f"{found.objective:.3g}", f"{found.status.value}, {seconds:.0f} s", f"{other.objective:.3g}",
-            f"{other.status.value}, {more:.0f} s"]  # fmt: skip
+    cells += [f"{found.objective:.3g}", f"{apart:.0e}", f"{found.status.value}, {seconds:.0f} s"]
+    return [*cells, f"{other.objective:.3g}", f"{other.status.value}, {more:.0f} s"]
 
 
 def main() -> None:
@@ -86,7 +91,7 @@ def main() -> None:
     for modes in range(1, len(HERTZ) + 1):
         rows[str(modes)] = row(modes)
         print(modes, *rows[str(modes)], flush=True)
-    headings = ["modes", "duration (s)", "impulses", "of ZVD", "ZVD (J)", "lower bound (J)", "js.tune (J)", "",
+    headings = ["modes", "duration (s)", "impulses", "of ZVD", "ZVD (J)", "lower bound (J)", "js.tune (J)", "apart", "",
                 "without minimax (J)", ""]  # fmt: skip
     lines = markdown.table(headings, [[name, *cells] for name, cells in rows.items()])
     title = "Machines with many modes beside the least that positive impulses can leave"

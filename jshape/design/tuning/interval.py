@@ -27,9 +27,10 @@ MOST_PLACES = 64
 MAXIMA = 6
 """Local maxima that are added to a set at once, at most."""
 
-NEAR = 0.02
-"""A maximum of the finer set may exceed the greatest energy nearby where it is less by at most this part, and twice
-what the parabolas through its neighbours add to it."""
+NEAR, MORE = 0.05, 4
+"""A maximum of the finer set may exceed the greatest energy nearby where it is less by at most this part, and so many
+times what the parabolas through its neighbours add to it: lobes of the best designs are narrower than those of the
+modes' phases, and a parabola through three points of one adds too little (0.025 where 0.1 is missing)."""
 
 PARABOLAS = 12
 """A maximum between the plants of the finer set is that of a parabola, so many times at most: a quarter as wide where
@@ -176,7 +177,7 @@ def greatest(
     neighbours = [np.roll(padded, shift, axis)[inside] for axis in range(table.ndim) for shift in (-1, 1)]
     peaks = np.all([table >= other for other in neighbours], axis=0)
     # Between the plants of the finer set the energy is greater, by more than by parabolas where the set is coarse.
-    tops = table + 2 * sum(_excess(table, *neighbours[i : i + 2]) for i in range(0, len(neighbours), 2))
+    tops = table + MORE * sum(_excess(table, *neighbours[i : i + 2]) for i in range(0, len(neighbours), 2))
     peaks &= tops >= (1 - NEAR) * worst
     order = sorted(zip(*np.nonzero(peaks), strict=True), key=lambda index: -tops[index])
     # Three plants for each, as many at a time as the problem's program has. Many may be nearly as great, in an order
