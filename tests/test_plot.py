@@ -163,7 +163,7 @@ def test_what_tuning_gains_and_what_more_time_would_bring():
     assert worse.advised.stem == "linear_ZV"
     # A closed form that takes a little longer is one to compare with.
     nearly = report.Report(problem, rows(linear_ZV=(1, 0.5), linear_ZVD=(1.505, 0.1), tuned=(1.5, 0.05)), {}, {}, None)
-    assert "2 times less than the 0.1 J of linear ZVD, the best closed form that takes at most 1%" in nearly.gains()[0]
+    assert "2 times less than the 0.1 J of linear ZVD, the best closed form that takes at most 1 %" in nearly.gains()[0]
     alone = report.Report(problem, rows(unshaped=(0, 0.5), tuned=(1.5, 0.05)), {}, {}, None)
     assert alone.gains()[0].endswith("0.5 J of the bare command; no closed form takes no longer")
 

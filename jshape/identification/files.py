@@ -99,8 +99,8 @@ omega = {found.omega.tolist()}   # rad/s
 zeta = {found.zeta.tolist()}
 gains = {(found.gains if planar else found.gains[:, 0]).tolist()}
 
-# Multiples of the frequencies: their 95 % intervals, and {DRIFT:.0%} to either side for loads, poses and temperatures
-# other than the record's; put here what your machine meets.
+# Multiples of the frequencies: their 95 % intervals, and {100 * DRIFT:g} % to either side for loads, poses and
+# temperatures other than the record's; put here what your machine meets.
 [uncertainty]
 {uncertain}
 

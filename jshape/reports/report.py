@@ -139,7 +139,7 @@ class Report:
             return []
         ratio = best.worst_energy / tuned.worst_energy
         words = f"{ratio:.3g} times less than" if ratio > 1 else f"{1 / ratio:.3g} times more than"
-        known = f"{best.name}, the best closed form that takes at most {ALIKE:.0%} longer"
+        known = f"{best.name}, the best closed form that takes at most {100 * ALIKE:g} % longer"
         known = "the bare command; no closed form takes no longer" if best.name == "unshaped" else known
         gains = [f"worst residual energy {tuned.worst_energy:.6g} J: {words} the {best.worst_energy:.6g} J of {known}"]
         allowed = self.problem.design.duration
