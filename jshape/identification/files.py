@@ -81,7 +81,7 @@ def problem(found: Identified | IdentifiedPlane, name: str) -> str:
     ``DRIFT``, and a shaper that lasts as long as ZVD."""
     planar = isinstance(found, IdentifiedPlane)
     modes = len(found.omega)
-    reach = np.minimum(1.96 * found.omega_std / found.omega, 0.45) + DRIFT
+    reach = np.minimum(np.nan_to_num(1.96 * found.omega_std / found.omega), 0.45) + DRIFT
     # Every combination is a plant of its own, so that few values a mode must do where there are many modes.
     count = {1: 11, 2: 5, 3: 3}.get(modes, 2)
     uncertain = "\n".join(

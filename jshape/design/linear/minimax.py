@@ -53,7 +53,11 @@ def minimax(rates: np.ndarray, weights: np.ndarray, duration: float, mean: bool 
         root *= np.sqrt(TIMES) / np.linalg.norm(root)
         # What is least beside a heavy row that asks for a sum of one.
         system = np.append(root, np.full((1, TIMES), HEAVY), axis=0)
-        amplitudes = nnls(system, np.append(np.zeros(len(root)), HEAVY), maxiter=10 * TIMES)[0]
+        try:
+            amplitudes = nnls(system, np.append(np.zeros(len(root)), HEAVY), maxiter=10 * TIMES)[0]
+        except RuntimeError:
+            # It has not ended; what was found before stands.
+            break
         amplitudes /= amplitudes.sum()
         energies = np.sum((rows @ amplitudes) ** 2, axis=1)
         bound = max(bound, float(shares @ energies))
