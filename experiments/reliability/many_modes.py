@@ -48,11 +48,13 @@ def bound(plant: Any, duration: float, over: dict[str, Any]) -> tuple[float, int
 def greatest(plant: Any, shaper: js.Shaper) -> float:
     """The greatest energy over the frequencies, J, by the closed form of each mode's response. Their energies add
     up, so that the greatest is the sum of the greatest."""
-    amplitudes, since = np.asarray(shaper.amplitudes)[:, None], np.asarray(shaper.times)[-1] - np.asarray(shaper.times)
+    times = np.asarray(shaper.times)
+    amplitudes, since = np.asarray(shaper.amplitudes)[:, None], times[-1] - times
     total = 0.0
     for omega, zeta, weight in zip(*map(np.asarray, (plant.omega, plant.zeta, plant.weights())), strict=True):
         omega = omega * np.linspace(0.95, 1.05, 100_001)
-        damped, phase = omega * np.sqrt(1 - zeta**2), np.multiply.outer(since, omega * np.sqrt(1 - zeta**2))
+        damped = omega * np.sqrt(1 - zeta**2)
+        phase = np.multiply.outer(since, damped)
         faded = amplitudes * np.exp(-zeta * np.multiply.outer(since, omega))
         left = np.sum(faded * (np.cos(phase) + zeta * omega / damped * np.sin(phase)), axis=0)
         speed = np.sum(faded * omega**2 / damped * np.sin(phase), axis=0)
