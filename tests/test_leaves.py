@@ -9,6 +9,7 @@ from problems import two_mass
 
 import jshape as js
 from jshape import plants
+from jshape.sweeps import leaves
 from jshape.sweeps.leaves import check_over, grid, leaf, leaf_names, with_leaves
 
 MODES = plants.ModalPlant([9.0, 70.0], [0.02, 0.03], [0.8, 0.2])
@@ -138,6 +139,26 @@ def test_wrong_sets_are_named(case):
     over, options, message = WRONG[case]
     with pytest.raises(ValueError, match=message):
         check_over(two_mass(), over, **options)
+
+
+MOVE = js.Trapezoid(4.0, 1.0, 0.5)
+
+ABSOLUTE = {
+    "tuned": lambda crane, over: js.tune(crane, MOVE, 2, over=over, objective="worst", starts=1, iterations=1),
+    "swept": lambda crane, over: js.sweep(crane, js.Shaper([1.0], [0.0]), MOVE, over),
+}
+
+
+@pytest.mark.parametrize("call", ABSOLUTE)
+def test_absolute_values_that_are_taken_for_multiples_are_named(call):
+    words = r"over\['cable_length'\]: 8 to 12 are multiples of the nominal 10, so that cable_length is 80 to 120"
+    with pytest.warns(UserWarning, match=words + "; give relative=False for absolute values"):
+        ABSOLUTE[call](plants.Crane(10.0), {"cable_length": [8.0, 12.0]})
+
+
+@pytest.mark.parametrize("values", [[0.8, 12.0], [2.0, 3.0], [0.1, 0.9]])
+def test_multiples_are_not_taken_for_absolute_values(values):
+    leaves.warn_if_absolute(plants.Crane(10.0), {"cable_length": values})
 
 
 def test_entries_beyond_a_list():

@@ -38,7 +38,7 @@ from jshape.simulation.trajectory import finer, finer_for
 from jshape.sweeps.checkpoint import in_chunks
 from jshape.sweeps.chunks import Chunk, cut, slices, with_corners
 from jshape.sweeps.dask import on_cluster
-from jshape.sweeps.leaves import check_over, grid, with_leaves
+from jshape.sweeps.leaves import check_over, grid, warn_if_absolute, with_leaves
 
 BATCH = 4096
 """Plants computed side by side: enough for the vector units, few enough to stay in the cache."""
@@ -184,6 +184,8 @@ def study(
     command, plant = for_axes(distance, plant.axes, type(plant).__name__), with_arrays(plant)
     warn_unless_at_rest(plant, command)
     absolute = check_over(plant, over, relative)
+    if relative:
+        warn_if_absolute(plant, over)
     points = {name: np.asarray(values) for name, values in (grid(absolute) if combined else absolute).items()}
     some = alike_shapers(list(shapers), plant.axes)
     values = len(metrics) * (1 + len(absolute) * derivatives)

@@ -12,6 +12,7 @@ Where a move is uncertain, too, its leaves follow ``command.``: ``"command.dista
 
 import itertools
 import math
+import warnings
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
@@ -160,6 +161,20 @@ def check_over(
         _check_construction(tree, place, absolute[name], name)
     _check_corners(plant, {name: values for name, values in absolute.items() if name not in moves})
     return absolute
+
+
+def warn_if_absolute(plant: AbstractPlant, over: Mapping[str, Any], command: AbstractCommand | None = None) -> None:
+    """Warn where multiples, as ``check_over`` takes them, look like absolute values: nominal is among them, 1 is not."""
+    names = {} if command is None else _of_command(command)
+    for name, values in over.items():
+        nominal = leaf(plant, name) if name not in names else leaf(command, names[name])
+        if not _check.is_concrete(values, nominal):
+            continue
+        least, greatest, nominal = float(np.min(values)), float(np.max(values)), float(nominal)
+        if least <= nominal <= greatest and not least <= 1 <= greatest:
+            words = f"{least:g} to {greatest:g} are multiples of the nominal {nominal:g}, so that {name} is"
+            words += f" {least * nominal:g} to {greatest * nominal:g}; give relative=False for absolute values"
+            warnings.warn(f"over[{name!r}]: {words}", stacklevel=4)
 
 
 def grid(absolute: Mapping[str, Array | np.ndarray]) -> dict[str, Array]:

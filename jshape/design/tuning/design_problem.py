@@ -22,7 +22,7 @@ from jshape.design.tuning.scenarios import Limits, Metric, Point, Scenarios
 from jshape.plants import AbstractPlant
 from jshape.simulation.schedule import schedule
 from jshape.simulation.simulate import initial, natural_frequencies, with_arrays
-from jshape.sweeps.leaves import check_over, grid
+from jshape.sweeps.leaves import check_over, grid, warn_if_absolute
 
 FINEST = 20_000
 """Plants that the finer set has at most."""
@@ -121,6 +121,8 @@ def design_problem(
     plant, command = with_arrays(plant), for_axes(command, plant.axes, type(plant).__name__)
     groups = _groups(command, shapers)
     uncertain = {} if over is None else check_over(plant, over, relative, command)
+    if relative:
+        warn_if_absolute(plant, over or {}, command)
     leaves = designed_leaves(plant, also, uncertain)
     count = len(groups) or 1
     bounds = design_bounds(impulses, amplitudes, limit, _durations(plant, impulses, duration), leaves, count)
