@@ -1,4 +1,4 @@
-"""One thread for the small linear algebra of SciPy's optimisers.
+"""One thread for the small linear algebra of SciPy's optimisers and of linear models.
 
 This file stands for speed alone: OpenBLAS shares matrices of some dozen rows among threads that wait for one another,
 and where other programs keep the processor busy, they wait long: 32 iterations of a search for a conditional value at
@@ -12,49 +12,50 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
 import scipy
 
 NAMES = "scipy_openblas_{}_num_threads", "scipy_openblas_{}_num_threads64_", "openblas_{}_num_threads"
 
 _LOCK = threading.Lock()
-_INSIDE = [0, 1]
+_INSIDE, _BEFORE = list[None](), list[int]()
 
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Let SciPy's OpenBLAS use one thread within the block, in all threads of this process; nothing without OpenBLAS.
+    """Let NumPy's and SciPy's OpenBLAS use one thread within the block, in all threads of this process; nothing without
+    OpenBLAS.
 
     Blocks may be inside of one another and side by side: the last one to end restores what was.
     """
-    controls = _controls()
-    if controls is None:
-        yield
-        return
-    read, write = controls
     with _LOCK:
-        if not _INSIDE[0]:
-            _INSIDE[1] = read()
-            write(1)
-        _INSIDE[0] += 1
+        if not _INSIDE:
+            _BEFORE[:] = [read() for read, _ in _controls()]
+            for _, write in _controls():
+                write(1)
+        _INSIDE.append(None)
     try:
         yield
     finally:
         with _LOCK:
-            _INSIDE[0] -= 1
-            if not _INSIDE[0]:
-                write(_INSIDE[1])
+            _INSIDE.pop()
+            if not _INSIDE:
+                for (_, write), number in zip(_controls(), _BEFORE, strict=True):
+                    write(number)
 
 
 @functools.cache
-def _controls() -> tuple[Callable[[], int], Callable[[int], None]] | None:
-    """How to read and to write the number of threads of the OpenBLAS that comes with SciPy."""
-    package = Path(scipy.__file__).parent
-    for path in [*package.parent.glob("scipy.libs/*openblas*"), *package.glob(".dylibs/*openblas*")]:
-        try:
-            library = ctypes.CDLL(str(path))
-        except OSError:
-            continue
-        for name in NAMES:
-            if hasattr(library, name.format("set")) and hasattr(library, name.format("get")):
-                return getattr(library, name.format("get")), getattr(library, name.format("set"))
-    return None
+def _controls() -> list[tuple[Callable[[], int], Callable[[int], None]]]:
+    """How to read and to write the number of threads of each OpenBLAS that comes with NumPy and SciPy."""
+    found = []
+    for package in (Path(module.__file__).parent for module in (np, scipy)):
+        for path in [*package.parent.glob(f"{package.name}.libs/*openblas*"), *package.glob(".dylibs/*openblas*")]:
+            try:
+                library = ctypes.CDLL(str(path))
+            except OSError:
+                continue
+            for name in NAMES:
+                if hasattr(library, name.format("set")) and hasattr(library, name.format("get")):
+                    found.append((getattr(library, name.format("get")), getattr(library, name.format("set"))))
+                    break
+    return found
