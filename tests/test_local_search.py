@@ -379,4 +379,3 @@ def test_small_linear_algebra_takes_one_thread_and_gives_them_back():
         assert set(numbers()) == {min(2, os.cpu_count() or 1)}
     finally:
         write(before)
-

@@ -15,6 +15,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from jshape import _check
+from jshape._blas import one_thread
 from jshape._memo import last_result
 from jshape._types import ArrayLike, Progress
 from jshape.calibration.fit import HIGHEST
@@ -106,6 +107,7 @@ FIRMWARES = (*VERSIONS, "kalico")
 """Klipper's versions, and Kalico with its smooth shapers."""
 
 
+@one_thread()
 def tune_firmware(
     spectra: Sequence[Spectrum],
     *,

@@ -12,6 +12,7 @@ from jaxtyping import Float
 from scipy.optimize import least_squares
 from scipy.signal import find_peaks
 
+from jshape._blas import one_thread
 from jshape._types import ArrayLike
 from jshape.calibration.score import CEILING
 from jshape.calibration.spectrum import Spectrum, spectral_window
@@ -35,6 +36,7 @@ class Mode:
     share: float
 
 
+@one_thread()
 def identify(spectrum: Spectrum, ceiling: float = CEILING) -> list[Mode]:
     """The modes of a spectrum, strongest first, from resonance curves fitted to its peaks by least squares.
 

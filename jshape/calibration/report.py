@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from jshape import _check
+from jshape._blas import one_thread
 from jshape._files import write_results, write_text
 from jshape._types import Progress
 from jshape.calibration.family import tune_firmware
@@ -110,6 +111,7 @@ def _change(ratio: float) -> str:
     return f"{abs(100 * ratio):.1f} % {'more' if ratio > 0 else 'less'}"
 
 
+@one_thread()
 def calibrate(
     spectra: Sequence[Spectrum],
     *,

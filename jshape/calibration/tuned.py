@@ -14,6 +14,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from jshape import _check
+from jshape._blas import one_thread
 from jshape._memo import last_result
 from jshape._types import Progress
 from jshape.calibration.modes import remaining
@@ -69,6 +70,7 @@ class Tuned(Result):
         return self.rated.shaper
 
 
+@one_thread()
 def tune(
     spectra: Sequence[Spectrum],
     *,

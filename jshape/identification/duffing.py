@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jshape import _check
+from jshape._blas import one_thread
 from jshape._types import ArrayLike
 from jshape.identification._motion import BETWEEN, Fit, Law, Problem, fit, oscillator
 from jshape.identification._start import prepared, start
@@ -63,6 +64,7 @@ class IdentifiedPayloads(IdentifiedMotion):
     noise: list[float]
 
 
+@one_thread()
 def identify_duffing(
     times: ArrayLike,
     values: Any,
@@ -114,6 +116,7 @@ def identify_duffing(
     )
 
 
+@one_thread()
 def identify_payloads(
     records: Sequence[tuple[Any, ...]],
     masses: Sequence[float | None],

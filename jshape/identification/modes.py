@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from jshape import _check
+from jshape._blas import one_thread
 from jshape._types import ArrayLike, Progress
 from jshape.identification._projection import STEEPEST, AbstractFamily, Fit, fit
 from jshape.identification._search import search
@@ -41,6 +42,7 @@ SUSPECT = 6
 """So many modes are reported as suspect: some may stand for a part of the record that is of another kind."""
 
 
+@one_thread()
 def identify(
     times: ArrayLike,
     values: Any,

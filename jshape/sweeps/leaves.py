@@ -164,10 +164,11 @@ def check_over(
 
 
 def warn_if_absolute(plant: AbstractPlant, over: Mapping[str, Any], command: AbstractCommand | None = None) -> None:
-    """Warn where multiples, as ``check_over`` takes them, look like absolute values: nominal is among them, 1 is not."""
+    """Warn where multiples, as ``check_over`` takes them, look like absolute values: nominal is one, and 1 is not."""
     names = {} if command is None else _of_command(command)
     for name, values in over.items():
-        nominal = leaf(plant, name) if name not in names else leaf(command, names[name])
+        tree: Any = command if name in names else plant
+        nominal = leaf(tree, names.get(name, name))
         if not _check.is_concrete(values, nominal):
             continue
         least, greatest, nominal = float(np.min(values)), float(np.max(values)), float(nominal)
