@@ -99,7 +99,7 @@ class LinearModels:
     def _rates(self, samples: Mapping[str, Any]) -> np.ndarray:
         """Decay and angular frequency of each plant's modes, as complex numbers, 1/s."""
         scenarios = self.search.problem.scenarios
-        each = zip(*map(np.asarray, samples.values()), strict=True)
+        each = zip(*map(np.asarray, samples.values()), strict=True) if samples else [()]
         plants = [dict(zip(samples, values, strict=True)) for values in each]
         omega, zeta = np.moveaxis(np.array([modes(scenarios.at(values).plant) for values in plants]), 2, 0)
         return -omega * zeta + 1j * omega * np.sqrt(np.maximum(1.0 - zeta**2, 0.0))
@@ -157,25 +157,33 @@ class LinearModels:
         return np.sum(self.weights * np.abs(self.phasors(x, self.rates)[0]) ** 2, axis=-1)
 
     def scanned(self, count: int, random: np.random.Generator) -> np.ndarray:
-        """So many designs with random times, each with the amplitudes that suit these, from the best to the worst.
-
-        The amplitudes are those of weighted least squares whose weights grow where the energies are great (Lawson's
-        iteration); bounds are kept by projection.
-        """
+        """So many designs with random times, each with the amplitudes that suit these, from the best to the worst."""
         bounds, n = self.search.problem.bounds, self.impulses
         # A long shaper leaves less, as a rule.
         least = bounds.shortest if self.search.problem.time_cost else max(bounds.shortest, 0.4 * bounds.longest)
         durations = random.uniform(least, bounds.longest, count)
         gaps = durations[:, None] * random.dirichlet(np.ones(n - 1), count)
         x = np.concatenate([np.tile(bounds.random(random).amplitudes, (count, 1)), gaps], axis=1) / self.search.units
-        rates, weights = self.rates[: self.given], self.weights[: self.given]
+        x, values = self.with_amplitudes(x, slice(0, self.given), PROMISING)
+        return x[np.argsort(values)]
+
+    def with_amplitudes(
+        self, x: np.ndarray, plants: slice, promising: tuple[int, int] | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Designs with the amplitudes that suit their times, and the objective of some of the plants, J.
+
+        The amplitudes are those of weighted least squares whose weights grow where the energies are great (Lawson's
+        iteration); bounds are kept by projection. ``promising``: after so many iterations go on with the best part.
+        """
+        bounds, n, count = self.search.problem.bounds, self.impulses, len(x)
+        rates, weights = self.rates[plants], self.weights[plants]
         # Energies as quadratic forms of the amplitudes, one matrix for each plant, in a row.
         turned = np.swapaxes(self.phasors(x, rates)[1] * np.sqrt(weights)[:, :, None], 2, 3)
         forms = np.real(turned @ np.conj(np.swapaxes(turned, 2, 3))).reshape(count, len(rates), n * n)
         shares, least = np.full(forms.shape[:2], 1 / len(rates)), np.full(count, np.inf)
         for number in range(1 if np.all(bounds.lower == bounds.upper) else LAWSON):
-            if number == PROMISING[0]:
-                best = np.argsort(least)[: max(1, count // PROMISING[1])]
+            if promising and number == promising[0]:
+                best = np.argsort(least)[: max(1, count // promising[1])]
                 x, forms, shares, least = (each[best] for each in (x, forms, shares, least))
             square = (shares[:, None] @ forms).reshape(-1, n, n)
             square += (1e-9 * np.trace(square, axis1=1, axis2=2)[:, None, None] + 1e-300) * np.eye(n)
@@ -187,11 +195,11 @@ class LinearModels:
             energies = np.maximum((forms @ twice.reshape(-1, n * n, 1))[..., 0], 0.0)
             values = self._objectives(energies)
             x[values < least], least = trial[values < least], np.minimum(values, least)
-            if self.search.problem.objective == "mean":
+            if self.search.problem.objective in ("mean", "nominal"):
                 break
             shares *= energies
             shares /= np.maximum(shares.sum(axis=1, keepdims=True), 1e-300)
-        return x[np.argsort(least)]
+        return x, least
 
     def minimax(self) -> Minimax:
         """What positive impulses at any times leave at least."""
@@ -237,6 +245,8 @@ class LinearModels:
     def _objectives(self, energies: np.ndarray) -> np.ndarray:
         if (objective := self.search.problem.objective) == "worst":
             return energies.max(axis=1)
+        if objective in ("mean", "nominal"):
+            return energies.mean(axis=1)
         return np.array([value_of(objective, each) for each in energies])
 
     def descended(self, x: np.ndarray, power: float, iterations: int) -> np.ndarray:
@@ -284,11 +294,11 @@ class LinearModels:
 
 
 def applies(problem: DesignProblem) -> bool:
-    """Whether the energies count, and nothing else, that one shaper leaves of a set of plants, not too many."""
+    """Whether the energies count, and nothing else, that one shaper leaves of the plants, and these are not many."""
     scenarios, bounds = problem.scenarios, problem.bounds
     only = scenarios.metric is None and not scenarios.limits.any and not scenarios.designed and bounds.shapers == 1
-    few = bounds.impulses > 1 and bool(scenarios.samples) and len(next(iter(scenarios.samples.values()))) <= MOST_PLANTS
-    return only and few and isinstance(problem.objective, str)
+    plants = len(next(iter(scenarios.samples.values()), [0]))
+    return only and bounds.impulses > 1 and plants <= MOST_PLANTS and isinstance(problem.objective, str)
 
 
 class Starts(NamedTuple):

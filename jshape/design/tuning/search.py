@@ -79,6 +79,7 @@ class Search:
         self.around: Around | None = None
         self.compiling: Future[None] | None = None
         self.models = linear_models.Starts([], False)
+        self.others: list[Point] = []
 
     @property
     def best(self) -> Candidate:
@@ -94,7 +95,7 @@ class Search:
             elif not self.problem.has_roots:
                 self._descend(starts, iterations or ITERATIONS, most)
             else:
-                ends = self._nominal(starts, iterations or 40)
+                ends = self._nominal(starts, iterations or 40, sample_time is not None)
                 if not self.best.optimal:
                     # Zero is out of reach, as far as is known: the least energy is looked for.
                     self._descend(ends + starts, iterations or ITERATIONS, 2 * most)
@@ -106,16 +107,16 @@ class Search:
             self._digital(sample_time, 0 if self.interrupted else min(iterations or ON_TICKS, ON_TICKS))
         return self._solution()
 
-    def _nominal(self, starts: list[Point], iterations: int) -> list[Point]:
-        """Levenberg–Marquardt from one start after the other, until one reaches zero with all of its impulses. Returns
-        the ends."""
+    def _nominal(self, starts: list[Point], iterations: int, every: bool) -> list[Point]:
+        """Levenberg–Marquardt from one start after the other, until one reaches zero with all of its impulses, or from
+        every one of them. Returns the ends."""
         self.progress("Levenberg–Marquardt", 0, len(starts), np.inf)
         self.compiling = beside(self.judge.compile, starts[0], False)
         self.judge.values(self.judge.vector(starts[0]))
         wait([self.compiling])
         ends = list[End]()
         try:
-            for end in ends_of(self.judge, starts, iterations, self._bare):
+            for end in ends_of(self.judge, starts, iterations, self._bare, every):
                 ends.append(end)
                 self.progress("Levenberg–Marquardt", len(ends), len(starts), min(one.merit for one in ends))
         finally:
@@ -125,6 +126,7 @@ class Search:
                 self.history = np.minimum.accumulate(best.energies).tolist()
                 steps = len(best.energies) - 1
                 self.summary = f"no residual energy but rounding after {steps} Levenberg–Marquardt steps"
+        self.others = [end.point for end in sorted(ends, key=lambda end: end.order)]
         return [end.point for end in ends]
 
     def _steps(self, points: list[Point]) -> np.ndarray:
@@ -188,6 +190,7 @@ class Search:
             raise
         finally:
             self.judge.report = lambda _: None
+            self.others += [one.point for one in sorted(descents, key=lambda one: one.merit)] + ranked
             if self.candidates:
                 self._sum_up(min(rounds[0][0], len(ranked)), len(starts))
         self.summary += self._doubts(iterations) + self.models.more(self.problem.bounds.impulses, self._total())
@@ -220,7 +223,7 @@ class Search:
         """The starts and, where they help, those of linear models, from the best to the worst; and whether only those
         are left that may still become the best."""
         ranked = self._ranked(starts)
-        if not modelled or not linear_models.applies(self.problem):
+        if not modelled or not self.problem.scenarios.samples or not linear_models.applies(self.problem):
             return ranked, False
         self.models = found = linear_models.linear_starts(self.judge, ranked, self.random.spawn(1)[0])
         ranked = self._ranked(ranked + found.points)
@@ -338,16 +341,23 @@ class Search:
         self.progress("Adam", 1, 1, merits[best])
 
     def _digital(self, sample_time: float, iterations: int) -> None:
-        """The best design near the best candidate whose impulses stand at multiples of the sample time, s."""
-        found = self.best
-        search = ScaledProblem(self.problem, fixed_gaps=True)
+        """The best design whose impulses stand at multiples of the sample time, s, for the worst plants between those
+        of the set, too."""
+        self.judge = ScaledProblem(self.problem, fixed_gaps=True)
 
         def report(tried: int, best: float) -> None:
             self.progress("impulses to the samples", tried, 0, best)
 
-        point, ended = digital.on_ticks(search, found.point, sample_time, iterations, report)
-        self.interrupted |= not ended
-        self.candidates = [Candidate(self.judge.merit(point), point, found.optimal)]
+        search = digital.OnTicks(self.judge, sample_time, self.best.merit, iterations, report)
+        points = [one.point for one in sorted(self.candidates, key=lambda one: one.merit)] + self.others
+        for _ in range(EXCHANGES):
+            point, optimal, ended = search.run(points, self.random.spawn(1)[0])
+            self.interrupted |= not ended
+            settled = self.interrupted or not self.problem.over_interval or not self._pose(point, [])
+            self.candidates = [Candidate(self.judge.merit(point), point, optimal and settled)]
+            if settled:
+                break
+            points = [point]
         self.history.append(self._total())
         self.summary += f"; at multiples of {sample_time:g} s {self._value()}"
 

@@ -53,7 +53,9 @@ class End(NamedTuple):
         return (0.0 if self.reached else self.merit), not self.in_use
 
 
-def ends_of(search: ScaledProblem, starts: list[Point], iterations: int, bare: float) -> Iterator[End]:
+def ends_of(
+    search: ScaledProblem, starts: list[Point], iterations: int, bare: float, every: bool = False
+) -> Iterator[End]:
     """Search from one start after the other, until one reaches zero with all of its impulses.
 
     Args:
@@ -61,6 +63,7 @@ def ends_of(search: ScaledProblem, starts: list[Point], iterations: int, bare: f
         starts: designs within the bounds.
         iterations: from each, at most.
         bare: what the bare command leaves, J.
+        every: whether to go on from the other starts then.
 
     Yields:
         The end of each search.
@@ -74,7 +77,7 @@ def ends_of(search: ScaledProblem, starts: list[Point], iterations: int, bare: f
         # Where energies are differences, they are zero to rounding only.
         reached = merit <= zero or (inside and min(energies) <= zero and merit <= rounding(search, bare))
         yield (end := End(merit, point, energies, reached))
-        if reached and end.in_use:
+        if reached and end.in_use and not every:
             return
 
 
