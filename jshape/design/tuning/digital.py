@@ -1,10 +1,10 @@
 """Impulse times at multiples of a sample time: the best whole numbers.
 
 A shaper that a controller plays has its impulses at multiples of a sample time. Rounding spoils it, and the best whole
-numbers may lie far from the best real ones: after half a period two impulses may leave less than after three halves. The
-energies of linear models, quadratic in the amplitudes of given times, are minimised over whole numbers from many
-starting points; the best of them, and those around the optima without the rule, have their amplitudes designed on the
-plants themselves, and are moved one by one until no neighbour is better.
+numbers may lie far from the best real ones. Where rounding costs more than a little, the energies of linear models,
+quadratic in the amplitudes of given times, are minimised over whole numbers from many starting points; the best of
+them, and those around the optima without the rule, have their amplitudes designed on the plants themselves, and are
+moved one by one until no neighbour is better.
 """
 
 import itertools
