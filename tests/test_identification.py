@@ -624,3 +624,13 @@ def test_errors():
         identify(times, noise, modes=23, progress=lambda *_: pytest.fail("the search has begun"))
     with pytest.raises(ValueError, match="level must lie between 0 and 1, not 95"):
         identify(times, swing(times, OMEGA[:1], ZETA[:1], np.array([1.0]))).interval(95)
+
+
+@pytest.mark.parametrize("seed", [1013, 1016])
+def test_a_short_record_has_no_modes_of_its_noise(seed):
+    """Of sixty records of twenty samples ten had a second mode."""
+    time = np.arange(0, 5, 0.25)
+    motion = np.exp(-0.4 * time) * np.cos(8 * np.sqrt(1 - 0.05**2) * time)
+    found = identify(time, motion + 0.01 * np.random.default_rng(seed).standard_normal(len(time)))
+    assert len(found.omega) == 1
+    assert found.omega[0] == pytest.approx(8.0, rel=0.02)

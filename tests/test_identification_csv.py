@@ -257,3 +257,12 @@ def test_a_column_of_times_is_no_channel_where_they_are_counted(path):
     assert read_csv(path, sample_rate=RATE).names == ("x", "t", "y")
     path.write_text(text("sample,x,y", times=np.arange(200)), encoding="utf-8")
     assert read_csv(path, sample_rate=RATE, inputs="y").names == ("x",)
+
+
+@pytest.mark.parametrize(("head", "asked"), [("", True), ("t,x\n", True), ("t [s],x\n", False)])
+def test_times_without_a_unit_that_are_far_apart_are_named(head, asked, tmp_path):
+    rows = "".join(f"{4 * i},{0.1 * (-1) ** i}\n" for i in range(20))
+    (tmp_path / "log.csv").write_text(head + rows)
+    notes = read_csv(tmp_path / "log.csv").notes
+    words = "a sample every 4 s: times without a unit are seconds; name the column time_ms where they are milliseconds"
+    assert [note.endswith(words) for note in notes] == [True] * asked

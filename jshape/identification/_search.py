@@ -2,9 +2,11 @@
 
 Bayes's information criterion in Djurić's form for tones decides: a frequency counts three times, because its precision
 grows as the record's length to the power 3/2 and not 1/2. Of records in time it also chooses between white noise and
-noise of first order, which white noise and further modes would stand for.
+noise of first order, which white noise and further modes would stand for. Of short records each parameter counts for
+more, by rows over rows less parameters.
 
-Source: Schwarz, Annals of Statistics 6 (1978); Djurić, IEEE Trans. Signal Processing 44 (1996).
+Source: Schwarz, Annals of Statistics 6 (1978); Djurić, IEEE Trans. Signal Processing 44 (1996); McQuarrie, Statistics &
+Probability Letters 44 (1999), for short records.
 """
 
 import math
@@ -74,13 +76,16 @@ def criterion(found: Fit, in_time: bool) -> float:
     rows, channels = found.residuals.shape
     least, variance = EXACT**2, found.squares / rows
     parameters = 4 * len(found.omega) + channels * found.basis.shape[1]
-    value = rows * float(np.sum(np.log(np.maximum(variance, least)))) + np.log(rows) * parameters
+    # Of a short record the residuals are small because the parameters are many, and so each of them counts for more.
+    free = rows - found.basis.shape[1] - 2 * len(found.omega) / channels - 2
+    weight = np.log(rows) * rows / max(free, 1.0)
+    value = rows * float(np.sum(np.log(np.maximum(variance, least)))) + weight * parameters
     if not in_time:
         return value
     sizes = np.maximum(np.sum(found.residuals**2, axis=0), 1e-300)
     memory = np.sum(found.residuals[1:] * found.residuals[:-1], axis=0) / sizes
     new = np.maximum(variance * (1 - memory**2), least)
-    return min(value, rows * float(np.sum(np.log(new))) + np.log(rows) * (parameters + channels))
+    return min(value, rows * float(np.sum(np.log(new))) + weight * (parameters + channels))
 
 
 def _one_more(family: AbstractFamily, found: Fit) -> Fit:

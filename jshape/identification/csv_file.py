@@ -19,6 +19,9 @@ COUNTS |= {"point", "points", "pt", "id", "frame", "frames", "count", "counter",
 TIMES = {"t", "time", "times", "zeit", "temps", "tiempo", "timestamp", "f", "freq", "frequency", *UNITS, *FREQUENCIES}
 """Words in the names of columns that count rows, and of some that hold times or frequencies, in small letters."""
 
+SLOW, UNITLESS = 1.0, {"t", "time", "times", "zeit", "temps", "tiempo", "timestamp"}
+"""Seconds between samples from which a file is asked for the unit of its times; and names of columns that say none."""
+
 LONGEST = 16
 """Characters at the end of a name in which a unit is looked for."""
 
@@ -89,12 +92,22 @@ def read_csv(
         if header and columns is None:
             _check_axis(f"{path}:{head.line}", [_named(head, j) for j in chosen], data)
         axis, data = data[:, 0] * _factor(path, head, chosen[0], spectrum), data[:, 1:]
+        notes += _doubted(path, axis) if not spectrum and (not header or names[0].lower() in UNITLESS) else []
         names, units = names[1:], units[1:]
     else:
         axis = np.arange(len(data)) / sample_rate
     stand = numbers[begin:]
     rows_read, where = np.arange(len(data)), lambda row: f"{path}:{stand[row]}: "
     return Table(axis, data, driven, rows_read, tuple(names), tuple(notes), where, tuple(units), said)
+
+
+def _doubted(path: Path, times: np.ndarray) -> list[str]:
+    """A note on times without a unit that are far apart, as milliseconds read as seconds are."""
+    times = times[np.isfinite(times)]
+    if len(times) < 2 or (step := float(np.median(np.diff(times)))) < SLOW:
+        return []
+    words = "times without a unit are seconds; name the column time_ms where they are milliseconds"
+    return [f"{path}: a sample every {step:g} s: {words}"]
 
 
 def _text(path: Path) -> str:

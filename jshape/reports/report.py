@@ -13,6 +13,7 @@ from jshape.axes import moving
 from jshape.command import as_command
 from jshape.design.closed_forms import closed_forms
 from jshape.design.tuning.solution import Solution
+from jshape.export.text import impulses
 from jshape.metrics import residual_energy
 from jshape.problems.problem import Problem
 from jshape.reports.responses import responses
@@ -36,6 +37,7 @@ class Row:
         worst_energy: greatest residual energy over the stated uncertainty, J, of a single leaf also between its values;
             ``None`` where nothing is uncertain.
         worst_vibration: likewise, the residual vibration, a fraction of the distance; of several axes the greatest.
+        played: what a controller plays of a shaper whose impulses fall between its samples, of which the numbers are.
     """
 
     name: str
@@ -43,6 +45,7 @@ class Row:
     nominal_energy: float
     worst_energy: float | None
     worst_vibration: float | None
+    played: Shaper | None = None
 
     @property
     def shapers(self) -> dict[str, Shaper]:
@@ -180,7 +183,9 @@ def build(
     if solution is not None and solution.leaves:
         problem, closed = _as_designed(problem, solution), None
     found, left_out = closed_forms(problem.plant, problem.distance) if closed is None else closed
-    shapers: dict[str, Any] = {**found, **({} if solution is None else {"tuned": solution.shaping})}
+    exact: dict[str, Any] = {**found, **({} if solution is None else {"tuned": solution.shaping})}
+    split = _split(found, problem.design.sample_time)
+    shapers = {**exact, **split}
     curves: dict[str, Curves] = {}
     energies: Any = [None] * len(shapers)
     vibrations: Any = [None] * len(shapers)
@@ -206,8 +211,18 @@ def build(
                 only = {other: wide if other == name else [1.0] for other in problem.over}
                 along = _swept(problem, shapers, only)[1].reshape(len(shapers), -1)
             curves[name] = Curves(wide, wide * float(leaf(problem.plant, name)), dict(zip(shapers, along, strict=True)))
-    rows = [Row(*values) for values in zip(shapers, shapers.values(), nominal, energies, vibrations, strict=True)]
+    numbers = zip(exact, exact.values(), nominal, energies, vibrations, map(split.get, exact), strict=True)
+    rows = [Row(*values) for values in numbers]
     return Report(problem, rows, left_out, curves, solution)
+
+
+def _split(closed: dict[str, Shaper], sample_time: float | None) -> dict[str, Shaper]:
+    """Those shapers whose impulses fall between a controller's samples, s, each impulse split between the samples
+    around it, as ``js.export`` does."""
+    if sample_time is None:
+        return {}
+    split = {name: impulses(shaper.digitise(sample_time, "split"), sample_time) for name, shaper in closed.items()}
+    return {name: shaper for name, shaper in split.items() if len(shaper.times) > len(closed[name].times)}
 
 
 def _as_designed(problem: Problem, solution: Solution) -> Problem:
@@ -227,7 +242,7 @@ def rehearse(problem: Problem, closed: dict[str, Shaper], tuned: Shaping) -> Non
         closed: its closed forms.
         tuned: any shaper of the tuned one's form.
     """
-    shapers = {**closed, "tuned": tuned}
+    shapers = {**closed, **_split(closed, problem.design.sample_time), "tuned": tuned}
     if problem.over:
         run_first_chunk(_study(problem, shapers, _judged(problem)[1]))
     *_, alike = alike_shapers(list(shapers.values()), problem.plant.axes)

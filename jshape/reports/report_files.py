@@ -157,7 +157,7 @@ def figures(report: Report, step: Step = lambda _: None) -> Iterator[tuple[str, 
     shown = _rows_of_panels(chosen)
     horizon = max(report.move_time(row) for row in shown)
     # All are as long as the longest of the report, whichever are shown: those of its rehearsal, whose program runs.
-    alike = alike_shapers([row.shaper for row in report.rows], problem.plant.axes)
+    alike = alike_shapers([row.played or row.shaper for row in report.rows], problem.plant.axes)
     shapers = {row.name: shaper for row, shaper in zip(report.rows, alike, strict=True)}
     drawn = {row.name: shapers[row.name] for row in shown}
     for name, values in responses(problem, drawn, shapers["unshaped"], horizon):

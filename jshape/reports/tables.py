@@ -39,6 +39,10 @@ def show_report(report: "Report", folder: Path, written: list[Path]) -> None:
     ]
     show_impulses(console, impulses)
     _show_left_out(console, report.left_out)
+    if any(row.played is not None for row in report.rows):
+        words = "of shapers with impulses between the samples, the energies, vibrations and curves are those of what is"
+        words += " played: each impulse split between the samples around it, as jshape export does"
+        say(console, f"sample_time {report.problem.design.sample_time:g} s: {words}")
     if report.solution is not None:
         say(console, f"tuned: {report.solution.message}")
         for line in report.gains():
@@ -138,7 +142,10 @@ def show_sweep(problem: "Problem", found: "xr.Dataset", left_out: dict[str, str]
         data = found[metric]
         unit = "" if data.attrs["units"] == "1" else f" ({data.attrs['units']})"
         title = f"{data.attrs['long_name']}{unit}, {data.size // data.sizes['shaper']} plants"
-        rows = [(str(name), list(map(number, row))) for name, row in summary(data).to_dataframe().iterrows()]
+        # A time that is infinite is one that never comes.
+        infinite = "never" if data.attrs["units"] == "s" else "diverged"
+        table = summary(data).to_dataframe().iterrows()
+        rows = [(str(name), [number(value, infinite) for value in row]) for name, row in table]
         show_table(console, "shaper", ["mean", "95 % quantile", "worst"], rows, title)
         if "error" in data.attrs:
             say(console, f"finer steps change this by at most {data.attrs['error']:.1e}")
@@ -160,13 +167,16 @@ def show_front(problem: "Problem", front: "xr.Dataset") -> None:
         say(console, f"{name}: {number(value)} J in {time:.4f} s{impulses}")
 
 
-def number(value: float) -> str:
-    """A number in four digits, or that the plant diverged, or that the tolerance was not met (NaN)."""
+def number(value: float, infinite: str = "diverged") -> str:
+    """A number in four digits, or that the plant diverged, or that the tolerance was not met (NaN).
+
+    ``infinite``: what an infinite number stands for.
+    """
     if value != value:
         return "not met"
     # The optimisers write 1e30 for a plant that diverged.
     if not abs(value) < 1e29:
-        return "diverged"
+        return infinite
     return "0" if abs(value) < 1e-18 else f"{value:.4g}"
 
 

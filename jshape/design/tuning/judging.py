@@ -22,6 +22,9 @@ from jshape.simulation.simulate import initial
 from jshape.simulation.steps import TOLERANCE, least_tolerance
 from jshape.status import Status
 
+APART = 1.2
+"""Times the objective, beyond which that on the finer set is named in the message."""
+
 
 class Candidate(NamedTuple):
     """A design with its merit (J; see ``ScaledProblem.merit``) and whether it is an optimum."""
@@ -121,19 +124,23 @@ def solution(judge: ScaledProblem, best: Candidate, balance: Optimality, enough:
     doubts = missed(scenarios, point) if slack < -EXCEEDED else ""
     if not enough:
         doubts += "; the modes' phases differ so much over the set that a worse plant may stand between its plants"
+    objective, finer = value_of(problem.objective, values), on_finer_set(problem, best.point, found)
+    rounding = least_tolerance(jnp.result_type(float)) * float(np.max(found.greatest))
+    if finer > APART * objective + rounding and scenarios.metric is None and isinstance(problem.objective, str):
+        doubts += f"; {finer:.6g} J on a finer set: plants between those given are left more"
     heaviest = np.argsort(-balance.multipliers, kind="stable")
     heaviest = heaviest[balance.multipliers[heaviest] > 1e-6]
     samples = {name: np.asarray(v) for name, v in scenarios.samples.items()}
     active = {name: v[heaviest] for name, v in samples.items()}
     return Solution(
         shaping=scenarios.shaping(Point(problem.bounds.each(lambda a: a / a.sum(), amplitudes), gaps, leaves)),
-        objective=value_of(problem.objective, values),
+        objective=objective,
         status=status,
         message=f"{status.value}: {course.summary}{doubts}",
         history=np.array(course.history or [best.merit]),
         energies=values,
         samples=samples,
-        objective_on_finer_set=on_finer_set(problem, best.point, found),
+        objective_on_finer_set=finer,
         error=error_of(problem, best.point, found),
         active={**active, "multiplier": balance.multipliers[heaviest]} if active else {},
         optimality=balance.residual,
