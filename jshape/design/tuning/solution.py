@@ -36,7 +36,8 @@ class Solution(Result):
         active: leaves of the active plants, whose energies define the optimum, and under ``"multiplier"`` their
             multipliers, the greatest first; empty without an uncertain set.
         optimality: residual of the Karush–Kuhn–Tucker conditions, relative to the steepest slope; 0 at an optimum, NaN
-            after an interrupt that came before derivatives were compiled.
+            after an interrupt that came before derivatives were compiled. Of impulses at multiples of a sample time
+            that of the amplitudes.
         plant: the nominal plant with the designed leaves in place.
         leaves: values of the designed leaves.
         slack: of the limit on the move that is closest: 1 where none of it is used, negative where it is missed.

@@ -85,7 +85,8 @@ def tune(
         relative: whether ``over`` holds multiples of nominal values, not absolute ones.
         metric: what takes the residual energy's place, a function in JAX (plant, shaper, command) → scalar.
         time_cost: added to the objective for each second of the shaper (of every one, where there are several), J/s.
-        sample_time: s; all impulses at multiples of it.
+        sample_time: of a controller, s; all impulses at multiples of it, the best of which are looked for from the best
+            design without the rule and, where rounding costs more than a hundredth, everywhere.
         also: leaves of the plant that are designed with the shaper, a list (within a tenth and ten times nominal) or
             leaf → (least, greatest).
         shapers: of a plant of several axes: ``"shared"``, one for all axes, ``"per axis"``, one each for those that
