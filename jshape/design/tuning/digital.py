@@ -15,7 +15,7 @@ import numpy as np
 from jshape import _check
 from jshape._blas import one_thread
 from jshape.design.tuning.bounds import Bounds
-from jshape.design.tuning.linear_models import HOLD, TRIED, LinearModels, applies
+from jshape.design.tuning.linear_models import HOLD, MOST_NUMBERS, TRIED, LinearModels, applies
 from jshape.design.tuning.local_search import Descent, side_by_side
 from jshape.design.tuning.objective import value_of
 from jshape.design.tuning.restarts import apart
@@ -244,7 +244,11 @@ class OnTicks:
         gaps = np.diff(np.array(some, float), prepend=0.0, axis=1) * self.sample_time
         amplitudes = np.tile(self.bounds.project(np.zeros(self.bounds.impulses)), (len(some), 1))
         x = np.concatenate([amplitudes, gaps], axis=1) / self.judge.units
-        x, values = models.with_amplitudes(x, slice(None, None, max(1, len(models.rates) // COMPARED)))
+        plants = slice(None, None, max(1, len(models.rates) // COMPARED))
+        # So many at a time that their matrices have room.
+        size = max(1, MOST_NUMBERS // (len(models.rates[plants]) * self.bounds.impulses**2))
+        found = [models.with_amplitudes(x[first : first + size], plants) for first in range(0, len(x), size)]
+        x, values = (np.concatenate(part) for part in zip(*found, strict=True))
         return x, values + x @ self.judge.time_cost
 
     def _walked(self, models: LinearModels, begun: list[Ticks]) -> list[Ticks]:
