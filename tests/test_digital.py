@@ -75,6 +75,15 @@ def test_another_half_period_may_suit_the_samples_better(sample_time):
     assert found.objective == pytest.approx(best, rel=1e-6)
 
 
+def test_zero_on_the_samples_is_an_optimum():
+    """Undamped, two impulses half a period apart leave nothing; it was called *stopped*."""
+    plant = js.plants.TwoMass(1.0, 1.0, js.plants.LinearSpring((np.pi / 0.6) ** 2))
+    found = js.tune(plant, 1.0, 2, (0.2, 0.7), sample_time=0.2, starts=4)
+    np.testing.assert_allclose(found.shaper.times, [0.0, 0.6])
+    assert found.objective < 1e-15
+    assert found.converged
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("objective", ["worst", "mean"])
 @pytest.mark.parametrize("sample_time", [0.15, 0.2])
@@ -130,6 +139,10 @@ def test_closed_forms_are_judged_as_a_controller_plays_them():
     np.testing.assert_allclose(split["ZV"].times, [0, 0.45, 0.6], rtol=1e-12)
     np.testing.assert_allclose(split["ZV"].amplitudes[1:] / zv.amplitudes[1], [1 - after, after], rtol=1e-12)
     assert report._split({"ZV": js.Shaper([0.5, 0.5], [0.0, 0.3])}, 0.15) == report._split({"ZV": zv}, None) == {}
+    # As many impulses, but elsewhere.
+    early = report._split({"ZV": js.Shaper([0.5, 0.5], [0.0, 0.1])}, 0.15)["ZV"]
+    np.testing.assert_allclose(early.amplitudes, [2 / 3, 1 / 3], rtol=1e-12)
+    np.testing.assert_allclose(early.times, [0.0, 0.15])
 
 
 def test_a_finer_set_that_is_left_more_is_named():

@@ -88,6 +88,9 @@ class Curves:
     vibrations: dict[str, np.ndarray]
 
 
+MOST_SAMPLES = 100_000
+"""Of a closed-form shaper, at most, where its impulses are split between samples."""
+
 ALIKE = 0.01
 """Durations that differ by less, as a part of them, count as the same."""
 
@@ -218,11 +221,15 @@ def build(
 
 def _split(closed: dict[str, Shaper], sample_time: float | None) -> dict[str, Shaper]:
     """Those shapers whose impulses fall between a controller's samples, s, each impulse split between the samples
-    around it, as ``js.export`` does."""
-    if sample_time is None:
-        return {}
-    split = {name: impulses(shaper.digitise(sample_time, "split"), sample_time) for name, shaper in closed.items()}
-    return {name: shaper for name, shaper in split.items() if len(shaper.times) > len(closed[name].times)}
+    around it, as ``js.export`` does; where samples are so fine that none can tell, nothing is split."""
+    split = {}
+    for name, shaper in closed.items():
+        if sample_time is None or not 0 < float(shaper.duration) <= MOST_SAMPLES * sample_time:
+            continue
+        played = impulses(shaper.digitise(sample_time, "split"), sample_time)
+        if len(played.times) != len(shaper.times) or not np.allclose(played.times, shaper.times, 1e-9, 0.0):
+            split[name] = played
+    return split
 
 
 def _as_designed(problem: Problem, solution: Solution) -> Problem:

@@ -2,7 +2,7 @@
 
 import csv
 import io
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -99,7 +99,9 @@ def numbers(report: Report) -> dict[str, Any]:
     rows = [
         {
             "name": row.name,
-            **({"shapers": _impulses(row)} if isinstance(row.shaper, dict) else _impulses(row)[""]),
+            **({"shapers": _impulses(row.shapers)} if isinstance(row.shaper, dict) else _impulses(row.shapers)[""]),
+            # Of what a controller plays the energies and the vibration are.
+            **({} if row.played is None else {"played": _impulses({"": row.played})[""]}),
             "move_time": report.move_time(row),
             "nominal_residual_energy": None if np.isnan(row.nominal_energy) else row.nominal_energy,
             "worst_residual_energy": row.worst_energy,
@@ -131,11 +133,11 @@ def numbers(report: Report) -> dict[str, Any]:
     }
 
 
-def _impulses(row: Row) -> dict[str, dict[str, list[float]]]:
+def _impulses(shapers: Mapping[str, Shaper]) -> dict[str, dict[str, list[float]]]:
     """Amplitudes and times of each axis's shaper."""
     return {
         axis: {"amplitudes": np.asarray(shaper.amplitudes).tolist(), "times": np.asarray(shaper.times).tolist()}
-        for axis, shaper in row.shapers.items()
+        for axis, shaper in shapers.items()
     }
 
 

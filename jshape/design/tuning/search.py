@@ -358,6 +358,8 @@ class Search:
             if settled:
                 break
             points = [point]
+        if self._reached():
+            self.candidates = [self.best._replace(optimal=True)]
         self.history.append(self._total())
         self.summary += f"; at multiples of {sample_time:g} s {self._value()}"
 
