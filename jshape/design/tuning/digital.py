@@ -21,6 +21,7 @@ from jshape.design.tuning.objective import value_of
 from jshape.design.tuning.restarts import apart
 from jshape.design.tuning.scaled_problem import OPTIMAL, ScaledProblem
 from jshape.design.tuning.scenarios import Point
+from jshape.design.tuning.zero_energy import towards_zero
 
 REDESIGNED = 4
 """Of the whole numbers that begin, so many of the best have their amplitudes designed."""
@@ -79,6 +80,7 @@ class OnTicks:
         self.report = report
         self.first, self.last = self.bounds.shortest / sample_time - 1e-9, self.bounds.longest / sample_time + 1e-9
         self.designs: dict[Ticks, Descent] = {}
+        self.ended = set[Ticks]()
         self.models: LinearModels | None = None
 
     def run(self, points: list[Point], random: np.random.Generator) -> tuple[Point, bool, bool]:
@@ -91,6 +93,7 @@ class OnTicks:
             random: draws whole numbers.
         """
         self.designs.clear()
+        self.ended.clear()
         near, best = self._near(points), None
         try:
             begun = sorted(near, key=lambda ticks: self._energy(ticks, near[ticks]))[:REDESIGNED]
@@ -102,8 +105,8 @@ class OnTicks:
         except KeyboardInterrupt:
             if not self.designs:
                 return self._rounded(next(iter(near)), points[0]), False, False
-        ended = self.designs[best or min(self.designs, key=self._merit)]
-        return ended.point, ended.optimal, best is not None
+        found = self.designs[best or min(self.designs, key=self._merit)]
+        return found.point, found.optimal, best is not None
 
     def _within(self, part: float) -> bool:
         """Whether the best design so far is worse than the best without the rule by at most this part of it."""
@@ -133,8 +136,14 @@ class OnTicks:
     def _ended(self, ticks: Ticks) -> float:
         """The merit, J, with the best amplitudes to the last digits."""
         descent = self.designs[ticks]
-        if self.iterations and not descent.optimal:
+        if self.iterations and ticks not in self.ended:
+            self.ended.add(ticks)
             descent.run(self.iterations)
+            if self.judge.problem.has_roots:
+                # Zeros are found to more digits than energies show.
+                search = descent.search
+                zero, _ = towards_zero(search, descent.point, self.iterations, 0.0)
+                descent.x = min(descent.x, search.vector(zero), key=lambda x: search.merit(search.point(x)))
             if descent.search.optimality(descent.point).residual >= OPTIMAL:
                 descent.polish()
             else:
