@@ -199,13 +199,15 @@ class OnTicks:
 
     def _near(self, points: list[Point]) -> dict[Ticks, Point]:
         """Whole numbers near some of these designs that lie apart, and the design of each."""
-        found, apart = dict[Ticks, Point](), 0
+        found, number = dict[Ticks, Point](), 0
         for point in points:
             exact = np.reshape(self.bounds.each(np.cumsum, point.gaps), (self.bounds.shapers, -1)) / self.sample_time
             roundings = _roundings(exact, self.first, self.last, self._allowed)
-            if apart < REDESIGNED and not any(ticks in found for ticks in roundings):
+            if not any(ticks in found for ticks in roundings):
                 found |= dict.fromkeys(roundings, point)
-                apart += 1
+                number += 1
+            if number == REDESIGNED:
+                break
         return found
 
     # --- linear models ------------------------------------------------------------------------------------------------
@@ -219,11 +221,11 @@ class OnTicks:
         if not np.all(np.isfinite(models.rates)):
             return {}
         known = np.array(apart(np.array([judge.vector(point) for point in points]), FITTED))
-        models.fit(known)
-        models.fit_between(known[: FITTED // 2])
-        if not np.all(models.weights.any(axis=1)):
-            return {}
         with one_thread():
+            models.fit(known)
+            models.fit_between(known[: FITTED // 2])
+            if not np.all(models.weights.any(axis=1)):
+                return {}
             best = self._walked(models, self._drawn(near, random))
             for _ in range(FITS):
                 # Models hold better where they are fitted to the designs that matter.
