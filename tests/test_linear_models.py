@@ -54,8 +54,9 @@ def test_models_of_a_linear_plant_are_exact(search):
 def test_starts_are_designs_within_the_bounds_and_better_than_those_given(search):
     problem = search.problem
     given = starts(problem, 8, 0)
-    found, sure, _ = linear_models.linear_starts(search, given, np.random.default_rng(0))
+    found, sure, _, apart = linear_models.linear_starts(search, given, np.random.default_rng(0))
     assert sure
+    assert not apart
     assert 0 < len(found) <= linear_models.KEPT
     assert all(problem.bounds.contains(one) for one in found)
     assert search.merit(found[0]) < 0.5 * min(map(search.merit, given))
@@ -238,3 +239,42 @@ def test_cranes_with_many_local_optima(lengths, masses, move, duration, best, se
     left = jax.jit(jax.vmap(energy))(masses[1] * jnp.linspace(0.5, 2.0, 2001))
     assert float(left.max()) <= found.objective * (1 + 1e-6)
     assert found.objective_on_finer_set == pytest.approx(found.objective, rel=1e-6)
+
+
+SPREAD = np.linspace(0.8, 1.2, 7)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 2])
+def test_minima_that_lie_a_period_apart(seed):
+    """Two fast modes beside a slow one: the best minimum is a hundredth of a second wide, and both gaps of a far wider
+    one are a period of the fastest mode longer. With seed 2 that one, 0.0514 J, was said to be the optimum."""
+    plant = js.plants.ModalPlant([4.226596042, 46.919685832, 61.62182131], 0.00157980562)
+    over, duration = {"omega.0": SPREAD}, (0.297316575, 2.215757724)
+    found = js.tune(plant, 1.0, 3, duration, "bounded", 2.126032557, over=over, objective="worst", seed=seed)
+    assert found.objective <= 0.0239172
+    np.testing.assert_allclose(found.shaper.times, [0.0, 0.7524, 1.505], atol=1e-3)
+
+
+@pytest.mark.slow
+def test_the_best_design_is_played_backwards_where_derivatives_are_dear():
+    """0.1136 J was said to be the optimum; the same played backwards leads to 0.0791."""
+    move = js.Axes(trolley=js.Trapezoid(4.433070511, 1.0, 0.3), hoist=js.Trapezoid(-4.874831762, 0.5, 0.25))
+    found = js.tune(
+        js.plants.HoistingCrane(10.0, 1000.0), move, 5, 5.711536141, "bounded", 1.683577056,
+        over={"cable_length": SPREAD}, objective="worst",
+    )  # fmt: skip
+    assert found.objective <= 0.07906
+
+
+@pytest.mark.slow
+def test_searches_that_come_to_different_designs_do_not_converge():
+    """Six impulses of either sign: 0.00046, 0.00044 and 0.00035 J were all said to be the optimum."""
+    plant, move = (
+        js.plants.DoublePendulumCrane(20.5787, 1.39709, 521.407, 2476.37),
+        js.Trapezoid(11.6671, 1.5357, 0.5636),
+    )
+    over, duration = {"payload_mass": np.linspace(0.5, 2.0, 7)}, (1.88082, 8.674768)
+    found = js.tune(plant, move, 6, duration, "bounded", 2.171817, over=over, objective="mean")
+    assert found.status == js.Status.STOPPED
+    assert "two searches of linear models came to different designs" in found.message

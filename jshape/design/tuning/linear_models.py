@@ -29,15 +29,15 @@ from jshape.design.tuning.scaled_problem import ScaledProblem, scale_of
 from jshape.design.tuning.scenarios import Point
 from jshape.simulation.simulate import modes
 
-SCANNED, LAWSON, PROMISING = 4000, 8, (2, 4)
+SCANNED, LAWSON, PROMISING = 2000, 8, (2, 4)
 """Random times that are tried in a round, and iterations by which amplitudes are fitted to each; after the first two to
 the best quarter only."""
 
-REFINED, KNOWN, ROUNDS = 100, 20, (2, 4)
+REFINED, KNOWN, ROUNDS = 200, 20, (3, 6)
 """So many of them that lie apart are refined side by side, beside the best that are known; in so many rounds at least
 and at most."""
 
-SAME, HOLD = 0.01, 0.2
+SAME, HOLD = 0.002, 0.2
 """Two independent searches of the models agree where their best ends differ by less; models hold at a design whose
 objective differs by less on the plants, and where they do not hold at most of the first ones they are of no use."""
 
@@ -156,16 +156,57 @@ class LinearModels:
         """Of designs, J, shape (designs, plants)."""
         return np.sum(self.weights * np.abs(self.phasors(x, self.rates)[0]) ** 2, axis=-1)
 
-    def scanned(self, count: int, random: np.random.Generator) -> np.ndarray:
-        """So many designs with random times, each with the amplitudes that suit these, from the best to the worst."""
+    def scanned(self, count: int, known: np.ndarray, random: np.random.Generator) -> np.ndarray:
+        """So many designs, each with the amplitudes that suit its times, from the best to the worst: with random times,
+        and near the best that are known."""
         bounds, n = self.search.problem.bounds, self.impulses
         # A long shaper leaves less, as a rule.
         least = bounds.shortest if self.search.problem.time_cost else max(bounds.shortest, 0.4 * bounds.longest)
         durations = random.uniform(least, bounds.longest, count)
         gaps = durations[:, None] * random.dirichlet(np.ones(n - 1), count)
+        if len(known) > 1 and n > 2:
+            parts = count // 6, count // 2
+            gaps[: parts[0]] = self._relocated(self._drawn(known, parts[0], random), random)
+            gaps[parts[0] : parts[1]] = self._shifted(self._drawn(known, parts[1] - parts[0], random), random)
         x = np.concatenate([np.tile(bounds.random(random).amplitudes, (count, 1)), gaps], axis=1) / self.search.units
         x, values = self.with_amplitudes(x, slice(0, self.given), PROMISING)
         return x[np.argsort(values)]
+
+    def _drawn(self, known: np.ndarray, count: int, random: np.random.Generator) -> np.ndarray:
+        """The gaps, s, of so many of the known designs, of the first ones more often."""
+        return (known * self.search.units)[
+            np.minimum(random.geometric(0.25, count) - 1, len(known) - 1), self.impulses :
+        ]
+
+    def _relocated(self, gaps: np.ndarray, random: np.random.Generator) -> np.ndarray:
+        """Gaps, s, of the same designs with one impulse at a random time in the place of its own."""
+        bounds, count, n = self.search.problem.bounds, len(gaps), self.impulses
+        times = np.append(np.zeros((count, 1)), np.cumsum(gaps, axis=1), axis=1)
+        which = random.integers(1, n - 1, count) if self._fixed else random.integers(0, n, count)
+        times[np.arange(count), which] = random.uniform(0.0, bounds.longest, count)
+        return np.diff(np.sort(times, axis=1), axis=1)
+
+    def _shifted(self, gaps: np.ndarray, random: np.random.Generator) -> np.ndarray:
+        """Gaps, s, of the same designs, one or two of them longer or shorter by whole periods of a mode, which sees
+        nothing of it: so one local minimum follows another. What leaves the bounds stays as it was."""
+        bounds, count = self.search.problem.bounds, len(gaps)
+        omega, shifted, each = np.abs(np.imag(self.rates[0])), gaps.copy(), np.arange(count)
+        for again in (False, True):
+            by = 2 * np.pi / random.choice(omega, count) * random.choice([-2, -1, -1, 1, 1, 2], count)
+            by *= 1 if not again else random.integers(0, 2, count)
+            one, other = random.integers(0, gaps.shape[1], (2, count))
+            shifted[each, one] += by
+            # As much less elsewhere: some impulses move, and the last one stays.
+            shifted[each, other] -= by * (1 if self._fixed else random.integers(0, 2, count))
+        duration = shifted.sum(axis=1)
+        inside = (duration >= bounds.shortest * (1 - 1e-9)) & (duration <= bounds.longest * (1 + 1e-9))
+        return np.where((inside & (shifted.min(axis=1) >= 0))[:, None], shifted, gaps)
+
+    @property
+    def _fixed(self) -> bool:
+        """Whether there is one duration only."""
+        bounds = self.search.problem.bounds
+        return bounds.longest - bounds.shortest <= 1e-9 * bounds.longest
 
     def with_amplitudes(
         self, x: np.ndarray, plants: slice, promising: tuple[int, int] | None = None
@@ -221,7 +262,7 @@ class LinearModels:
         numbers, objective = self.rates[: self.given].size * self.impulses, self.search.problem.objective
         count = int(np.clip(MOST_NUMBERS / numbers, 2 * KNOWN, SCANNED))
         refined = int(np.clip(MOST_NUMBERS / (numbers * known.shape[1]), KNOWN, REFINED))
-        x = np.concatenate([apart(self.scanned(count, random), refined), known[:KNOWN]])
+        x = np.concatenate([apart(self.scanned(count, known, random), refined), known[:KNOWN]])
         for power, iterations in DESCENT[: 1 if objective == "mean" else None]:
             x = self.descended(x, power, iterations)
         return np.array(apart(x[np.argsort(self.merits(x))], 2 * refined))
@@ -310,11 +351,13 @@ class Starts(NamedTuple):
         sure: whether two independent searches came to the same best one, or none can be much better, and the models
             hold there.
         minimax: what more impulses could leave, where that is known.
+        apart: whether two independent searches came to different designs, so that there are many local minima.
     """
 
     points: list[Point]
     sure: bool
     minimax: Minimax | None = None
+    apart: bool = False
 
     def more(self, impulses: int, left: float) -> str:
         """What more impulses could leave where that is less than half of what is left, J, for a message."""
@@ -370,7 +413,7 @@ def linear_starts(search: ScaledProblem, designs: list[Point], random: np.random
     x = np.concatenate(known)
     x = np.array(apart(x[np.argsort(models.merits(x))], KEPT))
     holds = hold(x[0])
-    return Starts([search.point(end) for end in x], agreed and holds, least if holds else None)
+    return Starts([search.point(end) for end in x], agreed and holds, least if holds else None, not agreed)
 
 
 def _norm(energies: np.ndarray, power: float) -> np.ndarray:

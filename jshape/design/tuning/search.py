@@ -18,7 +18,7 @@ from jshape.design.tuning.evaluate import DIVERGED_ENERGY, LOOSEST
 from jshape.design.tuning.judging import Candidate, Course, bare_energy, solution
 from jshape.design.tuning.local_search import COARSE, KNOWN, Descent, distinct, merged, side_by_side
 from jshape.design.tuning.objective import objective_name, value_of
-from jshape.design.tuning.restarts import Around, around
+from jshape.design.tuning.restarts import ENOUGH, Around, around
 from jshape.design.tuning.scaled_problem import OPTIMAL, Optimality, ScaledProblem
 from jshape.design.tuning.scenarios import Point
 from jshape.design.tuning.solution import Solution
@@ -175,7 +175,7 @@ class Search:
                 for _ in side_by_side(descents, most or iterations, known if most else 0.0):
                     done += 1
                 if (size, most) == rounds[-2]:
-                    others = min(count // 2, int(more) - 1)
+                    others = max(1, min(count // 2, int(more) - 1))  # Played backwards, at least.
                     self.around = around(descents, begin, others, self.random, more > CHEAPER)
                     descents = self.around.descents
                 for descent in distinct(descents)[:1] if most else descents:
@@ -200,13 +200,20 @@ class Search:
         """What speaks against the best candidate, for the message."""
         if not self.best.optimal:
             return f", not optimal after {iterations} iterations"
+        many = "there are many local optima, and more starts, or another seed, may find a better one"
+        if self._undecided:
+            return f"; two searches of linear models came to different designs: {many}"
         if (near := self.around) is None or not (near.few or near.alone):
             return ""
         few = f"{near.back} of {near.begun} searches from around the best came back to it"
         few += f", {near.met} of {near.sent} from elsewhere came there" if near.sent else ""
         alone = f"none of {near.sent} searches from elsewhere came to the best"
-        more = "there are many local optima, and more starts, or another seed, may find a better one"
-        return f"; {few if near.few else alone}: {more}"
+        return f"; {few if near.few else alone}: {many}"
+
+    @property
+    def _undecided(self) -> bool:
+        """Whether the models have many local minima, and nothing else says how often the best design is met."""
+        return self.models.apart and (self.around is None or self.around.begun < ENOUGH)
 
     def _sum_up(self, refined: int, tried: int) -> None:
         """Say what a local search found, from how many of the designs that were tried."""
@@ -384,7 +391,7 @@ class Search:
     def _solution(self) -> Solution:
         """The best candidate, judged."""
         best = self.best
-        few = (near := self.around) is not None and (near.few or near.alone)
+        few = self._undecided or ((near := self.around) is not None and (near.few or near.alone))
         balance = self._optimality(best.point, self.judge.values(self.judge.vector(best.point)).energies)
         enough = not self.problem.over_interval or self._resolved.enough
         course = Course(self.history, self.summary, self.interrupted)
