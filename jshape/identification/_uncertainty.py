@@ -76,11 +76,8 @@ def covariance(
         lags = min(most, rows // 20)
         filling = np.zeros_like(found)
         for c, channel in enumerate(residuals.T):
-            if reach:
-                absorbed = [jacobian[:, c]] if basis is None else [basis, jacobian[:, c]]
-                products = _autocovariance(channel, np.hstack(absorbed), reach)
-            else:
-                products = _tapered(channel, lags) / free
+            absorbed = np.hstack([jacobian[:, c]] if basis is None else [basis, jacobian[:, c]])
+            products = _autocovariance(channel, absorbed, reach) if reach else _tapered(channel, absorbed, lags) / free
             kernel = np.concatenate([products[:0:-1], products])
             filling += jacobian[:, c].T @ fftconvolve(jacobian[:, c], kernel[:, None], mode="same", axes=0)
         # Of few rows what is estimated without a taper can be no autocovariance.
@@ -89,15 +86,22 @@ def covariance(
     return found / np.outer(scale, scale)
 
 
-def _tapered(channel: np.ndarray, lags: int) -> np.ndarray:
+def _tapered(channel: np.ndarray, absorbed: np.ndarray, lags: int) -> np.ndarray:
     """Products of residuals over all distances, shape (rows,).
 
     Noise of first order may be correlated for longer than a taper allows. What a row has that the one before does not
-    say is correlated for less: its products are tapered, and those of the residuals follow from them.
+    say is correlated for less, or not at all: its products are tapered, and those of the residuals follow from them.
+
+    Args:
+        channel: residuals, shape (rows,).
+        absorbed: the directions that the fit took of the noise, shape (rows, p).
+        lags: over how many rows noise that is not of first order is correlated.
     """
-    memory = channel[1:] @ channel[:-1] / max(float(channel @ channel), 1e-300)
-    memory = float(np.clip(memory, -_LONGEST_MEMORY, _LONGEST_MEMORY))
+    variance, lagged = _autocovariance(channel, absorbed, 1)
+    memory = float(np.clip(lagged / max(float(variance), 1e-300), -_LONGEST_MEMORY, _LONGEST_MEMORY))
     new = np.append(channel[0] * np.sqrt(1 - memory**2), channel[1:] - memory * channel[:-1])
+    if is_white(new[:, None]):
+        lags = 0
     products = (1 - np.arange(lags + 1) / (lags + 1)) * _products(new, lags)
     apart = memory ** np.arange(len(channel) + lags) / (1 - memory**2)
     both = np.concatenate([products[:0:-1], products])
