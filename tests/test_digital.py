@@ -152,3 +152,20 @@ def test_a_finer_set_that_is_left_more_is_named():
     assert found.objective_on_finer_set > 1.2 * found.objective
     words = f"; {found.objective_on_finer_set:.6g} J on a finer set: plants between those given are left more"
     assert words in found.message
+
+
+def test_a_limit_holds_for_impulses_of_one_sample():
+    """Zero is out of reach of amplitudes up to 0.6. The judge enumerated all choices of samples and all active sets;
+    two impulses of one sample made 1.0, and others left zero with amplitudes of 1.007."""
+    plant = js.plants.TwoMass(1.0, 0.8, js.plants.LinearSpring(10.0))
+    found = js.tune(plant, 0.05, 4, 0.6, "bounded", 0.6, starts=4, sample_time=0.01)
+    np.testing.assert_allclose(found.shaper.amplitudes, [0.6, 0.4, -0.6, 0.6], atol=1e-9)
+    np.testing.assert_allclose(found.shaper.times, [0.0, 0.01, 0.18, 0.6], atol=1e-12)
+    assert found.objective == pytest.approx(8.7339e-4, rel=1e-4)
+
+
+def test_impulses_that_coincide_beyond_the_limit_are_named():
+    plant = js.plants.TwoMass(1.0, 0.8, js.plants.LinearSpring(10.0))
+    found = js.tune(plant, 0.05, 4, 0.6, "bounded", 0.6, starts=4)
+    assert "impulses that coincide add up to 1 at 0.6 s: the limit holds for each alone" in found.message
+    assert "coincide" not in js.tune(plant, 0.05, 3, 1.2, "bounded", 0.6, starts=4).message

@@ -150,6 +150,11 @@ def test_room_and_names():
         export(SHAPER, "structured_text", sample_time=CYCLE, method="best")
 
 
+def test_the_example_has_the_cycle_time_that_was_asked_for():
+    text = export(js.Shaper([0.5, 0.5], [0.0, 0.5]), "structured_text", sample_time=0.05)
+    assert "Axis(Command := Wanted, CycleTime := 0.05);" in text
+
+
 def test_numbers_as_the_language_writes_them():
     for value, text in ((0.25, "0.25"), (1e-5, "1.0E-5"), (2.5e22, "2.5E22"), (-1.0, "-1.0"), (1 / 3, repr(1 / 3))):
         assert real(value) == text

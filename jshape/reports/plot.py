@@ -363,7 +363,11 @@ def _panels(data: "xr.DataArray", vertical: str, across: str, ax: Any) -> Any:
     greatest = np.max(finite, initial=1e-300)
     # Shapers differ by orders of magnitude: three decades where nothing is negative, else a plain scale.
     wide = np.min(finite, initial=0.0) >= 0
-    norm = LogNorm(greatest / 1000, greatest) if wide else Normalize(finite.min(), greatest)
+    if np.max(finite, initial=0.0) == np.min(finite, initial=0.0) == 0:
+        # Nothing but zeros has no decades.
+        wide, norm = False, Normalize(0.0, 1.0)
+    else:
+        norm = LogNorm(greatest / 1000, greatest) if wide else Normalize(finite.min(), greatest)
     for axis in axes.flat[len(shapers) :]:
         axis.set_visible(False)
     for axis, name in zip(axes.flat, shapers, strict=False):

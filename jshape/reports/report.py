@@ -115,10 +115,10 @@ class Report:
 
     def move_time(self, row: Row) -> float:
         """From the first impulse to the end of the shaped command, s."""
-        move = as_command(self.problem.distance)
-        if isinstance(row.shaper, Shaper):
-            return float(row.shaper.duration) + float(move.duration)
-        return float(shaped(move, row.shaper).duration)
+        move, shaper = as_command(self.problem.distance), placed(self.problem, row.played or row.shaper)
+        if isinstance(shaper, Shaper):
+            return float(shaper.duration) + float(move.duration)
+        return float(shaped(move, shaper).duration)
 
     @property
     def advised(self) -> Row:
@@ -188,7 +188,7 @@ def build(
     found, left_out = closed_forms(problem.plant, problem.distance) if closed is None else closed
     exact: dict[str, Any] = {**found, **({} if solution is None else {"tuned": solution.shaping})}
     split = _split(found, problem.design.sample_time)
-    shapers = {**exact, **split}
+    shapers = {name: placed(problem, shaper) for name, shaper in {**exact, **split}.items()}
     curves: dict[str, Curves] = {}
     energies: Any = [None] * len(shapers)
     vibrations: Any = [None] * len(shapers)
@@ -205,7 +205,13 @@ def build(
         nominal = energy[(slice(None), *(-1 for _ in over))].tolist()
         stated = (slice(None), *(slice(len(values)) for values in judged.values()))
         leaves = tuple(range(1, 1 + len(over)))
-        energies, vibrations = (data[stated].max(axis=leaves).tolist() for data in (energy, vibration))
+        energies, vibrations = (data[stated].max(axis=leaves) for data in (energy, vibration))
+        if alone:
+            closer = _swept(problem, shapers, _at_the_peaks(energy[stated], judged, over))
+            energies, vibrations = (
+                np.maximum(known, data.max(axis=1)) for known, data in zip((energies, vibrations), closer, strict=True)
+            )
+        energies, vibrations = energies.tolist(), vibrations.tolist()
         for name in problem.over:
             step(f"sensitivity to {name}")
             wide, along = widths[name], vibration[:, len(judged[name]) : -1]
@@ -217,6 +223,33 @@ def build(
     numbers = zip(exact, exact.values(), nominal, energies, vibrations, map(split.get, exact), strict=True)
     rows = [Row(*values) for values in numbers]
     return Report(problem, rows, left_out, curves, solution)
+
+
+def placed(problem: Problem, shaper: Shaping) -> Shaping:
+    """A shaper on the axes that are to be shaped, where ``[design] shapers`` names some, as the tuned one stands there;
+    one for each axis stays as it is."""
+    axes = problem.design.shapers
+    return dict.fromkeys(axes, shaper) if isinstance(axes, list) and isinstance(shaper, Shaper) else shaper
+
+
+def _at_the_peaks(
+    energies: np.ndarray, judged: dict[str, list[float]], over: dict[str, list[float]]
+) -> dict[str, np.ndarray]:
+    """Multiples of the single leaf around each shaper's worst one, between its neighbours; as many as before, so that
+    the same program computes them.
+
+    Args:
+        energies: J, shape (shapers, multiples).
+        judged: the leaf's multiples among which the worst were found.
+        over: all that were computed.
+    """
+    ((name, values),) = judged.items()
+    order, count = np.argsort(values), len(over[name])
+    sorted_values, worst = np.asarray(values)[order], np.argmax(energies[:, order], axis=1)
+    low, high = (sorted_values[np.clip(worst + by, 0, len(values) - 1)] for by in (-1, 1))
+    share = np.arange(count) // len(energies) / max(1, (count - 1) // len(energies))
+    which = np.arange(count) % len(energies)
+    return {name: low[which] + share * (high - low)[which]}
 
 
 def _split(closed: dict[str, Shaper], sample_time: float | None) -> dict[str, Shaper]:
@@ -250,6 +283,7 @@ def rehearse(problem: Problem, closed: dict[str, Shaper], tuned: Shaping) -> Non
         tuned: any shaper of the tuned one's form.
     """
     shapers = {**closed, **_split(closed, problem.design.sample_time), "tuned": tuned}
+    shapers = {name: placed(problem, shaper) for name, shaper in shapers.items()}
     if problem.over:
         run_first_chunk(_study(problem, shapers, _judged(problem)[1]))
     *_, alike = alike_shapers(list(shapers.values()), problem.plant.axes)

@@ -12,7 +12,7 @@ import numpy as np
 from jshape._files import digest, results_of, whole, write_results, write_text
 from jshape.export import export
 from jshape.plants import AbstractOscillator
-from jshape.reports.report import Report, Row, Step, badness, stem_of
+from jshape.reports.report import Report, Row, Step, badness, placed, stem_of
 from jshape.reports.responses import numbers_of, responses
 from jshape.shaper import Shaper
 from jshape.simulation.energy_profile import energy_profile
@@ -149,7 +149,8 @@ def figures(report: Report, step: Step = lambda _: None) -> Iterator[tuple[str, 
     problem, chosen = report.problem, _chosen(report)
     for name, curves in report.curves.items():
         stated = (float(min(problem.over[name])), float(max(problem.over[name])))
-        band = tuple(sorted(ratio * curves.values[0] / curves.ratios[0] for ratio in stated))
+        # The last ratio is never 0.
+        band = tuple(sorted(ratio * curves.values[-1] / curves.ratios[-1] for ratio in stated))
         vibrations = {name: curves.vibrations[name] for name in ("unshaped", *(row.name for row in chosen))}
         yield f"sensitivity_{name}", "sensitivity", (problem.labels[name], curves.values, vibrations, 5.0, band)
     if report.solution is not None and len(report.solution.history) > 1:
@@ -159,7 +160,7 @@ def figures(report: Report, step: Step = lambda _: None) -> Iterator[tuple[str, 
     shown = _rows_of_panels(chosen)
     horizon = max(report.move_time(row) for row in shown)
     # All are as long as the longest of the report, whichever are shown: those of its rehearsal, whose program runs.
-    alike = alike_shapers([row.played or row.shaper for row in report.rows], problem.plant.axes)
+    alike = alike_shapers([placed(problem, row.played or row.shaper) for row in report.rows], problem.plant.axes)
     shapers = {row.name: shaper for row, shaper in zip(report.rows, alike, strict=True)}
     drawn = {row.name: shapers[row.name] for row in shown}
     for name, values in responses(problem, drawn, shapers["unshaped"], horizon):

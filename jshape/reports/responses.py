@@ -11,7 +11,7 @@ from jshape import _check
 from jshape._types import ArrayLike
 from jshape.axes import moving
 from jshape.command import as_command
-from jshape.plants import AbstractCrane, AbstractPlant, SloshingTank
+from jshape.plants import AbstractCrane, AbstractPlant, FlexibleJoint, FlexibleLink, SloshingTank
 from jshape.plants.slewing import AbstractSlewingCrane
 from jshape.problems.problem import Problem
 from jshape.reports.places import bent_along
@@ -68,7 +68,9 @@ def responses(
         def along(drawn, i=i):
             return _along(plant, drawn, i)
 
-        moved = {"displacement": "motor" if turns else "base", "force": ""}.get(drive, "tank" if liquid else "trolley")
+        # A motor under a controller follows its reference.
+        turned = "reference" if isinstance(plant, FlexibleJoint | FlexibleLink) else "motor"
+        moved = {"displacement": turned if turns else "base", "force": ""}.get(drive, "tank" if liquid else "trolley")
         label = f"{axis} {'angle (°)' if turns else 'position (m)'}".strip()
         _, unit, words = bent_along(plant, next(iter(nominal.values())), i)
         values = (

@@ -78,6 +78,10 @@ class OnTicks:
         # Who interrupts does not wait for amplitudes, nor for better times; unity amplitudes leave none to design.
         self.hurried, self.iterations = not iterations, iterations if judge.space.free.any() else 0
         self.report = report
+        # Two impulses at one sample are one, to which the limit of an amplitude applies.
+        lower, upper = self.bounds.lower, self.bounds.upper
+        limited = bool(np.all((lower < upper) & (upper < np.inf)) and (np.any(lower < 0) or np.any(upper < 1)))
+        self.apart = int(limited and self.bounds.longest / sample_time + 1e-9 >= self.bounds.impulses - 1)
         self.first, self.last = self.bounds.shortest / sample_time - 1e-9, self.bounds.longest / sample_time + 1e-9
         self.designs: dict[Ticks, Descent] = {}
         self.ended = set[Ticks]()
@@ -143,6 +147,8 @@ class OnTicks:
                 # Zeros are found to more digits than energies show.
                 search = descent.search
                 zero, _ = towards_zero(search, descent.point, self.iterations, 0.0)
+                # Where zero is out of reach, it gives up that the amplitudes sum to 1.
+                zero = zero._replace(amplitudes=self.bounds.each(self.bounds.project, zero.amplitudes))
                 descent.x = min(descent.x, search.vector(zero), key=lambda x: search.merit(search.point(x)))
             if descent.search.optimality(descent.point).residual >= OPTIMAL:
                 descent.polish()
@@ -175,11 +181,11 @@ class OnTicks:
 
     def _allowed(self, ticks: Ticks) -> bool:
         rows = np.reshape(ticks, (self.bounds.shapers, -1))
-        return all(self.first <= row[-1] <= self.last and np.all(np.diff(row, prepend=0) >= 0) for row in rows)
+        return all(self.first <= row[-1] <= self.last and np.all(np.diff(row, prepend=0) >= self.apart) for row in rows)
 
     def _rounded(self, ticks: Ticks, near: Point) -> Point:
         gaps = self.bounds.each(lambda row: np.diff(row, prepend=0) * self.sample_time, ticks)
-        return Point(near.amplitudes, gaps, near.leaves)
+        return Point(self.bounds.each(self.bounds.project, near.amplitudes), gaps, near.leaves)
 
     def _energy(self, ticks: Ticks, near: Point) -> float:
         """The objective without new amplitudes, J."""
@@ -202,7 +208,7 @@ class OnTicks:
         found, number = dict[Ticks, Point](), 0
         for point in points:
             exact = np.reshape(self.bounds.each(np.cumsum, point.gaps), (self.bounds.shapers, -1)) / self.sample_time
-            roundings = _roundings(exact, self.first, self.last, self._allowed)
+            roundings = _roundings(exact, self.first, self.last, self._allowed, self.apart)
             if not any(ticks in found for ticks in roundings):
                 found |= dict.fromkeys(roundings, point)
                 number += 1
@@ -248,7 +254,8 @@ class OnTicks:
             return [ticks for ticks in every if self._allowed(ticks)]
         durations = random.integers(first, last + 1, DRAWN)
         between = np.sort(np.floor(random.random((DRAWN, impulses - 2)) * (durations[:, None] + 1)), axis=1)
-        return [*begun, *dict.fromkeys(map(tuple, np.append(between, durations[:, None], axis=1).astype(int).tolist()))]
+        drawn = map(tuple, np.append(between, durations[:, None], axis=1).astype(int).tolist())
+        return [*begun, *filter(self._allowed, dict.fromkeys(drawn))]
 
     def _on_models(self, models: LinearModels, some: list[Ticks]) -> tuple[np.ndarray, np.ndarray]:
         """Designs with the amplitudes that suit these times on linear models, and their merits there, J."""
@@ -277,11 +284,23 @@ class OnTicks:
             walkers = list(dict.fromkeys(moved))
 
 
-def _roundings(exact: np.ndarray, first: float, last: float, allowed: Callable[[Ticks], bool]) -> list[Ticks]:
-    """Whole numbers of samples around exact ones, a row for each shaper; all of them where there are few impulses."""
+def _roundings(
+    exact: np.ndarray, first: float, last: float, allowed: Callable[[Ticks], bool], apart: int
+) -> list[Ticks]:
+    """Whole numbers of samples around exact ones, a row for each shaper; all of them where there are few impulses.
+
+    ``apart``: the least distance of two impulses, in samples.
+    """
     around, latest = [], int(np.floor(last))
     for row in exact:
         around += [sorted({int(np.floor(t)), int(np.ceil(t))}) if exact.size <= 7 else [round(t)] for t in row]
         around[-1] = sorted({int(np.clip(t, np.ceil(first), latest)) for t in around[-1]})
     found = [ticks for ticks in itertools.product(*around) if allowed(ticks)]
-    return found or [tuple(int(t) for row in exact for t in (*np.minimum(np.round(row[:-1]), latest), latest))]
+    if found:
+        return found
+    ranks = apart * np.arange(exact.shape[1])
+    rows = np.minimum(np.round(exact), latest - ranks[::-1])
+    rows[:, -1] = latest
+    # From the first impulse on, each as far from the one before as it has to be.
+    rows = np.maximum(np.maximum.accumulate(rows - ranks, axis=1), apart) + ranks
+    return [tuple(rows.astype(int).ravel().tolist())]

@@ -11,6 +11,7 @@ import numpy as np
 
 from jshape import _check
 from jshape.design.tuning import interval
+from jshape.design.tuning.bounds import Bounds
 from jshape.design.tuning.design_problem import DesignProblem
 from jshape.design.tuning.evaluate import DIVERGED_ENERGY, Values, evaluate, slacks
 from jshape.design.tuning.objective import value_of
@@ -24,6 +25,10 @@ from jshape.status import Status
 
 APART = 1.2
 """Times the objective, beyond which that on the finer set is named in the message."""
+
+
+TOGETHER = 1e-6
+"""Of the longest duration, within which impulses are one."""
 
 
 class Candidate(NamedTuple):
@@ -105,6 +110,20 @@ def missed(scenarios: Scenarios, point: Point) -> str:
     return "".join(found)
 
 
+def above_the_limit(bounds: Bounds, point: Point) -> str:
+    """In words, which impulses at one time add up to more than an amplitude may be: the limit holds for each alone."""
+    found = []
+    for amplitudes, gaps in zip(*(np.split(part, bounds.shapers) for part in point[:2]), strict=True):
+        times = np.append(0.0, np.cumsum(gaps))
+        together = np.cumsum(np.append(False, gaps > TOGETHER * bounds.longest))
+        sums = np.bincount(together, amplitudes)
+        over = (sums > bounds.upper.max() * (1 + 1e-6)) | (sums < bounds.lower.min() - 1e-6)
+        found += [f"{sums[i]:.4g} at {times[np.argmax(together == i)]:.4g} s" for i in np.nonzero(over)[0]]
+    if not found:
+        return ""
+    return f"; impulses that coincide add up to {', '.join(found)}: the limit holds for each alone"
+
+
 def solution(judge: ScaledProblem, best: Candidate, balance: Optimality, enough: bool, course: Course) -> Solution:
     """A design as the result of a search: judged under the tightest tolerance and on a finer set.
 
@@ -125,6 +144,7 @@ def solution(judge: ScaledProblem, best: Candidate, balance: Optimality, enough:
     if not enough:
         doubts += "; the modes' phases differ so much over the set that a worse plant may stand between its plants"
     objective, finer = value_of(problem.objective, values), on_finer_set(problem, best.point, found)
+    doubts += above_the_limit(problem.bounds, point)
     rounding = least_tolerance(jnp.result_type(float)) * float(np.max(found.greatest))
     if finer > APART * objective + rounding and scenarios.metric is None and isinstance(problem.objective, str):
         doubts += f"; {finer:.6g} J on a finer set: plants between those given are left more"

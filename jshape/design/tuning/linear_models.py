@@ -423,11 +423,18 @@ def _norm(energies: np.ndarray, power: float) -> np.ndarray:
 
 
 def _within(search: ScaledProblem, x: np.ndarray) -> np.ndarray:
-    """Designs near those given that keep to the bounds, and all but keep the sum of their amplitudes."""
+    """Designs near those given that keep to the bounds and to the sum of their amplitudes."""
     bounds, space = search.problem.bounds, search.space
-    x = np.clip(x, space.lower, space.upper)
+    x, lower, upper = np.clip(x, space.lower, space.upper), bounds.lower, bounds.upper
     amplitudes, gaps = x[:, : bounds.impulses], x[:, bounds.impulses :]
-    amplitudes = amplitudes + (1.0 - amplitudes.sum(axis=1, keepdims=True)) / bounds.impulses
+    for _ in range(bounds.impulses):
+        missing = 1.0 - amplitudes.sum(axis=1, keepdims=True)
+        if np.max(np.abs(missing), initial=0.0) < 1e-12:
+            break
+        # Those that are not at their bounds share it.
+        room = np.where(missing > 0, amplitudes < upper, amplitudes > lower)
+        share = missing / np.maximum(room.sum(axis=1, keepdims=True), 1)
+        amplitudes = np.clip(amplitudes + room * share, lower, upper)
     duration = np.maximum(gaps.sum(axis=1, keepdims=True), 1e-9)
     wanted = np.clip(duration, bounds.shortest / search.time_unit, bounds.longest / search.time_unit)
     return np.clip(np.concatenate([amplitudes, gaps * wanted / duration], axis=1), space.lower, space.upper)
