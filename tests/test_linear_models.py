@@ -1,5 +1,7 @@
 """Linear models of plants, from whose best designs a search begins: beside the plants themselves."""
 
+import itertools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -8,9 +10,11 @@ import pytest
 import jshape as js
 from jshape.design.linear.minimax import _groups, drawn_together
 from jshape.design.tuning import linear_models
+from jshape.design.tuning.bounds import design_bounds
 from jshape.design.tuning.design_problem import design_problem
 from jshape.design.tuning.interval import with_places
 from jshape.design.tuning.judging import on_finer_set
+from jshape.design.tuning.linear_times import gaps_to_try
 from jshape.design.tuning.scaled_problem import ScaledProblem
 from jshape.design.tuning.scenarios import Limits, Point
 from jshape.design.tuning.starts import starts
@@ -278,3 +282,22 @@ def test_searches_that_come_to_different_designs_do_not_converge():
     found = js.tune(plant, move, 6, duration, "bounded", 2.171817, over=over, objective="mean")
     assert found.status == js.Status.STOPPED
     assert "two searches of linear models came to different designs" in found.message
+
+
+@pytest.mark.parametrize("duration", [(1.5, 1.5), (0.5, 2.0)])
+def test_gaps_that_are_tried_near_known_ones(duration):
+    """Within the bounds; those of the second part are known ones, or whole periods of modes away from them."""
+    bounds = design_bounds(4, "positive", None, duration, {})
+    omega, random = np.array([5.0, 40.0, 0.0]), np.random.default_rng(0)
+    known = 1.5 * random.dirichlet(np.ones(3), 5)
+    gaps = gaps_to_try(bounds, omega, known, 1200, False, random)
+    assert gaps.shape == (1200, 3)
+    assert gaps.min() >= 0
+    assert gaps.sum(axis=1).max() <= duration[1] * (1 + 1e-9)
+    far = np.abs(gaps[200:600, None] - known).max(axis=2).min(axis=1) > 1e-9
+    assert far.mean() > 0.2
+    periods = 2 * np.pi / omega[:2]
+    moved = np.array(list(itertools.product(range(-4, 5), repeat=2))) @ periods
+    away = (gaps[200:600, None] - known)[..., None] - moved
+    assert np.all(np.abs(away).min(axis=3).max(axis=2).min(axis=1) < 1e-9)
+    assert gaps_to_try(bounds, omega, known[:0], 50, True, random).shape == (50, 3)

@@ -22,6 +22,7 @@ from jshape.design.tuning.design_problem import DesignProblem
 from jshape.design.tuning.epigraph import Merit, Vector, minimise_epigraph
 from jshape.design.tuning.evaluate import DIVERGED_ENERGY, Linearisation
 from jshape.design.tuning.interval import energies_of
+from jshape.design.tuning.linear_times import gaps_to_try
 from jshape.design.tuning.local_search import COARSE
 from jshape.design.tuning.objective import value_of
 from jshape.design.tuning.restarts import apart
@@ -159,54 +160,11 @@ class LinearModels:
     def scanned(self, count: int, known: np.ndarray, random: np.random.Generator) -> np.ndarray:
         """So many designs, each with the amplitudes that suit its times, from the best to the worst: with random times,
         and near the best that are known."""
-        bounds, n = self.search.problem.bounds, self.impulses
-        # A long shaper leaves less, as a rule.
-        least = bounds.shortest if self.search.problem.time_cost else max(bounds.shortest, 0.4 * bounds.longest)
-        durations = random.uniform(least, bounds.longest, count)
-        gaps = durations[:, None] * random.dirichlet(np.ones(n - 1), count)
-        if len(known) > 1 and n > 2:
-            parts = count // 6, count // 2
-            gaps[: parts[0]] = self._relocated(self._drawn(known, parts[0], random), random)
-            gaps[parts[0] : parts[1]] = self._shifted(self._drawn(known, parts[1] - parts[0], random), random)
+        bounds, omega, dear = self.search.problem.bounds, np.imag(self.rates[0]), bool(self.search.problem.time_cost)
+        gaps = gaps_to_try(bounds, omega, (known * self.search.units)[:, self.impulses :], count, dear, random)
         x = np.concatenate([np.tile(bounds.random(random).amplitudes, (count, 1)), gaps], axis=1) / self.search.units
         x, values = self.with_amplitudes(x, slice(0, self.given), PROMISING)
         return x[np.argsort(values)]
-
-    def _drawn(self, known: np.ndarray, count: int, random: np.random.Generator) -> np.ndarray:
-        """The gaps, s, of so many of the known designs, of the first ones more often."""
-        return (known * self.search.units)[
-            np.minimum(random.geometric(0.25, count) - 1, len(known) - 1), self.impulses :
-        ]
-
-    def _relocated(self, gaps: np.ndarray, random: np.random.Generator) -> np.ndarray:
-        """Gaps, s, of the same designs with one impulse at a random time in the place of its own."""
-        bounds, count, n = self.search.problem.bounds, len(gaps), self.impulses
-        times = np.append(np.zeros((count, 1)), np.cumsum(gaps, axis=1), axis=1)
-        which = random.integers(1, n - 1, count) if self._fixed else random.integers(0, n, count)
-        times[np.arange(count), which] = random.uniform(0.0, bounds.longest, count)
-        return np.diff(np.sort(times, axis=1), axis=1)
-
-    def _shifted(self, gaps: np.ndarray, random: np.random.Generator) -> np.ndarray:
-        """Gaps, s, of the same designs, one or two of them longer or shorter by whole periods of a mode, which sees
-        nothing of it: so one local minimum follows another. What leaves the bounds stays as it was."""
-        bounds, count = self.search.problem.bounds, len(gaps)
-        omega, shifted, each = np.abs(np.imag(self.rates[0])), gaps.copy(), np.arange(count)
-        for again in (False, True):
-            by = 2 * np.pi / random.choice(omega, count) * random.choice([-2, -1, -1, 1, 1, 2], count)
-            by *= 1 if not again else random.integers(0, 2, count)
-            one, other = random.integers(0, gaps.shape[1], (2, count))
-            shifted[each, one] += by
-            # As much less elsewhere: some impulses move, and the last one stays.
-            shifted[each, other] -= by * (1 if self._fixed else random.integers(0, 2, count))
-        duration = shifted.sum(axis=1)
-        inside = (duration >= bounds.shortest * (1 - 1e-9)) & (duration <= bounds.longest * (1 + 1e-9))
-        return np.where((inside & (shifted.min(axis=1) >= 0))[:, None], shifted, gaps)
-
-    @property
-    def _fixed(self) -> bool:
-        """Whether there is one duration only."""
-        bounds = self.search.problem.bounds
-        return bounds.longest - bounds.shortest <= 1e-9 * bounds.longest
 
     def with_amplitudes(
         self, x: np.ndarray, plants: slice, promising: tuple[int, int] | None = None

@@ -28,7 +28,7 @@ ROUNDS = ((12, 4), (8, 4), (5, 6), (3, 12), (1, 24), (2, None))
 """How many of the best starts are refined, and by how many iterations, before the best of those go on, two
 at least; the last ones to the end. Where derivatives cost little, more of them, but for the last."""
 
-SURE_ROUNDS, WORTH = ((4, 6), (2, None)), 1.25
+SURE_ROUNDS, WORTH = ((8, 4), (4, 6), (2, None)), 1.25
 """The same, where two independent searches of linear models came to the same design: starts that are worse than the
 best by a greater factor are not refined."""
 
