@@ -74,7 +74,8 @@ def tune(
             slowest mode's period an interval.
         amplitudes: ``"positive"``, ``"bounded"`` (|A| ≤ ``limit``), ``"unity"`` (1, −1, …, 1: only times are tuned) or
             ``"free"``.
-        limit: greatest magnitude of an amplitude.
+        limit: greatest magnitude of an amplitude; with a ``sample_time`` no two impulses share a sample then, without
+            one the message names those that coincide and add up to more.
         over: an uncertain set: leaves and their values, multiples of nominal; several leaves make a grid. Those of the
             command, such as ``command.distance`` (``command.slew.distance``), make one shaper for several moves.
         objective: ``"nominal"``, ``"worst"``, ``"mean"``, ``"cvar"`` (the mean of the worst tenth), or a function in
