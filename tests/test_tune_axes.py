@@ -147,7 +147,11 @@ def test_bounds_hold_for_each_shaper():
     np.testing.assert_allclose(bounds.nearest(one).gaps, 0.5)
     exact = np.array([[1.4, 2.6], [0.2, 3.0]])
     allowed = lambda ticks: ticks[1] <= 3 and ticks[3] <= 3
-    assert set(_roundings(exact, 0, 3, allowed)) == {(a, b, c, 3) for a in (1, 2) for b in (2, 3) for c in (0, 1)}
+    assert set(_roundings(exact, 0, 3, allowed, 0)) == {(a, b, c, 3) for a in (1, 2) for b in (2, 3) for c in (0, 1)}
+    # Where none is allowed, one whose impulses stand as far apart as they have to.
+    none = lambda _: False
+    assert _roundings(np.array([[59.9, 60.0, 60.0], [0.0, 0.1, 60.0]]), 0, 60, none, 1) == [(58, 59, 60, 1, 2, 60)]
+    assert _roundings(np.array([[59.9, 60.0, 60.0]]), 0, 60, none, 0) == [(60, 60, 60)]
 
 
 WRONG = {
