@@ -30,7 +30,7 @@ from jshape.design.tuning.scaled_problem import ScaledProblem, scale_of
 from jshape.design.tuning.scenarios import Point
 from jshape.simulation.simulate import modes
 
-SCANNED, LAWSON, PROMISING = 2000, 8, (2, 4)
+SCANNED, LAWSON, PROMISING = 4000, 8, (2, 4)
 """Random times that are tried in a round, and iterations by which amplitudes are fitted to each; after the first two to
 the best quarter only."""
 
