@@ -81,7 +81,7 @@ class OnTicks:
         # Two impulses at one sample are one, to which the limit of an amplitude applies.
         lower, upper = self.bounds.lower, self.bounds.upper
         limited = bool(np.all((lower < upper) & (upper < np.inf)) and (np.any(lower < 0) or np.any(upper < 1)))
-        self.apart = int(limited and self.bounds.longest / sample_time + 1e-9 >= self.bounds.impulses - 1)
+        self.least_gap = int(limited and self.bounds.longest / sample_time + 1e-9 >= self.bounds.impulses - 1)
         self.first, self.last = self.bounds.shortest / sample_time - 1e-9, self.bounds.longest / sample_time + 1e-9
         self.designs: dict[Ticks, Descent] = {}
         self.ended = set[Ticks]()
@@ -181,7 +181,8 @@ class OnTicks:
 
     def _allowed(self, ticks: Ticks) -> bool:
         rows = np.reshape(ticks, (self.bounds.shapers, -1))
-        return all(self.first <= row[-1] <= self.last and np.all(np.diff(row, prepend=0) >= self.apart) for row in rows)
+        inside = all(self.first <= row[-1] <= self.last for row in rows)
+        return inside and bool(np.all(np.diff(rows, prepend=0, axis=1) >= self.least_gap))
 
     def _rounded(self, ticks: Ticks, near: Point) -> Point:
         gaps = self.bounds.each(lambda row: np.diff(row, prepend=0) * self.sample_time, ticks)
@@ -208,7 +209,7 @@ class OnTicks:
         found, number = dict[Ticks, Point](), 0
         for point in points:
             exact = np.reshape(self.bounds.each(np.cumsum, point.gaps), (self.bounds.shapers, -1)) / self.sample_time
-            roundings = _roundings(exact, self.first, self.last, self._allowed, self.apart)
+            roundings = _roundings(exact, self.first, self.last, self._allowed, self.least_gap)
             if not any(ticks in found for ticks in roundings):
                 found |= dict.fromkeys(roundings, point)
                 number += 1
@@ -285,11 +286,11 @@ class OnTicks:
 
 
 def _roundings(
-    exact: np.ndarray, first: float, last: float, allowed: Callable[[Ticks], bool], apart: int
+    exact: np.ndarray, first: float, last: float, allowed: Callable[[Ticks], bool], least_gap: int
 ) -> list[Ticks]:
     """Whole numbers of samples around exact ones, a row for each shaper; all of them where there are few impulses.
 
-    ``apart``: the least distance of two impulses, in samples.
+    ``least_gap``: between two impulses, in samples.
     """
     around, latest = [], int(np.floor(last))
     for row in exact:
@@ -298,9 +299,9 @@ def _roundings(
     found = [ticks for ticks in itertools.product(*around) if allowed(ticks)]
     if found:
         return found
-    ranks = apart * np.arange(exact.shape[1])
+    ranks = least_gap * np.arange(exact.shape[1])
     rows = np.minimum(np.round(exact), latest - ranks[::-1])
     rows[:, -1] = latest
     # From the first impulse on, each as far from the one before as it has to be.
-    rows = np.maximum(np.maximum.accumulate(rows - ranks, axis=1), apart) + ranks
+    rows = np.maximum(np.maximum.accumulate(rows - ranks, axis=1), least_gap) + ranks
     return [tuple(rows.astype(int).ravel().tolist())]

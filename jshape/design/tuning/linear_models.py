@@ -309,13 +309,13 @@ class Starts(NamedTuple):
         sure: whether two independent searches came to the same best one, or none can be much better, and the models
             hold there.
         minimax: what more impulses could leave, where that is known.
-        apart: whether two independent searches came to different designs, so that there are many local minima.
+        agreed: whether two independent searches came to the same design; otherwise there are many local minima.
     """
 
     points: list[Point]
     sure: bool
     minimax: Minimax | None = None
-    apart: bool = False
+    agreed: bool = True
 
     def more(self, impulses: int, left: float) -> str:
         """What more impulses could leave where that is less than half of what is left, J, for a message."""
@@ -371,7 +371,7 @@ def linear_starts(search: ScaledProblem, designs: list[Point], random: np.random
     x = np.concatenate(known)
     x = np.array(apart(x[np.argsort(models.merits(x))], KEPT))
     holds = hold(x[0])
-    return Starts([search.point(end) for end in x], agreed and holds, least if holds else None, not agreed)
+    return Starts([search.point(end) for end in x], agreed and holds, least if holds else None, agreed)
 
 
 def _norm(energies: np.ndarray, power: float) -> np.ndarray:

@@ -49,7 +49,7 @@ def _relocated(bounds: Bounds, gaps: np.ndarray, random: np.random.Generator) ->
     """The gaps with one impulse at a random time in the place of its own."""
     count, n = len(gaps), bounds.impulses
     times = np.append(np.zeros((count, 1)), np.cumsum(gaps, axis=1), axis=1)
-    which = random.integers(1, n - 1, count) if _is_fixed(bounds) else random.integers(0, n, count)
+    which = random.integers(1, n - 1, count) if bounds.fixed_duration else random.integers(0, n, count)
     times[np.arange(count), which] = random.uniform(0.0, bounds.longest, count)
     return np.diff(np.sort(times, axis=1), axis=1)
 
@@ -65,12 +65,7 @@ def _shifted(bounds: Bounds, omega: np.ndarray, gaps: np.ndarray, random: np.ran
         one, other = random.integers(0, gaps.shape[1], (2, count))
         shifted[each, one] += by
         # As much less elsewhere: the impulses between them move, and the last one stays.
-        shifted[each, other] -= by * (1 if _is_fixed(bounds) else random.integers(0, 2, count))
+        shifted[each, other] -= by * (1 if bounds.fixed_duration else random.integers(0, 2, count))
     duration = shifted.sum(axis=1)
     inside = (duration >= bounds.shortest * (1 - 1e-9)) & (duration <= bounds.longest * (1 + 1e-9))
     return np.where((inside & (shifted.min(axis=1) >= 0))[:, None], shifted, gaps)
-
-
-def _is_fixed(bounds: Bounds) -> bool:
-    """Whether there is one duration only."""
-    return bounds.longest - bounds.shortest <= 1e-9 * bounds.longest

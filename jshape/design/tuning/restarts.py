@@ -63,6 +63,11 @@ class Around(NamedTuple):
         """Whether none came from elsewhere: what one search alone has met is one of more basins than were counted."""
         return self.sent >= ENOUGH and self.met == 0
 
+    @property
+    def doubtful(self) -> bool:
+        """Whether either speaks against the best design."""
+        return self.few or self.alone
+
 
 def around(
     descents: list[Descent],

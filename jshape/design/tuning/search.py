@@ -203,7 +203,7 @@ class Search:
         many = "there are many local optima, and more starts, or another seed, may find a better one"
         if self._undecided:
             return f"; two searches of linear models came to different designs: {many}"
-        if (near := self.around) is None or not (near.few or near.alone):
+        if (near := self.around) is None or not near.doubtful:
             return ""
         few = f"{near.back} of {near.begun} searches from around the best came back to it"
         few += f", {near.met} of {near.sent} from elsewhere came there" if near.sent else ""
@@ -213,7 +213,7 @@ class Search:
     @property
     def _undecided(self) -> bool:
         """Whether the models have many local minima, and nothing else says how often the best design is met."""
-        return self.models.apart and (self.around is None or self.around.begun < ENOUGH)
+        return not self.models.agreed and (self.around is None or self.around.begun < ENOUGH)
 
     def _sum_up(self, refined: int, tried: int) -> None:
         """Say what a local search found, from how many of the designs that were tried."""
@@ -391,11 +391,11 @@ class Search:
     def _solution(self) -> Solution:
         """The best candidate, judged."""
         best = self.best
-        few = self._undecided or ((near := self.around) is not None and (near.few or near.alone))
+        many = self._undecided or (self.around is not None and self.around.doubtful)
         balance = self._optimality(best.point, self.judge.values(self.judge.vector(best.point)).energies)
         enough = not self.problem.over_interval or self._resolved.enough
         course = Course(self.history, self.summary, self.interrupted)
-        return solution(self.judge, best._replace(optimal=best.optimal and not few), balance, enough, course)
+        return solution(self.judge, best._replace(optimal=best.optimal and not many), balance, enough, course)
 
     def _optimality(self, point: Point, values: np.ndarray) -> Optimality:
         if self._reached() and self.best.optimal and float(values.max()) <= self._rounding:
