@@ -285,8 +285,9 @@ def test_searches_that_come_to_different_designs_do_not_converge():
 
 
 @pytest.mark.parametrize("duration", [(1.5, 1.5), (0.5, 2.0)])
-def test_gaps_that_are_tried_near_known_ones(duration):
-    """Within the bounds; those of the second part are known ones, or whole periods of modes away from them."""
+def test_gaps_that_are_tried(duration):
+    """Within the bounds; every second design is symmetric, and of the others the second part are known ones, or whole
+    periods of modes away from them."""
     bounds = design_bounds(4, "positive", None, duration, {})
     omega, random = np.array([5.0, 40.0, 0.0]), np.random.default_rng(0)
     known = 1.5 * random.dirichlet(np.ones(3), 5)
@@ -294,10 +295,47 @@ def test_gaps_that_are_tried_near_known_ones(duration):
     assert gaps.shape == (1200, 3)
     assert gaps.min() >= 0
     assert gaps.sum(axis=1).max() <= duration[1] * (1 + 1e-9)
-    far = np.abs(gaps[200:600, None] - known).max(axis=2).min(axis=1) > 1e-9
+    assert gaps[::2].sum(axis=1).min() >= duration[0] * (1 - 1e-9)
+    np.testing.assert_array_equal(gaps[::2, 0], gaps[::2, 2])
+    assert np.mean(gaps[1::2, 0] == gaps[1::2, 2]) < 0.1
+    far = np.abs(gaps[201:600:2, None] - known).max(axis=2).min(axis=1) > 1e-9
     assert far.mean() > 0.2
     periods = 2 * np.pi / omega[:2]
     moved = np.array(list(itertools.product(range(-4, 5), repeat=2))) @ periods
-    away = (gaps[200:600, None] - known)[..., None] - moved
+    away = (gaps[201:600:2, None] - known)[..., None] - moved
     assert np.all(np.abs(away).min(axis=3).max(axis=2).min(axis=1) < 1e-9)
     assert gaps_to_try(bounds, omega, known[:0], 50, True, random).shape == (50, 3)
+
+
+@pytest.mark.parametrize("impulses", [2, 3, 6])
+def test_symmetric_gaps_are_the_same_backwards(impulses):
+    bounds = design_bounds(impulses, "bounded", 1.0, (0.5, 2.0), {})
+    known = np.random.default_rng(1).uniform(0.0, 0.4, (4, impulses - 1))
+    gaps = gaps_to_try(bounds, np.array([9.0]), known, 300, False, np.random.default_rng(0))[::2]
+    np.testing.assert_allclose(gaps, np.flip(gaps, axis=1), rtol=1e-12)
+    assert np.std(gaps.sum(axis=1)) > 0.1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("lengths", "masses", "move", "duration", "impulses", "amplitudes", "best"),
+    [
+        # Searches agreed on 0.00858277 J.
+        ((15.479334, 2.8353844), (412.10434, 2441.7661), (4.0020103, 0.78569943, 0.75004505), (1.71702, 9.8888315), 6,
+         "positive", 0.00536066),
+        # On 0.00391878 J.
+        ((11.1813, 0.80731), (380.21628, 4257.3333), (4.4652219, 0.80701113, 0.72725779), (1.389184, 10.0326431), 4,
+         "bounded", 0.00356222),
+    ],
+)  # fmt: skip
+def test_cranes_whose_best_design_is_symmetric(lengths, masses, move, duration, impulses, amplitudes, best):
+    plant, over = js.plants.DoublePendulumCrane(*lengths, *masses), {"payload_mass": np.linspace(0.5, 2.0, 7)}
+    found = js.tune(
+        plant, js.Trapezoid(*move), impulses, duration, amplitudes, 1.0 if amplitudes == "bounded" else None,
+        over=over, objective="worst", seed=1,
+    )  # fmt: skip
+    assert found.converged
+    np.testing.assert_allclose(found.objective, best, rtol=1e-3)
+    amplitudes, gaps = found.shaper.amplitudes, jnp.diff(found.shaper.times)
+    np.testing.assert_allclose(amplitudes, amplitudes[::-1], atol=2e-3)
+    np.testing.assert_allclose(gaps, gaps[::-1], atol=5e-3)

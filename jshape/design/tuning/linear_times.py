@@ -11,6 +11,10 @@ from jshape.design.tuning.bounds import Bounds
 RELOCATED, SHIFTED = 1 / 6, 1 / 3
 """The parts of what is tried that have one impulse of a known design elsewhere, and gaps a period longer or shorter."""
 
+EVERY = 2
+"""One in so many is symmetric: what is left of modes that hardly decay is the same backwards, and so is, oftener than
+not, the best design, which has half as many variables then."""
+
 FAVOURED = 0.25
 """The chance of the best design known, of the second among the others, and so on."""
 
@@ -42,7 +46,16 @@ def gaps_to_try(
         first, second = int(RELOCATED * count), int((RELOCATED + SHIFTED) * count)
         gaps[:first] = _relocated(bounds, near[:first], random)
         gaps[first:second] = _shifted(bounds, omega[omega > 0], near[first:second], random)
+    gaps[::EVERY] = _mirrored(bounds, gaps[::EVERY])
     return gaps
+
+
+def _mirrored(bounds: Bounds, gaps: np.ndarray) -> np.ndarray:
+    """The gaps with the first half of them in the place of the last one, backwards; longer or shorter within bounds."""
+    half, mirrored = gaps.shape[1] // 2, gaps.copy()
+    mirrored[:, gaps.shape[1] - half :] = np.flip(gaps[:, :half], axis=1)
+    duration = np.maximum(mirrored.sum(axis=1, keepdims=True), 1e-300)
+    return mirrored * np.clip(duration, bounds.shortest, bounds.longest) / duration
 
 
 def _relocated(bounds: Bounds, gaps: np.ndarray, random: np.random.Generator) -> np.ndarray:
