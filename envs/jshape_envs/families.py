@@ -16,7 +16,7 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from jshape._check import Argument, Checked, finite, positive
 from jshape._types import Scalar
@@ -82,13 +82,8 @@ class Dropouts(Sensor):
     share: Scalar = eqx.field(default=0.1, converter=Argument(positive))
 
     def read(self, deflection: Float[Array, " samples"], noise: Float[Array, " samples"]) -> Float[Array, " size"]:
-        # One normal number makes two independent ones: whether a sample is missing, and its noise if it is not.
-        even = jax.scipy.stats.norm.cdf(noise)
-        missing = even < self.share
-        rest = jnp.clip((even - self.share) / (1 - self.share), 1e-6, 1 - 1e-6)
-        return super().read(
-            jnp.where(missing, 0.0, deflection), jnp.where(missing, 0.0, jax.scipy.stats.norm.ppf(rest))
-        )
+        missing, _, others = _apart(noise, self.share)
+        return super().read(jnp.where(missing, 0.0, deflection), jnp.where(missing, 0.0, others))
 
 
 class Biased(Sensor):
@@ -102,6 +97,29 @@ class Biased(Sensor):
 
     def read(self, deflection: Float[Array, " samples"], noise: Float[Array, " samples"]) -> Float[Array, " size"]:
         return super().read(deflection + self.offset, noise)
+
+
+class Spiky(Sensor):
+    """A sensor some of whose samples are anything within its reach.
+
+    Attributes:
+        share: probability that a sample is.
+    """
+
+    share: Scalar = eqx.field(default=0.05, converter=Argument(positive))
+
+    def read(self, deflection: Float[Array, " samples"], noise: Float[Array, " samples"]) -> Float[Array, " size"]:
+        spike, place, others = _apart(noise, self.share)
+        anything = self.reach * (2 * place - 1)
+        return super().read(jnp.where(spike, anything, deflection), jnp.where(spike, 0.0, others))
+
+
+def _apart(noise: Float[Array, " samples"], share: Scalar) -> tuple[Bool[Array, " samples"], Array, Array]:
+    """Independent numbers from one normal number a sample: whether what has the probability ``share`` comes to pass, a
+    uniform number in [0, 1) where it does, and a normal one where it does not."""
+    even = jax.scipy.stats.norm.cdf(noise)
+    rest = jnp.clip((even - share) / (1 - share), 1e-6, 1 - 1e-6)
+    return even < share, even / share, jax.scipy.stats.norm.ppf(rest)
 
 
 class Swaying(AbstractMachine):
@@ -178,11 +196,15 @@ def damping(params: Params, factor: float) -> Params:
     return scaled(params, dict.fromkeys(DAMPING, factor))
 
 
+def of_kind(params: Params, kind: type[Sensor], **values: Any) -> Params:
+    """The params with a sensor of another kind, with those further values."""
+    kept = {field.name: getattr(params.sensor, field.name) for field in dataclasses.fields(Sensor)}
+    return dataclasses.replace(params, sensor=kind(**kept, **values))
+
+
 def missing(params: Params, share: float) -> Params:
     """The params with a sensor of which such a share of the samples is missing."""
-    sensor, kept = params.sensor, {field.name for field in dataclasses.fields(Sensor)}
-    values = {name: getattr(sensor, name) for name in kept}
-    return dataclasses.replace(params, sensor=Dropouts(**values, share=jnp.asarray(share, params.period.dtype)))
+    return of_kind(params, Dropouts, share=jnp.asarray(share, params.period.dtype))
 
 
 def heavier(params: Params) -> Params:
@@ -229,9 +251,7 @@ def nearer(params: Params) -> Params:
 
 def biased(params: Params) -> Params:
     """The sensor reads too much by a fiftieth of its reach: its zero has drifted."""
-    sensor, kept = params.sensor, {field.name for field in dataclasses.fields(Sensor)}
-    values = {name: getattr(sensor, name) for name in kept}
-    return dataclasses.replace(params, sensor=Biased(**values, offset=sensor.reach / 50))
+    return of_kind(params, Biased, offset=params.sensor.reach / 50)
 
 
 def worn(params: Params) -> Params:
@@ -247,6 +267,7 @@ DECLARED: dict[str, Family] = {
     "stiffer": partial(stiffness, spring=1.5, others=1.1),
     "damped": partial(damping, factor=3.0),
     "undamped": partial(damping, factor=0.2),
+    "hardly-damped": partial(damping, factor=0.1),
     "noisy": lambda params: with_sensor(params, noise=4 * params.sensor.noise),
     "missing": partial(missing, share=0.1),
     "swaying": swaying,
@@ -259,12 +280,13 @@ HELD_OUT: dict[str, Family] = {
     "lighter": lighter,
     "nearer": nearer,
     "softer": partial(stiffness, spring=0.6, others=0.88),
-    "hardly-damped": partial(damping, factor=0.1),
+    "frictionless": partial(damping, factor=0.01),
     "biased": biased,
     "miscalibrated": lambda params: with_sensor(params, reach=params.sensor.reach / 1.2),
     "restless": lambda params: dataclasses.replace(params, change_rate=jnp.minimum(3 * params.change_rate, 1.0)),
     "patchy": partial(missing, share=0.4),
     "worn": worn,
+    "spiky": lambda params: of_kind(params, Spiky, share=jnp.asarray(0.05, params.period.dtype)),
 }
 """The families that neither training nor calibration has used; for judging alone."""
 

@@ -27,13 +27,16 @@ from jshape.moves import (
     plan_move,
     reset,
     run_move,
+    run_window,
 )
+from jshape.moves.retuning import retuned
 from jshape_envs.baselines import baseline
-from jshape_envs.baselines.model_based import BankState, misfit, predicted
+from jshape_envs.baselines.model_based import BankState
 from jshape_envs.baselines.observed import middle, observed, sensor_deviation
 from jshape_envs.baselines.posterior import FixedPayload, Hedge, tuned_shaper
 from jshape_envs.evaluate import episode_costs
 from jshape_envs.families import Declared, Family, damping, stiffness
+from jshape_envs.state_estimation import corrected, predicted_window
 
 PAYLOADS = 21
 """Payloads of the bank, over their declared range and a quarter of it to either side."""
@@ -43,7 +46,7 @@ BEYOND = 0.1
 """Prior probability of a payload beyond the declared range, and of a stiffness or damping that is not the declared."""
 ROBUSTNESSES = (0.0, 0.25, 0.5, 1.0)
 """Of the hedges of the bank's own shaper."""
-TOLERANCE = 0.001
+TOLERANCE = 1e-5
 """Cost a move that a proposal may have beyond the fallback's in the long run; also how fast a debt is forgiven."""
 FORESIGHT = 3.0
 """Weight of a predicted residual beside a paid one: what one move leaves, the next one begins with."""
@@ -87,8 +90,9 @@ class Guard(AbstractPolicy):
     """Switching between a proposing policy and a fallback by conformal control of the cost beyond the fallback's.
 
     Before a move, every plant of a bank (payloads in and beyond the declared range, several stiffnesses and dampings)
-    predicts the cost of the proposal, of the fallback, of another fixed shaper and of the bank's own; its probability
-    follows from how well it explains all samples so far. A shaper is used in the fallback's place only where its mean
+    predicts the cost of the proposal, of the fallback, of another fixed shaper and of the bank's own, one of which
+    cancels the vibration that is there; its probability follows from how well it explains all samples so far, which
+    correct its state, too (``state_estimation``). A shaper is used in the fallback's place only where its mean
     predicted cost is less by more than its proposer's *debt*. After the move, the samples give the residual that was
     really left, and the bank, with the last window counted, what the fallback would have left. The difference of the
     two costs is the excess e, and the proposer's debt d becomes max(d + e − τ, −``CREDIT``), τ = ``TOLERANCE``; that of
@@ -144,11 +148,11 @@ class Guard(AbstractPolicy):
     def act(self, memory: GuardState, observation: Observation, params: Params, state: EnvState) -> Choice:
         samples, distance = observed(observation, params)
         bank, first = memory.bank, memory.bank.made == 0
-        ends, deflections, energies = self._over_plants(params, lambda p, m: predicted(p, bank, m))
-        evidence = jnp.where(first, 0.0, log_likelihood(params, deflections, samples))
-        log_posterior = jax.nn.log_softmax(bank.log_prior + evidence)
+        windows = self._over_plants(params, lambda p, m: predicted_window(p, bank, m))
+        ends, log_likelihood = corrected(params, windows, samples)
+        log_posterior = jax.nn.log_softmax(bank.log_prior + jnp.where(first, 0.0, log_likelihood))
         posterior = jnp.exp(log_posterior)
-        left = measured_residual(params, samples, deflections, energies / memory.references)
+        left = measured_residual(params, samples, windows.deflections, windows.energy / memory.references)
         excess = params.energy_weight * (left - posterior @ memory.residuals) - memory.saved
         used = (memory.chosen == jnp.array([1, 2, 3])) & ~first
         debt = jnp.maximum(memory.debt + jnp.where(used, excess, 0.0) - TOLERANCE, -CREDIT)
@@ -165,7 +169,7 @@ class Guard(AbstractPolicy):
         residuals, references = self._over_plants(params, lambda p, m: _residuals(p, bank, m, shapers))
         times = params.time_weight * shapers.times[:, -1] / params.period
         costs = times + FORESIGHT * params.energy_weight * (jnp.exp(log_prior) @ residuals)
-        proposer = jnp.array([0, 1, 3] + [2] * len(ROBUSTNESSES))
+        proposer = jnp.array([0, 1, 3] + [2] * (len(ROBUSTNESSES) + 1))
         costs = costs + jnp.concatenate([jnp.zeros(1, debt.dtype), jnp.maximum(debt, 0.0)])[proposer]
         best = jnp.argmin(costs)
         shaper = jax.tree.map(lambda x: x[best], shapers)
@@ -190,8 +194,29 @@ class Guard(AbstractPolicy):
         one = jnp.ones_like(params.period)
         made = [_as_shaper(choice, params) for choice in (fallback, proposal, other)]
         made += [Hedge(one, robustness * one).shaper(tuned) for robustness in ROBUSTNESSES]
+        made += [self._arresting(params, tuned, bank, log_posterior)]
         stacked = jax.tree.map(lambda *x: jnp.stack(x), *(each.pad(self.impulses) for each in made))
         return (theirs, ours, others), stacked
+
+    def _arresting(
+        self, params: Params, tuned: Shaper, bank: BankState, log_posterior: Float[Array, " plants"]
+    ) -> Shaper:
+        """The shaper near the tuned one that brings the most probable plant to rest from the vibration that is there;
+        its amplitudes may be negative."""
+        place = jnp.argmax(log_posterior)
+        machine = jax.tree.map(lambda x: x[place], self.machines)
+        same_variant = log_posterior.reshape(-1, PAYLOADS)[place // PAYLOADS]
+        payload = jax.nn.softmax(same_variant) @ self.payloads[:PAYLOADS]
+        plant, command = machine.plant(payload, bank.made), machine.command(bank.distance, bank.made)
+
+        def vibration(shaper: Shaper) -> Float[Array, " samples"]:
+            plan = plan_move(plant, command, shaper, bank.position)
+            after, _ = run_move(plant, plan, bank.plant, params.steps)
+            return run_window(plant, plan, after, params.sensor, params.steps)[1]
+
+        found = retuned(vibration, tuned)
+        sound = jnp.all(jnp.isfinite(found.amplitudes) & jnp.isfinite(found.times)) & (bank.made > 0)
+        return jax.tree.map(lambda new, old: jnp.where(sound, new, old), found, tuned)
 
     def _over_plants(self, params: Params, of: Callable[[Params, Scalar], Any]) -> Any:
         """A function of params with a plant's machine, and its payload, for every plant of the bank."""
@@ -286,14 +311,6 @@ def calibrated(
         else:
             break
     return guard
-
-
-def log_likelihood(
-    params: Params, deflections: Float[Array, "plants samples"], samples: Float[Array, " samples"]
-) -> Float[Array, " plants"]:
-    """The log-likelihood of each plant given the samples; where none explains them, the errors count as noise."""
-    error, variance = misfit(params, deflections, samples)
-    return -error / (2 * jnp.maximum(variance, jnp.min(error) / len(samples)))
 
 
 def measured_residual(

@@ -18,7 +18,7 @@ from jshape._types import Inputs, Position, Scalar, State
 from jshape.axes import Axes
 from jshape.command import Trapezoid
 from jshape.design.linear import zvd
-from jshape.moves.retuning import retuned
+from jshape.moves.retuning import retuned, swing_after
 from jshape.moves.scheduled import AbstractMoves, Moves, Swing, UnderWay, begun
 from jshape.plants import AbstractPlant, HoistingCrane
 from jshape.shaper import Shaper
@@ -110,7 +110,7 @@ class HoistingMoves(AbstractMoves):
         """Three impulses, tuned through the model from the ZVD shaper of the mean length."""
         plant = self.plant(parameters, known)
         near = zvd(self.omega(parameters, known, 0.5))
-        return retuned(plant, self.command(known), near, begun(plant, swing), STEPS, under_way)
+        return retuned(swing_after(plant, self.command(known), begun(plant, swing), STEPS), near, under_way)
 
     def starts(self, parameters: Float[Array, " parameters"]) -> Float[Array, "starts parameters"]:
         shares = jnp.linspace(0.0, 1.0, TRIED)

@@ -17,7 +17,7 @@ from jshape import _check
 from jshape._types import Inputs, Scalar
 from jshape.command import AbstractCommand, Step
 from jshape.design.energy import three_impulse
-from jshape.moves.retuning import retuned
+from jshape.moves.retuning import retuned, swing_after
 from jshape.moves.scheduled import AbstractMoves, Moves, Swing, UnderWay
 from jshape.plants import AbstractPlant, TwoMass
 from jshape.shaper import Shaper
@@ -80,7 +80,8 @@ class TwoMassMoves(AbstractMoves):
         And for what the damper dissipates beyond the loss along the undamped orbit, which changes the fourth digit.
         """
         plant: Any = self.plant(parameters, known)
-        return retuned(plant, Step(known), three_impulse(plant, known, damping="orbit"), swing, STEPS, under_way)
+        near = three_impulse(plant, known, damping="orbit")
+        return retuned(swing_after(plant, Step(known), swing, STEPS), near, under_way)
 
     def starts(self, parameters: Float[Array, " parameters"]) -> Float[Array, "starts parameters"]:
         """All of them larger or smaller by one factor, as by another payload."""

@@ -13,6 +13,8 @@ from jaxtyping import Array, Float, Int
 from jshape import Shaper, _check
 from jshape._types import Scalar, State
 from jshape.moves import AbstractPolicy, Choice, EnvState, Observation, Params, plan_move, run_move, run_window
+from jshape.plants import AbstractPlant
+from jshape.simulation.schedule import Schedule
 from jshape_envs.baselines.frequency import peak
 from jshape_envs.baselines.observed import evenly, middle, observed, sensor_deviation
 from jshape_envs.baselines.posterior import Hedge, no_hedge, tuned_shaper
@@ -69,7 +71,7 @@ class ModelBased(AbstractPolicy):
 
     def act(self, memory: BankState, observation: Observation, params: Params, state: EnvState) -> Choice:
         samples, distance = observed(observation, params)
-        ends, deflections, _ = jax.vmap(lambda payload: predicted(params, memory, payload))(self.payloads)
+        ends, deflections = jax.vmap(lambda payload: predicted(params, memory, payload))(self.payloads)
         error, variance = misfit(params, deflections, samples)
         log_likelihood = -error / (2 * variance)
         first = memory.made == 0
@@ -100,17 +102,24 @@ def model_based(params: Params, models: int = 17) -> ModelBased:
     return ModelBased(evenly(params.payload, _check.count(models, "models", least=3)), no_hedge(params))
 
 
-def predicted(params: Params, memory: BankState, payload: Scalar) -> tuple[State, Float[Array, " samples"], Scalar]:
-    """The state and the deflections (m) that the last move ends with, had it been made with that payload, and the
-    residual energy (J) after its last impulse."""
+def after_last_move(
+    params: Params, memory: BankState, payload: Scalar
+) -> tuple[AbstractPlant, Schedule, State, Scalar]:
+    """The plant, its plan and the state after the last move's last impulse, had it been made with that payload, and the
+    residual energy there, J."""
     machine = params.machine
     plant = machine.plant(payload, memory.made - 1)
     plan = plan_move(plant, machine.command(memory.distance, memory.made - 1), memory.shaper, memory.position)
-    after, energy = run_move(plant, plan, memory.plant, params.steps)
+    return plant, plan, *run_move(plant, plan, memory.plant, params.steps)
+
+
+def predicted(params: Params, memory: BankState, payload: Scalar) -> tuple[State, Float[Array, " samples"]]:
+    """The state and the deflections (m) that the last move ends with, had it been made with that payload."""
+    plant, plan, after, _ = after_last_move(params, memory, payload)
     end, deflection, _ = run_window(plant, plan, after, params.sensor, params.steps)
     end = jnp.where(params.carry, end, plant.rest_state(plan.final_inputs(plant)))
     # A model that diverges is the worst of predictions, not none at all.
-    return jnp.nan_to_num(end), jnp.nan_to_num(deflection, nan=jnp.inf, posinf=jnp.inf), energy
+    return jnp.nan_to_num(end), jnp.nan_to_num(deflection, nan=jnp.inf, posinf=jnp.inf)
 
 
 def misfit(

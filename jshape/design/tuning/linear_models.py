@@ -30,13 +30,13 @@ from jshape.design.tuning.scaled_problem import ScaledProblem, scale_of
 from jshape.design.tuning.scenarios import Point
 from jshape.simulation.simulate import modes
 
-SCANNED, LAWSON, PROMISING = 4000, 8, (2, 4)
-"""Random times that are tried in a round, and iterations by which amplitudes are fitted to each; after the first two to
-the best quarter only."""
+SCANNED, LAWSON, PROMISING = 600, 8, (2, 4)
+"""Random times that are tried in a round for each impulse, and iterations by which amplitudes are fitted to each; after
+the first two to the best quarter only."""
 
-REFINED, KNOWN, ROUNDS = 200, 20, (3, 6)
-"""So many of them that lie apart are refined side by side, beside the best that are known; in so many rounds at least
-and at most."""
+REFINED, KNOWN, ROUNDS = 33, 20, (3, 6)
+"""So many of them for each impulse that lie apart are refined side by side, beside the best that are known; in so many
+rounds at least and at most."""
 
 SAME, HOLD = 0.002, 0.2
 """Two independent searches of the models agree where their best ends differ by less; models hold at a design whose
@@ -218,8 +218,8 @@ class LinearModels:
     def round(self, known: np.ndarray, random: np.random.Generator) -> np.ndarray:
         """The designs of a search after one more round, from the best to the worst."""
         numbers, objective = self.rates[: self.given].size * self.impulses, self.search.problem.objective
-        count = int(np.clip(MOST_NUMBERS / numbers, 2 * KNOWN, SCANNED))
-        refined = int(np.clip(MOST_NUMBERS / (numbers * known.shape[1]), KNOWN, REFINED))
+        count = int(np.clip(MOST_NUMBERS / numbers, 2 * KNOWN, SCANNED * self.impulses))
+        refined = int(np.clip(MOST_NUMBERS / (numbers * known.shape[1]), KNOWN, REFINED * self.impulses))
         x = np.concatenate([apart(self.scanned(count, known, random), refined), known[:KNOWN]])
         for power, iterations in DESCENT[: 1 if objective == "mean" else None]:
             x = self.descended(x, power, iterations)
