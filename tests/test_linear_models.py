@@ -286,34 +286,42 @@ def test_searches_that_come_to_different_designs_do_not_converge():
 
 @pytest.mark.parametrize("duration", [(1.5, 1.5), (0.5, 2.0)])
 def test_gaps_that_are_tried(duration):
-    """Within the bounds; every second design is symmetric, and of the others the second part are known ones, or whole
-    periods of modes away from them."""
+    """Within the bounds; those of the second part are known ones, or whole periods of modes away from them."""
     bounds = design_bounds(4, "positive", None, duration, {})
     omega, random = np.array([5.0, 40.0, 0.0]), np.random.default_rng(0)
     known = 1.5 * random.dirichlet(np.ones(3), 5)
-    gaps = gaps_to_try(bounds, omega, known, 1200, False, random)
+    gaps = gaps_to_try(bounds, omega, known, 1200, False, False, random)
     assert gaps.shape == (1200, 3)
     assert gaps.min() >= 0
     assert gaps.sum(axis=1).max() <= duration[1] * (1 + 1e-9)
-    assert gaps[::2].sum(axis=1).min() >= duration[0] * (1 - 1e-9)
-    np.testing.assert_array_equal(gaps[::2, 0], gaps[::2, 2])
-    assert np.mean(gaps[1::2, 0] == gaps[1::2, 2]) < 0.1
-    far = np.abs(gaps[201:600:2, None] - known).max(axis=2).min(axis=1) > 1e-9
+    far = np.abs(gaps[200:600, None] - known).max(axis=2).min(axis=1) > 1e-9
     assert far.mean() > 0.2
     periods = 2 * np.pi / omega[:2]
     moved = np.array(list(itertools.product(range(-4, 5), repeat=2))) @ periods
-    away = (gaps[201:600:2, None] - known)[..., None] - moved
+    away = (gaps[200:600, None] - known)[..., None] - moved
     assert np.all(np.abs(away).min(axis=3).max(axis=2).min(axis=1) < 1e-9)
-    assert gaps_to_try(bounds, omega, known[:0], 50, True, random).shape == (50, 3)
+    assert gaps_to_try(bounds, omega, known[:0], 50, True, False, random).shape == (50, 3)
 
 
 @pytest.mark.parametrize("impulses", [2, 3, 6])
-def test_symmetric_gaps_are_the_same_backwards(impulses):
+def test_symmetric_gaps_are_the_same_backwards_and_within_the_bounds(impulses):
     bounds = design_bounds(impulses, "bounded", 1.0, (0.5, 2.0), {})
     known = np.random.default_rng(1).uniform(0.0, 0.4, (4, impulses - 1))
-    gaps = gaps_to_try(bounds, np.array([9.0]), known, 300, False, np.random.default_rng(0))[::2]
+    gaps = gaps_to_try(bounds, np.array([9.0]), known, 300, False, True, np.random.default_rng(0))
     np.testing.assert_allclose(gaps, np.flip(gaps, axis=1), rtol=1e-12)
-    assert np.std(gaps.sum(axis=1)) > 0.1
+    duration = gaps.sum(axis=1)
+    assert duration.min() >= 0.5 * (1 - 1e-9)
+    assert duration.max() <= 2.0 * (1 + 1e-9)
+    assert np.std(duration) > 0.1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 4])
+def test_a_mean_whose_best_design_is_not_symmetric(seed):
+    """Where half of the designs tried were symmetric, two of five seeds agreed on a symmetric one, 1 % above this."""
+    plant = js.plants.TwoMass(1.0, 1.0, js.plants.Duffing(5.38734811, 0.0), js.plants.PowerDamper(0.0, 2))
+    found = js.tune(plant, 0.31827407, 6, 1.13236348, "bounded", 1.0, over={"m2": SPREAD}, objective="mean", seed=seed)
+    assert found.objective <= 0.00307853
 
 
 @pytest.mark.slow

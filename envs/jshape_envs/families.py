@@ -82,7 +82,7 @@ class Dropouts(Sensor):
     share: Scalar = eqx.field(default=0.1, converter=Argument(positive))
 
     def read(self, deflection: Float[Array, " samples"], noise: Float[Array, " samples"]) -> Float[Array, " size"]:
-        missing, _, others = _apart(noise, self.share)
+        missing, _, others = _from_noise(noise, self.share)
         return super().read(jnp.where(missing, 0.0, deflection), jnp.where(missing, 0.0, others))
 
 
@@ -109,12 +109,12 @@ class Spiky(Sensor):
     share: Scalar = eqx.field(default=0.05, converter=Argument(positive))
 
     def read(self, deflection: Float[Array, " samples"], noise: Float[Array, " samples"]) -> Float[Array, " size"]:
-        spike, place, others = _apart(noise, self.share)
+        spike, place, others = _from_noise(noise, self.share)
         anything = self.reach * (2 * place - 1)
         return super().read(jnp.where(spike, anything, deflection), jnp.where(spike, 0.0, others))
 
 
-def _apart(noise: Float[Array, " samples"], share: Scalar) -> tuple[Bool[Array, " samples"], Array, Array]:
+def _from_noise(noise: Float[Array, " samples"], share: Scalar) -> tuple[Bool[Array, " samples"], Array, Array]:
     """Independent numbers from one normal number a sample: whether what has the probability ``share`` comes to pass, a
     uniform number in [0, 1) where it does, and a normal one where it does not."""
     even = jax.scipy.stats.norm.cdf(noise)

@@ -89,8 +89,8 @@ def corrected(
     _, variance = misfit(params, windows.deflections, samples)
     left = jnp.stack([filtered(spread, variance)[1] for spread in SPREADS])
     variance = jnp.maximum(variance, jnp.min(left) / len(samples))
-    changes, left, volume = (jnp.stack(x) for x in zip(*(filtered(s, variance) for s in SPREADS), strict=True))
-    joint = jnp.log(jnp.array(SHARES, left.dtype))[:, None] - left / (2 * variance) - volume / 2
+    changes, left, determinant = (jnp.stack(x) for x in zip(*(filtered(s, variance) for s in SPREADS), strict=True))
+    joint = jnp.log(jnp.array(SHARES, left.dtype))[:, None] - left / (2 * variance) - determinant / 2
     change = jnp.einsum("sp,spi->pi", jax.nn.softmax(joint, axis=0), changes)
     ends = windows.end + jnp.einsum("pij,pj->pi", windows.end_slopes, change)
     return ends, jax.nn.logsumexp(joint, axis=0)
@@ -100,7 +100,7 @@ def _filtered(
     spread: State, slopes: Float[Array, "samples state"], errors: Float[Array, " samples"], variance: Scalar
 ) -> tuple[State, Scalar, Scalar]:
     """The mean of the state's error given the samples, what is left of the samples' squared errors, m², and the
-    logarithm of how much less certain the samples are than their noise.
+    logarithm of the determinant of the samples' covariance, over that of their noise alone.
 
     Args:
         spread: standard deviation of each component of the state.
@@ -110,16 +110,16 @@ def _filtered(
     """
 
     def sample(carry: tuple[Array, Array, Array, Array], row: tuple[Array, Array]):
-        mean, covariance, left, volume = carry
+        mean, covariance, left, determinant = carry
         slope, error = row
         gain = covariance @ slope
         innovation, of_innovation = error - slope @ mean, slope @ gain + variance
         mean = mean + gain * innovation / of_innovation
         covariance = covariance - jnp.outer(gain, gain) / of_innovation
         left = left + variance * innovation**2 / of_innovation
-        return (mean, covariance, left, volume + jnp.log(of_innovation / variance)), None
+        return (mean, covariance, left, determinant + jnp.log(of_innovation / variance)), None
 
     zero = jnp.zeros_like(variance)
     begin = jnp.zeros_like(spread), jnp.diag(spread**2), zero, zero
-    (mean, _, left, volume), _ = jax.lax.scan(sample, begin, (slopes, errors))
-    return mean, left, volume
+    (mean, _, left, determinant), _ = jax.lax.scan(sample, begin, (slopes, errors))
+    return mean, left, determinant

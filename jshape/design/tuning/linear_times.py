@@ -11,10 +11,6 @@ from jshape.design.tuning.bounds import Bounds
 RELOCATED, SHIFTED = 1 / 6, 1 / 3
 """The parts of what is tried that have one impulse of a known design elsewhere, and gaps a period longer or shorter."""
 
-EVERY = 2
-"""One in so many is symmetric: what is left of modes that hardly decay is the same backwards, and so is, oftener than
-not, the best design, which has half as many variables then."""
-
 FAVOURED = 0.25
 """The chance of the best design known, of the second among the others, and so on."""
 
@@ -26,7 +22,13 @@ LONG = 0.4
 
 
 def gaps_to_try(
-    bounds: Bounds, omega: np.ndarray, known: np.ndarray, count: int, dear: bool, random: np.random.Generator
+    bounds: Bounds,
+    omega: np.ndarray,
+    known: np.ndarray,
+    count: int,
+    dear: bool,
+    symmetric: bool,
+    random: np.random.Generator,
 ) -> np.ndarray:
     """Gaps between impulses, s, shape (count, gaps).
 
@@ -36,6 +38,7 @@ def gaps_to_try(
         known: gaps of the best designs that are known, s, the best first.
         count: how many.
         dear: whether time costs something, so that short shapers may be better.
+        symmetric: whether they are the same backwards.
         random: draws them.
     """
     least = bounds.shortest if dear else max(bounds.shortest, LONG * bounds.longest)
@@ -46,8 +49,7 @@ def gaps_to_try(
         first, second = int(RELOCATED * count), int((RELOCATED + SHIFTED) * count)
         gaps[:first] = _relocated(bounds, near[:first], random)
         gaps[first:second] = _shifted(bounds, omega[omega > 0], near[first:second], random)
-    gaps[::EVERY] = _mirrored(bounds, gaps[::EVERY])
-    return gaps
+    return _mirrored(bounds, gaps) if symmetric else gaps
 
 
 def _mirrored(bounds: Bounds, gaps: np.ndarray) -> np.ndarray:
