@@ -51,8 +51,7 @@ DESCENT = ((1.0, 6), (4.0, 10), (16.0, 10))
 close to the greatest energy."""
 
 MOST_PLANTS, MOST_NUMBERS = 200, 2_000_000
-"""Plants of the models at most, those between the given ones among them; and numbers of an array, beyond which fewer
-designs are tried."""
+"""Plants of the models at most, all of them; and numbers of an array, beyond which fewer designs are tried."""
 
 CLOSER, LONG = ((1.0, 20), (4.0, 20), (16.0, 20), (64.0, 20)), 100
 """The same, for impulses at any times that were drawn together; and iterations of SLSQP that end it."""
@@ -222,8 +221,6 @@ class LinearModels:
         numbers, objective = self.rates[: self.given].size * self.impulses, self.search.problem.objective
         count = int(np.clip(MOST_NUMBERS / numbers, 2 * KNOWN, SCANNED * self.impulses))
         refined = int(np.clip(MOST_NUMBERS / (numbers * known.shape[1]), KNOWN, REFINED * self.impulses))
-        # What is left of modes that hardly decay is the same backwards, and so is, oftener than not, the best design,
-        # which has half as many variables then; others are refined beside those, not only where they are better.
         kinds = [apart(self.scanned(count // 2, known, symmetric, random), refined // 2) for symmetric in (False, True)]
         x = np.concatenate([*kinds, known[:KNOWN]])
         for power, iterations in DESCENT[: 1 if objective == "mean" else None]:

@@ -1,7 +1,8 @@
 """Times of impulses that are tried on linear models: at random, and near the best designs that are known.
 
 Where modes are fast the local minima are narrow, and most of them lie whole periods of a mode apart: a gap that is a
-period longer changes nothing for that mode.
+period longer changes nothing for that mode. What is left of modes that hardly decay is the same backwards, and so is,
+oftener than not, the best design, which has half as many variables then: such designs are tried beside the others.
 """
 
 import numpy as np
