@@ -51,7 +51,7 @@ DESCENT = ((1.0, 6), (4.0, 10), (16.0, 10))
 close to the greatest energy."""
 
 MOST_PLANTS, MOST_NUMBERS = 200, 2_000_000
-"""Plants of the models at most, all of them; and numbers of an array, beyond which fewer designs are tried."""
+"""Plants of the models at most; and numbers of an array, beyond which fewer designs are tried."""
 
 CLOSER, LONG = ((1.0, 20), (4.0, 20), (16.0, 20), (64.0, 20)), 100
 """The same, for impulses at any times that were drawn together; and iterations of SLSQP that end it."""
