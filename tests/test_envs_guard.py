@@ -14,7 +14,7 @@ from jshape_envs.baselines import Fixed, FixedPayload, baseline, fixed_linear
 from jshape_envs.baselines.model_based import BankState
 from jshape_envs.baselines.posterior import Hedge, no_hedge
 from jshape_envs.evaluate import episode_costs
-from jshape_envs.families import DECLARED, FAMILIES, HELD_OUT, Declared, Dropouts, Spiky
+from jshape_envs.families import DECLARED, FAMILIES, HELD_OUT, Declared, Dropouts, Spiky, Stuck
 from jshape_envs.guard import CALIBRATION_SEED, COUNTED, DEBTS, calibrated, guarded, measured_residual
 from jshape_envs.state_estimation import SHARES, SPREADS, Window, corrected, predicted_window
 from jshape_envs.strategies import strategy
@@ -44,7 +44,7 @@ def link() -> Params:
 
 def test_families_change_what_they_say(duffing, link):
     truth = {name: family(duffing) for name, family in FAMILIES.items()}
-    assert len(HELD_OUT) == 10
+    assert len(HELD_OUT) == 12
     assert set(DECLARED).isdisjoint(HELD_OUT)
     np.testing.assert_allclose(truth["heavier"].payload, [1.4, 1.8], rtol=1e-6)
     np.testing.assert_allclose(truth["lighter"].payload, [0.4, 0.6], rtol=1e-6)
@@ -60,8 +60,11 @@ def test_families_change_what_they_say(duffing, link):
     np.testing.assert_allclose(command.breaks[-1], 0.05 * duffing.period, rtol=1e-6)
     swaying = [float(truth["swaying"].machine.plant(single(1.0), jnp.asarray(n)).m2) for n in range(20)]
     assert min(swaying) < 0.86 < 1.14 < max(swaying)
-    nominal, softer = (p.machine.plant(single(5.0), jnp.asarray(0)) for p in (link, HELD_OUT["softer"](link)))
+    nominal, softer = (p.machine.plant(single(5.0), jnp.asarray(0)) for p in (link, FAMILIES["softer"](link)))
     np.testing.assert_allclose(softer.natural_frequency(), 0.88 * nominal.natural_frequency(), rtol=1e-5)
+    aged = [float(truth["ageing"].machine.plant(single(1.0), jnp.asarray(n)).spring.k3) for n in (0, 64, 10_000)]
+    np.testing.assert_allclose(aged, [100, 100 - 30 * (1 - np.exp(-2)), 70], rtol=1e-5)
+    assert float(truth["ageing"].machine.plant(single(1.0), jnp.asarray(64)).m2) == 1.0
 
 
 @pytest.mark.parametrize("name", ["CranePayload", "FlexibleLinkPayload", "HoistingCrane"])
@@ -90,6 +93,21 @@ def test_samples_are_missing_or_anything_as_often_as_declared_and_the_others_hav
     assert abs(near.mean() - kept) < 0.015
     assert abs(np.median(reading[near]) - 0.5) < 0.002
     assert abs(np.quantile(reading[near], 0.84) - 0.52) < 0.004
+
+
+def test_a_sensor_that_sticks_repeats_a_reading_as_often_as_declared():
+    sensor = Stuck(1.0, noise=0.0, resolution=0.0, samples=16, share=0.3)
+    deflection = jnp.linspace(-0.8, 0.8, 16)
+    readings = np.asarray(
+        jax.vmap(lambda key: sensor.read(deflection, jax.random.normal(key, (16,))))(
+            jax.random.split(jax.random.key(0), 4000)
+        )
+    )
+    lasts = np.argmax(np.isclose(readings, readings[:, -1:], atol=1e-6), axis=1)
+    assert np.allclose(readings, np.asarray(deflection)[np.minimum(np.arange(16), lasts[:, None])], atol=1e-6)
+    # Sticking at the last sample is not seen.
+    assert abs(np.mean(lasts < 15) - 0.3 * 15 / 16) < 0.02
+    assert abs(np.mean(lasts[lasts < 15]) - 7) < 0.4
 
 
 def test_a_biased_sensor_reads_too_much(duffing):
@@ -128,12 +146,18 @@ def bad(params: Params) -> Fixed:
 
 def test_measured_residual_is_the_one_of_a_quadratic_plant(duffing):
     rng = np.random.default_rng(2)
-    shapes = rng.normal(size=(5, 16))
+    shapes = rng.uniform(0.5, 2, (5, 1)) * np.sin(1.3 * np.arange(16) + rng.uniform(0, 6, (5, 1)))
     samples = 0.3 * shapes[0]
     residuals = 0.7 * np.mean(shapes**2, axis=1)
     noise = float(duffing.sensor.noise) ** 2 + float(duffing.sensor.resolution) ** 2 / 12
     found = measured_residual(duffing, single(samples), single(shapes), single(residuals))
     np.testing.assert_allclose(found, 0.7 * (np.mean(samples**2) - noise), rtol=1e-4)
+    # A spike counts as ten times what is usual, however great it is.
+    spiky = samples.copy()
+    spiky[3] = 40.0
+    seen = measured_residual(duffing, single(spiky), single(shapes), single(residuals))
+    others = np.sum(samples**2) - samples[3] ** 2 + 10 * np.median(spiky**2)
+    np.testing.assert_allclose(seen, 0.7 * (others / 16 - noise), rtol=1e-4)
     # A plant that diverges says nothing about the ratio, and a residual is at most 4.
     shapes[1] = np.inf
     same = measured_residual(duffing, single(samples), single(shapes), single(residuals))

@@ -122,19 +122,37 @@ def _from_noise(noise: Float[Array, " samples"], share: Scalar) -> tuple[Bool[Ar
     return even < share, even / share, jax.scipy.stats.norm.ppf(rest)
 
 
-class Swaying(AbstractMachine):
-    """A machine whose payload is another one in every move: more and less, as a sine over the moves.
+class Stuck(Sensor):
+    """A sensor that sticks in some of the windows: from some sample on it repeats what it read there.
 
     Attributes:
-        machine: with a constant payload.
-        share: amplitude of the sine, over the payload.
+        share: probability that it sticks in a window.
+    """
+
+    share: Scalar = eqx.field(default=0.1, converter=Argument(positive))
+
+    def read(self, deflection: Float[Array, " samples"], noise: Float[Array, " samples"]) -> Float[Array, " size"]:
+        stuck, place, others = _from_noise(noise[:1], self.share)
+        noise = noise.at[:1].set(jnp.where(stuck, noise[:1], others))
+        count = len(noise)
+        last = jnp.where(stuck, (place * count).astype(jnp.int32), count - 1)
+        read = jnp.minimum(jnp.arange(count), last)
+        return super().read(deflection[read], noise[read])
+
+
+class Altered(AbstractMachine):
+    """A machine that another one stands for, altered by the moves that it has made.
+
+    Attributes:
+        machine: the one it would be.
+        share: how much it is altered.
     """
 
     machine: AbstractMachine
     share: Scalar = eqx.field(converter=Argument(positive))
 
     def plant(self, payload: Scalar, moves: Int[Array, ""]) -> AbstractPlant:
-        return self.machine.plant(payload * (1 + self.share * jnp.sin(moves / 2.0)).astype(payload.dtype), moves)
+        return self.machine.plant(payload, moves)
 
     def command(self, distance: Scalar, moves: Int[Array, ""]) -> AbstractCommand:
         return self.machine.command(distance, moves)
@@ -152,6 +170,27 @@ class Swaying(AbstractMachine):
         return self.machine.payload_unit()
 
 
+class Swaying(Altered):
+    """A machine whose payload is another one in every move: more and less, as a sine over the moves, by ``share``."""
+
+    def plant(self, payload: Scalar, moves: Int[Array, ""]) -> AbstractPlant:
+        return self.machine.plant(payload * (1 + self.share * jnp.sin(moves / 2.0)).astype(payload.dtype), moves)
+
+
+class Ageing(Altered):
+    """A machine whose stiffness falls from move to move, by ``share`` in all that are ever less."""
+
+    def plant(self, payload: Scalar, moves: Int[Array, ""]) -> AbstractPlant:
+        return self._aged(moves).plant(payload, moves)
+
+    def command(self, distance: Scalar, moves: Int[Array, ""]) -> AbstractCommand:
+        return self._aged(moves).command(distance, moves)
+
+    def _aged(self, moves: Int[Array, ""]) -> AbstractMachine:
+        less = self.share * -jnp.expm1(-moves / 32.0)
+        return scaled_machine(self.machine, _stiff(1 - less, 1 - less / 3))
+
+
 class LaggedStep(Checked):
     """A step by an actuator that takes a while, at constant speed.
 
@@ -165,13 +204,19 @@ class LaggedStep(Checked):
         return RampProfile(jnp.abs(distance) / self.time)(distance)
 
 
-def scaled(params: Params, factors: Mapping[str, float]) -> Params:
+def scaled(params: Params, factors: Mapping[str, Any]) -> Params:
     """The params with leaves of the machine, by their dotted paths, times factors; paths that it lacks are left out."""
+    return dataclasses.replace(params, machine=scaled_machine(params.machine, factors))
+
+
+def scaled_machine(machine: AbstractMachine, factors: Mapping[str, Any]) -> AbstractMachine:
+    """A machine with leaves, by their dotted paths, times factors; paths that it lacks are left out."""
 
     def times(path: Any, value: Array) -> Array:
-        return value * factors.get(jax.tree_util.keystr(path, simple=True, separator="."), 1.0)
+        factor = factors.get(jax.tree_util.keystr(path, simple=True, separator="."), 1.0)
+        return (value * factor).astype(value.dtype)
 
-    return dataclasses.replace(params, machine=jax.tree_util.tree_map_with_path(times, params.machine))
+    return jax.tree_util.tree_map_with_path(times, machine)
 
 
 def with_payloads(params: Params, least: Any, greatest: Any) -> Params:
@@ -187,8 +232,12 @@ def with_sensor(params: Params, **values: Any) -> Params:
 def stiffness(params: Params, spring: float, others: float) -> Params:
     """The params with a factor of a Duffing spring's cubic stiffness, and one of what else is stiff in a machine, or
     long in a crane: leaves whose change a payload does not explain away."""
+    return scaled(params, _stiff(spring, others))
+
+
+def _stiff(spring: Any, others: Any) -> dict[str, Any]:
     names = ("nominal.gravity", "nominal.link.omega", "low", "high")
-    return scaled(params, {"nominal.spring.k3": spring, **dict.fromkeys(names, others)})
+    return {"nominal.spring.k3": spring, **dict.fromkeys(names, others)}
 
 
 def damping(params: Params, factor: float) -> Params:
@@ -260,6 +309,22 @@ def worn(params: Params) -> Params:
     return with_sensor(found, noise=2 * params.sensor.noise)
 
 
+def rusty(params: Params) -> Params:
+    """Stiffer, more damped and noisier, all at once."""
+    found = damping(stiffness(params, 1.25, 1.06), 4.0)
+    return with_sensor(found, noise=2 * params.sensor.noise)
+
+
+def ageing(params: Params) -> Params:
+    """The stiffness falls from move to move, by a quarter in 64 moves."""
+    return dataclasses.replace(params, machine=Ageing(params.machine, jnp.full_like(params.period, 0.3)))
+
+
+def overloaded(params: Params) -> Params:
+    """Payloads above the range, on what is softer."""
+    return stiffness(heavier(params), 0.85, 0.95)
+
+
 DECLARED: dict[str, Family] = {
     "none": lambda params: params,
     "heavier": heavier,
@@ -272,21 +337,27 @@ DECLARED: dict[str, Family] = {
     "missing": partial(missing, share=0.1),
     "swaying": swaying,
     "lagging": lagging,
+    "softer": partial(stiffness, spring=0.6, others=0.88),
+    "worn": worn,
+    "spiky": lambda params: of_kind(params, Spiky, share=jnp.asarray(0.05, params.period.dtype)),
 }
 """The families that the guard's first debt is calibrated on: payloads and moves beyond the range, another spring law,
-other damping, noise, missing samples, a payload that changes in every move, a slow actuator. ``none`` is no shift."""
+other damping, noise, missing and wrong samples, a payload that changes in every move, a slow actuator. ``none`` is no
+shift."""
 
 HELD_OUT: dict[str, Family] = {
     "lighter": lighter,
     "nearer": nearer,
-    "softer": partial(stiffness, spring=0.6, others=0.88),
     "frictionless": partial(damping, factor=0.01),
     "biased": biased,
     "miscalibrated": lambda params: with_sensor(params, reach=params.sensor.reach / 1.2),
     "restless": lambda params: dataclasses.replace(params, change_rate=jnp.minimum(3 * params.change_rate, 1.0)),
     "patchy": partial(missing, share=0.4),
-    "worn": worn,
-    "spiky": lambda params: of_kind(params, Spiky, share=jnp.asarray(0.05, params.period.dtype)),
+    "rusty": rusty,
+    "ageing": ageing,
+    "overloaded": overloaded,
+    "stuck": lambda params: of_kind(params, Stuck, share=jnp.asarray(0.1, params.period.dtype)),
+    "coarse": lambda params: with_sensor(params, resolution=16 * params.sensor.resolution),
 }
 """The families that neither training nor calibration has used; for judging alone."""
 

@@ -38,9 +38,9 @@ from jshape_envs.evaluate import episode_costs
 from jshape_envs.families import Declared, Family, damping, stiffness
 from jshape_envs.state_estimation import corrected, predicted_window
 
-PAYLOADS = 21
+PAYLOADS = 41
 """Payloads of the bank, over their declared range and a quarter of it to either side."""
-VARIANTS = ((1.0, 1.0), (0.8, 1.0), (1.25, 1.0), (1.0, 2.5), (1.0, 0.4))
+VARIANTS = ((1.0, 1.0), (0.8, 1.0), (0.9, 1.0), (1.12, 1.0), (1.25, 1.0), (1.0, 2.5), (1.0, 0.4))
 """Factors of stiffness and damping (``families``) of the bank's plants; first the declared one."""
 BEYOND = 0.1
 """Prior probability of a payload beyond the declared range, and of a stiffness or damping that is not the declared."""
@@ -48,8 +48,12 @@ ROBUSTNESSES = (0.0, 0.25, 0.5, 1.0)
 """Of the hedges of the bank's own shaper."""
 TOLERANCE = 1e-5
 """Cost a move that a proposal may have beyond the fallback's in the long run; also how fast a debt is forgiven."""
+PLAUSIBLE = 2
+"""Variants on whose plants all shapers are compared: the most probable ones."""
 FORESIGHT = 3.0
 """Weight of a predicted residual beside a paid one: what one move leaves, the next one begins with."""
+SPIKE = 10.0
+"""Greatest square of a sample, over the median of all, that counts in full; of a vibration it is about two."""
 CREDIT = 0.2
 """Greatest sum of costs saved that can be set against later excess."""
 DEBTS = (0.0, 0.01, 0.03, 0.1, float("inf"))
@@ -166,9 +170,12 @@ class Guard(AbstractPolicy):
             log_prior=log_prior,
         )
         memories, shapers = self._candidates(memory, observation, params, state, bank, log_posterior)
-        residuals, references = self._over_plants(params, lambda p, m: _residuals(p, bank, m, shapers))
+        fallback = jax.tree.map(lambda x: x[:1], shapers)
+        residuals, references = self._over_plants(params, lambda p, m: _residuals(p, bank, m, fallback))
+        plausible = self._plausible(log_prior)
+        predicted, _ = self._over_plants(params, lambda p, m: _residuals(p, bank, m, shapers), plausible)
         times = params.time_weight * shapers.times[:, -1] / params.period
-        costs = times + FORESIGHT * params.energy_weight * (jnp.exp(log_prior) @ residuals)
+        costs = times + FORESIGHT * params.energy_weight * (jax.nn.softmax(log_prior[plausible]) @ predicted)
         proposer = jnp.array([0, 1, 3] + [2] * (len(ROBUSTNESSES) + 1))
         costs = costs + jnp.concatenate([jnp.zeros(1, debt.dtype), jnp.maximum(debt, 0.0)])[proposer]
         best = jnp.argmin(costs)
@@ -218,13 +225,20 @@ class Guard(AbstractPolicy):
         sound = jnp.all(jnp.isfinite(found.amplitudes) & jnp.isfinite(found.times)) & (bank.made > 0)
         return jax.tree.map(lambda new, old: jnp.where(sound, new, old), found, tuned)
 
-    def _over_plants(self, params: Params, of: Callable[[Params, Scalar], Any]) -> Any:
-        """A function of params with a plant's machine, and its payload, for every plant of the bank."""
+    def _plausible(self, log_prior: Float[Array, " plants"]) -> Int[Array, " plausible"]:
+        """Indices of the plants of the most probable variants."""
+        _, variants = jax.lax.top_k(jax.nn.logsumexp(log_prior.reshape(-1, PAYLOADS), axis=1), PLAUSIBLE)
+        return (PAYLOADS * variants[:, None] + jnp.arange(PAYLOADS)).reshape(-1)
+
+    def _over_plants(
+        self, params: Params, of: Callable[[Params, Scalar], Any], places: Int[Array, " some"] | slice = slice(None)
+    ) -> Any:
+        """A function of params with a plant's machine, and its payload, for every plant of the bank, or some."""
 
         def one(machine: AbstractMachine, payload: Scalar) -> Any:
             return of(eqx.tree_at(lambda p: p.machine, params, machine), payload)
 
-        return jax.vmap(one)(self.machines, self.payloads)
+        return jax.vmap(one)(*jax.tree.map(lambda x: x[places], (self.machines, self.payloads)))
 
     def _before_next(self, params: Params, log_posterior: Float[Array, " plants"]) -> Float[Array, " plants"]:
         """The plants' probabilities before the next move: the payload may have changed, nothing else has."""
@@ -321,8 +335,9 @@ def measured_residual(
 ) -> Scalar:
     """The normalised residual energy of the last move by its samples, at most ``DIVERGED_RESIDUAL``.
 
-    The mean square of the samples less the sensor's noise, times the ratio of energy to mean square that the plants of
-    the bank have on average, those that vibrate most above all. So it does not depend on which of them is the true one.
+    The mean square of the samples, spikes clipped, less the sensor's noise, times the ratio of energy to mean square
+    that the plants of the bank have on average, those that vibrate most above all. So it does not depend on which of
+    them is the true one.
 
     Args:
         params: the environment.
@@ -333,7 +348,8 @@ def measured_residual(
     squares = jnp.mean(deflections**2, axis=1)
     valid = jnp.isfinite(squares) & jnp.isfinite(residuals)
     ratio = jnp.sum(jnp.where(valid, residuals, 0.0)) / jnp.maximum(jnp.sum(jnp.where(valid, squares, 0.0)), 1e-20)
-    power = jnp.maximum(jnp.mean(samples**2) - sensor_deviation(params) ** 2, 0.0)
+    typical = jnp.minimum(samples**2, SPIKE * jnp.median(samples**2))
+    power = jnp.maximum(jnp.mean(typical) - sensor_deviation(params) ** 2, 0.0)
     return bounded_residual(ratio * power, jnp.ones_like(power), jnp.zeros((), bool))
 
 
