@@ -207,8 +207,8 @@ def test_no_starts_without_modes_or_energies(search, monkeypatch):
 
 
 def test_models_that_do_not_hold_are_left():
-    """A spring that hardens: at the first designs the models are off by more than what counts as holding."""
-    plant = js.plants.TwoMass(1.0, 1.0, js.plants.Duffing(10.0, 100.0))
+    """A spring that hardens: at the first designs the models are off by more than what is of use."""
+    plant = js.plants.TwoMass(1.0, 1.0, js.plants.Duffing(10.0, 1000.0))
     problem = design_problem(
         plant, js.Trapezoid(1.0, 1.0, 4.0), 3, (0.3, 1.5), "positive", None, {"m2": [0.9, 1.0, 1.1]}, "worst",
         relative=True, initial_state=None, limits=Limits(),
@@ -216,7 +216,7 @@ def test_models_that_do_not_hold_are_left():
     search, given = ScaledProblem(problem), starts(problem, 8, 0)
     models = linear_models.LinearModels(search)
     models.fit(np.array([search.vector(one) for one in given]))
-    assert models.error() > linear_models.HOLD
+    assert models.error() > linear_models.USELESS
     assert linear_models.linear_starts(search, given, np.random.default_rng(0)) == linear_models.Starts([], False)
 
 
@@ -269,6 +269,21 @@ def test_the_best_design_is_played_backwards_where_derivatives_are_dear():
         over={"cable_length": SPREAD}, objective="worst",
     )  # fmt: skip
     assert found.objective <= 0.07906
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [2, 3])
+def test_models_that_are_rough_lead_to_the_best_design(seed):
+    """A hoist, whose frequency changes as it moves: the models are 30 % off, and searches without them ended at 0.0240
+    J, *converged*."""
+    move = js.Axes(
+        trolley=js.Trapezoid(6.9601226, 1.4368999, 0.2890498965), hoist=js.Trapezoid(-4.94837377, 0.5, 0.25)
+    )
+    found = js.tune(
+        js.plants.HoistingCrane(10.0, 1000.0), move, 6, (1.2, 5.056493416), "bounded", 1.0,
+        over={"cable_length": SPREAD}, objective="mean", seed=seed,
+    )  # fmt: skip
+    assert found.objective <= 0.020605
 
 
 @pytest.mark.slow

@@ -5,18 +5,17 @@
 
 from typing import NamedTuple
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
 from jshape import _check
 from jshape.design.tuning import interval
-from jshape.design.tuning.bounds import Bounds
 from jshape.design.tuning.design_problem import DesignProblem
-from jshape.design.tuning.evaluate import DIVERGED_ENERGY, Values, evaluate, slacks
+from jshape.design.tuning.evaluate import DIVERGED_ENERGY, Values, evaluate
+from jshape.design.tuning.messages import above_the_limit, missed
 from jshape.design.tuning.objective import value_of
 from jshape.design.tuning.scaled_problem import EXCEEDED, Optimality, ScaledProblem
-from jshape.design.tuning.scenarios import Limits, Point, Scenarios
+from jshape.design.tuning.scenarios import Point
 from jshape.design.tuning.solution import Solution
 from jshape.simulation.schedule import schedule
 from jshape.simulation.simulate import initial
@@ -25,10 +24,6 @@ from jshape.status import Status
 
 APART = 1.2
 """Times the objective, beyond which that on the finer set is named in the message."""
-
-
-TOGETHER = 1e-6
-"""Of the longest duration, within which impulses are one."""
 
 
 class Candidate(NamedTuple):
@@ -96,32 +91,6 @@ def status_of(values: np.ndarray, slacks: np.ndarray, optimal: bool) -> Status:
     if slacks.min(initial=0.0) < -EXCEEDED:
         return Status.INFEASIBLE
     return Status.CONVERGED if optimal else Status.STOPPED
-
-
-def missed(scenarios: Scenarios, point: Point) -> str:
-    """In words, which limits a design misses, and by what part of each."""
-    found = []
-    for name, of_axes in vars(scenarios.limits).items():
-        for axis, limit in of_axes.items():
-            alone = Limits(**{name: {axis: limit} if axis else limit}, axes=scenarios.plant.axes)
-            case = eqx.tree_at(lambda x: x.limits, scenarios, alone)
-            if (slack := float(slacks(case, point).min())) < -EXCEEDED:
-                found.append(f"; {name}{f' of {axis}' if axis else ''} is missed by {-100 * slack:.3g} %")
-    return "".join(found)
-
-
-def above_the_limit(bounds: Bounds, point: Point) -> str:
-    """In words, which impulses at one time add up to more than an amplitude may be: the limit holds for each alone."""
-    found = []
-    for amplitudes, gaps in zip(*(np.split(part, bounds.shapers) for part in point[:2]), strict=True):
-        times = np.append(0.0, np.cumsum(gaps))
-        together = np.cumsum(np.append(False, gaps > TOGETHER * bounds.longest))
-        sums = np.bincount(together, amplitudes)
-        over = (sums > bounds.upper.max() * (1 + 1e-6)) | (sums < bounds.lower.min() - 1e-6)
-        found += [f"{sums[i]:.4g} at {times[np.argmax(together == i)]:.4g} s" for i in np.nonzero(over)[0]]
-    if not found:
-        return ""
-    return f"; impulses that coincide add up to {', '.join(found)}: the limit holds for each alone"
 
 
 def solution(judge: ScaledProblem, best: Candidate, balance: Optimality, enough: bool, course: Course) -> Solution:

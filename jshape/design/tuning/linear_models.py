@@ -38,9 +38,9 @@ REFINED, KNOWN, ROUNDS = 33, 20, (3, 6)
 """So many of them for each impulse that lie apart are refined side by side, beside the best that are known; in so many
 rounds at least and at most."""
 
-SAME, HOLD = 0.002, 0.2
+SAME, HOLD, USELESS = 0.002, 0.2, 0.5
 """Two independent searches of the models agree where their best ends differ by less; models hold at a design whose
-objective differs by less on the plants, and where they do not hold at most of the first ones they are of no use."""
+objective differs by less on the plants, and where it differs by more at most of the first ones they are of no use."""
 
 FEW, TRIED = 12, 3
 """Designs to whose energies the models of the plants between those of the set are fitted at first; and those of each
@@ -340,7 +340,7 @@ def linear_starts(search: ScaledProblem, designs: list[Point], random: np.random
         return Starts([], False)
     points = np.array([search.vector(one) for one in designs])
     models.fit(points)
-    if not np.all(models.weights[: models.given].any(axis=1)) or models.error() > HOLD:
+    if not np.all(models.weights[: models.given].any(axis=1)) or models.error() > USELESS:
         return Starts([], False)
     models.fit_between(points[:FEW])
     known, agreed = [np.zeros((0, len(search.units)))] * 2, False

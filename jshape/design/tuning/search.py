@@ -14,10 +14,10 @@ from jshape._types import Progress
 from jshape.design.tuning import digital, interval, linear_models
 from jshape.design.tuning.adam import descend
 from jshape.design.tuning.design_problem import DesignProblem
-from jshape.design.tuning.evaluate import DIVERGED_ENERGY, LOOSEST
+from jshape.design.tuning.evaluate import LOOSEST
 from jshape.design.tuning.judging import Candidate, Course, bare_energy, solution
 from jshape.design.tuning.local_search import COARSE, KNOWN, Descent, distinct, merged, side_by_side
-from jshape.design.tuning.objective import objective_name, value_of
+from jshape.design.tuning.messages import doubts, not_optimal, objective_found
 from jshape.design.tuning.restarts import ENOUGH, Around, around
 from jshape.design.tuning.scaled_problem import OPTIMAL, Optimality, ScaledProblem
 from jshape.design.tuning.scenarios import Point
@@ -40,6 +40,9 @@ EARLY = 0.01
 
 CHEAP = 20_000
 """Segments, states, plants and variables, multiplied, above which there are no more than those."""
+
+UNMODELLED = 7
+"""Searches from around the best design, at least, where linear models were of no use and say nothing of it."""
 
 CHEAPER = 32
 """How many times less they cost where the search is more thorough (``restarts.around``)."""
@@ -78,7 +81,7 @@ class Search:
         self.summary, self.interrupted = "", False
         self.around: Around | None = None
         self.compiling: Future[None] | None = None
-        self.models = linear_models.Starts([], False)
+        self.models, self.least = linear_models.Starts([], False), 1
         self.others: list[Point] = []
 
     @property
@@ -175,7 +178,7 @@ class Search:
                 for _ in side_by_side(descents, most or iterations, known if most else 0.0):
                     done += 1
                 if (size, most) == rounds[-2]:
-                    others = max(1, min(count // 2, int(more) - 1))  # Played backwards, at least.
+                    others = max(1, min(count // 2, max(int(more) - 1, self.least)))  # Played backwards, at least.
                     self.around = around(descents, begin, others, self.random, more > CHEAPER)
                     descents = self.around.descents
                 for descent in distinct(descents)[:1] if most else descents:
@@ -197,18 +200,7 @@ class Search:
         self.progress("local search", total, total, self._total())
 
     def _doubts(self, iterations: int) -> str:
-        """What speaks against the best candidate, for the message."""
-        if not self.best.optimal:
-            return f", not optimal after {iterations} iterations"
-        many = "there are many local optima, and more starts, or another seed, may find a better one"
-        if self._undecided:
-            return f"; two searches of linear models came to different designs: {many}"
-        if (near := self.around) is None or not near.doubtful:
-            return ""
-        few = f"{near.back} of {near.begun} searches from around the best came back to it"
-        few += f", {near.met} of {near.sent} from elsewhere came there" if near.sent else ""
-        alone = f"none of {near.sent} searches from elsewhere came to the best"
-        return f"; {few if near.few else alone}: {many}"
+        return doubts(self._undecided, self.around) if self.best.optimal else not_optimal(iterations)
 
     @property
     def _undecided(self) -> bool:
@@ -233,6 +225,7 @@ class Search:
         if not modelled or not self.problem.scenarios.samples or not linear_models.applies(self.problem):
             return ranked, False
         self.models = found = linear_models.linear_starts(self.judge, ranked, self.random.spawn(1)[0])
+        self.least = 1 if found.points else UNMODELLED
         ranked = self._ranked(ranked + found.points)
         if found.sure:
             # Played backwards the best one is nearly as good, or better.
@@ -380,13 +373,8 @@ class Search:
 
     def _value(self) -> str:
         """The best candidate's objective, as messages say it."""
-        problem, point = self.problem, self.best.point
-        value = value_of(problem.objective, self.judge.values(self.judge.vector(point)).energies)
-        if value >= DIVERGED_ENERGY:
-            return f"{objective_name(problem.objective)} unknown: a plant diverges, or its move takes too many steps"
-        unit = "" if problem.scenarios.metric is not None or callable(problem.objective) else " J"
-        cost = f" and {problem.time_cost * point.gaps.sum():.6g} for its time" if problem.time_cost else ""
-        return f"{objective_name(problem.objective)} {value:.6g}{unit}{cost}"
+        point = self.best.point
+        return objective_found(self.problem, self.judge.values(self.judge.vector(point)).energies, point)
 
     def _solution(self) -> Solution:
         """The best candidate, judged."""

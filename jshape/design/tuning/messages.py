@@ -1,0 +1,75 @@
+"""What the message of a design says of it: its objective, the limits that it misses, and what speaks against it."""
+
+import equinox as eqx
+import numpy as np
+
+from jshape.design.tuning.bounds import Bounds
+from jshape.design.tuning.design_problem import DesignProblem
+from jshape.design.tuning.evaluate import DIVERGED_ENERGY, slacks
+from jshape.design.tuning.objective import objective_name, value_of
+from jshape.design.tuning.restarts import Around
+from jshape.design.tuning.scaled_problem import EXCEEDED
+from jshape.design.tuning.scenarios import Limits, Point, Scenarios
+
+TOGETHER = 1e-6
+"""Of the longest duration, within which impulses are one."""
+
+MANY = "there are many local optima, and more starts, or another seed, may find a better one"
+
+
+def objective_found(problem: DesignProblem, energies: np.ndarray, point: Point) -> str:
+    """The objective of a design after which the plants hold these energies, J, and the cost of its time."""
+    name, value = objective_name(problem.objective), value_of(problem.objective, energies)
+    if value >= DIVERGED_ENERGY:
+        return f"{name} unknown: a plant diverges, or its move takes too many steps"
+    unit = "" if problem.scenarios.metric is not None or callable(problem.objective) else " J"
+    cost = f" and {problem.time_cost * point.gaps.sum():.6g} for its time" if problem.time_cost else ""
+    return f"{name} {value:.6g}{unit}{cost}"
+
+
+def not_optimal(iterations: int) -> str:
+    """That a design does not meet the conditions of an optimum."""
+    return f", not optimal after {iterations} iterations"
+
+
+def doubts(undecided: bool, near: Around | None) -> str:
+    """What speaks against an optimum as the best of all.
+
+    Args:
+        undecided: whether two searches of linear models came to different designs, and nothing else counts.
+        near: what the searches from around it say.
+    """
+    if undecided:
+        return f"; two searches of linear models came to different designs: {MANY}"
+    if near is None or not near.doubtful:
+        return ""
+    few = f"{near.back} of {near.begun} searches from around the best came back to it"
+    few += f", {near.met} of {near.sent} from elsewhere came there" if near.sent else ""
+    alone = f"none of {near.sent} searches from elsewhere came to the best"
+    return f"; {few if near.few else alone}: {MANY}"
+
+
+def missed(scenarios: Scenarios, point: Point) -> str:
+    """In words, which limits a design misses, and by what part of each."""
+    found = []
+    for name, of_axes in vars(scenarios.limits).items():
+        for axis, limit in of_axes.items():
+            alone = Limits(**{name: {axis: limit} if axis else limit}, axes=scenarios.plant.axes)
+            case = eqx.tree_at(lambda x: x.limits, scenarios, alone)
+            if (slack := float(slacks(case, point).min())) < -EXCEEDED:
+                found.append(f"; {name}{f' of {axis}' if axis else ''} is missed by {-100 * slack:.3g} %")
+    return "".join(found)
+
+
+def above_the_limit(bounds: Bounds, point: Point) -> str:
+    """In words, which impulses at one time add up to more than an amplitude may be: the limit holds for each alone."""
+    found = []
+    for amplitudes, gaps in zip(*(np.split(part, bounds.shapers) for part in point[:2]), strict=True):
+        times = np.append(0.0, np.cumsum(gaps))
+        together = np.cumsum(np.append(False, gaps > TOGETHER * bounds.longest))
+        sums = np.bincount(together, amplitudes)
+        over = (sums > bounds.upper.max() * (1 + 1e-6)) | (sums < bounds.lower.min() - 1e-6)
+        found += [f"{sums[i]:.4g} at {times[np.argmax(together == i)]:.4g} s" for i in np.nonzero(over)[0]]
+    if not found:
+        return ""
+    return f"; impulses that coincide add up to {', '.join(found)}: the limit holds for each alone"
