@@ -276,9 +276,7 @@ def test_the_best_design_is_played_backwards_where_derivatives_are_dear():
 def test_models_that_are_rough_lead_to_the_best_design(seed):
     """A hoist, whose frequency changes as it moves: the models are 30 % off, and searches without them ended at 0.0240
     J, *converged*."""
-    move = js.Axes(
-        trolley=js.Trapezoid(6.9601226, 1.4368999, 0.2890498965), hoist=js.Trapezoid(-4.94837377, 0.5, 0.25)
-    )
+    move = js.Axes(trolley=js.Trapezoid(6.9601226, 1.4368999, 0.2890498965), hoist=js.Trapezoid(-4.94837377, 0.5, 0.25))
     found = js.tune(
         js.plants.HoistingCrane(10.0, 1000.0), move, 6, (1.2, 5.056493416), "bounded", 1.0,
         over={"cable_length": SPREAD}, objective="mean", seed=seed,

@@ -200,6 +200,7 @@ MISTAKES = [
     ("t,a\n0,1\n0.01,1e300\n0.02,1\n", "it goes beyond 1e+150"),
     ("t,a\n0,1\n1e-320,2\n0.02,1\n0.03,1\n", "give --sample-time"),
     ("t,a\n0,1\n1,2\n", "the sample time, 1 s, must not be longer than the shaper"),
+    ("frame,a\n0,1\n1,2\n", "the first column must hold times, in s or another unit, not counts as 'frame' does"),
 ]
 
 
@@ -382,3 +383,28 @@ def test_a_decimal_comma_may_stand_in_the_first_row_alone(written):
     read = read_trajectory(written("0,5;1\n1;2\n2;3\n", "t.csv"))
     np.testing.assert_array_equal(read.times, [0.5, 1, 2])
     np.testing.assert_array_equal(read.states[:, 0, 0], [1, 2, 3])
+
+
+@pytest.mark.parametrize("turn", [360.0, 2 * np.pi])
+def test_a_wrapped_angle_is_named(written, turn):
+    """Half of a jump by a turn would be half a turn of the joint."""
+    angle = turn * 1.7 * (1 - np.cos(np.pi * AT / 1.5)) / 2
+    path = written("t,a,b\n" + "\n".join(f"{t},{x},{y}" for t, x, y in zip(AT, angle % turn, angle, strict=True)))
+    trajectory = read_trajectory(path)
+    with pytest.raises(ValueError, match=r"a: jumps by -.* after 0\.83 s, as a wrapped angle does: unwrap it"):
+        shape(trajectory, {"a": SHAPERS["elbow"]}, STEP)
+    shape(trajectory, {"b": SHAPERS["elbow"]}, STEP)
+    # Fast moves and steps are none.
+    for positions in (np.where(AT > 0.7, turn, 0.0), np.where(AT > 0.7, turn, 0.0) + 0.01 * AT, 0.4 * turn * (AT * 2)):
+        shape(
+            read_trajectory(written("t,a\n" + "\n".join(f"{t},{x}" for t, x in zip(AT, positions, strict=True)))),
+            {"a": SHAPERS["elbow"]}, STEP,
+        )  # fmt: skip
+
+
+def test_a_joint_alone_of_its_unit_has_no_path_to_leave(written):
+    path = written(csv_text(head="t [s],shoulder [rad],elbow [mm]"))
+    js.export(SHAPERS["elbow"], "json", path.with_name("s.json"))
+    result = run(app, ["shape", str(path), str(path.with_name("s.json"))])
+    assert result.exit_code == 0, result.output
+    assert "departs" not in result.output

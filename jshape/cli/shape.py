@@ -104,6 +104,8 @@ def _show(before: "Trajectory", effect: "Effect", files: dict[str, str], step: f
     took = before.times[-1] - before.times[0]
     say(console, f"duration: {took:.6g} s before, {took + effect.seconds.max():.6g} s shaped; a sample {step:.6g} s")
     for unit, value in effect.path.items():
+        if len(effect.path) > 1 and before.units.count(unit) == 1:
+            continue  # A joint alone never leaves its path; how far it is behind stands above.
         of = "" if len(effect.path) == 1 else f" of the joints in {unit or 'no unit'}"
         amount = f"{number(value)} {unit}".rstrip()
         say(console, f"path{of}: departs from the unshaped one by {amount} at most")

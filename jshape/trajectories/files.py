@@ -16,7 +16,7 @@ from jaxtyping import Float
 
 from jshape import _check
 from jshape._files import in_a_line, printable, read_text, write_text
-from jshape.identification.csv_file import axis_unit
+from jshape.identification.csv_file import COUNTS, axis_unit
 
 ORDERS = ("positions", "velocities", "accelerations")
 """Fields of a point of a JointTrajectory."""
@@ -109,6 +109,8 @@ def _from_csv(text: str) -> Trajectory:
                 raise ValueError(f"line {line}: {cell[:40]!r} is no finite number")
             numbers[i, j] = value
     names = [name.strip() for name in header] if header else [f"column {j + 1}" for j in range(width)]
+    if header and names[0].lower() in COUNTS:
+        raise ValueError(f"the first column must hold times, in s or another unit, not counts as {names[0]!r} does")
     unit = axis_unit(names[0], False)
 
     def where(i):

@@ -81,12 +81,17 @@ def shape(trajectory: Trajectory, shapers: Mapping[str, Shaper], step: float) ->
         step: sample time of the result, s.
 
     Raises:
-        ValueError: for a joint that there is not, a sample time that is longer than a shaper, and for too many samples.
+        ValueError: for a joint that there is not, a sample time that is longer than a shaper, too many samples, and for
+            an angle that jumps by a turn: half of the jump would be half a turn.
     """
     unknown = [name for name in shapers if name not in trajectory.names]
     if unknown:
         raise ValueError(f"there is no joint {unknown[0]!r}; there are {', '.join(trajectory.names)}")
     _check.positive(step, "sample_time")
+    for name, positions in zip(trajectory.names, trajectory.states[:, :, 0].T, strict=True):
+        if name in shapers and (i := _wrapped(positions)) is not None:
+            jump, at = positions[i + 1] - positions[i], trajectory.times[i]
+            raise ValueError(f"{name}: jumps by {jump:.6g} after {at:.6g} s, as a wrapped angle does: unwrap it")
     delays = np.array([float(shapers[name].duration) if name in shapers else 0.0 for name in trajectory.names])
     for name, delay in zip(trajectory.names, delays, strict=True):
         if 0 < delay < step:
@@ -123,6 +128,23 @@ def shape(trajectory: Trajectory, shapers: Mapping[str, Shaper], step: float) ->
             for same in [[other == unit for other in trajectory.units]]
         },
     )
+
+
+def _wrapped(positions: Float[np.ndarray, " points"]) -> int | None:
+    """The point after which an angle in degrees or radians is wrapped; ``None`` where it never is.
+
+    There it jumps by a turn, less or more by what its neighbours show, backwards as to them.
+    """
+    steps = np.diff(positions, prepend=positions[0], append=positions[-1])
+    before, step, after = steps[:-2], steps[1:-1], steps[2:]
+    usual = np.maximum(np.abs(before), np.abs(after))
+    for turn in (360.0, 2 * np.pi):
+        missing = np.abs(np.abs(step) - turn)
+        back = np.sign(step) == -np.sign(np.where(before == 0, after, before))
+        found = np.flatnonzero(back & (missing <= 2 * usual) & (usual < turn / 4) & (np.abs(step) > turn / 2))
+        if len(found):
+            return int(found[0])
+    return None
 
 
 @np.errstate(all="ignore")
