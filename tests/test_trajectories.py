@@ -408,3 +408,11 @@ def test_a_joint_alone_of_its_unit_has_no_path_to_leave(written):
     result = run(app, ["shape", str(path), str(path.with_name("s.json"))])
     assert result.exit_code == 0, result.output
     assert "departs" not in result.output
+
+
+def test_a_shaper_longer_than_the_motion_is_doubted(written):
+    path = written(csv_text())
+    path.with_name("s.csv").write_text("time_s,amplitude\n0,0.5\n250,0.5\n", encoding="utf-8")
+    result = run(app, ["shape", str(path), str(path.with_name("s.csv"))])
+    assert result.exit_code == 0, result.output
+    assert "shaping takes 250 s, longer than the motion: are its times in s?" in " ".join(result.output.split())

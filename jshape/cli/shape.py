@@ -123,5 +123,7 @@ def _show(before: "Trajectory", effect: "Effect", files: dict[str, str], step: f
             console,
             f"note: {', '.join(moving)} move at the first or the last point; shaping takes them as at rest there",
         )
+    if effect.seconds.max() > took:
+        say(console, f"note: shaping takes {effect.seconds.max():.6g} s, longer than the motion: are its times in s?")
     if len(set(effect.seconds)) > 1:
         say(console, "note: joints with different shapers no longer move in step, so that the path departs more")
