@@ -49,7 +49,7 @@ first debt (`jshape_envs.guard.Guard`) is calibrated on the declared families of
 infinite no debt of the list was enough in every family, and the fallback acts alone. The held-out families were run
 once, after the guard was final. Of the declared ones some were held out until an earlier guard cost more than the
 better fixed shaper in more than a tenth of their episodes: `undamped` (78 % on DuffingPayload: the bank knew more
-damping but not less), `hardly-damped` (28 % there: the state was not corrected by the samples), and `softer`, `worn` and
+damping but not less), `hardly-damped` (28 % there: the samples did not correct the state), and `softer`, `worn` and
 `spiky` (16, 13 and 16 % on FlexibleLinkPayload: a bank too coarse in stiffness, and spikes that counted as vibration).
 """
 
