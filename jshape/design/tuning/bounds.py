@@ -23,6 +23,9 @@ SPREAD = 0.5
 BESIDE = 0.02
 """Standard deviation of the way from one impulse to another that is put beside it, of the duration."""
 
+LONG = 0.4
+"""Of the longest duration, least of designs at random."""
+
 
 class Bounds(eqx.Module):
     """The set of designs that a search considers.
@@ -101,13 +104,18 @@ class Bounds(eqx.Module):
         shift = (amplitudes[free].sum() - left) / free.sum() if free.any() else ends[1]
         return np.clip(amplitudes - shift, lower, upper)
 
+    @property
+    def promising(self) -> float:
+        """Shortest duration that is tried at random, s: a long shaper leaves less, as a rule, if not of two impulses."""
+        return self.shortest if self.impulses == 2 else max(self.shortest, LONG * self.longest)
+
     def random(self, random: np.random.Generator) -> Point:
         """A random design within the bounds; in every other one, on average, impulses stand close together."""
         spread = np.minimum(self.upper, 2.0) - np.maximum(self.lower, -2.0)
         amplitudes, gaps = [], []
         for _ in range(self.shapers):
             amplitudes.append(self.project(np.maximum(self.lower, -2.0) + spread * random.random(self.impulses)))
-            duration = random.uniform(max(self.shortest, 0.4 * self.longest), self.longest)
+            duration = random.uniform(self.promising, self.longest)
             gaps.append(duration * random.dirichlet(np.full(self.impulses - 1, random.choice([4.0, 0.5]))))
         return Point(np.concatenate(amplitudes), np.concatenate(gaps), random.uniform(self.least, self.most))
 

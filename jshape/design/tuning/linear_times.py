@@ -18,9 +18,6 @@ FAVOURED = 0.25
 PERIODS = (-2, -1, -1, 1, 1, 2)
 """By how many of them a gap changes, each as likely as the others."""
 
-LONG = 0.4
-"""Of the longest duration, least: a long shaper leaves less, as a rule."""
-
 
 def gaps_to_try(
     bounds: Bounds,
@@ -42,7 +39,7 @@ def gaps_to_try(
         symmetric: whether they are the same backwards.
         random: draws them.
     """
-    least = bounds.shortest if dear else max(bounds.shortest, LONG * bounds.longest)
+    least = bounds.shortest if dear else bounds.promising
     durations = random.uniform(least, bounds.longest, count)
     gaps = durations[:, None] * random.dirichlet(np.ones(bounds.impulses - 1), count)
     if len(known) > 1 and bounds.impulses > 2:
