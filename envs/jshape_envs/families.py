@@ -141,11 +141,11 @@ class Stuck(Sensor):
 
 
 class Altered(AbstractMachine):
-    """A machine that another one stands for, altered by the moves that it has made.
+    """A machine that is another one in every move.
 
     Attributes:
-        machine: the one it would be.
-        share: how much it is altered.
+        machine: before it was altered.
+        share: how much of it is altered.
     """
 
     machine: AbstractMachine
@@ -178,7 +178,7 @@ class Swaying(Altered):
 
 
 class Ageing(Altered):
-    """A machine whose stiffness falls from move to move, by ``share`` in all that are ever less."""
+    """A machine whose stiffness falls from move to move, by ``share`` in the end: half of it after 22 moves."""
 
     def plant(self, payload: Scalar, moves: Int[Array, ""]) -> AbstractPlant:
         return self._aged(moves).plant(payload, moves)

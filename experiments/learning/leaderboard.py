@@ -35,9 +35,8 @@ Written by `python -m experiments.learning.leaderboard`: hidden payload, {episod
 *Residual*: energy left over the greatest of the bare move; *recovered*: moves until one leaves less than 5 % after the
 payload has changed, and the changes in which one of the first two does; *regret*: cost of a move beyond the oracle's
 from rest. The oracle itself pays some, because what one move leaves the next begins with; the full oracle sees that.
-The rows of `guarded` on CranePayload's `hard` and `out-of-distribution` and on HoistingCrane, but for `easy`, are an
-earlier guard's. Trainers of others are judged by their learning curves, PPO with ten times the moves, SAC with as many:
-`learning.md`.
+The rows of `guarded` are an earlier guard's, whose bank was coarser (`never_worse.md` has the present one's). Trainers
+of others are judged by their learning curves, PPO with ten times the moves, SAC with as many: `learning.md`.
 """
 
 
