@@ -93,15 +93,16 @@ class GuardState(NamedTuple):
 class Guard(AbstractPolicy):
     """Switching between a proposing policy and a fallback by conformal control of the cost beyond the fallback's.
 
-    Before a move, every plant of a bank (payloads in and beyond the declared range, several stiffnesses and dampings)
-    predicts the cost of the proposal, of the fallback, of another fixed shaper and of the bank's own, one of which
-    cancels the vibration that is there; its probability follows from how well it explains all samples so far, which
-    correct its state, too (``state_estimation``). A shaper is used in the fallback's place only where its mean
-    predicted cost is less by more than its proposer's *debt*. After the move, the samples give the residual that was
-    really left, and the bank, with the last window counted, what the fallback would have left. The difference of the
-    two costs is the excess e, and the proposer's debt d becomes max(d + e − τ, −``CREDIT``), τ = ``TOLERANCE``; that of
-    a proposer that was not used becomes max(d − τ, −``CREDIT``). So a proposer that costs more than it saves is set
-    aside until its debt is forgiven, and then it is tried again.
+    Every plant of a bank (payloads in and beyond the declared range, several stiffnesses and dampings) has a
+    probability that follows from how well it explains all samples so far, which correct its state, too
+    (``state_estimation``). Before a move, those of the two most probable stiffnesses and dampings predict the cost of
+    the proposal, of the fallback, of another fixed shaper and of the bank's own, one of which cancels the vibration
+    that is there. A shaper is used in the fallback's place only where its mean predicted cost is less by more than its
+    proposer's *debt*. After the move, the samples give the residual that was really left, and the bank, with the last
+    window counted, what the fallback would have left. The difference of the two costs is the excess e, and the
+    proposer's debt d becomes max(d + e − τ, −``CREDIT``), τ = ``TOLERANCE``; that of a proposer that was not used
+    becomes max(d − τ, −``CREDIT``). So a proposer that costs more than it saves is set aside until its debt is
+    forgiven, and then it is tried again.
 
     What is certain, for any sequence of moves, also an adversarial one: each debt is at most the greatest advantage A
     that was ever predicted plus the greatest excess E of one move, so that over T moves the measured excess of each

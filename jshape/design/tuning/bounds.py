@@ -106,7 +106,7 @@ class Bounds(eqx.Module):
 
     @property
     def promising(self) -> float:
-        """Shortest duration that is tried at random, s: a long shaper leaves less, as a rule, if not of two impulses."""
+        """Shortest duration that is tried at random, s: a long shaper leaves less as a rule, if not of two impulses."""
         return self.shortest if self.impulses == 2 else max(self.shortest, LONG * self.longest)
 
     def random(self, random: np.random.Generator) -> Point:

@@ -81,7 +81,7 @@ class Search:
         self.summary, self.interrupted = "", False
         self.around: Around | None = None
         self.compiling: Future[None] | None = None
-        self.models, self.least = linear_models.Starts([], False), 1
+        self.models, self.fewest = linear_models.Starts([], False), 1
         self.others: list[Point] = []
 
     @property
@@ -178,7 +178,7 @@ class Search:
                 for _ in side_by_side(descents, most or iterations, known if most else 0.0):
                     done += 1
                 if (size, most) == rounds[-2]:
-                    others = max(1, min(count // 2, max(int(more) - 1, self.least)))  # Played backwards, at least.
+                    others = max(1, min(count // 2, max(int(more) - 1, self.fewest)))  # Played backwards, at least.
                     self.around = around(descents, begin, others, self.random, more > CHEAPER)
                     descents = self.around.descents
                 for descent in distinct(descents)[:1] if most else descents:
@@ -225,7 +225,7 @@ class Search:
         if not modelled or not self.problem.scenarios.samples or not linear_models.applies(self.problem):
             return ranked, False
         self.models = found = linear_models.linear_starts(self.judge, ranked, self.random.spawn(1)[0])
-        self.least = 1 if found.points else UNMODELLED
+        self.fewest = 1 if found.points else UNMODELLED
         ranked = self._ranked(ranked + found.points)
         if found.sure:
             # Played backwards the best one is nearly as good, or better.
