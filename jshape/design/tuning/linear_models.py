@@ -338,7 +338,9 @@ def linear_starts(search: ScaledProblem, designs: list[Point], random: np.random
     models = LinearModels(search)
     if not np.all(np.isfinite(models.rates)):
         return Starts([], False)
-    points = np.array([search.vector(one) for one in designs])
+    # A few designs that leave hardly anything say little of the modes.
+    others = [search.problem.bounds.random(random) for _ in range(FEW - len(designs))]
+    points = np.array([search.vector(one) for one in designs + others])
     models.fit(points)
     if not np.all(models.weights[: models.given].any(axis=1)) or models.error() > USELESS:
         return Starts([], False)
