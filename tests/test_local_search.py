@@ -217,7 +217,7 @@ def test_a_search_goes_on_where_its_models_bend(crane):
     assert not descent.optimal or search.optimality(descent.point).residual < 1e-2
     # Rounding keeps a long move from a much tighter tolerance: the error is finite all the same.
     found = search.values(descent.x)
-    assert error_of(crane, descent.point, found) < 1e-10
+    assert error_of(search, descent.point, found) < 1e-10
 
 
 @pytest.mark.slow

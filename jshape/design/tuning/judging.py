@@ -19,7 +19,7 @@ from jshape.design.tuning.scenarios import Point
 from jshape.design.tuning.solution import Solution
 from jshape.simulation.schedule import schedule
 from jshape.simulation.simulate import initial
-from jshape.simulation.steps import TOLERANCE, least_tolerance
+from jshape.simulation.steps import least_tolerance
 from jshape.status import Status
 
 APART = 1.2
@@ -71,14 +71,15 @@ def on_finer_set(problem: DesignProblem, point: Point, found: Values) -> float:
     return value_of(problem.objective, interval.energies_of(problem, point, problem.finer_samples()))
 
 
-def error_of(problem: DesignProblem, point: Point, found: Values) -> float:
+def error_of(judge: ScaledProblem, point: Point, found: Values) -> float:
     """The change of the objective under a tolerance ten times tighter, J.
 
     Where rounding keeps that from being met, the greatest of the energies' own estimates.
     """
-    if least_tolerance(jnp.result_type(float)) > TOLERANCE / 10:
+    problem, tighter = judge.problem, judge.tightest / 10
+    if least_tolerance(jnp.result_type(float)) > tighter:
         return float(np.max(found.errors))
-    again = np.asarray(evaluate(problem.scenarios, point, np.float64(TOLERANCE / 10)).energies)
+    again = np.asarray(evaluate(problem.scenarios, point, np.float64(tighter)).energies)
     if np.any((again >= DIVERGED_ENERGY) & (found.energies < DIVERGED_ENERGY)):
         return float(np.max(found.errors))
     return abs(value_of(problem.objective, again) - value_of(problem.objective, found.energies))
@@ -130,7 +131,7 @@ def solution(judge: ScaledProblem, best: Candidate, balance: Optimality, enough:
         energies=values,
         samples=samples,
         objective_on_finer_set=finer,
-        error=error_of(problem, best.point, found),
+        error=error_of(judge, best.point, found),
         active={**active, "multiplier": balance.multipliers[heaviest]} if active else {},
         optimality=balance.residual,
         plant=scenarios.with_design(scenarios.plant, point),

@@ -127,6 +127,7 @@ class Descent:
     def running(self, iterations: int, known: float = 0.0) -> Computing[None]:
         """The same, which waits while programs run."""
         found = yield from self.search.evaluating(self.x, self.tolerance)
+        self.search.refine(found)
         least = known * value_of(self.search.problem.objective, found.energies) / scale_of(found.greatest)
         self.finest, self.compared = max(self.search.tightest, min(least, LOOSEST)), False
         for _ in range(iterations):

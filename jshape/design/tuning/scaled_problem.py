@@ -36,6 +36,10 @@ MISSED = 1e24
 DERIVATIVES = 1e-6
 """The tolerance of derivatives during a search."""
 
+FINE = 1e-8
+"""The part of the objective to which it is known at the end of a search, as far as the arithmetic allows: where hardly
+any energy is left, a coarser tolerance hides in which direction there is less."""
+
 REMEMBERED = 64
 """Designs whose values are kept."""
 
@@ -130,6 +134,12 @@ class ScaledProblem:
             return found
         return self._values[key][1]
 
+    def refine(self, found: Values) -> None:
+        """Take the tightest tolerance that the objective of a design asks for at the end of a search."""
+        least = least_tolerance(jnp.result_type(float))
+        wanted = FINE * value_of(self.problem.objective, found.energies) / scale_of(found.greatest)
+        self.tightest = float(np.clip(wanted, least, max(TOLERANCE, least)))
+
     def tolerance_for(self, x: Vector, part: float) -> float:
         """The loosest tolerance with which the objective of a design is known to that part of itself."""
         found = self.values(x, LOOSEST)
@@ -147,7 +157,7 @@ class ScaledProblem:
         """The same, which waits while a program runs."""
         known = yield from self.evaluating(x, tolerance)
         # States by the steps of the tolerance, their derivatives by as many as theirs takes: the method's order is 8.
-        given = self.tightest if tolerance is None else tolerance
+        given = self._values[x.tobytes()][0] if tolerance is None else tolerance
         wanted = 1e-9 if tolerance is None else DERIVATIVES
         steps = np.ceil(known.steps * min(1.0, (given / wanted) ** (1 / 8)) - 1e-6).astype(known.steps.dtype)
         key = x.tobytes() + known.ends.tobytes() + steps.tobytes()

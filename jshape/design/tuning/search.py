@@ -19,7 +19,7 @@ from jshape.design.tuning.judging import Candidate, Course, bare_energy, solutio
 from jshape.design.tuning.local_search import COARSE, KNOWN, Descent, distinct, merged, side_by_side
 from jshape.design.tuning.messages import doubts, not_optimal, objective_found
 from jshape.design.tuning.restarts import ENOUGH, Around, around
-from jshape.design.tuning.scaled_problem import OPTIMAL, Optimality, ScaledProblem
+from jshape.design.tuning.scaled_problem import MISSED, OPTIMAL, Optimality, ScaledProblem
 from jshape.design.tuning.scenarios import Point
 from jshape.design.tuning.solution import Solution
 from jshape.design.tuning.zero_energy import End, ends_of, rounding
@@ -78,7 +78,8 @@ class Search:
         self.judge, self.most = ScaledProblem(self.problem), most
         self.candidates: list[Candidate] = []
         self.history: list[float] = []
-        self.summary, self.interrupted = "", False
+        self.summary, self.doubt, self.interrupted = "", "", False
+        self.refined = self.tried = 0
         self.around: Around | None = None
         self.compiling: Future[None] | None = None
         self.models, self.fewest = linear_models.Starts([], False), 1
@@ -102,6 +103,8 @@ class Search:
                 if not self.best.optimal:
                     # Zero is out of reach, as far as is known: the least energy is looked for.
                     self._descend(ends + starts, iterations or ITERATIONS, 2 * most)
+            if iterations is None and self._worth_another():
+                self._again(min(most, len(starts)))
         except KeyboardInterrupt:
             if not self.candidates:
                 raise
@@ -109,6 +112,17 @@ class Search:
         if sample_time is not None:
             self._digital(sample_time, 0 if self.interrupted else min(iterations or ON_TICKS, ON_TICKS))
         return self._solution()
+
+    def _worth_another(self) -> bool:
+        """Whether the best design is no optimum or in doubt, keeps the limits, and costs little to look for again."""
+        doubtful = bool(self.doubt) or not self.best.optimal
+        return doubtful and self.best.merit < MISSED and self._work(self.best.point) <= CHEAP
+
+    def _again(self, count: int) -> None:
+        """Search once more, from the best design and as many random ones."""
+        random = self.problem.bounds.random, self.problem.bounds.clustered
+        others = [random[i % 2](self.random) for i in range(count)]
+        self._descend([self.best.point, *others], ITERATIONS, count + 1)
 
     def _nominal(self, starts: list[Point], iterations: int, every: bool) -> list[Point]:
         """Levenberg–Marquardt from one start after the other, until one reaches zero with all of its impulses, or from
@@ -181,6 +195,8 @@ class Search:
                     others = max(1, min(count // 2, max(int(more) - 1, self.fewest)))  # Played backwards, at least.
                     self.around = around(descents, begin, others, self.random, more > CHEAPER)
                     descents = self.around.descents
+                    best = distinct(descents)[0]
+                    self.judge.refine(best.search.values(best.x, best.tolerance))
                 for descent in distinct(descents)[:1] if most else descents:
                     self._add(descent.point, descent.optimal)
             if self.problem.over_interval:
@@ -196,11 +212,12 @@ class Search:
             self.others += [one.point for one in sorted(descents, key=lambda one: one.merit)] + ranked
             if self.candidates:
                 self._sum_up(min(rounds[0][0], len(ranked)), len(starts))
-        self.summary += self._doubts(iterations) + self.models.more(self.problem.bounds.impulses, self._total())
+        if not self._reached():
+            # What another search met, or did not meet, leaves the doubt.
+            self.doubt = doubts(self._undecided, self.around) or self.doubt
+        self.summary += self.doubt if self.best.optimal else not_optimal(iterations)
+        self.summary += self.models.more(self.problem.bounds.impulses, self._total())
         self.progress("local search", total, total, self._total())
-
-    def _doubts(self, iterations: int) -> str:
-        return doubts(self._undecided, self.around) if self.best.optimal else not_optimal(iterations)
 
     @property
     def _undecided(self) -> bool:
@@ -211,9 +228,10 @@ class Search:
         """Say what a local search found, from how many of the designs that were tried."""
         # Values on the set before plants were added to it are no achievement.
         self.history = np.maximum(self.history, self._total()).tolist()
-        self.summary = f"{self._value()}, the best of {refined} refined starts out of {tried}"
+        self.refined, self.tried = self.refined + refined, self.tried + tried
+        self.summary = f"{self._value()}, the best of {self.refined} refined starts out of {self.tried}"
         if self._reached():
-            self.candidates, self.around = [self.best._replace(optimal=True)], None
+            self.candidates, self.doubt = [self.best._replace(optimal=True)], ""
             self.summary += f", zero but for rounding beside the bare command's {self._bare:.6g} J"
         elif self.problem.has_roots:
             self.summary += "; no shaper with these impulses and this duration was found that leaves none"
@@ -359,7 +377,7 @@ class Search:
                 break
             points = [point]
         if self._reached():
-            self.candidates = [self.best._replace(optimal=True)]
+            self.candidates, self.doubt = [self.best._replace(optimal=True)], ""
         self.history.append(self._total())
         self.summary += f"; at multiples of {sample_time:g} s {self._value()}"
 
@@ -379,11 +397,10 @@ class Search:
     def _solution(self) -> Solution:
         """The best candidate, judged."""
         best = self.best
-        many = self._undecided or (self.around is not None and self.around.doubtful)
         balance = self._optimality(best.point, self.judge.values(self.judge.vector(best.point)).energies)
         enough = not self.problem.over_interval or self._resolved.enough
         course = Course(self.history, self.summary, self.interrupted)
-        return solution(self.judge, best._replace(optimal=best.optimal and not many), balance, enough, course)
+        return solution(self.judge, best._replace(optimal=best.optimal and not self.doubt), balance, enough, course)
 
     def _optimality(self, point: Point, values: np.ndarray) -> Optimality:
         if self._reached() and self.best.optimal and float(values.max()) <= self._rounding:
