@@ -8,25 +8,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from jshape.cli._shared import (
-    ProblemFile,
-    check_new,
-    explained,
-    made,
-    need_environments,
-    prepare_jax,
-    progress_line,
-    results_name,
-)
+from jshape.cli import _shared
 
 if TYPE_CHECKING:
     from jshape.problems.problem import Problem
     from jshape.shaper import Shaping
 
 
-@explained()
+@_shared.explained()
 def animate(
-    problem: ProblemFile,
+    problem: _shared.ProblemFile,
     out: Annotated[Path | None, typer.Option(help="The film, .gif or .mp4 (by ffmpeg); NAME.gif unless given.")] = None,
     shaper: Annotated[
         Path | None,
@@ -65,7 +56,7 @@ def animate(
         raise ValueError("--payload: is for the moves of an episode, with --policy")
     draft = read(problem)
     path = _free(out or Path(f"{draft.path.stem}.gif"), force)
-    loaded = made(draft)
+    loaded = _shared.made(draft)
     from jshape.command import as_command
     from jshape.problems.catalogue import READERS
     from jshape.problems.machine_files import beside
@@ -75,8 +66,8 @@ def animate(
     from jshape.sweeps.evaluate import alike_shapers
 
     check_film(path)
-    with progress_line() as (step, progress):
-        name, chosen = _chosen(loaded, shaper, Path(results_name(draft.path)), step)
+    with _shared.progress_line() as (step, progress):
+        name, chosen = _chosen(loaded, shaper, Path(_shared.results_name(draft.path)), step)
         step("responses")
         move = as_command(loaded.distance)
         bare, alike = alike_shapers([None, chosen], loaded.plant.axes)
@@ -99,7 +90,7 @@ def _free(path: Path, force: bool) -> Path:
     """The film's path, where no other film is written over."""
     if path.is_dir():
         raise ValueError(f"{path}: is a folder, not a film")
-    check_new(force, path)
+    _shared.check_new(force, path)
     if not path.parent.is_dir():
         raise ValueError(f"{path}: there is no folder {path.parent}")
     return path
@@ -107,8 +98,8 @@ def _free(path: Path, force: bool) -> Path:
 
 def _episode(environment: str, path: Path, policy: str, moves: int, payloads: list[float]) -> None:
     """Write the film of an episode."""
-    need_environments()
-    prepare_jax()
+    _shared.need_environments()
+    _shared.prepare_jax()
     from jshape_envs.evaluate import named_policy
     from jshape_envs.film import episode_film
     from jshape_envs.parameters import parameters
@@ -118,12 +109,12 @@ def _episode(environment: str, path: Path, policy: str, moves: int, payloads: li
 
     check_film(path)
     params = parameters(environment)
-    with progress_line() as (step, progress):
+    with _shared.progress_line() as (step, progress):
         step("episode")
         from_file = policy.endswith(".npz")
         chosen = named_policy(policy, params) if from_file else strategy(policy, environment, params)
-        made = episode_film(params, chosen, Path(policy).stem, moves, payloads=payloads)
-        save_film(made, path, lambda done, total: progress("frames", done, total, math.inf))
+        film = episode_film(params, chosen, Path(policy).stem, moves, payloads=payloads)
+        save_film(film, path, lambda done, total: progress("frames", done, total, math.inf))
     typer.echo(f"{path}: {moves} moves of {environment} by {policy}, beside the same ones without a shaper")
 
 

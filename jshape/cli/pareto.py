@@ -5,34 +5,24 @@ from typing import Annotated
 
 import typer
 
-from jshape.cli._shared import (
-    Out,
-    ProblemFile,
-    announced,
-    check_store,
-    checked,
-    explained,
-    made,
-    plants_of,
-    progress_line,
-)
+from jshape.cli import _shared
 
 LIMITS = ("peak_deflection", "speed_limit", "command_overshoot", "time_cost", "sample_time", "also")
 """Of a design; a front keeps to none of them."""
 
 
-@explained()
+@_shared.explained()
 def pareto(
-    problem: ProblemFile,
-    out: Out = None,
+    problem: _shared.ProblemFile,
+    out: _shared.Out = None,
     store: Annotated[
         Path | None, typer.Option(help="Folder that keeps finished fronts, to go on after Ctrl-C.")
     ] = None,
 ) -> None:
     """How much residual a shaper's duration buys: the front for each number of impulses, the closed forms beside it."""
-    draft, folder = checked(problem, out)
-    check_store(store, folder)
-    read = made(draft)
+    draft, folder = _shared.checked(problem, out)
+    _shared.check_store(store, folder)
+    read = _shared.made(draft)
     from jshape.design.tuning.pareto import pareto as front_of
     from jshape.reports.results import write_front
     from jshape.reports.tables import show_front
@@ -41,10 +31,10 @@ def pareto(
     front = read.front
     durations = front.durations if isinstance(front.durations, int) else len(front.durations)
     tasks = len(front.impulses) * durations * front.starts
-    announced(read.distance, plants_of(read), tasks, "starts", max(front.impulses))
+    _shared.announced(read.distance, _shared.plants_of(read), tasks, "starts", max(front.impulses))
     if left_out := [name for name in LIMITS if getattr(read.design, name)]:
         typer.echo(f"a front keeps to no limits: {', '.join(left_out)} of [design] left out", err=True)
-    with progress_line() as (step, progress):
+    with _shared.progress_line() as (step, progress):
         step("closed-form shapers")
         with read.blaming("pareto"):
             found = front_of(

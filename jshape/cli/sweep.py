@@ -6,23 +6,13 @@ from typing import Annotated, Any
 
 import typer
 
-from jshape.cli._shared import (
-    Out,
-    ProblemFile,
-    announced,
-    check_store,
-    checked,
-    explained,
-    made,
-    most_impulses,
-    progress_line,
-)
+from jshape.cli import _shared
 
 
-@explained()
+@_shared.explained()
 def sweep(
-    problem: ProblemFile,
-    out: Out = None,
+    problem: _shared.ProblemFile,
+    out: _shared.Out = None,
     metric: Annotated[list[str], typer.Option(help="What to compute; may be given several times.")] = [  # noqa: B006
         "residual_vibration"
     ],
@@ -41,11 +31,11 @@ def sweep(
     store: Annotated[Path | None, typer.Option(help="Folder that keeps what is done, to go on after Ctrl-C.")] = None,
 ) -> None:
     """Sweep a problem's uncertainty: every closed form that applies and shapers of yours, on every plant."""
-    draft, folder = checked(problem, out)
+    draft, folder = _shared.checked(problem, out)
     if not draft.over:
         raise ValueError(f"{problem}: nothing is uncertain; it needs an [uncertainty] table")
-    check_store(store, folder)
-    read = made(draft)
+    _shared.check_store(store, folder)
+    read = _shared.made(draft)
     from jshape._files import printable
     from jshape.design.closed_forms import closed_forms
     from jshape.export import read_shaper, read_tuned
@@ -58,7 +48,7 @@ def sweep(
         for name, values in read.over.items():
             low, high = float(min(values)), float(max(values))
             over[name] = ((low + high) / 2, (high - low) / 4) if sampling == "normal" else (low, high)
-    with progress_line() as (step, progress):
+    with _shared.progress_line() as (step, progress):
         step("closed-form shapers")
         closed, left_out = closed_forms(read.plant, read.distance)
         shapers: dict[str, Any] = dict(closed)
@@ -68,7 +58,7 @@ def sweep(
                 raise ValueError(f"--shaper {path}: there is a shaper of that name already, {name!r}")
             shapers[name] = read_tuned(path) if path.is_dir() else read_shaper(path)
         plants = samples or math.prod(len(values) for values in over.values())
-        announced(read.distance, plants, len(shapers), "shapers", most_impulses(shapers.values()))
+        _shared.announced(read.distance, plants, len(shapers), "shapers", _shared.most_impulses(shapers.values()))
         step("sweep")
         try:
             found = sweep_plants(

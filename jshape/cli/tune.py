@@ -8,18 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from jshape.cli import _shared
 from jshape.cli._artist import artist
-from jshape.cli._shared import (
-    Out,
-    ProblemFile,
-    announced,
-    checked,
-    explained,
-    made,
-    most_impulses,
-    plants_of,
-    progress_line,
-)
 
 if TYPE_CHECKING:
     from jshape.problems.problem import Problem
@@ -32,21 +22,21 @@ Latex = Annotated[bool, typer.Option("--latex", help="The table for LaTeX (bookt
 @contextmanager
 def begun(problem: str, out: Path | None) -> "Iterator[tuple[Problem, Path, Callable[..., None]]]":
     """The problem, its folder, and ``draw``; the processes that draw start when the file has been found right."""
-    draft, folder = checked(problem, out)
+    draft, folder = _shared.checked(problem, out)
     with artist() as draw:
-        yield made(draft), folder, draw
+        yield _shared.made(draft), folder, draw
 
 
 def tune(
-    problem: ProblemFile,
-    out: Out = None,
+    problem: _shared.ProblemFile,
+    out: _shared.Out = None,
     starts: Annotated[int | None, typer.Option(help="Starting points; the file's unless given.")] = None,
     seed: Annotated[int | None, typer.Option(help="Of the random starting points; the file's unless given.")] = None,
     start: Annotated[Path | None, typer.Option(help="Go on from this shaper (JSON or CSV) alone.")] = None,
     latex: Latex = False,
 ) -> None:
     """Tune a shaper for a problem and set it beside every closed form that applies."""
-    with explained(), begun(problem, out) as (read, folder, draw):
+    with _shared.explained(), begun(problem, out) as (read, folder, draw):
         from jshape import _check
         from jshape._compiling import beside
         from jshape.design.closed_forms import closed_forms
@@ -62,11 +52,11 @@ def tune(
         if seed is not None:
             given["seed"] = seed
         count = given["starts"] if first is None else 1
-        announced(read.distance, plants_of(read), count, "starts", read.design.impulses)
+        _shared.announced(read.distance, _shared.plants_of(read), count, "starts", read.design.impulses)
         # The closed forms and the report are compiled beside the search.
         closed = beside(closed_forms, read.plant, read.distance)
         ready = beside(lambda: report.rehearse(read, closed.result()[0], _any_shaper(read)))
-        with progress_line() as (step, progress):
+        with _shared.progress_line() as (step, progress):
             step("tuning")
             with read.blaming("design"):
                 solution = tune_shaper(read.plant, read.distance, start=first, progress=progress, **given)
@@ -105,20 +95,22 @@ def _any_shaper(problem: "Problem") -> "Shaping":
     return shaper if problem.design.shapers == "shared" else dict.fromkeys(problem.plant.axes, shaper)
 
 
-def compare(problem: ProblemFile, out: Out = None, latex: Latex = False) -> None:
+def compare(problem: _shared.ProblemFile, out: _shared.Out = None, latex: Latex = False) -> None:
     """Set the closed-form shapers that apply to a problem side by side, without tuning."""
-    with explained(), begun(problem, out) as (read, folder, draw):
+    with _shared.explained(), begun(problem, out) as (read, folder, draw):
         from jshape.design.closed_forms import closed_forms
         from jshape.reports import report, report_files
 
-        with progress_line() as (step, _):
+        with _shared.progress_line() as (step, _):
             step("closed-form shapers")
             closed = closed_forms(read.plant, read.distance)
             shapers = closed[0].values()
             if set(closed[0]) == {"unshaped"}:
                 words = "; ".join(f"{name}: {why}" for name, why in closed[1].items())
                 raise ValueError(f"no closed form applies to {read.name}: {words}")
-            announced(read.distance, plants_of(read), len(shapers), "shapers", most_impulses(shapers))
+            _shared.announced(
+                read.distance, _shared.plants_of(read), len(shapers), "shapers", _shared.most_impulses(shapers)
+            )
             result = report.build(read, None, step, closed)
             written = report_files.write(result, folder, step, draw)
         _finish(result, folder, written, latex)
