@@ -26,30 +26,11 @@ from jshape.command import Distance
 from jshape.compilation_cache import kept
 from jshape.plants import AbstractOscillator, AbstractPlant
 from jshape.shaper import Shaping
+from jshape.simulation import residual, trajectory
 from jshape.simulation.integrate import METHODS
-from jshape.simulation.residual import (
-    as_tolerance,
-    check_tolerance,
-    energy_at_end,
-    energy_with_error,
-    require_met,
-    state_at_end,
-)
 from jshape.simulation.schedule import Schedule
 from jshape.simulation.simulate import prepared, steps_for
-from jshape.simulation.trajectory import (
-    Trajectory,
-    along_each_axis,
-    extremes,
-    farthest_later,
-    fine_steps,
-    first_above,
-    last_above,
-    observed,
-    tail,
-    timed,
-    trajectory,
-)
+from jshape.simulation.trajectory import Trajectory
 
 
 def residual_energy(
@@ -107,14 +88,16 @@ def residual_energy_and_error(
     if tolerance is not None:
         if steps is not None:
             raise ValueError(f"tolerance chooses the steps itself; give no steps beside it, not {steps!r}")
-        check_tolerance(tolerance, state)
+        residual.check_tolerance(tolerance, state)
     if steps is not None:
         steps = _check.count(steps, "steps")
     elif method == "tsit5":
         steps = steps_for(plant, plan, method)
-    energy, error, met = energy_with_error(plant, plan, state, steps, method, as_tolerance(tolerance, state))
+    energy, error, met = residual.energy_with_error(
+        plant, plan, state, steps, method, residual.as_tolerance(tolerance, state)
+    )
     if _check.is_concrete(energy):
-        require_met(plant, plan, energy, met, error, tolerance)
+        residual.require_met(plant, plan, energy, met, error, tolerance)
     return energy, error
 
 
@@ -162,14 +145,14 @@ def residual_energy_and_vibration(
 
 def _residuals(plant, shaper, distance, initial_state, steps: int | None, tolerance) -> tuple[Scalar, PerAxis]:
     plan, plant, state = prepared(plant, shaper, distance, initial_state)
-    fine = fine_steps(plant, plan, 2.0) if steps is None else 32 * steps
+    fine = trajectory.fine_steps(plant, plan, 2.0) if steps is None else 32 * steps
     if tolerance is not None:
-        check_tolerance(tolerance, state)
+        residual.check_tolerance(tolerance, state)
     energy, vibration, error, met = _energy_and_vibration(
-        plant, plan, state, steps, fine, as_tolerance(tolerance, state)
+        plant, plan, state, steps, fine, residual.as_tolerance(tolerance, state)
     )
     if _check.is_concrete(vibration):
-        require_met(plant, plan, energy, met, error, tolerance)
+        residual.require_met(plant, plan, energy, met, error, tolerance)
     return energy, vibration
 
 
@@ -192,13 +175,13 @@ def overshoot(
     Source: Moonmangmee and Chatlatanagulchai (2025), before Fig. 5: (x_p − x_d)/x_d.
     """
     plan, plant, state = prepared(plant, shaper, distance, initial_state)
-    return _overshoot(plant, plan, observed(plant, plan, state, 2.0, "payload"))
+    return _overshoot(plant, plan, trajectory.observed(plant, plan, state, 2.0, "payload"))
 
 
 @kept
 def _overshoot(plant: AbstractPlant, plan: Schedule, along: Trajectory) -> PerAxis:
     def passed(along: Trajectory, target: Scalar, distance: Scalar) -> Scalar:
-        beyond = extremes((along.value - target) / distance, along.slope / distance, along.step)
+        beyond = trajectory.extremes((along.value - target) / distance, along.slope / distance, along.step)
         return jnp.maximum(greatest(beyond), 0.0)
 
     return _over_distance(passed, plant, plan, along)
@@ -219,12 +202,12 @@ def peak_deflection(
         m; infinite where the plant diverged.
     """
     plan, plant, state = prepared(plant, shaper, distance, initial_state)
-    return _peak(observed(plant, plan, state, 1.0, "deflection"))
+    return _peak(trajectory.observed(plant, plan, state, 1.0, "deflection"))
 
 
 @kept
 def _peak(along: Trajectory) -> PerAxis:
-    return jnp.where(along.diverged, jnp.inf, along_each_axis(_amplitude, along))
+    return jnp.where(along.diverged, jnp.inf, trajectory.along_each_axis(_amplitude, along))
 
 
 def settling_time(
@@ -256,18 +239,20 @@ def settling_time(
     _check.positive(band, "band")
     _check.positive(periods, "periods")
     plan, plant, state = prepared(plant, shaper, distance, initial_state)
-    along = observed(plant, plan, state, periods, "payload")
-    within = tail(plant, plan, min(1.0, periods / 2))
+    along = trajectory.observed(plant, plan, state, periods, "payload")
+    within = trajectory.tail(plant, plan, min(1.0, periods / 2))
     return _settling_time(plant, plan, along, _check.as_array(band, "band"), within)
 
 
 @kept
 def _settling_time(plant: AbstractPlant, plan: Schedule, along: Trajectory, band: Scalar, within: Scalar) -> PerAxis:
-    later = jnp.broadcast_to(farthest_later(plant, plan, along), along.value.shape[2:])
+    later = jnp.broadcast_to(trajectory.farthest_later(plant, plan, along), along.value.shape[2:])
 
     def settled(along: Trajectory, target: Scalar, distance: Scalar, later: Scalar) -> Scalar:
         limit = band * jnp.abs(distance)
-        sides = [last_above(sign * (along.value - target) - limit, sign * along.slope, along) for sign in (1, -1)]
+        sides = [
+            trajectory.last_above(sign * (along.value - target) - limit, sign * along.slope, along) for sign in (1, -1)
+        ]
         last = jnp.maximum(*sides)
         # One that swings on is within the band twice a period; of several modes, for as long as a beat.
         settles = jnp.where((last > along.time[-1, -1] - within) | (later > limit), jnp.inf, last)
@@ -305,7 +290,7 @@ def rise_time(
         raise ValueError(f"low and high must satisfy 0 <= low < high <= 1, not {low} and {high}")
     plan, plant, state = prepared(plant, shaper, distance, initial_state)
     levels = _check.on_device(np.asarray([low, high], float))
-    return _rise_time(plant, plan, observed(plant, plan, state, 1.0, "payload"), levels)
+    return _rise_time(plant, plan, trajectory.observed(plant, plan, state, 1.0, "payload"), levels)
 
 
 @kept
@@ -317,7 +302,7 @@ def _rise_time(plant: AbstractPlant, plan: Schedule, along: Trajectory, levels: 
         progress, slope = (along.value - begin) / distance, along.slope / distance
 
         def reach(level):
-            return first_above(progress - level, slope, along)
+            return trajectory.first_above(progress - level, slope, along)
 
         end = reach(high)
         first = jnp.where(low > 0, reach(low), 0.0)
@@ -328,7 +313,7 @@ def _rise_time(plant: AbstractPlant, plan: Schedule, along: Trajectory, levels: 
 
 @kept
 def _energy_and_vibration(plant, plan: Schedule, state, steps: int | None, fine: int, tolerance):
-    end = state_at_end(plant, plan, state, steps, "dopri8", tolerance)
+    end = residual.state_at_end(plant, plan, state, steps, "dopri8", tolerance)
     inputs = plan.final_inputs(plant)
     met = end.met
     if isinstance(plant, AbstractOscillator) and plant.drives()[0] == "displacement":
@@ -339,7 +324,7 @@ def _energy_and_vibration(plant, plan: Schedule, state, steps: int | None, fine:
         amplitude = known_or_nan(amplitude / jnp.where(distance > 0, distance, 1.0), distance > 0)
     else:
         still = Schedule(plan.breaks[-1:], plan.coefficients[-1:])
-        along = trajectory(plant, still, end.state, 2.0, "payload", fine)
+        along = trajectory.trajectory(plant, still, end.state, 2.0, "payload", fine)
 
         def departure(along: Trajectory, target: Scalar, distance: Scalar) -> Scalar:
             away = eqx.tree_at(lambda along: along.value, along, along.value - target)
@@ -347,15 +332,15 @@ def _energy_and_vibration(plant, plan: Schedule, state, steps: int | None, fine:
 
         amplitude = _over_distance(departure, plant, plan, along)
         diverged = end.diverged | along.diverged
-        amplitude = known_or_nan(amplitude, timed(plant))
+        amplitude = known_or_nan(amplitude, trajectory.timed(plant))
         met = met & (along.met | along.diverged)
     vibration = known_or_nan(jnp.where(diverged, jnp.inf, amplitude), met)
-    return energy_at_end(plant, plan, end)[0], vibration, end.error, met
+    return residual.energy_at_end(plant, plan, end)[0], vibration, end.error, met
 
 
 def _amplitude(along: Trajectory) -> Scalar:
     """The greatest magnitude of a quantity along a move."""
-    both = [extremes(sign * along.value, sign * along.slope, along.step) for sign in (1, -1)]
+    both = [trajectory.extremes(sign * along.value, sign * along.slope, along.step) for sign in (1, -1)]
     return greatest(jnp.stack(both))
 
 
@@ -368,7 +353,7 @@ def _over_distance(measure: Callable[..., Array], plant, plan: Schedule, along: 
     distance = target - _start(plant, plan)
     # An axis at rest leaves the derivatives of the others alone.
     rests = distance == 0
-    value = along_each_axis(measure, along, target, jnp.where(rests, 1.0, distance), *rows)
+    value = trajectory.along_each_axis(measure, along, target, jnp.where(rests, 1.0, distance), *rows)
     value = jnp.where(rests, jnp.nan, known_or_nan(value, ~jnp.any(jnp.isnan(along.value))))
     return jnp.where(along.diverged, jnp.inf, value)
 

@@ -15,20 +15,12 @@ import numpy as np
 from jshape import _check
 from jshape._blas import one_thread
 from jshape._types import ArrayLike, Progress
+from jshape.identification import records
 from jshape.identification._projection import STEEPEST, AbstractFamily, Fit, fit
 from jshape.identification._search import search
 from jshape.identification._uncertainty import is_white
 from jshape.identification.free_vibration import free_part, require_decay
-from jshape.identification.records import (
-    FEWEST,
-    Record,
-    RecordError,
-    Where,
-    check_record,
-    longest_stretch,
-    require_range,
-    row,
-)
+from jshape.identification.records import Record, RecordError, Where
 from jshape.identification.result import MEASURED, Identified, of_position
 from jshape.identification.ring_down import RingDown
 from jshape.identification.spectrum import FrequencyResponse, PowerSpectrum
@@ -53,7 +45,7 @@ def identify(
     measured: str = "position",
     names: Sequence[str] | None = None,
     progress: Progress | None = None,
-    where: Where = row,
+    where: Where = records.row,
 ) -> Identified:
     """Modes of a machine from a measured record: frequencies, damping ratios, their uncertainty and their number.
 
@@ -89,17 +81,17 @@ def identify(
         raise ValueError(f'inputs: a {kind} takes none; kind="step" and kind="sweep" do')
     if kind == "sweep" and inputs is None:
         raise ValueError('inputs must be given for kind="sweep": the command that drove the machine')
-    record = check_record(times, values, inputs, names, where, spectrum=kind == "spectrum")
+    record = records.check_record(times, values, inputs, names, where, spectrum=kind == "spectrum")
     if kind == "spectrum" and np.isrealobj(record.values) and len(record.names) > 1:
         # Channels added up: every mode is in some of them, and one error serves all frequencies.
         total = np.mean(record.values / np.max(record.values, axis=0), axis=1, keepdims=True)
         record = dataclasses.replace(record, values=total, names=("mean of the channels, each over its peak",))
     size, rest = 1.0, None
     if kind == "sweep":
-        record = longest_stretch(record)
+        record = records.longest_stretch(record)
     elif record.inputs is not None:
         at, size = after_the_step(record.inputs)
-        if len(record.axis) - at < FEWEST:
+        if len(record.axis) - at < records.FEWEST:
             raise RecordError(f"inputs: too short a record, {len(record.axis) - at} samples from the step on")
         rest = np.mean(record.values[:at], axis=0)
         record = record.part(slice(at, None))
@@ -107,7 +99,7 @@ def identify(
         free = free_part(record, every=kind == "step")
         record, kind = free, kind if free.rows[0] == record.rows[0] else "ring-down"
     if kind != "spectrum":
-        require_range(record)
+        records.require_range(record)
     if kind == "ring-down":
         require_decay(record)
     family, centre, scale = _family(record, kind)
