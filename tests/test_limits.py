@@ -260,7 +260,7 @@ def test_the_fuzzer_finds_faults(tmp_path):
 
     found = fuzz.tried(faulty, 40, np.random.default_rng(0), tmp_path)
     assert {words.split(":")[0] for words in found.faults} == {"KeyError", "a message of 9 characters", "FaultError"}
-    assert "| faulty | 40 | 0 |" in fuzz.report({"faulty": found}, 40, 0)
+    assert any(line.startswith("| faulty | 40 | 0 |") for line in fuzz.report({"faulty": found}))
 
 
 def test_a_name_that_no_file_may_have_is_refused():

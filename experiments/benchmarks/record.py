@@ -31,6 +31,12 @@ def about(machine: str, *packages: str) -> dict[str, Any]:
     )
 
 
+def footer(about: dict[str, Any]) -> str:
+    """The machine and the versions, the last line of a page."""
+    versions = ", ".join(f"{name} {number}" for name, number in about["versions"].items())
+    return f"{about['machine']}; {versions}."
+
+
 def processor() -> str:
     """The processor's name, and whether it computes on eight numbers at a time."""
     try:
@@ -46,8 +52,6 @@ def keep(benchmark: str, record: dict[str, Any], lines: list[str]) -> None:
 
     ``record["about"]``, which ``about`` made, ends the table.
     """
-    about, path = record["about"], Path(benchmark)
+    path = Path(benchmark)
     path.with_suffix(".json").write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
-    versions = ", ".join(f"{name} {number}" for name, number in about["versions"].items())
-    text = "\n".join([*lines, "", f"{about['machine']}; {versions}."])
-    path.with_suffix(".md").write_text(text + "\n", encoding="utf-8")
+    path.with_suffix(".md").write_text("\n".join([*lines, "", footer(record["about"])]) + "\n", encoding="utf-8")

@@ -36,6 +36,7 @@ def write(script: str, about: str | None, rows: list[list[str]], measured: bool,
     lines = [*table(head, rows), "", note]
     print("\n".join(lines))
     if not measured:
-        first, _, rest = (about or "").strip().partition("\n")
-        text = "\n".join([f"# {first.partition(':')[0]}", "", f"{first}{chr(10)}{rest}".strip(), "", *lines]).strip()
+        about = (about or "").strip()
+        title = about.partition("\n")[0].partition(":")[0]
+        text = "\n".join([f"# {title}", "", about, "", *lines]).strip()
         Path(script).with_suffix(".md").write_text(f"{text}\n", encoding="utf-8")

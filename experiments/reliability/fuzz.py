@@ -94,9 +94,9 @@ def main() -> None:
     found = {name: Found(*row) for name, row in before.items()} | run(given.inputs, given.seed, tuple(given.only))
     found = {name: found[name] for name in TARGETS if name in found}
     kept.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
-    text = report(found, given.inputs, given.seed)
-    kept.with_suffix(".md").write_text(text, encoding="utf-8")
-    print(text)
+    title = f"{sum(each.inputs for each in found.values())} arbitrary inputs"
+    command = f"python -m experiments.reliability.fuzz --inputs {given.inputs} --seed {given.seed}"
+    markdown.write_beside(__file__, title, command, report(found))
 
 
 def run(inputs: int, seed: int = 0, names: tuple[str, ...] = ()) -> dict[str, Found]:
@@ -376,20 +376,18 @@ TARGETS: dict[str, tuple[float, Target]] = {
 """What is tried, and its share of the inputs."""
 
 
-def report(found: dict[str, Found], inputs: int, seed: int) -> str:
-    """The figures as Markdown."""
-    lines = [f"# {sum(each.inputs for each in found.values())} arbitrary inputs", ""]
-    lines += [f"`python -m experiments.reliability.fuzz --inputs {inputs} --seed {seed}`", ""]
+def report(found: dict[str, Found]) -> list[str]:
+    """The figures, as lines of Markdown."""
     rows = [
         [name, each.inputs, each.read, each.inputs - each.read - sum(each.faults.values()), sum(each.faults.values()),
          f"{math.ceil(each.seconds)} s"]
         for name, each in found.items()
     ]  # fmt: skip
-    lines += markdown.table(["input", "tried", "read", "refused in a line", "faults", "time"], rows)
+    lines = markdown.table(["input", "tried", "read", "refused in a line", "faults", "time"], rows)
     faults = [[name, words, count] for name, each in found.items() for words, count in each.faults.items()]
     if faults:
         lines += ["", *markdown.table(["input", "fault", "times"], faults)]
-    return "\n".join(lines) + "\n"
+    return lines
 
 
 if __name__ == "__main__":

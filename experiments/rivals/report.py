@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from experiments.benchmarks.record import footer
 from experiments.markdown import table
 from experiments.rivals import bound
 from experiments.rivals.collocation import INTERVALS
@@ -60,14 +61,9 @@ def write(record: dict[str, Any], out: Path) -> None:
     for name, machine in machines().items():
         if rows := rows_of(record, name):
             lines += [*_section(machine, rows), ""]
-    lines += [*_conclusions(record), "", _about(record["about"])]
+    lines += [*_conclusions(record), "", footer(record["about"])]
     (out / "rivals.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
     draw(record, out / "rivals.svg")
-
-
-def _about(about: dict[str, Any]) -> str:
-    versions = ", ".join(f"{name} {number}" for name, number in about["versions"].items())
-    return f"{about['machine']}; {versions}."
 
 
 def _section(machine: Machine, rows: dict[str, Any]) -> list[str]:
