@@ -158,9 +158,9 @@ def machine(sample_time: float, count: int) -> tuple[np.ndarray, np.ndarray]:
     return np.where(times // 5.0 % 2, 0.5, -0.5), clean + noise
 
 
-def loops(seconds: float = 6.0) -> list[dict[str, Any]]:
-    """One strategy at a time, NumPy, at 10 kHz: the mean and the longest."""
-    reference, readings = machine(FAST, round(seconds / FAST))
+def loops() -> list[dict[str, Any]]:
+    """One strategy at a time, NumPy, 6 s at 10 kHz: the mean and the longest."""
+    reference, readings = machine(FAST, round(6.0 / FAST))
     given = [(float(r), Readings(*row)) for r, row in zip(reference, readings.tolist(), strict=True)]
     rows = []
     for name, strategy in strategies(FAST).items():
@@ -254,15 +254,15 @@ def many() -> list[dict[str, Any]]:
     return rows
 
 
-def drift(block: int = 1_000_000, blocks: int = 100) -> list[dict[str, Any]]:
+def drift() -> list[dict[str, Any]]:
     """Error of the spectrum after many samples, relative to its largest magnitude: ours, and pole times sum."""
     identifier = SlidingDFT(TIME, 64, (20.0, 200.0), 7.0)
     bins = np.asarray(identifier.omegas[0])
     dft = np.exp(-1j * np.outer(bins, TIME * np.arange(64)))
     advance = jax.jit(lambda state, given: jax.lax.scan(lambda s, x: (identifier.step(s, x)[0], None), state, given)[0])
     random, state, last = np.random.default_rng(1), identifier.start(), np.zeros(64)
-    memory, rows = np.zeros((len(bins), 1), complex), []
-    for done in range(1, blocks + 1):
+    memory, rows, block = np.zeros((len(bins), 1), complex), [], 1_000_000
+    for done in range(1, 101):
         samples = random.standard_normal(block)
         state = advance(state, jnp.asarray(samples))
         changes = samples - np.concatenate([last, samples[:-64]])

@@ -132,9 +132,9 @@ def attack(name: str, cases: int, seed: int) -> dict[str, Any]:
     return row
 
 
-def scipy_gap(family: Family, rows: Row, truth: Verdict, doubt: np.ndarray, sample: int = 3) -> float:
-    """The greatest difference between the judge and ``solve_ivp`` in a few decided cases, over the greatest energy."""
-    clear = np.flatnonzero(truth.done & ~truth.diverged & (doubt <= 1e-11 * truth.scale))[:sample]
+def scipy_gap(family: Family, rows: Row, truth: Verdict, doubt: np.ndarray) -> float:
+    """The greatest difference between the judge and ``solve_ivp`` in three decided cases, over the greatest energy."""
+    clear = np.flatnonzero(truth.done & ~truth.diverged & (doubt <= 1e-11 * truth.scale))[:3]
     double = {name: np.asarray(value, float) for name, value in rows.items()}
     gaps = [abs(scipy_energy(family.build(pick(double, i))) - truth.energy[i]) / truth.scale[i] for i in clear]
     return float(np.nanmax([0.0, *gaps]))

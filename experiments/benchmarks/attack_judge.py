@@ -130,7 +130,7 @@ def scipy_energy(case: Case, rtol: float = 1e-13) -> float:
     return float(plant.residual_energy(jnp.asarray(state), plan.final_inputs(plant)))
 
 
-def verdicts(family: Family, rows: Row, count: int, chunk: int = 64) -> tuple[Verdict, np.ndarray]:
+def verdicts(family: Family, rows: Row, count: int) -> tuple[Verdict, np.ndarray]:
     """The truth of all rows, and by how much the judge's second tolerance differs from it."""
     double = {name: np.asarray(value, float) for name, value in rows.items()}
     if family.exact:
@@ -138,7 +138,7 @@ def verdicts(family: Family, rows: Row, count: int, chunk: int = 64) -> tuple[Ve
         energy, scale = family.exact(double)
         never = np.zeros(count, bool)
         return Verdict(energy, scale, never, ~never), np.zeros(count)
-    found = []
+    found, chunk = [], 64
     batch = jax.jit(jax.vmap(lambda row, rtol: judge(family.build(row), rtol), in_axes=(0, None)))
     for rtol in JUDGES:
         parts = [batch(pick(double, np.arange(i, i + chunk) % count), rtol) for i in range(0, count, chunk)]

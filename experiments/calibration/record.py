@@ -17,15 +17,14 @@ RATE, DURATION, SWEEP, PER_HZ, NOISE = 800.0, 2.4, (5.0, 150.0), 60.0, 120.0
 """Samples a second, s, Hz from and to, mm/s² for each Hz of the sweep, standard deviation of the noise in mm/s²."""
 
 
-def record(scale: float = 1.0, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+def record(scale: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
     """Times (s) and accelerations (mm/s², samples × 3) of the shaken tool; ``scale`` multiplies the frequencies."""
     times = np.arange(round(RATE * DURATION)) / RATE
     first, last = SWEEP
     frequency = first + (last - first) * times / DURATION
     phase = 2 * np.pi * (first * times + (last - first) * times**2 / (2 * DURATION))
     shaken = PER_HZ * frequency * np.sin(phase)
-    random = np.random.default_rng(seed)
-    measured = NOISE * random.standard_normal((len(times), 3))
+    measured = NOISE * np.random.default_rng(0).standard_normal((len(times), 3))
     for hertz, zeta, part in MODES:
         omega = 2 * np.pi * hertz * scale
         # From the base's acceleration to the tool's, through spring and damper.

@@ -56,9 +56,9 @@ def advance(state: tuple[float, float], force: float, parameters: dict[str, floa
     return q, v
 
 
-def twin(lengths: tuple[int, int] = LENGTHS, seed: int = 0) -> list[Record]:
+def twin(lengths: tuple[int, int] = LENGTHS) -> list[Record]:
     """Moves to and fro under a controller, for the fit, and the same with pulses of force, for the test."""
-    random, found = np.random.default_rng(seed), []
+    random, found = np.random.default_rng(0), []
     for number, count in enumerate(lengths):
         times = STEP * np.arange(count)
         wanted = reference(times, random)

@@ -75,9 +75,9 @@ class Circuit(NamedTuple):
         return float(np.sqrt(np.mean((self.run(scale * first) - measured)[BEGIN:] ** 2)))
 
 
-def twin(lengths: tuple[int, int, int] = LENGTHS, seed: int = 0) -> list[Record]:
+def twin(lengths: tuple[int, int, int] = LENGTHS) -> list[Record]:
     """Records of the made-up circuit: a multisine for training, one for the test, a noise that grows."""
-    random, found = np.random.default_rng(seed), []
+    random, found = np.random.default_rng(0), []
     for number, count in enumerate(lengths):
         voltage = growing(count, random) if number == 2 else multisine(count, random)
         measured = Circuit(TRUE, voltage).run() + NOISE * random.normal(size=count)

@@ -15,15 +15,14 @@ from jshape.reports.style import COLOURS, STYLE, WIDTH, columns, looks
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 
 
-def recovery(found: xr.Dataset, variable: str, label: str, factor: float = 1.0, *, quantile: float = 0.95) -> Figure:
-    """Draw the median of all schedules and a quantile above it (dotted), one colour a strategy.
+def recovery(found: xr.Dataset, variable: str, label: str, factor: float = 1.0) -> Figure:
+    """Draw the median of all schedules and the 95 % quantile above it (dotted), one colour a strategy.
 
     Args:
         found: with the dimensions strategy, schedule and move.
         variable: of ``found``.
         label: of the ordinate, with the unit.
         factor: by which the variable is multiplied to be in that unit.
-        quantile: the dotted one.
     """
     with mpl.rc_context(STYLE):
         rows = -(-found.sizes["strategy"] // 2)
@@ -34,10 +33,10 @@ def recovery(found: xr.Dataset, variable: str, label: str, factor: float = 1.0, 
             line: dict[str, Any] = dict(color=look["color"], marker=MARKERS[i % len(MARKERS)], markersize=3)
             axis.plot(found.move, part.median("schedule"), label=name, **line)
             line["markersize"] = 2
-            axis.plot(found.move, part.quantile(quantile, "schedule"), linestyle=":", **line)
+            axis.plot(found.move, part.quantile(0.95, "schedule"), linestyle=":", **line)
         axis.axvline(0.5, color="0.5", linewidth=0.6)
         axis.set(yscale="log", xlabel="move after the change", ylabel=label)
-        axis.set_title(f"median; dotted: {100 * quantile:g} % quantile", loc="right")
+        axis.set_title("median; dotted: 95 % quantile", loc="right")
         figure.legend(loc="outside upper center", ncols=columns(names), columnspacing=1.2)
         return figure
 

@@ -106,7 +106,8 @@ def _one_more(family: AbstractFamily, found: Fit) -> Fit:
     return fit(family, np.append(found.omega, start[0]), np.append(found.zeta, start[1]), found.noise)
 
 
-def _highest(omegas: np.ndarray, power: np.ndarray, count: int = 3) -> list[float]:
+def _highest(omegas: np.ndarray, power: np.ndarray) -> list[float]:
+    """The frequencies of the three highest peaks."""
     peaks = find_peaks(np.concatenate([[0.0], power, [0.0]]))[0] - 1
     peaks = peaks if len(peaks) else np.array([np.argmax(power)])
-    return [float(omegas[i]) for i in peaks[np.argsort(power[peaks])[::-1][:count]]]
+    return [float(omegas[i]) for i in peaks[np.argsort(power[peaks])[::-1][:3]]]

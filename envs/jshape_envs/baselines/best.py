@@ -56,8 +56,8 @@ def _mean_rewards(
     return jax.lax.map(one, stacked)
 
 
-def scales(params: Params, count: int = 25) -> Float[np.ndarray, " scales"]:
-    """Factors of the middle payload's frequency at rest that cover the bands, evenly in their logarithm."""
+def scales(params: Params) -> Float[np.ndarray, " scales"]:
+    """25 factors of the middle payload's frequency at rest that cover the bands, evenly in their logarithm."""
     bands, nominal = np.asarray(frequency_bands(params)), np.asarray(modes_of(params, middle(params)))
     ratios = bands / nominal[:, None]
-    return np.geomspace(ratios.min(), ratios.max(), count)
+    return np.geomspace(ratios.min(), ratios.max(), 25)

@@ -155,9 +155,9 @@ class Bounds(eqx.Module):
         amplitudes, gaps = (self.each(np.flip, part) for part in (point.amplitudes, point.gaps))
         return self.clip(Point(amplitudes, gaps, point.leaves))
 
-    def contains(self, point: Point, tolerance: float = 1e-9) -> Any:
+    def contains(self, point: Point) -> Any:
         """Whether a design is within the bounds; of NumPy or JAX."""
-        amplitudes = point.amplitudes.reshape(self.shapers, -1)
+        amplitudes, tolerance = point.amplitudes.reshape(self.shapers, -1), 1e-9
         totals = point.gaps.reshape(self.shapers, -1).sum(axis=1)
         # What is not a number is in no range.
         return (
