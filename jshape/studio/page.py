@@ -70,12 +70,9 @@ def _axes(tab: Tab) -> None:
                 lambda event: tab.change(lambda now: changes.with_axis(now, event.value), impulses=True)
             )
 
-    def again() -> None:
-        choose.refresh()
-
     choose()
-    tab.renewed.append(again)
-    tab.turned.append(again)
+    tab.renewed.append(choose.refresh)
+    tab.turned.append(choose.refresh)
 
 
 def _dark(tab: Tab) -> None:

@@ -96,9 +96,9 @@ class Tab:
         self.pinned: dict[Pin, results.Pinned] = {}
         self.dragged = False
         self.followers: list[Callable[[], None]] = []
-        self.renewed: list[Callable[[], None]] = []
-        self.compared: list[Callable[[], None]] = []
-        self.turned: list[Callable[[], None]] = []
+        self.renewed: list[Callable[[], object]] = []
+        self.compared: list[Callable[[], object]] = []
+        self.turned: list[Callable[[], object]] = []
         self.painted: list[ui.echart] = []
         self.dark = False
         self.begun: list[Callable[[], None]] = []

@@ -12,9 +12,6 @@ PANELS = {
 }  # fmt: skip
 
 
-DRAW = "requestAnimationFrame(() => { jshapeScene.draw(); jshapeEpisode.draw(); })"
-
-
 TURN = "(value) => (mounted_app.elements[ID].props['model-value'] = value)"
 
 

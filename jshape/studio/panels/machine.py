@@ -85,11 +85,8 @@ def _driven(tab: Tab, begin: Callable[[Callable[[], State]], Awaitable[None]]) -
             joint.props("dense data-testid=driven")
             joint.on_value_change(lambda event: begin(lambda: state.from_machine(name, text.encode(), event.value)))
 
-    def again() -> None:
-        choose.refresh()
-
     choose()
-    tab.renewed.append(again)
+    tab.renewed.append(choose.refresh)
 
 
 def _state(name: str, content: bytes, now: State) -> State:

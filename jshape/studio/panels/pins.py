@@ -42,11 +42,7 @@ def build(tab: Tab) -> None:
         ui.label(words.COMPARE).classes("text-sm text-weight-bold")
         ui.button(words.PIN, on_click=pin).props("dense outline no-caps data-testid=pin-it").classes("px-3")
     rows()
-
-    def again() -> None:
-        rows.refresh()
-
-    tab.compared.append(again)
+    tab.compared.append(rows.refresh)
 
 
 def _left(tab: Tab, pin: Pin) -> str:
