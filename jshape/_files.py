@@ -4,14 +4,16 @@ What a program reads back is a text of limited size, or arrays in NumPy's npz wi
 ``write_arrays`` writes, ``read_arrays`` reads, or says in a line what is wrong.
 """
 
+import csv
 import hashlib
+import io
 import json
 import math
 import os
 import tempfile
 import threading
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -177,6 +179,15 @@ def write_text(path: Path, text: str) -> None:
     """Write a text in UTF-8, whole."""
     with whole(path) as file:
         file.write(text.encode())
+
+
+def as_csv(head: Iterable[str], rows: Iterable[Iterable[Any]], ending: str = "\n") -> str:
+    """A table as CSV: its head, then its rows, each with that ending of lines."""
+    file = io.StringIO()
+    table = csv.writer(file, lineterminator=ending)
+    table.writerow(head)
+    table.writerows(rows)
+    return file.getvalue()
 
 
 def read_bytes(path: Path, most: int = 2**28) -> bytes:

@@ -1,13 +1,11 @@
 """The files of an identification: plain numbers, the fit beside the record, a problem to tune, a figure."""
 
-import csv
-import io
 import json
 from pathlib import Path
 
 import numpy as np
 
-from jshape._files import digest, printable, write_results, write_text
+from jshape._files import as_csv, digest, printable, write_results, write_text
 from jshape.design.linear.minimax import minimax
 from jshape.identification.planar import IdentifiedPlane
 from jshape.identification.result import Identified
@@ -135,8 +133,5 @@ def _write_prediction(found: Identified, path: Path) -> None:
             )
             head += [f"{channel} {word} {part}".strip() for part, _ in parts]
             columns += [part for _, part in parts]
-    file = io.StringIO()
-    writer = csv.writer(file)
-    writer.writerow(head)
-    writer.writerows([repr(float(value)) for value in row] for row in zip(*columns, strict=True))
-    write_text(path, file.getvalue())
+    rows = ([repr(float(value)) for value in row] for row in zip(*columns, strict=True))
+    write_text(path, as_csv(head, rows, "\r\n"))

@@ -1,7 +1,5 @@
 """A report's folder: its numbers, the shapers, the problem and the figures that people take away."""
 
-import csv
-import io
 from collections.abc import Callable, Iterator, Mapping
 from importlib.metadata import version
 from pathlib import Path
@@ -9,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from jshape._files import digest, results_of, whole, write_results, write_text
+from jshape._files import as_csv, digest, results_of, whole, write_results, write_text
 from jshape.export import export
 from jshape.plants import AbstractOscillator
 from jshape.reports.report import Report, Row, Step, badness, placed, stem_of
@@ -67,13 +65,12 @@ def write_numbers(report: Report, folder: Path) -> None:
         with whole(folder / name) as beside:
             beside.write(content)
     for name, curves in report.curves.items():
-        file = io.StringIO()
-        table = csv.writer(file, lineterminator="\n")
-        table.writerow(["shaper", name, f"{name}_absolute", "residual_vibration"])
+        rows = []
         for shaper, values in curves.vibrations.items():
             columns = (part.tolist() for part in (curves.ratios, curves.values, values))
-            table.writerows([shaper, *row] for row in zip(*columns, strict=True))
-        write_text(folder / f"sensitivity_{name}.csv", file.getvalue())
+            rows += [[shaper, *row] for row in zip(*columns, strict=True)]
+        head = ["shaper", name, f"{name}_absolute", "residual_vibration"]
+        write_text(folder / f"sensitivity_{name}.csv", as_csv(head, rows))
 
 
 def _remove(folder: Path, before: dict[str, Any]) -> None:

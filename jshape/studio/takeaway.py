@@ -3,14 +3,13 @@
 What needs JAX is imported where it is called, so that the page is there before that.
 """
 
-import csv
-import io
 import json
 import math
 from typing import Any
 
 import numpy as np
 
+from jshape._files import as_csv
 from jshape.studio.results import Moves, Sensitivity
 from jshape.studio.state import FILE, State, check_sizes, problem
 
@@ -136,8 +135,4 @@ def sensitivity_csv(found: Sensitivity | None) -> str:
 
 
 def _csv(columns: dict[str, np.ndarray]) -> str:
-    file = io.StringIO()
-    table = csv.writer(file, lineterminator="\n")
-    table.writerow(columns)
-    table.writerows(zip(*(values.tolist() for values in columns.values()), strict=True))
-    return file.getvalue()
+    return as_csv(columns, zip(*(values.tolist() for values in columns.values()), strict=True))
