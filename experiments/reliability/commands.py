@@ -6,7 +6,7 @@ import numpy as np
 
 from experiments.reliability.damage import damaged
 from experiments.reliability.literals import altered, literal
-from experiments.reliability.records import vibration
+from experiments.reliability.records import SHAPER, vibration
 from experiments.reliability.uploads import with_machine
 from jshape.calibration.files import read
 from jshape.identification.csv_file import read_csv
@@ -102,8 +102,7 @@ def _operands(name: str, random: np.random.Generator, folder: Path) -> list[str]
         return [str(path)]
     if name == "export":
         path = folder / "shaper.json"
-        record = '{"format": "jshape-shaper", "version": 1, "amplitudes": [0.5, 0.5], "times": [0.0, 0.5]}'
-        path.write_bytes(damaged(record.encode(), random) if random.random() < 0.3 else record.encode())
+        path.write_bytes(damaged(SHAPER.encode(), random) if random.random() < 0.3 else SHAPER.encode())
         return [str(path)]
     if name == "shape":
         lines = ["t [s],a [rad],b [m]", *(f"{0.01 * i:.2f},{i / 50:.6g},{-i / 70:.6g}" for i in range(30))]

@@ -19,14 +19,12 @@ from unittest.mock import patch
 import numpy as np
 
 from experiments.reliability.damage import damaged
-from experiments.reliability.records import accelerations, vibration
+from experiments.reliability.records import MOVES, SHAPER, accelerations, vibration
 from jshape._files import _described, _digest, read_arrays
 from jshape.problems.reading import shipped
 from jshape.problems.starters import STARTERS
 from jshape.problems.starters import text as started
 from jshape.shaper import Shaper
-
-SHAPER = '{"format": "jshape-shaper", "version": 1, "amplitudes": [0.5, 0.5], "times": [0.0, 0.5]}'
 
 COMPUTED = "here it would compute"
 
@@ -42,9 +40,6 @@ COMPUTES = (
     *(("jshape.identification.from_csv", "identify"), ("jshape.trajectories.shaping", "shape")),
 )
 """What takes seconds: modules and functions."""
-
-MOVES = "\n".join(["t [s],a [rad]", *(f"{0.01 * i:.2f},{1 - np.cos(i * np.pi / 30):.6g}" for i in range(31)), ""])
-"""A trajectory."""
 
 WRONG = (
     *(True, 0, -1, 2, 3.5, -0.0, float("nan"), float("inf"), 10**18, 1e308, 5e-324, "", "x", "1", "1 m", "inf m"),

@@ -1,6 +1,11 @@
-"""Small measured records, to be damaged."""
+"""Small files, to be damaged: measured records, a shaper, a trajectory."""
 
 import numpy as np
+
+SHAPER = '{"format": "jshape-shaper", "version": 1, "amplitudes": [0.5, 0.5], "times": [0.0, 0.5]}'
+
+MOVES = "\n".join(["t [s],a [rad]", *(f"{0.01 * i:.2f},{1 - np.cos(i * np.pi / 30):.6g}" for i in range(31)), ""])
+"""A trajectory."""
 
 
 def vibration(random: np.random.Generator) -> str:

@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from experiments import markdown
-from experiments.reliability.records import accelerations, vibration
+from experiments.reliability.records import MOVES, SHAPER, accelerations, vibration
 
 COMMANDS = {
     "identify": ["identify", "record.csv", "--modes", "1", "--out", "out"],
@@ -179,13 +179,11 @@ def _run(place: Path, arguments: list[str], fault: str, last: int) -> tuple[Path
     """Run a command in a new folder, with a fault at a write."""
     random = np.random.default_rng(0)
     (place / "record.csv").write_text(vibration(random), encoding="utf-8")
-    shaper = '{"format": "jshape-shaper", "version": 1, "amplitudes": [0.5, 0.5], "times": [0.0, 0.5]}'
-    (place / "shaper.json").write_text(shaper, encoding="utf-8")
+    (place / "shaper.json").write_text(SHAPER, encoding="utf-8")
     (place / "problem.toml").write_text(PROBLEM, encoding="utf-8")
     (place / "link.toml").write_text(LINK, encoding="utf-8")
     (place / "raw_data_x.csv").write_text("\n".join([*accelerations(), ""]), encoding="utf-8")
-    rows = [f"{0.01 * i:.2f},{1 - np.cos(i * np.pi / 30):.6g}" for i in range(31)]
-    (place / "trajectory.csv").write_text("\n".join(["t [s],a [rad]", *rows, ""]), encoding="utf-8")
+    (place / "trajectory.csv").write_text(MOVES, encoding="utf-8")
     run = [sys.executable, "-c", RUNNER, fault, str(last), *arguments]
     root = str(Path(__file__).parents[2])
     paths = os.pathsep.join([root, os.environ.get("PYTHONPATH", "")])
