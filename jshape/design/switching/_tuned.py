@@ -11,6 +11,7 @@ from jaxtyping import Array, Float
 from scipy.optimize import least_squares
 
 from jshape import _check
+from jshape._memo import last_result
 from jshape._types import ArrayLike, Scalar, State
 from jshape.command import PiecewisePolynomial
 from jshape.compilation_cache import kept
@@ -180,11 +181,11 @@ def _levenberg_marquardt(at: Any, gaps: np.ndarray, iterations: int) -> tuple[np
             np.vstack([np.nan_to_num(jacobian) * np.exp(logs), np.zeros((missing, len(logs)))]),
         )
 
-    cached = functools.lru_cache(maxsize=4)(lambda key: function(np.frombuffer(key)))
+    both = last_result(function)
     run = least_squares(
-        lambda logs: cached(logs.tobytes())[0],
+        lambda logs: both(logs)[0],
         np.log(gaps),
-        jac=lambda logs: cached(logs.tobytes())[1],  # pyright: ignore[reportArgumentType]
+        jac=lambda logs: both(logs)[1],  # pyright: ignore[reportArgumentType]
         method="lm",
         xtol=1e-15,
         ftol=1e-15,
