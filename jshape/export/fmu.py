@@ -183,12 +183,8 @@ def _described2(
     listed, places = add(root, "ModelVariables"), {}
     counts = {True: 0, False: 0}
     for index, variable in enumerate(variables, 1):
-        attributes = {"name": variable.name, "valueReference": str(counts[variable.boolean])}
+        attributes = _attributes(variable, str(counts[variable.boolean]))
         counts[variable.boolean] += 1
-        attributes |= {"description": variable.about, "causality": variable.causality}
-        attributes["variability"] = variable.variability
-        if variable.causality != "input":
-            attributes["initial"] = "calculated" if variable.start is None else "exact"
         value = {} if variable.start is None else {"start": _text(variable.start)}
         if variable.derivative_of is not None:
             value["derivative"] = str(variable.derivative_of + 1)
@@ -209,6 +205,15 @@ def _described2(
     return root
 
 
+def _attributes(variable: Variable, reference: str) -> dict[str, str]:
+    """What both versions say of a variable."""
+    found = {"name": variable.name, "valueReference": reference, "description": variable.about}
+    found |= {"causality": variable.causality, "variability": variable.variability}
+    if variable.causality != "input":
+        found["initial"] = "calculated" if variable.start is None else "exact"
+    return found
+
+
 def _described3(
     name: str, token: str, variables: list[Variable], states: int, main: str, step: float | None
 ) -> ElementTree.Element:
@@ -225,11 +230,7 @@ def _described3(
         description="s",
     )  # fmt: skip
     for variable in variables:
-        attributes = {"name": variable.name, "valueReference": reference[variable.name]}
-        attributes |= {"description": variable.about, "causality": variable.causality}
-        attributes["variability"] = variable.variability
-        if variable.causality != "input":
-            attributes["initial"] = "calculated" if variable.start is None else "exact"
+        attributes = _attributes(variable, reference[variable.name])
         if variable.start is not None:
             attributes["start"] = _text(variable.start)
         if variable.derivative_of is not None:
