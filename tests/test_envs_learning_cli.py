@@ -124,7 +124,7 @@ def test_an_interrupted_evaluation_goes_on_where_it_was(tmp_path, monkeypatch):
         return dict.fromkeys(COLUMNS, row)
 
     monkeypatch.setattr(judged, "named_policy", lambda name, params: name)
-    monkeypatch.setattr("jshape_envs.families.Declared", lambda made, params: made)
+    monkeypatch.setattr("jshape_envs.families.informed", lambda made, params: made)
     monkeypatch.setattr(judged, "evaluate", score)
     monkeypatch.setattr(judged, "summary", lambda scores: scores)
     monkeypatch.setattr(plot, "save", lambda *_: None)

@@ -35,6 +35,7 @@ from jshape.moves import (
     observation_names,
 )
 from jshape.plants import AbstractPlant
+from jshape_envs.baselines.oracles import FullOracle, Oracle
 
 Family = Callable[[Params], Params]
 """The true params for declared ones."""
@@ -59,6 +60,11 @@ class Declared(AbstractPolicy):
 
     def act(self, memory: Any, observation: Observation, params: Params, state: EnvState) -> Choice:
         return self.policy.act(memory, as_in(self.params, observation, params), self.params, state)
+
+
+def informed(policy: AbstractPolicy, params: Params) -> AbstractPolicy:
+    """A policy with what it knows when it is judged: an oracle the true environment, any other the declared one."""
+    return policy if isinstance(policy, Oracle | FullOracle) else Declared(policy, params)
 
 
 def as_in(declared: Params, observation: Observation, params: Params) -> Observation:

@@ -46,9 +46,9 @@ def evaluate(
     """Judge policies on an environment: residual, move time, recovery from changes, regret against the oracle."""
     _shared.need_environments()
     _shared.prepare_jax()
-    from jshape_envs.baselines import FullOracle, Oracle, applicable
+    from jshape_envs.baselines import applicable
     from jshape_envs.evaluate import evaluate, named_policy, summary
-    from jshape_envs.families import FAMILIES, Declared
+    from jshape_envs.families import FAMILIES, informed
     from jshape_envs.parameters import parameters
     from jshape_envs.policy import policy_file
     from jshape_envs.strategies import strategy
@@ -84,9 +84,7 @@ def evaluate(
                 continue
             ours = name in ("trained", "guarded")
             made = strategy(name, environment, params) if ours else named_policy(name, params)
-            # Oracles know the truth.
-            made = made if isinstance(made, Oracle | FullOracle) else Declared(made, params)
-            found[name] = summary(evaluate(made, true, episodes, seeds))
+            found[name] = summary(evaluate(informed(made, params), true, episodes, seeds))
             # What is judged is kept, whatever happens to the others.
             finished = all(name in found for name in names)
             found = {name: found[name] for name in names if name in found}

@@ -84,9 +84,8 @@ def leaderboard(asked: dict[str, Any], progress: Progress) -> dict[str, Any]:
     """
     episodes, seeds = (_count(asked[key], key, most) for key, most in zip(("episodes", "seeds"), MOST, strict=True))
     params = _params(asked)
-    from jshape_envs.baselines import FullOracle, Oracle
     from jshape_envs.evaluate import evaluate, interquartile_mean
-    from jshape_envs.families import Declared
+    from jshape_envs.families import informed
     from jshape_envs.strategies import strategies, strategy
 
     rows: list[dict[str, Any]] = []
@@ -95,9 +94,7 @@ def leaderboard(asked: dict[str, Any], progress: Progress) -> dict[str, Any]:
         for done, name in enumerate(names):
             progress(name, done, len(names), min((row["regret"] for row in rows), default=np.inf))
             made = strategy(name, asked["environment"], params)
-            # Oracles know the truth.
-            made = made if isinstance(made, Oracle | FullOracle) else Declared(made, params)
-            found = evaluate(made, params, episodes, seeds)._asdict()
+            found = evaluate(informed(made, params), params, episodes, seeds)._asdict()
             means = {key: factor * float(interquartile_mean(found[key])) for key, factor in SCORES.items()}
             rows.append({"policy": name} | {key: x if np.isfinite(x) else None for key, x in means.items()})
     except KeyboardInterrupt:
