@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
@@ -103,11 +102,6 @@ class Linearisation(NamedTuple):
     root_jacobian: Any
     root_bends: Any
     end_jacobian: Any = None
-
-    @property
-    def hessians(self) -> Any:
-        """Of the energies, shape (plants, variables, variables)."""
-        return self.bends + np.swapaxes(self.root_jacobian, 1, 2) @ self.root_jacobian
 
 
 @kept
