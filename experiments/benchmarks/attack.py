@@ -30,7 +30,7 @@ import numpy as np
 from jaxtyping import Array
 
 import jshape as js
-from experiments.benchmarks.attack_families import FAMILIES, Case, Family, Row, pick
+from experiments.benchmarks.attack_families import FAMILIES, Family, Row, pick
 from experiments.benchmarks.attack_judge import Verdict, scipy_energy, verdicts
 from experiments.benchmarks.record import about, keep
 from jshape.simulation.steps import TOLERANCE, least_tolerance
@@ -54,16 +54,14 @@ def rounded(family: Family, row: Row) -> Row:
     return found
 
 
-def _single(case: Case) -> Case:
-    return jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), case)
-
-
 def answer(family: Family) -> Callable[[Row], Array]:
     """The default call on a row; traced, it flags with NaN."""
 
     def energy(row: Row) -> Array:
         case = family.build(row)
-        plant, shaper, command, state = _single(case) if family.single else case
+        if family.single:
+            case = jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), case)
+        plant, shaper, command, state = case
         return js.residual_energy(plant, shaper, command, initial_state=state)
 
     return energy

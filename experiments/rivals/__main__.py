@@ -39,7 +39,8 @@ def main(arguments: list[str] | None = None) -> None:
     chosen.out.mkdir(parents=True, exist_ok=True)
     path = chosen.out / "rivals.json"
     count = QUICK_PAYLOADS if chosen.quick else JUDGED
-    keep(path, "about", about(processor(), "jshape", "jax", "scipy", *_casadi()) | dict(payloads=count))
+    casadi = ["casadi"] if collocation.available() else []
+    keep(path, "about", about(processor(), "jshape", "jax", "scipy", *casadi) | dict(payloads=count))
     jobs = [(name, rival) for group in _groups(chosen.quick) for name in names for rival in group(machines()[name])]
     for done, (name, rival) in enumerate(jobs, start=1):
         key = f"{name}: {rival.name}"
@@ -47,10 +48,6 @@ def main(arguments: list[str] | None = None) -> None:
             keep(path, key, measured(machines()[name], rival, count))
         print(f"{done}/{len(jobs)} {key}: {_words(read(path)[key])}", flush=True)
     write(read(path), chosen.out)
-
-
-def _casadi() -> list[str]:
-    return ["casadi"] if collocation.available() else []
 
 
 def _groups(quick: bool) -> list[Any]:

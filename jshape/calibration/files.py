@@ -73,7 +73,7 @@ def _read(path: Path, component: str) -> list[Spectrum]:
     lines = [line.removesuffix("\r") for line in text.split("\n")]
     # NumPy puts a space before a header.
     lines[0] = lines[0].replace("# time", "#time", 1) if lines[0].startswith("# time") else lines[0]
-    header = next((i for i, line in enumerate(lines) if _is_header(line)), None)
+    header = next((i for i, line in enumerate(lines) if line.startswith(("#time", "freq"))), None)
     if header is None or any(line.strip() and not line.startswith("#") for line in lines[:header]):
         at = next((i for i, line in enumerate(lines) if line.strip() and not line.startswith("#")), 0)
         raise _problem(path, at + 1, f"the file must begin with {','.join(_RAW)!r} or 'freq,…'; it is neither kind")
@@ -108,10 +108,6 @@ def _text(path: Path) -> str:
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
         raise _problem(path, line, f"not a text file (byte 0x{data[error.start]:02x})") from None
-
-
-def _is_header(line: str) -> bool:
-    return line.startswith(("#time", "freq"))
 
 
 def _rows(path: Path, lines: list[str], header: int) -> Iterator[Row]:

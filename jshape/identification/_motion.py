@@ -240,7 +240,7 @@ def fit(problem: Problem, first: int) -> Fit:
             rows = min(longest, 4 * rows)
             continue
         parts = problem.compared(p, steps)
-        noise = np.array([_size(residuals) for residuals, _ in parts])
+        noise = np.array([np.sqrt(np.mean(residuals**2)) for residuals, _ in parts])
         if len(noise) > 1 and np.all(weights == 1):
             weights = noise.max() / np.maximum(noise, 1e-12 * noise.max())
             continue
@@ -252,10 +252,6 @@ def fit(problem: Problem, first: int) -> Fit:
             residuals, slopes = ([part[i] for part in parts] for i in (0, 1))
             return Fit(p, residuals, slopes, np.maximum(noise, 1e-300), found.status > 0, error)
         steps *= 2
-
-
-def _size(residuals: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(residuals**2)))
 
 
 def _least_squares(

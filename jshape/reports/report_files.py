@@ -154,7 +154,8 @@ def figures(report: Report, step: Step = lambda _: None) -> Iterator[tuple[str, 
         objective = "nominal" if not report.solution.samples else problem.objective
         yield "convergence", "convergence", (np.asarray(report.solution.history), objective)
     step("responses")
-    shown = _rows_of_panels(chosen)
+    # Four at most, in the same order and so with the same colours: the last closed form makes room.
+    shown = [*chosen[:3], chosen[-1]] if chosen[-1].name == "tuned" else chosen[:4]
     horizon = max(report.move_time(row) for row in shown)
     # All are as long as the longest of the report, whichever are shown: those of its rehearsal, whose program runs.
     alike = alike_shapers([placed(problem, row.played or row.shaper) for row in report.rows], problem.plant.axes)
@@ -198,8 +199,3 @@ def _chosen(report: Report) -> list[Row]:
         short = [row for row in members if row.duration <= longest]
         chosen += [min(rows, key=badness) for rows in (short, members) if rows]
     return [*[row for row in report.rows if any(row is other for other in chosen)][:4], tuned]
-
-
-def _rows_of_panels(chosen: list[Row]) -> list[Row]:
-    """Four at most, in the same order and so with the same colours: the last closed form makes room."""
-    return [*chosen[:3], chosen[-1]] if chosen[-1].name == "tuned" else chosen[:4]

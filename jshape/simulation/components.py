@@ -102,15 +102,11 @@ def _linearised(function: Callable[..., list[Array]]) -> Callable[..., list[Arra
 
 def moves(value: Any, tangent: Any) -> bool:
     """Whether a tangent may differ from zero."""
-    return _is_smooth(value) and not isinstance(tangent, SymbolicZero)
+    return jnp.issubdtype(jnp.result_type(value), jnp.inexact) and not isinstance(tangent, SymbolicZero)
 
 
 def _types(leaves: list[Any]) -> tuple[Any, ...]:
     return tuple(map(jax.typeof, leaves))
-
-
-def _is_smooth(value: Any) -> bool:
-    return jnp.issubdtype(jnp.result_type(value), jnp.inexact)
 
 
 def parts_of(vector: Array) -> list[Array]:

@@ -57,11 +57,6 @@ def energy_at_end(plant, plan: Schedule, end: End) -> tuple[Scalar, Scalar, Bool
     return known_or_nan(energy, end.met), jnp.where(end.met, end.error, jnp.inf), end.met | ~rest
 
 
-def _at_the_start(plant: AbstractPlant, plan: Schedule) -> Scalar:
-    """The energy above the last rest, where the move begins."""
-    return plant.residual_energy(plant.rest_state(plant.zero_inputs()), plan.final_inputs(plant))
-
-
 def check_tolerance(tolerance: Any, state: State) -> None:
     """*Raises* ``ValueError`` unless a tolerance is positive and above rounding."""
     _check.positive(tolerance, "tolerance")
@@ -86,7 +81,8 @@ def require_met(plant: AbstractPlant, plan: Schedule, energy: Any, met: Any, err
             raise ValueError(f"plant: the residual energy of {name} is not known ({_KINKS})")
         raise ValueError(f"distance: {name} has no rest at its final input, {_check.show(plan.final)}")
     if not np.all(np.asarray(met)):
-        if np.all(np.isnan(np.asarray(_at_the_start(plant, plan)))):
+        first = plant.residual_energy(plant.rest_state(plant.zero_inputs()), plan.final_inputs(plant))
+        if np.all(np.isnan(np.asarray(first))):
             raise ValueError(f"plant: the residual energy of {name} is not known ({_KINKS})")
         asked = "the default" if tolerance is None else f"{tolerance:g}"
         raise ValueError(
