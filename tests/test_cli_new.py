@@ -70,16 +70,17 @@ def test_keys_with_unit_default_and_meaning(name):
     assert f"did you mean {name}?" in wrong.output
 
 
-def asked(monkeypatch, tmp_path, answers):
+def asked(monkeypatch, tmp_path, answers, *path):
     monkeypatch.setattr(sys.modules["jshape.cli.new"], "_on_terminal", lambda: True)
     monkeypatch.chdir(tmp_path)
-    result = run(app, ["new"], input="\n".join(answers) + "\n")
+    result = run(app, ["new", *path], input="\n".join(answers) + "\n")
     assert result.exit_code == 0, result.output
-    return result.output, read("problem.toml")
+    return result.output, read("".join(path) or "problem.toml")
 
 
-def test_three_questions(monkeypatch, tmp_path):
-    output, draft = asked(monkeypatch, tmp_path, ["2", "12 m", "500 kg to 9 t"])
+@pytest.mark.parametrize("path", [(), ("hall.toml",)])
+def test_three_questions(path, monkeypatch, tmp_path):
+    output, draft = asked(monkeypatch, tmp_path, ["2", "12 m", "500 kg to 9 t"], *path)
     assert output.count("?") == 0
     assert output.count("[") == 3
     assert draft.plant.kind == "DoublePendulumCrane"
@@ -118,3 +119,6 @@ def test_without_a_standard_input_nothing_is_asked(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "stdin", None)
     assert not sys.modules["jshape.cli.new"]._on_terminal()
+    result = run(app, ["new", "hall.toml"])
+    assert result.exit_code == 0
+    assert "a two-mass pair (paper_001); --plant Crane, say, for another machine" in result.output

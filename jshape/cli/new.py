@@ -26,14 +26,15 @@ def new(
         str | None, typer.Option(help="A shipped problem to begin from; paper_001 without a plant.")
     ] = None,
 ) -> None:
-    """Write a commented problem file to begin from; on a terminal, without arguments, three questions are asked."""
+    """Write a commented problem file to begin from; on a terminal, without a plant, three questions are asked."""
     from jshape._files import write_text
     from jshape.problems import starters
     from jshape.problems.reading import shipped
 
     if plant is not None and like is not None:
         raise ValueError(f"--plant {plant}, --like {like}: give only one of them")
-    asked = path is None and plant is None and like is None and _on_terminal()
+    unknown = plant is None and like is None
+    asked = unknown and _on_terminal()
     path = path or Path("problem.toml")
     if path.exists():
         raise ValueError(f"{path}: exists already, and is left as it is")
@@ -48,6 +49,8 @@ def new(
         write_text(path, starters.text(starter))
     else:
         _copy(shipped(), like or "paper_001", path)
+    if unknown and not asked:
+        typer.echo("a two-mass pair (paper_001); --plant Crane, say, for another machine: jshape plants lists them")
     typer.echo(f"{path}: written. Next: jshape tune {path}")
 
 

@@ -5,6 +5,7 @@ sample time if asked to, and judges what it found. An interrupt after the first 
 """
 
 import functools
+from collections.abc import Callable
 from concurrent.futures import Future, wait
 
 import numpy as np
@@ -193,10 +194,7 @@ class Search:
                     done += 1
                 if (size, most) == rounds[-2]:
                     others = max(1, min(count // 2, max(int(more) - 1, self.fewest)))  # Played backwards, at least.
-                    self.around = around(descents, begin, others, self.random, more > CHEAPER)
-                    descents = self.around.descents
-                    best = distinct(descents)[0]
-                    self.judge.refine(best.search.values(best.x, best.tolerance))
+                    descents = self._around(descents, begin, others, more > CHEAPER)
                 for descent in distinct(descents)[:1] if most else descents:
                     self._add(descent.point, descent.optimal)
             if self.problem.over_interval:
@@ -212,12 +210,26 @@ class Search:
             self.others += [one.point for one in sorted(descents, key=lambda one: one.merit)] + ranked
             if self.candidates:
                 self._sum_up(min(rounds[0][0], len(ranked)), len(starts))
+        self._say_doubts(iterations)
+        self.progress("local search", total, total, self._total())
+
+    def _around(
+        self, descents: list[Descent], begin: Callable[[Point], Descent], count: int, thorough: bool
+    ) -> list[Descent]:
+        """The searches with so many more from around the best design, whose objective says how finely the end of the
+        search has to know it."""
+        self.around = around(descents, begin, count, self.random, thorough)
+        best = distinct(self.around.descents)[0]
+        self.judge.refine(best.search.values(best.x, best.tolerance))
+        return self.around.descents
+
+    def _say_doubts(self, iterations: int) -> None:
+        """Say what speaks against the best design, and what more impulses could leave."""
         if not self._reached():
             # What another search met, or did not meet, leaves the doubt.
             self.doubt = doubts(self._undecided, self.around) or self.doubt
         self.summary += self.doubt if self.best.optimal else not_optimal(iterations)
         self.summary += self.models.more(self.problem.bounds.impulses, self._total())
-        self.progress("local search", total, total, self._total())
 
     @property
     def _undecided(self) -> bool:
