@@ -502,6 +502,32 @@ def test_rest_before_the_vibration(kind, rest):
         assert rest < times[int(note.split()[1][:-1])] < rest + 1.0
 
 
+@pytest.mark.parametrize("rest", [0.0, 0.2, 0.5, 1.0])
+def test_rest_before_a_beat(rest):
+    """The body beside the one that is struck, after whose first swings greater ones come: the rest was not seen, and
+    two modes that there are not had narrow intervals."""
+    times, values = np.arange(2000) / 200, 0.0
+    for sign, frequency in ((1.0, 5.0), (-1.0, 5.1)):
+        pole = 2 * np.pi * frequency * (-0.003 + 1j * np.sqrt(1 - 0.003**2))
+        swing_of_mode = np.imag(pole * np.exp(pole * np.maximum(times - rest, 0.0)))
+        values = values + np.where(times >= rest, sign * swing_of_mode, 0.0)
+    noise = 0.02 * np.random.default_rng(0).normal(size=2000)
+    found = identify(times, values / np.max(np.abs(values)) + noise, measured="acceleration")
+    np.testing.assert_allclose(found.omega / 2 / np.pi, [5.0, 5.1], atol=0.002)
+    np.testing.assert_allclose(found.zeta, 0.003, atol=0.0004)
+
+
+def test_a_short_rest_before_a_step_is_named():
+    """Five samples, too few to be seen: the mode that makes up for them is named."""
+    times = np.arange(1000) / 100
+    pole = 4 * np.pi * (-0.02 + 1j * np.sqrt(1 - 0.02**2))
+    values = 1 - np.real(np.exp(pole * np.maximum(times - 0.05, 0.0)))
+    found = identify(times, values + 0.002 * np.random.default_rng(3).normal(size=1000), kind="step")
+    assert np.any(found.zeta > 0.3)
+    assert any("a short rest before it" in note for note in found.notes)
+    assert np.min(np.abs(found.omega / 2 / np.pi - 2.0)) < 0.01
+
+
 def test_vibration_that_moves_on_into_another_channel_is_no_rest():
     """As of a head on springs that lie askew, after a step along one axis."""
     times = 0.005 * np.arange(2400)

@@ -536,6 +536,11 @@ def test_a_spring_without_stiffness_at_rest_has_no_period():
     assert np.isnan(jax.jit(lambda d: js.overshoot(plant, None, d))(1.0))
     forced = plants.ForcedMass(1.0, plants.PowerLawSpring(1000.0, 3))
     assert np.isnan(js.residual_vibration(forced, js.Shaper([0.5, 0.5], [0.0, 0.3]), 8.0))
+    # Its servo has a period, in two of which the link has swung 0.15 of the 0.39 that it swings.
+    joint = plants.FlexibleJoint(0.1, 1.0, plants.PowerLawSpring(10.0, 3), plants.ProportionalController(1e3))
+    assert np.isnan(js.residual_vibration(joint, js.Shaper([0.6, 0.4], [0.0, 0.8]), 1.0))
+    with pytest.raises(ValueError, match="plant: a FlexibleJoint whose spring has no stiffness at rest"):
+        js.overshoot(joint, None, 1.0)
 
 
 @pytest.mark.slow

@@ -164,6 +164,15 @@ WRONG = {
         lambda: js.residual_energy(TOWER, None, js.Axes(trolley=js.Trapezoid(-15.5, 1.0, 0.3))),
         "trolley must stay away from the axis of slewing, not at -0.5 m",
     ),
+    # At the breaks it stays 5 cm away from the axis; between them it is 5 cm beyond.
+    "axis reached between breaks": (
+        lambda: js.residual_energy(
+            plants.TowerCrane(1.0, 5.0),
+            {"trolley": js.Shaper([2.0, -1.0], [0.0, 1.0])},
+            js.Axes(trolley=js.Trapezoid(-0.63, 10.0, 0.63)),
+        ),
+        "trolley must stay away from the axis of slewing, not at -0.0[45]",
+    ),
     "upright": (
         lambda: js.residual_energy(BOOM, None, js.Axes(luff=js.Trapezoid(0.9, 0.1, 0.1))),
         "luff must leave the boom less than upright, not at 1.6 rad",

@@ -86,19 +86,39 @@ def _rest(channel: np.ndarray) -> tuple[int, int]:
     smooth = medfilt(channel, 5)  # Two wrong values are no blow.
     away = np.abs(smooth - np.median(channel[:FEWEST_AT_REST]))
     half = int(np.argmax(away > 0.5 * np.max(away)))
-    falls = away[half:] < 0.5 * np.maximum.accumulate(away[half:])
-    rise = int(np.argmax(away[half:][: np.argmax(falls) or None]))
+    rise = _rise(away[half:])
     rest = half - rise
-    if rest < max(FEWEST_AT_REST, 0.7 * rise) or np.std(smooth[:rest]) >= QUIET * np.max(away):
+    if rest < max(FEWEST_AT_REST, 0.7 * rise):
         return 0, 0
     # What grows meanwhile is shaken.
     first, second = (np.median(np.abs(part - np.median(part))) for part in np.array_split(channel[:rest], 2))
-    if rest >= 4 * FEWEST_AT_REST and second > 2 * first + 1e-3 * np.max(away):
-        return 0, 0
-    noise = np.sqrt(np.mean(np.diff(channel[:rest]) ** 2) / 2)
-    if rest < 2 * rise and np.std(channel[:rest]) > STRONGER * noise:
+    grows = rest >= 4 * FEWEST_AT_REST and second > 2 * first + 1e-3 * np.max(away)
+    if grows or np.std(smooth[:rest]) >= QUIET * np.max(away):
+        return _noise_at_first(channel, smooth, away, half)
+    if rest < 2 * rise and np.std(channel[:rest]) > STRONGER * np.sqrt(np.mean(np.diff(channel[:rest]) ** 2) / 2):
         return 0, 0
     return rest, half + 3 * rise + 4
+
+
+def _rise(away: np.ndarray) -> int:
+    """The samples to the first peak of a distance that is great at first."""
+    falls = away < 0.5 * np.maximum.accumulate(away)
+    return int(np.argmax(away[: np.argmax(falls) or None]))
+
+
+def _noise_at_first(channel: np.ndarray, smooth: np.ndarray, away: np.ndarray, half: int) -> tuple[int, int]:
+    """The same where a vibration grows from swing to swing, as beating does: it rests for as long as its deviation is
+    no greater than its changes from sample to sample make likely, as those of noise are; a swing is smoother."""
+    ends = np.arange(2 * FEWEST_AT_REST, half)
+    part = channel[:half] - channel[0]
+    deviation = np.cumsum(part**2)[ends - 1] / ends - (np.cumsum(part)[ends - 1] / ends) ** 2
+    changes = np.cumsum(np.diff(part) ** 2)[ends - 2] / (ends - 1)
+    noise = ends[deviation <= STRONGER**2 * changes / 2]
+    rest = int(noise[-1]) if len(noise) else 0
+    if not rest or np.std(smooth[:rest]) >= QUIET * np.max(away):
+        return 0, 0
+    swing = rest + int(np.argmax(away[rest:] > 2 * np.max(away[:rest])))
+    return rest, swing + 3 * _rise(away[swing:]) + 4
 
 
 def require_decay(record: Record) -> None:

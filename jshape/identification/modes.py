@@ -172,6 +172,10 @@ def _result(
         f"{w / 2 / np.pi:.5g} ± {1.96 * s / 2 / np.pi:.2g} Hz, damping {z:.4g} ± {1.96 * d:.2g}"
         for w, z, s, d in zip(omega, zeta, deviation, deviation[len(omega) :], strict=False)
     ]
+    if kind == "step" and record.inputs is None and np.any(zeta > 0.3):
+        notes.append(
+            "the step is taken to be at the first sample: what is damped strongly may be a short rest before it"
+        )
     if modes is None and len(found.omega) >= SUSPECT:
         notes.append(f"{len(found.omega)} modes are many: perhaps this is no {kind}, or not all of it is")
     how = "as asked for" if modes is not None else "by Bayes's criterion"

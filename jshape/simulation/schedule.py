@@ -21,6 +21,9 @@ from jshape.plants import AbstractPlant
 from jshape.plants.base import DRIVES
 from jshape.shaper import Shaping, shaped
 
+BETWEEN = 65
+"""Places on a piece that is not straight at which a plant checks the commanded position."""
+
 
 class Segments(eqx.Module):
     """Stretches of time on each of which one polynomial drives the plant.
@@ -118,9 +121,18 @@ def schedule(
         plain = np.asarray(coefficients)
         if np.any(plain[-1, ..., 1:] != 0):
             raise ValueError(f"{name}: it does not come to rest: its last piece is not constant")
-        if plant.axes and _check.is_concrete(plant):
-            plant.check_positions(plain[..., 0])
+        if plant.axes and _check.is_concrete(plant, breaks):
+            plant.check_positions(_positions(np.diff(np.asarray(breaks)), plain))
     return Schedule(breaks, coefficients)
+
+
+def _positions(durations: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
+    """Commanded positions at the breaks, and of pieces that are not straight between them, too, shape (all, axes)."""
+    at_breaks = coefficients[..., 0]
+    bent = np.any(coefficients[:-1, :, 2:] != 0, axis=(1, 2))
+    times = durations[bent, None, None] * np.linspace(0.0, 1.0, BETWEEN)[:, None]
+    within = np.polynomial.polynomial.polyval(times, np.moveaxis(coefficients[:-1][bent, None], -1, 0), tensor=False)
+    return np.concatenate([at_breaks, within.reshape(-1, at_breaks.shape[1])])
 
 
 @kept
