@@ -148,11 +148,20 @@ def _residuals(plant, shaper, distance, initial_state, steps: int | None, tolera
     fine = trajectory.fine_steps(plant, plan, 2.0) if steps is None else 32 * steps
     if tolerance is not None:
         residual.check_tolerance(tolerance, state)
-    energy, vibration, error, met = _energy_and_vibration(
-        plant, plan, state, steps, fine, residual.as_tolerance(tolerance, state)
-    )
+    tolerated = residual.as_tolerance(tolerance, state)
+    while True:
+        energy, vibration, error, met, followed = _energy_and_vibration(plant, plan, state, steps, fine, tolerated)
+        known = not _check.is_concrete(vibration) or bool(np.all(followed))
+        if known or steps is not None or 4 * fine > trajectory.MOST_STEPS:
+            break
+        fine *= 4
     if _check.is_concrete(vibration):
         residual.require_met(plant, plan, energy, met, error, tolerance)
+    if not known:
+        raise ValueError(
+            f"distance: residual_vibration of {type(plant).__name__} is not accurate to {trajectory.ACCURACY:g} with "
+            f"{fine} steps in two periods after the move"
+        )
     return energy, vibration
 
 
@@ -315,7 +324,7 @@ def _rise_time(plant: AbstractPlant, plan: Schedule, along: Trajectory, levels: 
 def _energy_and_vibration(plant, plan: Schedule, state, steps: int | None, fine: int, tolerance):
     end = residual.state_at_end(plant, plan, state, steps, "dopri8", tolerance)
     inputs = plan.final_inputs(plant)
-    met = end.met
+    met, followed = end.met, jnp.asarray(True)
     if isinstance(plant, AbstractOscillator) and plant.drives()[0] == "displacement":
         stored = plant.residual_energy(end.state, inputs)
         amplitude = known_or_nan(plant.spring.amplitude(stored), ~jnp.isnan(stored))
@@ -333,9 +342,9 @@ def _energy_and_vibration(plant, plan: Schedule, state, steps: int | None, fine:
         amplitude = _over_distance(departure, plant, plan, along)
         diverged = end.diverged | along.diverged
         amplitude = known_or_nan(amplitude, trajectory.timed(plant))
-        met = met & (along.met | along.diverged)
-    vibration = known_or_nan(jnp.where(diverged, jnp.inf, amplitude), met)
-    return residual.energy_at_end(plant, plan, end)[0], vibration, end.error, met
+        followed = along.met | along.diverged
+    vibration = known_or_nan(jnp.where(diverged, jnp.inf, amplitude), met & followed)
+    return residual.energy_at_end(plant, plan, end)[0], vibration, end.error, met, followed
 
 
 def _amplitude(along: Trajectory) -> Scalar:

@@ -181,7 +181,7 @@ def marlin(shaper: Shaper, *, axis: str = "x") -> str:
             f"not amplitudes {_check.show(amplitudes)} at {_check.show(times)} s"
         )
     decay = -math.log(min(amplitudes[1] / amplitudes[0], 1.0))
-    zeta = decay / math.hypot(math.pi, decay)
+    zeta = abs(decay) / math.hypot(math.pi, decay)  # Not −0.
     axis = axis.upper()
     lines = [
         *about(shaper),
