@@ -294,6 +294,9 @@ def test_where_hardly_any_energy_is_left_and_where_the_best_design_is_in_doubt(i
     assert found.status is js.Status.STOPPED
     assert "refined starts out of 65" in found.message
     assert found.optimality < 1e-3
+    # Who names the start is not led to another one.
+    alone = js.tune(problem.plant, problem.command, start=found.shaper, **problem.options)
+    assert "refined starts out of 1" in alone.message
 
 
 @pytest.mark.parametrize("count", [1, 4, 32])

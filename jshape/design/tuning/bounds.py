@@ -26,6 +26,9 @@ BESIDE = 0.02
 LONG = 0.4
 """Of the longest duration, least of designs at random."""
 
+WITHIN = 1e-9
+"""By how much a design may be beyond its bounds, of amplitudes 1 and of the longest duration."""
+
 
 class Bounds(eqx.Module):
     """The set of designs that a search considers.
@@ -157,14 +160,14 @@ class Bounds(eqx.Module):
 
     def contains(self, point: Point) -> Any:
         """Whether a design is within the bounds; of NumPy or JAX."""
-        amplitudes, tolerance = point.amplitudes.reshape(self.shapers, -1), 1e-9
+        amplitudes = point.amplitudes.reshape(self.shapers, -1)
         totals = point.gaps.reshape(self.shapers, -1).sum(axis=1)
         # What is not a number is in no range.
         return (
-            ((amplitudes >= self.lower - tolerance) & (amplitudes <= self.upper + tolerance)).all()
+            ((amplitudes >= self.lower - WITHIN) & (amplitudes <= self.upper + WITHIN)).all()
             & (abs(amplitudes) < np.inf).all()
-            & ((point.gaps >= -tolerance * self.longest) & (point.gaps < np.inf)).all()
-            & ((self.shortest * (1 - tolerance) <= totals) & (totals <= self.longest * (1 + tolerance))).all()
+            & ((point.gaps >= -WITHIN * self.longest) & (point.gaps < np.inf)).all()
+            & ((self.shortest * (1 - WITHIN) <= totals) & (totals <= self.longest * (1 + WITHIN))).all()
             & ((point.leaves >= self.least) & (point.leaves <= self.most)).all()
         )
 

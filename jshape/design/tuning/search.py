@@ -104,7 +104,8 @@ class Search:
                 if not self.best.optimal:
                     # Zero is out of reach, as far as is known: the least energy is looked for.
                     self._descend(ends + starts, iterations or ITERATIONS, 2 * most)
-            if iterations is None and self._worth_another():
+            # Not where a number of iterations, or the only start, is asked for.
+            if method != "first-order" and iterations is None and len(starts) > 1 and self._worth_another():
                 self._again(min(most, len(starts)))
         except KeyboardInterrupt:
             if not self.candidates:
