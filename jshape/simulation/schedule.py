@@ -121,8 +121,9 @@ def schedule(
         plain = np.asarray(coefficients)
         if np.any(plain[-1, ..., 1:] != 0):
             raise ValueError(f"{name}: it does not come to rest: its last piece is not constant")
-        if plant.axes and _check.is_concrete(plant, breaks):
-            plant.check_positions(_positions(np.diff(np.asarray(breaks)), plain))
+        if plant.axes and _check.is_concrete(plant):
+            known = _check.is_concrete(breaks)
+            plant.check_positions(_positions(np.diff(np.asarray(breaks)), plain) if known else plain[..., 0])
     return Schedule(breaks, coefficients)
 
 

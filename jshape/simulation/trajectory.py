@@ -16,6 +16,7 @@ from jshape._roots import known_or_nan
 from jshape._types import Scalar, State
 from jshape.command import polynomial
 from jshape.compilation_cache import kept
+from jshape.plants import AbstractSpring
 from jshape.simulation.integrate import integrate
 from jshape.simulation.replay import field_of
 from jshape.simulation.schedule import Schedule, Segments, inputs_at
@@ -120,7 +121,7 @@ def tail(plant, plan: Schedule, periods: float) -> Scalar:
 def timed(plant) -> Array:
     """Whether a period says how long to look after a move: a spring without stiffness at rest has none."""
     spring = getattr(plant, "spring", None)
-    return jnp.asarray(True if spring is None else spring.stiffness(jnp.zeros(())) > 0)
+    return jnp.asarray(spring.stiffness(jnp.zeros(())) > 0 if isinstance(spring, AbstractSpring) else True)
 
 
 @kept
