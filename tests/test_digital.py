@@ -159,8 +159,11 @@ def test_a_limit_holds_for_impulses_of_one_sample():
     two impulses of one sample made 1.0, and others left zero with amplitudes of 1.007."""
     plant = js.plants.TwoMass(1.0, 0.8, js.plants.LinearSpring(10.0))
     found = js.tune(plant, 0.05, 4, 0.6, "bounded", 0.6, starts=4, sample_time=0.01)
-    np.testing.assert_allclose(found.shaper.amplitudes, [0.6, 0.4, -0.6, 0.6], atol=1e-9)
-    np.testing.assert_allclose(found.shaper.times, [0.0, 0.01, 0.18, 0.6], atol=1e-12)
+    amplitudes, times = np.asarray(found.shaper.amplitudes), np.asarray(found.shaper.times)
+    if amplitudes[1] < 0:  # Without damping a design played backwards leaves the same: rounding says which is found.
+        amplitudes, times = amplitudes[::-1], 0.6 - times[::-1]
+    np.testing.assert_allclose(amplitudes, [0.6, 0.4, -0.6, 0.6], atol=1e-9)
+    np.testing.assert_allclose(times, [0.0, 0.01, 0.18, 0.6], atol=1e-12)
     assert found.objective == pytest.approx(8.7339e-4, rel=1e-4)
 
 
