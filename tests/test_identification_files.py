@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from jshape.identification.csv_file import axis_unit, read_csv
 from jshape.identification.from_csv import identify_csv
-from jshape.identification.records import RecordError
+from jshape.identification.records import RecordError, check_record
 
 FREQUENCY, DAMPING, RATE = 3.0, 0.02, 50.0
 
@@ -234,6 +234,19 @@ def test_what_is_mended_is_told(path, content, words):
     lower, upper = found.interval(0.9999)[0]
     assert lower[0] <= 2 * np.pi * FREQUENCY <= upper[0]
     assert abs(hertz(found)[0] / FREQUENCY - 1) < 0.01
+
+
+@pytest.mark.parametrize("missing", [0, 3])
+def test_a_clock_that_jitters_by_an_eighth_of_a_sample(missing):
+    """One step in some thousand is longer than a sample and a half, and the next one shorter: none is missing."""
+    for seed in range(12):
+        random = np.random.default_rng(seed)
+        index = np.delete(np.arange(2000), random.choice(np.arange(1, 1999), missing, replace=False))
+        record = check_record((index + 0.12 * random.standard_normal(len(index))) / RATE, np.sin(index))
+        assert any("the clock jitters by 1" in note for note in record.notes)
+        told = [note for note in record.notes if "missing" in note]
+        assert len(told) == bool(missing)
+        assert all(f"{missing} samples are missing" in note for note in told)
 
 
 def test_rounded_stamps_of_an_even_clock(path):

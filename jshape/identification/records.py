@@ -20,6 +20,9 @@ DRIFT = 1e-3
 UNEVEN = 0.2
 """The jitter, in sampling intervals, from which on times are refused."""
 
+FOLLOWED = 0.1
+"""The part of what a stamp is off by that a clock which is followed takes over."""
+
 MISSING = 0.2
 """The share of a record that may be missing."""
 
@@ -213,9 +216,12 @@ def _clock(times: np.ndarray, rows: np.ndarray, where: Where) -> tuple[np.ndarra
         other_line, other_off = _line(other, times)
         if np.max(np.abs(other_off)) <= 1.1 * likely:
             index, step, rounding, line, off = other, mean, likely, other_line, other_off
-    curve = np.polynomial.Polynomial.fit(index, times, 2)
     even = np.max(np.abs(off)) <= max(1.1 * rounding, 1e-6 * step)
-    spread = 0.0 if even else float(np.std(times - curve(index))) / step
+    spread = 0.0 if even else _spread(index, times) / step
+    if spread > UNEVEN / 4 and _spread(followed := _followed(times, step), times) < spread * step:
+        index, spread = followed, _spread(followed, times) / step
+        line, off = _line(index, times)
+    curve = np.polynomial.Polynomial.fit(index, times, 2)
     remedy = "if they were even, give the sampling rate instead of the times"
     if spread > UNEVEN:
         worst = int(np.argmax(np.abs(off)))
@@ -244,6 +250,26 @@ def _clock(times: np.ndarray, rows: np.ndarray, where: Where) -> tuple[np.ndarra
             raise RecordError(f"{place}{missing} of {int(index[-1]) + 1} samples are missing, first after {at:.6g} s")
         notes.append(f"{place}{missing} samples are missing{_more(gaps, 'gaps')}, first after {at:.6g} s")
     return (line(index) if even else times), notes
+
+
+def _followed(times: np.ndarray, step: float) -> np.ndarray:
+    """The samples' numbers, on a clock that is followed from stamp to stamp: what one is off by, the next is not."""
+    index, clock = np.zeros(len(times)), float(times[0])
+    for i, time in enumerate(times[1:].tolist(), 1):
+        number = round((time - clock) / step)
+        if number < 1 and i > 1 and index[i - 1] - index[i - 2] > 1:
+            index[i - 1] -= 1  # That stamp was late, and none is missing before it.
+        else:
+            number = max(number, 1)
+        index[i] = index[i - 1] + max(number, 1)
+        clock += number * step
+        clock += FOLLOWED * (time - clock)
+    return index
+
+
+def _spread(index: np.ndarray, times: np.ndarray) -> float:
+    """The standard deviation of the stamps from a clock that may drift, s."""
+    return float(np.std(times - np.polynomial.Polynomial.fit(index, times, 2)(index)))
 
 
 def _line(index: np.ndarray, times: np.ndarray) -> tuple[np.polynomial.Polynomial, np.ndarray]:
