@@ -6,8 +6,9 @@ marked ``kept`` are exported into a folder beside that, after which another proc
 of them. Once JAX finds its programs without tracing, delete this file and put ``eqx.filter_jit`` in the place of
 ``kept``.
 
-A kept program is data: a SHA-256 digest, a line of JSON that says how the result is put together, and what
-``jax.export`` writes. A file that is damaged, or of another version, is computed again and overwritten. Nothing is
+A kept program is data: a SHA-256 digest, a line of JSON that says which program it is and how the result is put
+together, and what ``jax.export`` writes. A file that is damaged, of another version, or a copy of another one is
+computed again and overwritten. Nothing is
 kept where nobody asked for it, of code that is not jshape's own (nobody could tell whether that has changed), or in a
 folder that others may write to.
 """
@@ -59,7 +60,10 @@ except ImportError:  # In forty times the time.
 P = ParamSpec("P")
 R = TypeVar("R")
 
-_FORMAT = "jshape-program 1"
+_FORMAT = "jshape-program 2"
+
+_SEAL = b"jshape-entry 1"
+"""With what a seal of an entry that JAX keeps begins."""
 
 _LIBRARIES = ("jax", "jaxlib", "equinox", "diffrax", "optimistix", "lineax", "numpy", "jaxtyping")
 """Whose code is traced besides jshape's own; their versions belong to a program's name, jshape's source does too."""
@@ -104,7 +108,7 @@ def keep_programs(folder: str | Path | None = None) -> None:
             return
     # JAX takes addresses, and an empty name for "keep nothing", too.
     local = bool(str(folder)) and "://" not in str(folder)
-    if local and Path(folder).is_dir() and not _private(Path(folder)):
+    if local and _made(Path(folder)).is_dir() and not _private(Path(folder)):
         warnings.warn(f"{folder}: others may write to it, so no programs are kept there", stacklevel=2)
         return
     jax.config.update("jax_compilation_cache_dir", str(folder))
@@ -113,7 +117,7 @@ def keep_programs(folder: str | Path | None = None) -> None:
     # On a full disk, too, and where an entry was damaged, a command says its own line alone.
     warnings.filterwarnings("ignore", "Error (reading|writing) persistent compilation cache entry")
     _let_jax_see_damage()
-    _let_jax_write_whole()
+    _let_jax_keep_whole()
     if local:
         _open(Path(folder) / "programs")
 
@@ -131,15 +135,16 @@ def _let_jax_see_damage() -> None:
             setattr(compilation_cache, name, None)
 
 
-def _let_jax_write_whole() -> None:
-    """Have JAX write what it keeps whole, in the place of a damaged entry, too.
+def _let_jax_keep_whole() -> None:
+    """Have JAX write what it keeps whole, in the place of a damaged entry, too, and with a seal that names the entry.
 
     A full disk and a process that is killed would leave half of one, which it does not write over: every later process
-    would compile that program.
+    would compile that program. A copy of another entry would be run in its place. Entries without a seal are of
+    processes without jshape, which read ours as well: what follows compressed data is left alone.
     """
     from jax._src import lru_cache
 
-    put = lru_cache.LRUCache.put
+    put, get = lru_cache.LRUCache.put, lru_cache.LRUCache.get
     if put.__module__ == __name__:
         return
 
@@ -149,9 +154,21 @@ def _let_jax_write_whole() -> None:
             put(self, key, value)
             return
         with whole(Path(self.path) / f"{key}-cache") as file:
-            file.write(value)
+            file.write(value + _seal(key, value))
 
-    lru_cache.LRUCache.put = put_whole
+    def get_sealed(self: Any, key: str) -> bytes | None:
+        found = get(self, key)
+        size = len(_SEAL) + hashlib.sha256().digest_size
+        if found is None or found[-size:][: len(_SEAL)] != _SEAL:
+            return found
+        value, seal = found[:-size], found[-size:]
+        return value if seal == _seal(key, value) else None
+
+    lru_cache.LRUCache.put, lru_cache.LRUCache.get = put_whole, get_sealed
+
+
+def _seal(key: str, value: bytes) -> bytes:
+    return _SEAL + hashlib.sha256(key.encode() + value).digest()
 
 
 def _users_cache() -> Path:
@@ -163,13 +180,18 @@ def _users_cache() -> Path:
 
 def _private_folder(folder: Path) -> Path:
     """The same folder, made where there is none; its user alone may write to it, where the system has such rights."""
-    try:
-        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        if hasattr(os, "getuid") and folder.stat().st_uid == os.getuid():
+    # One that cannot be made, or is another's, keeps nothing.
+    with contextlib.suppress(OSError):
+        if hasattr(os, "getuid") and _made(folder).stat().st_uid == os.getuid():
             folder.chmod(folder.stat().st_mode & ~0o022)
-    except OSError:
-        # One that cannot be made keeps nothing.
-        pass
+    return folder
+
+
+def _made(folder: Path) -> Path:
+    """The same folder; it, and those above it, are made for their user alone where there are none."""
+    with contextlib.suppress(OSError):
+        for part in reversed((folder, *folder.parents)):
+            part.mkdir(mode=0o700, exist_ok=True)
     return folder
 
 
@@ -179,10 +201,8 @@ def _open(folder: Path) -> None:
     own = folder / _stamp()
     try:
         first = not own.exists()
-        own.parent.parent.mkdir(parents=True, exist_ok=True)
         for part in (folder, own):
-            part.mkdir(mode=0o700, exist_ok=True)
-            if not _private(part):
+            if not _private(_made(part)):
                 warnings.warn(f"{part}: others may write to it, so no programs are kept there", stacklevel=3)
                 return
         for other in folder.iterdir() if first else ():
@@ -304,7 +324,7 @@ def _export(function: Callable, leaves: list, tree: Any) -> tuple[Any, jax.expor
 
 
 def _write(path: Path, result: Any, exported: jax.export.Exported) -> None:
-    header = json.dumps({"format": _FORMAT, "result": _describe(result)}).encode()
+    header = json.dumps({"format": _FORMAT, "program": _which(path), "result": _describe(result)}).encode()
     if _rebuild(json.loads(header)["result"]) != result:
         raise _NotOursError(result)
     content = header + b"\n" + exported.serialize()
@@ -313,16 +333,21 @@ def _write(path: Path, result: Any, exported: jax.export.Exported) -> None:
 
 
 def _read(path: Path) -> tuple[Any, jax.export.Exported]:
-    """What ``_write`` wrote. *Raises* one error or another unless all of it is there and unchanged."""
+    """What ``_write`` wrote there. *Raises* one error or another unless all of it is there and unchanged."""
     read = path.read_bytes()
     digest, content = read[:32], read[32:]
     if hashlib.sha256(content).digest() != digest:
         raise ValueError("damaged")
     header, _, code = content.partition(b"\n")
     about = json.loads(header)
-    if about["format"] != _FORMAT:
-        raise ValueError("of another version")
+    if about["format"] != _FORMAT or about["program"] != _which(path):
+        raise ValueError("of another version, or another program")
     return _rebuild(about["result"]), jax.export.deserialize(bytearray(code))
+
+
+def _which(path: Path) -> str:
+    """The stamp and the name of a kept program, wherever its folder lies."""
+    return f"{path.parent.name}/{path.name}"
 
 
 class _NotOursError(Exception):

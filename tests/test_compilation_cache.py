@@ -139,7 +139,8 @@ def test_a_damaged_file_is_written_anew(folder):
     first = kept(both)(x, 2.0)
     (path,) = folder.iterdir()
     whole = path.read_bytes()
-    version = whole.replace(b"jshape-program 1", b"jshape-program 0")
+    version = whole.replace(programs._FORMAT.encode(), b"jshape-program 0")
+    assert version != whole
     other = hashlib.sha256(version[32:]).digest() + version[32:]
     for damaged in (b"", whole[: len(whole) // 2], b"something else", other):
         path.write_bytes(damaged)
@@ -167,6 +168,18 @@ def test_a_flipped_bit_changes_no_number(folder):
             assert same(kept(both)(x, 2.0), expected)
             assert runs == []
     path.write_bytes(whole)
+
+
+def test_a_copy_of_another_program_changes_no_number(folder):
+    """Whole, with a right digest, and for the same kind of arguments."""
+    x = jnp.linspace(0.0, 1.0, 5)
+    expected = [kept(both)(x, factor) for factor in (2.0, 3.0)]
+    first, second = (file for file in folder.rglob("*both*"))
+    contents = first.read_bytes(), second.read_bytes()
+    second.write_bytes(contents[0])
+    first.write_bytes(contents[1])
+    assert all(same(kept(both)(x, factor), each) for factor, each in zip((2.0, 3.0), expected, strict=True))
+    assert all(programs._read(path) for path in (first, second))  # Written anew.
 
 
 def test_results_are_rebuilt_from_data():
@@ -375,10 +388,18 @@ def test_what_jax_keeps_is_whole_and_takes_the_place_of_what_is_damaged(tmp_path
         entry.write_bytes(b"a pro")
         cache.put("name", b"a program")
         assert cache.get("name") == b"a program"
+        # A copy of another entry is none; JAX's own, written without jshape, are read.
+        (tmp_path / "entries" / "copy-cache").write_bytes(entry.read_bytes())
+        assert cache.get("copy") is None
+        (tmp_path / "entries" / "copy-cache").write_bytes(b"a program by JAX alone")
+        assert cache.get("copy") == b"a program by JAX alone"
+        (tmp_path / "entries" / "copy-cache").unlink()
         monkeypatch.setattr("jshape._files.os.replace", full_disk)
         with pytest.raises(OSError, match="No space left"):
             cache.put("other", b"another program")
         assert [*(tmp_path / "entries").iterdir()] == [entry]
+        packed = zlib.compress(b"a program")
+        assert zlib.decompress(packed + programs._seal("name", packed)) == b"a program"  # JAX without jshape.
     finally:
         jax.config.update("jax_compilation_cache_dir", settled)
 
@@ -409,6 +430,25 @@ def test_where_programs_are_kept(tmp_path, monkeypatch):
             js.keep_programs()
             assert programs._folder is None
     finally:
+        jax.config.update("jax_compilation_cache_dir", settled)
+
+
+@pytest.mark.skipif(not hasattr(os, "getuid"), reason="no permissions to look at")
+def test_folders_are_made_for_their_user_alone(tmp_path, monkeypatch):
+    """Whatever the umask, and wherever JAX was told to keep its programs."""
+    settled, before = jax.config.jax_compilation_cache_dir, os.umask(0)
+    monkeypatch.setattr(programs, "_folder", None)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "user"))
+    try:
+        jax.config.update("jax_compilation_cache_dir", str(tmp_path / "told" / "deeper"))
+        js.keep_programs()
+        assert programs._folder is not None
+        jax.config.update("jax_compilation_cache_dir", None)
+        js.keep_programs()
+        assert {part.stat().st_mode & 0o777 for part in tmp_path.rglob("*")} == {0o700}
+        assert len([*tmp_path.rglob("*")]) == 8
+    finally:
+        os.umask(before)
         jax.config.update("jax_compilation_cache_dir", settled)
 
 
