@@ -194,6 +194,16 @@ def test_a_copy_of_a_problem_takes_its_machine_along(tmp_path):
     check_unedited(folder, edited.text, edited.files)
 
 
+@pytest.mark.parametrize("name", ["results.json", "Problem.toml", "figures", "shapers/tuned.json", "sensitivity_k.csv"])
+def test_a_machine_with_the_name_of_a_result_is_refused(written, tmp_path, name):
+    """It would be written over that, or that over it."""
+    (tmp_path / name).parent.mkdir(exist_ok=True)
+    written(PROBLEM).with_name("arm.xml").rename(tmp_path / name)
+    (tmp_path / "own.toml").write_text(PROBLEM.replace("arm.xml", name), encoding="utf-8")
+    with pytest.raises(ProblemError, match=f"plant.file: {name} is a name of the results, beside which it is written"):
+        read(tmp_path / "own.toml")
+
+
 def test_a_machine_that_lies_elsewhere_is_named(written, tmp_path):
     path = written(PROBLEM)
     (tmp_path / "inside").mkdir()

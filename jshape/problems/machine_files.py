@@ -1,12 +1,16 @@
 """Files of their own, MJCF or URDF, in which problem files describe a plant: found, and taken along with a copy."""
 
 import os
+from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any
 
 from jshape._files import read_bytes
 from jshape.problems.catalogue import READERS
 from jshape.problems.lines import Lines
+
+TAKEN = ("results.json", "problem.toml", "shapers", "figures", "table.tex", "sensitivity_*.csv")
+"""Names, as patterns, of what stands in a folder of results."""
 
 
 def units_of_file(lines: Lines, table: dict[str, Any]) -> dict[str, str]:
@@ -44,6 +48,9 @@ def machine_files(lines: Lines, table: dict[str, Any]) -> tuple[dict[str, bytes]
 
     Returns:
         The contents by the files' names beside a copy of the problem file, and a line for each that lies elsewhere.
+
+    Raises:
+        ProblemError: for a name that the results have.
     """
     if table.get("type") == "Linearised":
         return machine_files(lines, table["plant"])
@@ -59,6 +66,8 @@ def machine_files(lines: Lines, table: dict[str, Any]) -> tuple[dict[str, bytes]
         if own.startswith("..") or os.path.isabs(own):
             words = f"{own} does not lie beside the problem file, and is not taken along with a copy of it"
             outside.append(str(lines.error(["plant", "file"], words)))
+        elif any(fnmatch(Path(own).parts[0].lower(), taken) for taken in TAKEN):
+            raise lines.error(["plant", "file"], f"{own} is a name of the results, beside which it is written; rename it")
         else:
             found[own] = read_bytes(path)
     return found, outside
