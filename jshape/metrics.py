@@ -358,10 +358,12 @@ def _over_distance(measure: Callable[..., Array], plant, plan: Schedule, along: 
 
     NaN where the payload ends where it began, and where the trajectory is not accurate.
     """
-    target = _target(plant, plan)
-    distance = target - _start(plant, plan)
+    target, start = _target(plant, plan), _start(plant, plan)
+    distance = target - start
+    # What rounding makes of an axis at rest, where modes move several, is no distance.
+    rounding = 16 * jnp.finfo(distance.dtype).eps * (jnp.abs(target) + jnp.abs(start) + greatest(jnp.abs(distance)))
     # An axis at rest leaves the derivatives of the others alone.
-    rests = distance == 0
+    rests = jnp.abs(distance) <= rounding
     value = trajectory.along_each_axis(measure, along, target, jnp.where(rests, 1.0, distance), *rows)
     value = jnp.where(rests, jnp.nan, known_or_nan(value, ~jnp.any(jnp.isnan(along.value))))
     return jnp.where(along.diverged, jnp.inf, value)

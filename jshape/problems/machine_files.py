@@ -67,7 +67,9 @@ def machine_files(lines: Lines, table: dict[str, Any]) -> tuple[dict[str, bytes]
             words = f"{own} does not lie beside the problem file, and is not taken along with a copy of it"
             outside.append(str(lines.error(["plant", "file"], words)))
         elif any(fnmatch(Path(own).parts[0].lower(), taken) for taken in TAKEN):
-            raise lines.error(["plant", "file"], f"{own} is a name of the results, beside which it is written; rename it")
+            raise lines.error(
+                ["plant", "file"], f"{own} is a name of the results, beside which it is written; rename it"
+            )
         else:
             found[own] = read_bytes(path)
     return found, outside
