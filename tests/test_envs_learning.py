@@ -125,6 +125,17 @@ def test_a_policy_is_kept_and_read_back_whole(trained, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["mine.npz"]
 
 
+def test_a_policy_of_double_precision_acts_in_an_environment_of_single(params, tmp_path):
+    policy = GRUPolicy(sizes_of(params), jax.random.key(0), hidden=4, width=4, dtype=jnp.float64)
+    save_policy(policy, tmp_path / "mine.npz", {"environment": "DuffingPayload"})
+    again = load_policy(tmp_path / "mine.npz")
+    assert again.cell.weight_hh.dtype == jnp.float64
+    assert eqx.tree_equal(again, policy)
+    rewards, _ = rollout(jax.random.key(1), again, params, moves=2)
+    assert rewards.dtype == params.period.dtype == jnp.float32
+    assert np.all(np.isfinite(rewards))
+
+
 def test_what_is_no_policy_is_refused(trained, tmp_path):
     np.savez(tmp_path / "other.npz", numbers=np.zeros(3))
     (tmp_path / "broken.npz").write_bytes(b"PK")
@@ -137,9 +148,14 @@ def test_what_is_no_policy_is_refused(trained, tmp_path):
     # With a right digest: a size that no number holds, and one that is none.
     for name, size in {"huge": {"observation": 10**400}, "word": {"sensed": "x"}}.items():
         write_arrays(tmp_path / f"{name}.npz", FORMAT, header | {"sizes": header["sizes"] | size}, arrays)
+    for name, kind in {"truths": np.bool_, "complex": np.complex64, "wide": np.float64}.items():
+        write_arrays(tmp_path / f"{name}.npz", FORMAT, header, {**arrays, ".cell.bias_n": np.ones(16, kind)})
     for name, words in {
         **dict.fromkeys(("other", "broken", "empty"), "cannot be read"),
         "cut": "has shape",
+        "truths": "has entries of type bool, not float32",
+        "complex": "has entries of type complex64, not float32",
+        "wide": "has entries of type float64, not float32",
         "nan": "'.cell.bias_n' is not finite",
         "old": "its format is 'jshape-policy 1'",
         "huge": "observation must be at most",

@@ -215,7 +215,18 @@ def chunks(folder, computed, fingerprint=b"this"):
         computed.extend(missing)
         return [(index, RESULTS[index]) for index in missing]
 
-    return dict(in_chunks(compute, 3, folder, lambda: fingerprint))
+    return dict(in_chunks(compute, 3, folder, lambda: fingerprint, lambda index: RESULTS[index].shape))
+
+
+def with_a_right_digest(**arrays):
+    """A chunk of the same computation that holds these."""
+
+    def write(folder):
+        path = folder / "chunk_000001.npz"
+        about, _ = read_arrays(path, "jshape-chunk 1")
+        write_arrays(path, "jshape-chunk 1", about, arrays)
+
+    return write
 
 
 def of_another_computation(folder):
@@ -230,6 +241,9 @@ SPOILT = {
     "of another computation": of_another_computation,
     "of another shape": lambda folder: rewritten(folder / "chunk_000001.npz", result=np.zeros((1, 1))),
     "other numbers": lambda folder: rewritten(folder / "chunk_000001.npz", result=np.ones((2, 3)) + 1e-9),
+    "of another shape, with a right digest": with_a_right_digest(result=np.zeros((2, 1))),
+    "of texts, with a right digest": with_a_right_digest(result=np.full((2, 3), "1.0")),
+    "without a result, with a right digest": with_a_right_digest(other=np.zeros((2, 3))),
     "truncated": lambda folder: os.truncate(folder / "chunk_000001.npz", 500),
     "empty": lambda folder: (folder / "chunk_000001.npz").write_bytes(b""),
     "random": lambda folder: (folder / "chunk_000001.npz").write_bytes(np.random.default_rng(0).bytes(900)),

@@ -105,7 +105,7 @@ class GRUPolicy(AbstractPolicy):
         sensed, others = observation[: self.sizes.sensed], observation[self.sizes.sensed :]
         features = jnp.concatenate([jnp.arcsinh(self.gain * sensed), others])
         memory = self.cell(features, memory)
-        return memory, jnp.tanh(self.head(jnp.concatenate([memory, features])))
+        return memory, jnp.tanh(self.head(jnp.concatenate([memory, features]))).astype(observation.dtype)
 
 
 def save_policy(policy: GRUPolicy, path: str | Path, about: dict[str, Any]) -> None:
@@ -119,7 +119,8 @@ def save_policy(policy: GRUPolicy, path: str | Path, about: dict[str, Any]) -> N
     """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    made = dict(hidden=policy.cell.hidden_size, width=policy.head.width_size, gain=policy.gain)
+    dtype = policy.cell.weight_hh.dtype.name
+    made = dict(hidden=policy.cell.hidden_size, width=policy.head.width_size, gain=policy.gain, dtype=dtype)
     header = dict(sizes=policy.sizes._asdict(), made=made, about=about)
     write_arrays(path, FORMAT, header, named_arrays(policy))
 
@@ -156,7 +157,7 @@ def read_policy(path: Path) -> tuple[GRUPolicy, dict[str, Any]]:
         policy, about = with_arrays(blank, found), dict(header["about"])
     except (KeyError, TypeError, ValueError) as error:
         raise ValueError(f"{path}: holds no policy ({error})") from None
-    for name, value in found.items():
+    for name, value in named_arrays(policy).items():
         if not np.all(np.isfinite(value)):
             raise ValueError(f"{path}: holds no policy ({name!r} is not finite)")
     return policy, about
@@ -178,7 +179,7 @@ def with_arrays(blank: Any, named: dict[str, np.ndarray]) -> Any:
 
     Raises:
         KeyError: where one is missing.
-        ValueError: where one has another shape.
+        ValueError: where one has another shape, or entries of another type.
     """
 
     def leaf(path: Any, own: Any) -> Any:
@@ -187,6 +188,9 @@ def with_arrays(blank: Any, named: dict[str, np.ndarray]) -> Any:
         name = jax.tree_util.keystr(path)
         if named[name].shape != own.shape:
             raise ValueError(f"{name} has shape {named[name].shape}, not {own.shape}")
+        # With 32 bits alone, JAX takes numbers of 64 as such.
+        if jax.dtypes.canonicalize_dtype(named[name].dtype) != own.dtype:
+            raise ValueError(f"{name} has entries of type {named[name].dtype}, not {own.dtype}")
         return jnp.asarray(named[name])
 
     return jax.tree_util.tree_map_with_path(leaf, blank)

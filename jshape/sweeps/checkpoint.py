@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from jshape._files import PARTIAL, read_arrays, write_arrays, write_text
+from jshape._files import PARTIAL, read_arrays, read_text, write_arrays, write_text
 from jshape._types import Progress
 
 MARKER = "jshape-checkpoint"
@@ -24,6 +24,7 @@ def in_chunks(
     count: int,
     folder: Path | None,
     fingerprint: Callable[[], bytes],
+    shape: Callable[[int], tuple[int, ...]],
     progress: Progress | None = None,
 ) -> Iterator[tuple[int, np.ndarray]]:
     """Yield the index and result of every chunk: those in the checkpoint first, then those that are computed.
@@ -34,12 +35,18 @@ def in_chunks(
         count: number of chunks.
         folder: of the checkpoint, if there is one.
         fingerprint: gives bytes of everything that the results depend on.
+        shape: that a chunk's result has.
         progress: called before the first missing chunk and after each, with the stage ``"chunk"``.
 
     Raises:
         ValueError: for a folder that holds the chunks of another computation, or other files.
     """
     missing, digest = list(range(count)), ""
+
+    def is_result(arrays: dict[str, np.ndarray], index: int) -> bool:
+        found = arrays.get("result")
+        return found is not None and found.dtype.kind == "f" and found.shape == shape(index)
+
     if folder is not None:
         digest = hashlib.sha256(fingerprint()).hexdigest()
         _claim(folder, digest, count)
@@ -48,7 +55,7 @@ def in_chunks(
                 about, arrays = read_arrays(_path(folder, index), _CHUNK)
             except ValueError:
                 continue
-            if about == _about(digest, index):
+            if about == _about(digest, index) and is_result(arrays, index):
                 missing.remove(index)
                 yield index, arrays["result"]
 
@@ -81,8 +88,8 @@ def _claim(folder: Path, digest: str, count: int) -> None:
     record = {"format": MARKER, "version": 2, "digest": digest, "chunks": count}
     if manifest.exists():
         try:
-            found = json.loads(manifest.read_text(encoding="utf-8"))
-        except (OSError, ValueError, RecursionError):
+            found = json.loads(read_text(manifest, 4096))
+        except (ValueError, RecursionError):
             found = None
         if found != record:
             raise ValueError(f"store: {folder} holds the chunks of another computation; name another folder")

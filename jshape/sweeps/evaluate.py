@@ -250,8 +250,11 @@ def evaluate(
             return on_cluster(client, side_by_side, calls)
         return on_cores(side_by_side, calls)
 
+    def shape(index: int) -> tuple[int, ...]:
+        return len(of.metrics) * (1 + len(of.slopes)), len(jax.tree.leaves(of.shapers)[0]), len(chunks[index].at)
+
     found: np.ndarray | None = None
-    for index, values in in_chunks(compute, len(chunks), store, lambda: _fingerprint(study), progress):
+    for index, values in in_chunks(compute, len(chunks), store, lambda: _fingerprint(study), shape, progress):
         at = chunks[index].at
         if found is None:
             found = np.empty((*values.shape[:2], len(next(iter(points.values())))), values.dtype)

@@ -149,7 +149,8 @@ def pareto(
         return b"|".join([repr(facts).encode(), text.encode(), *numbers])
 
     try:
-        for index, rows in in_chunks(compute, len(designs), None if store is None else Path(store), fingerprint, None):
+        folder = None if store is None else Path(store)
+        for index, rows in in_chunks(compute, len(designs), folder, fingerprint, lambda index: table[index].shape):
             table[index] = rows
     except KeyboardInterrupt:
         if np.all(np.isnan(table[..., 0])):
