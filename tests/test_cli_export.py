@@ -34,6 +34,14 @@ def test_formats_are_listed():
     assert "needs: --sample-time, --mode" in result.output
 
 
+def test_a_files_name_is_no_command_to_the_terminal(file, tmp_path):
+    """This one would set the window's title."""
+    result = run(app, [file, "--format", "csv", "--out", str(tmp_path / "a\x1b]0;title\x07b.csv")])
+    assert result.exit_code == 0
+    assert "a\\x1b]0;title\\x07b.csv: written" in result.output
+    assert "\x1b" not in result.output
+
+
 def test_to_the_terminal_it_is_the_text_alone(file):
     result = run(app, [file, "--format", "klipper", "--axis", "y"])
     assert result.exit_code == 0

@@ -240,8 +240,14 @@ def chunk_file(random: np.random.Generator, folder: Path) -> bool:
     store, results = folder / "store", {i: np.full((2, 3), float(i)) for i in range(3)}
 
     def stored() -> dict[int, np.ndarray]:
-        compute = lambda missing: [(i, results[i]) for i in missing]
-        return dict(in_chunks(compute, 3, store, lambda: b"one", lambda index: results[index].shape))
+        made = in_chunks(
+            lambda missing: [(i, results[i]) for i in missing],
+            3,
+            store,
+            lambda: b"one",
+            lambda index: results[index].shape,
+        )
+        return dict(made)
 
     stored()
     path = store / f"chunk_{random.integers(3):06d}.npz"

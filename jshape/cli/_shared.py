@@ -47,13 +47,13 @@ def checked(name: str, out: Path | None) -> tuple["Draft", Path]:
 def made(draft: "Draft") -> "Problem":
     """The plant and the command of a problem file; its own code is named before it runs, odd numbers are reported."""
     if draft.foreign:
-        typer.echo(f"{draft.path}: runs code of its own, the plant {draft.foreign}", err=True)
+        say(f"{draft.path}: runs code of its own, the plant {draft.foreign}", err=True)
     prepare_jax()
     from jshape.problems.problem import load
 
     problem = load(draft)
     for question in problem.questions:
-        typer.echo(f"warning: {question}", err=True)
+        say(f"warning: {question}", err=True)
     return problem
 
 
@@ -74,7 +74,7 @@ def results_folder(out: Path | None, name: str, checkpoint: str = "") -> Path:
     check_writable(folder)
     resumed = checkpoint and (folder / checkpoint).exists()
     if (folder / "results.json").exists() and not resumed:
-        typer.echo(f"{folder}: holds an earlier result, which a new one replaces", err=True)
+        say(f"{folder}: holds an earlier result, which a new one replaces", err=True)
     return folder
 
 
@@ -175,14 +175,21 @@ def explained() -> Iterator[None]:
         words = "the memory is full" if full else str(error)
         if isinstance(error, OSError) and error.strerror and error.filename is not None:
             words = f"{error.filename}: {error.strerror}"
-        from jshape._files import escaped, in_a_line
+        from jshape._files import in_a_line
 
         # A message may quote what was given, which may be anything, of any length.
-        typer.echo(f"jshape: {escaped(in_a_line(words, LONGEST))}", err=True)
+        say(f"jshape: {in_a_line(words, LONGEST)}", err=True)
         raise typer.Exit(2) from None
     except KeyboardInterrupt:
-        typer.echo("jshape: interrupted", err=True)
+        say("jshape: interrupted", err=True)
         raise typer.Exit(130) from None
+
+
+def say(words: str, *, err: bool = False) -> None:
+    """Print a text, or on the error stream; what a terminal would obey in a file's name stands there as an escape."""
+    from jshape._files import escaped
+
+    typer.echo("\n".join(map(escaped, words.split("\n"))), err=err)
 
 
 @contextmanager
@@ -215,7 +222,7 @@ def progress_line() -> Iterator[tuple[Callable[[str], None], "Progress"]]:
             words = described(stage, done, total, best)
             if time.monotonic() - printed >= PLAIN:
                 printed = time.monotonic()
-                typer.echo(words, err=True)
+                say(words, err=True)
 
         yield lambda stage: plain(stage, 0, 0, math.inf), plain
         return
@@ -245,7 +252,7 @@ def announced(command: Any, plants: int, rows: int, what: str, impulses: int) ->
 
     segments = jax.eval_shape(as_command(command).pieces)[0].shape[0] * impulses - 1
     words = f"{plants:,} plants × {rows:,} {what} × {segments} segments of a move, each in the steps that it needs"
-    typer.echo(f"work: {words}", err=True)
+    say(f"work: {words}", err=True)
 
 
 def most_impulses(shapers: Iterable["Shaper | dict[str, Shaper]"]) -> int:

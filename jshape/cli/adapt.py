@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from jshape.cli._shared import Out, ProblemFile, checked, explained, made, progress_line
+from jshape.cli._shared import Out, ProblemFile, checked, explained, made, progress_line, say
 
 if TYPE_CHECKING:
     from jshape.adaptive.closed_loop.report import Experiment
@@ -32,7 +32,7 @@ def adapt(
         step("figures")
         files = write(found, folder)
     _show(found)
-    typer.echo(f"results in {folder}: {', '.join(files)}")
+    say(f"results in {folder}: {', '.join(files)}")
 
 
 def _show(found: "Experiment") -> None:

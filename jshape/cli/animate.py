@@ -83,7 +83,7 @@ def animate(
         model = beside(draft.lines, draft.plant.values["file"]) if draft.plant.kind in READERS else None
         pictures = film(loaded.plant, runs, speed, model=model)
         save_film(pictures, path, lambda done, total: progress("frames", done, total, math.inf))
-    typer.echo(f"{path}: {name} beside the bare command, {horizon:.4g} s")
+    _shared.say(f"{path}: {name} beside the bare command, {horizon:.4g} s")
 
 
 def _free(path: Path, force: bool) -> Path:
@@ -115,7 +115,7 @@ def _episode(environment: str, path: Path, policy: str, moves: int, payloads: li
         chosen = named_policy(policy, params) if from_file else strategy(policy, environment, params)
         film = episode_film(params, chosen, Path(policy).stem, moves, payloads=payloads)
         save_film(film, path, lambda done, total: progress("frames", done, total, math.inf))
-    typer.echo(f"{path}: {moves} moves of {environment} by {policy}, beside the same ones without a shaper")
+    _shared.say(f"{path}: {moves} moves of {environment} by {policy}, beside the same ones without a shaper")
 
 
 def _chosen(
@@ -143,7 +143,7 @@ def _chosen(
     if given is not None:
         raise ValueError(f"--shaper {wrong}")
     if folder.exists():
-        typer.echo(f"{wrong}; the best closed form is shown", err=True)
+        _shared.say(f"{wrong}; the best closed form is shown", err=True)
     from jshape.reports import report
 
     row = report.best(report.build(problem, None, step))

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from jshape.cli._shared import explained, prepare_jax, progress_line, results_folder
+from jshape.cli._shared import explained, prepare_jax, progress_line, results_folder, say
 
 if TYPE_CHECKING:
     from jshape.calibration.report import Calibration
@@ -99,18 +99,18 @@ def calibrate(
         if same not in computed:
             _show(found, highest)
         computed[same] = found
-        typer.echo(lines(found, which, reprapfirmware, kalico))
+        say(lines(found, which, reprapfirmware, kalico))
         if axis is None:
             whose = "both axes, from the belts' names" if belts else f"axis {which}, from the file's name"
-            typer.echo(f"({whose}; --axis says otherwise)")
+            say(f"({whose}; --axis says otherwise)")
         named = dict.fromkeys(f"{Path(file).parent}/" if "/" in file else file for file in files)
-        typer.echo(f"results in {folder}: {', '.join(named)}")
+        say(f"results in {folder}: {', '.join(named)}")
     if len(all_found) > 1:
         text = axes_together(all_found)
         typer.echo(f"\n{text}", nl=False)
         if together:
             write_text(together, text)
-            typer.echo(f"(also in {together})")
+            say(f"(also in {together})")
 
 
 def _axes(data: list[Path], axis: str | None, loads: bool) -> dict[str, list[Path]]:

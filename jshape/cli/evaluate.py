@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from jshape.cli import _shared
-from jshape.cli._shared import explained, progress_line, results_folder
+from jshape.cli._shared import explained, progress_line, results_folder, say
 
 if TYPE_CHECKING:
     from jshape_envs.evaluate import Interval
@@ -76,7 +76,7 @@ def evaluate(
     found = _judged_before(folder, chosen)
     results_folder(folder, folder.name, checkpoint="results.json" if found else "")
     if found:
-        typer.echo(f"{folder}: goes on after an interrupt; judged already: {', '.join(found)}", err=True)
+        say(f"{folder}: goes on after an interrupt; judged already: {', '.join(found)}", err=True)
     with progress_line() as (step, progress):
         for done, name in enumerate(names):
             progress(name, done, len(names), math.inf)
@@ -99,7 +99,7 @@ def evaluate(
         plot.save(plot.regret(regrets), folder / "regret.png")
     shift = "" if family == "none" else f", family {family}"
     show(f"{environment}, {preset}{shift}, payload {context}: {seeds} seeds of {episodes} episodes", found)
-    typer.echo(f"results in {folder}: results.json, regret.png, regret.pdf")
+    say(f"results in {folder}: results.json, regret.png, regret.pdf")
 
 
 def _check_names(names: list[str]) -> None:

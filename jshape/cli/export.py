@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
-from jshape.cli._shared import check_new, explained, prepare_jax
+from jshape.cli._shared import check_new, explained, prepare_jax, say
 from jshape.problems.units import quantity
 
 
@@ -80,7 +80,7 @@ def export(
     for path, content in files.items():
         with whole(path) as file:
             file.write(as_bytes(content))
-    typer.echo(f"{', '.join(map(str, files))}: written ({FORMATS[format].what})")
+    say(f"{', '.join(map(str, files))}: written ({FORMATS[format].what})")
 
 
 def seconds(text: str, name: str) -> float:
@@ -122,7 +122,7 @@ def show_formats(formats: dict[str, Any]) -> None:
         flags = {option: "--" + option.replace("_", "-").replace("modes", "mode") for option in form.options}
         needs = ", ".join(flag for option, flag in flags.items() if form.options[option])
         takes = ", ".join(flag for option, flag in flags.items() if not form.options[option])
-        typer.echo(f"{name} ({form.ending}): {form.what}")
+        say(f"{name} ({form.ending}): {form.what}")
         for words, value in (("needs", needs), ("takes", takes), ("cannot carry", form.lacks)):
             if value:
-                typer.echo(f"    {words}: {value}")
+                say(f"    {words}: {value}")

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from jshape.cli._shared import Out, explained, prepare_jax, progress_line, results_folder
+from jshape.cli._shared import Out, explained, prepare_jax, progress_line, results_folder, say
 
 if TYPE_CHECKING:
     from jshape.identification.result import AbstractIdentified
@@ -86,12 +86,12 @@ def identify(
         step("files")
         written = write(found, folder, data.name if along_y is None else f"{data.name} and {along_y.name}")
     for note in found.notes:
-        typer.echo(f"note: {note}", err=True)
+        say(f"note: {note}", err=True)
     channels = ", ".join(records[0].names)
-    typer.echo(f"{data if along_y is None else f'{data}, {along_y}'} ({channels}): {found.message.split(':')[0]}")
+    say(f"{data if along_y is None else f'{data}, {along_y}'} ({channels}): {found.message.split(':')[0]}")
     headings = ["frequency\n(Hz)", "\nfrom", "\nto", "damping\nratio", "\nfrom", "\nto"]
     show_table(new_console(), "mode", headings, _rows(found))
-    typer.echo(f"results in {folder}: {', '.join(written)}. Next: jshape tune {folder / 'problem.toml'}")
+    say(f"results in {folder}: {', '.join(written)}. Next: jshape tune {folder / 'problem.toml'}")
 
 
 def _rows(found: "AbstractIdentified") -> list[tuple[str, list[str]]]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
-from jshape.cli._shared import explained
+from jshape.cli._shared import explained, say
 
 if TYPE_CHECKING:
     from jshape.problems.starters import Starter
@@ -50,8 +50,8 @@ def new(
     else:
         _copy(shipped(), like or "paper_001", path)
     if unknown and not asked:
-        typer.echo("a two-mass pair (paper_001); --plant Crane, say, for another machine: jshape plants lists them")
-    typer.echo(f"{path}: written. Next: jshape tune {path}")
+        say("a two-mass pair (paper_001); --plant Crane, say, for another machine: jshape plants lists them")
+    say(f"{path}: written. Next: jshape tune {path}")
 
 
 def _copy(files: dict[str, Path], like: str, path: Path) -> None:
@@ -80,7 +80,7 @@ def _ask(question: str, default: Any, read: Callable[[str], T]) -> T:
         try:
             return read(str(typer.prompt(question, default=default)))
         except ValueError as error:
-            typer.echo(f"  {error}")
+            say(f"  {error}")
 
 
 def _asked() -> "Starter | None":
@@ -91,9 +91,9 @@ def _asked() -> "Starter | None":
     from jshape.problems.units import quantity
 
     for number, starter in enumerate(STARTERS, 1):
-        typer.echo(f"{number:3}  {starter.title}")
+        say(f"{number:3}  {starter.title}")
     own = len(STARTERS) + 1
-    typer.echo(f"{own:3}  a plant of your own, as a Python class")
+    say(f"{own:3}  a plant of your own, as a Python class")
 
     def machine(answer: str) -> int:
         if not answer.isdecimal() or not 1 <= int(answer) <= own:

@@ -33,7 +33,7 @@ def pareto(
     tasks = len(front.impulses) * durations * front.starts
     _shared.announced(read.distance, _shared.plants_of(read), tasks, "starts", max(front.impulses))
     if left_out := [name for name in LIMITS if getattr(read.design, name)]:
-        typer.echo(f"a front keeps to no limits: {', '.join(left_out)} of [design] left out", err=True)
+        _shared.say(f"a front keeps to no limits: {', '.join(left_out)} of [design] left out", err=True)
     with _shared.progress_line() as (step, progress):
         step("closed-form shapers")
         with read.blaming("pareto"):
@@ -50,7 +50,7 @@ def pareto(
         step("files")
         files = write_front(read, found, folder)
     show_front(read, found)
-    typer.echo(f"results in {folder}: {', '.join(files)}")
+    _shared.say(f"results in {folder}: {', '.join(files)}")
     if Status.INTERRUPTED.value in found["status"].values:
-        typer.echo("interrupted: what was not computed is empty; with --store DIR the same command resumes", err=True)
+        _shared.say("interrupted: what was not computed is empty; with --store DIR the same command resumes", err=True)
         raise typer.Exit(130)

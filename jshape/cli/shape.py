@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from jshape.cli._shared import check_new, explained, prepare_jax
+from jshape.cli._shared import check_new, explained, prepare_jax, say
 from jshape.cli.export import seconds
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ def shape(
     labels = [f"{name} ({unit})" if unit else name for name, unit in zip(given.names, given.units, strict=True)]
     plot.save(plot.joints(shaping.curve(given), shaping.curve(effect.trajectory), labels), drawing)
     _show(given, effect, files, step)
-    typer.echo(f"{path}: written, drawn in {drawing.name}")
+    say(f"{path}: written, drawn in {drawing.name}")
 
 
 def _chosen(

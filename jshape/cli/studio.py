@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from jshape.cli._shared import explained, prepare_jax
+from jshape.cli._shared import explained, prepare_jax, say
 
 
 @explained()
@@ -46,11 +46,11 @@ def studio(
             allow_code(draft.path.resolve().parent)
         state = from_draft(draft)
         if tables := left_out(draft):
-            typer.echo(f"{draft.path}: {', '.join(tables)} is not on the page, nor in its problem file", err=True)
+            say(f"{draft.path}: {', '.join(tables)} is not on the page, nor in its problem file", err=True)
     from jshape.studio.server import serve
 
     serve(state, port, show, _say, prepare_jax)
 
 
 def _say(address: str) -> None:
-    typer.echo(f"the studio is at {address}\nCtrl-C ends it")
+    say(f"the studio is at {address}\nCtrl-C ends it")

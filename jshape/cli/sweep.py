@@ -76,9 +76,9 @@ def sweep(
         except KeyboardInterrupt:
             again = f"finished chunks are in {store}; the same command resumes the sweep"
             alone = "nothing is kept; with --store DIR the sweep can be resumed after Ctrl-C"
-            typer.echo(again if store else alone, err=True)
+            _shared.say(again if store else alone, err=True)
             raise
         step("files")
         files = write_sweep(read, found, folder)
     show_sweep(read, found, left_out)
-    typer.echo(f"results in {folder}: {', '.join(files)}")
+    _shared.say(f"results in {folder}: {', '.join(files)}")

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from jshape.cli import _shared
-from jshape.cli._shared import explained, progress_line, results_folder
+from jshape.cli._shared import explained, progress_line, results_folder, say
 
 
 @explained()
@@ -58,7 +58,7 @@ def train(
         except KeyboardInterrupt:
             # Before the first update there is nothing to keep.
             if checkpoint.exists():
-                typer.echo(f"the training so far is in {checkpoint}; the same command resumes it", err=True)
+                say(f"the training so far is in {checkpoint}; the same command resumes it", err=True)
             raise
         if found.status is Status.DIVERGED:
             raise ValueError(f"training diverged: {found.message}")
@@ -73,14 +73,14 @@ def train(
         np.savetxt(file, rows, fmt="%.9g", delimiter=",", header=",".join(columns), comments="")
     write_results(folder, {**about, "ended": True, "scores": scores})
     plot.save(plot.learning(columns["moves"], columns["reward"], columns["regret"]), folder / "learning.png")
-    typer.echo(
+    say(
         f"mean reward {scores['reward']:.4f}, regret against the oracle {scores['regret']:.4f}, "
         f"residual {100 * scores['residual']:.2f} %, under 5 % within two moves after "
         f"{100 * scores['recovered']:.0f} % of the changes"
     )
-    typer.echo(f"results in {folder}: policy.npz, history.csv, learning.png, learning.pdf, results.json")
+    say(f"results in {folder}: policy.npz, history.csv, learning.png, learning.pdf, results.json")
     given = "" if (preset, context) == ("paper", "hidden") else f" --preset {preset} --context {context}"
     made = folder / "policy.npz"
-    typer.echo(f"Next: jshape evaluate {environment}{given} --policy {made} --policy zvd --policy oracle")
+    say(f"Next: jshape evaluate {environment}{given} --policy {made} --policy zvd --policy oracle")
     if not given:
-        typer.echo(f"or watch it: jshape animate {environment} --policy {made}")
+        say(f"or watch it: jshape animate {environment} --policy {made}")

@@ -71,7 +71,7 @@ def tune(
             except KeyboardInterrupt:
                 # An interrupted command ends soon: what was found is written, and nothing else computed.
                 report_files.write_numbers(result, folder)
-                typer.echo(f"{solution.message}\nthe best shaper so far is in {folder}", err=True)
+                _shared.say(f"{solution.message}\nthe best shaper so far is in {folder}", err=True)
                 raise typer.Exit(130) from None
         _finish(result, folder, written, latex)
 
