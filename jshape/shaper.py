@@ -245,7 +245,11 @@ def _stems(rows: list[tuple[float, float]]) -> str:
 
 def _place_zeros(taps, amplitudes, position, sample_time: float, modes) -> Float[np.ndarray, " taps"]:
     """The taps, corrected so that transform and slope at every mode's pole are the shaper's own."""
-    if np.ndim(modes) != 2 or np.shape(modes)[1] != 2:
+    try:
+        pairs = np.asarray(modes, float)
+    except (OverflowError, TypeError, ValueError):
+        pairs = np.zeros(0)
+    if pairs.ndim != 2 or pairs.shape[1] != 2:
         raise ValueError(f'modes must be at least one pair (omega, zeta) for method="zeros", not {modes!r}')
     # One free tap on either side of each impulse is enough room for the corrections of several modes.
     support = np.unique(
@@ -254,10 +258,15 @@ def _place_zeros(taps, amplitudes, position, sample_time: float, modes) -> Float
     wide = np.zeros(support.max() + 1)
     wide[: len(taps)] = taps
     rows, targets = [np.ones(len(support))], [amplitudes.sum() - wide[support].sum()]
-    for omega, zeta in modes:
+    for omega, zeta in pairs:
         _check.positive(omega, "modes: omega")
         _check.damping_ratio(zeta, "modes: zeta")
         pole = omega * sample_time * complex(-zeta, np.sqrt(1 - zeta**2))
+        if not (1e-9 <= omega * sample_time <= 1e3 and zeta * omega * sample_time * len(wide) <= 300):
+            raise ValueError(
+                f"modes: omega {omega:g} rad/s with zeta {zeta:g} is too fast or too slow for a sample time of "
+                f"{sample_time:g} s"
+            )
         for power in (0, 1):
             row = support**power * np.exp(-pole * support)
             wanted = np.sum(amplitudes * position**power * np.exp(-pole * position)) - row @ wide[support]

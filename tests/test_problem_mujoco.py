@@ -102,6 +102,16 @@ def test_machines_that_cannot_be_read(written):
         ('<geom size="0.1" mass="0"/>' * 1001, "geoms, more than 1000"),
         ('</worldbody><size nuser_body="1000000000"/><worldbody>', "nuser_body must be at most 4096, not 1e\\+09"),
         ('</worldbody><asset><model name="m" file="m.xml"/></asset><worldbody>', "attaches 'm.xml', which attaches"),
+        (
+            '</worldbody><asset><mesh name="m" builtin="supersphere" params="20000 1 1"/></asset><worldbody>',
+            "params must be at most 256, not 20000",
+        ),
+        (
+            '</worldbody><asset><texture type="skybox" builtin="flat" width="30000"/></asset><worldbody>',
+            "width must be at most 4096, not 30000",
+        ),
+        ('</worldbody><sensor><user dim="2e9"/></sensor><worldbody>', "dim must be at most 4096, not 2e\\+09"),
+        ('<flexcomp name="f" type="grid" count="99 99 99" dim="3"/>', "count must be at most 4096, not 970299"),
     ],
 )
 def test_machines_that_would_take_all_memory_or_end_the_process_are_refused(tmp_path, part, words):

@@ -424,6 +424,13 @@ def test_wrong_method_and_modes():
         shaper.digitise(0.01, "round")
     with pytest.raises(ValueError, match="modes must be at least one pair"):
         shaper.digitise(0.01, "zeros")
+    with pytest.raises(ValueError, match="modes must be at least one pair"):
+        shaper.digitise(0.01, "zeros", [(10**400, 0)])
+    for mode in ((1e300, 0.5), (1e-300, 0.0), (1e155, 0.1), (3e3, 0.3)):
+        with pytest.raises(
+            ValueError, match=f"modes: omega {mode[0]:g} rad/s with zeta {mode[1]:g} is too".replace("+", ".")
+        ):
+            shaper.digitise(0.01, "zeros", [mode])
     with pytest.raises(ValueError, match="modes: omega must be greater than 0, not -9"):
         shaper.digitise(0.01, "zeros", [(-9.0, 0.017)])
     with pytest.raises(ValueError, match="modes: zeta must be at least 0"):

@@ -89,7 +89,7 @@ def pairs(modes: Any) -> list[tuple[float, float]]:
     """Modes as pairs of numbers (rad/s, –). *Raises* ``ValueError`` if they are none."""
     try:
         return [(float(omega), float(zeta)) for omega, zeta in modes]
-    except (TypeError, ValueError):
+    except (OverflowError, TypeError, ValueError):
         raise ValueError(f"modes must be pairs (omega, zeta), not {modes!r}") from None
 
 

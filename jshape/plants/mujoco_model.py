@@ -3,6 +3,7 @@
 Without JAX: a problem file is checked before that is loaded.
 """
 
+import math
 import re
 import warnings
 from collections.abc import Collection, Iterator, Mapping
@@ -37,8 +38,9 @@ NUMBERS = (
 GREATEST = 1e18
 """Size of these numbers."""
 
-LARGEST = 4096
-"""Rows and columns of a height field, keyframes, numbers of the user's own."""
+LARGEST, FINEST = 4096, 256
+"""Rows and columns of a height field or a picture, keyframes, numbers of the user's own, parts of what is made of many;
+and the fineness of a mesh that is made by a formula."""
 
 AXIS, TAKEN = re.compile(r"[^\W\d][\w-]*"), ("delay", "type")
 """What an axis may be called: a key of a command, and part of a file's name; words that a command has taken."""
@@ -116,7 +118,7 @@ def _read(mujoco: Any, file: str, text: bool, name: str) -> Model:
     mujoco.set_mju_user_warning(said.append)
     try:
         model = (mujoco.MjModel.from_xml_string if text else mujoco.MjModel.from_xml_path)(file)
-    except ValueError as error:
+    except (ValueError, RuntimeError) as error:  # What its compiler does not foresee is one of the latter.
         raise ValueError(f"{name}: MuJoCo cannot read it: {in_a_line(str(error))}") from None
     finally:
         mujoco.set_mju_user_warning(before)
@@ -132,6 +134,11 @@ def _read(mujoco: Any, file: str, text: bool, name: str) -> Model:
 
 COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
 TAG = re.compile(r"<(/?)(replicate|include|model)\b([^<>]*)")
+SIZES = re.compile(
+    r"(?:\b(nkey|nrow|ncol|nuser_\w+|dim|nsample|width|height|params)|<(?:composite|flexcomp)\b[^<>]*?\bcount)"
+    r"\s*=\s*[\"']([^\"'<>]*)"
+)
+"""Attributes that say how much of something there is."""
 
 
 def _beyond(
@@ -148,9 +155,12 @@ def _beyond(
         seen: the files that include it.
     """
     text = COMMENT.sub("", text)
-    for key, number in re.findall(r"\b(nkey|nrow|ncol|nuser_\w+)\s*=\s*[\"']\s*(\d+)", text):
-        if float(number) > LARGEST:
-            yield f"{key} must be at most {LARGEST}, not {float(number):.6g}"
+    for key, value in SIZES.findall(text):
+        sizes = [float(number) for number in re.findall(r"\d+\.?\d*(?:[eE][+-]?\d+)?", value)]
+        # The parts of what is made of many are counted along several directions.
+        size, most = max(sizes, default=0.0) if key else math.prod(sizes), FINEST if key == "params" else LARGEST
+        if size > most:
+            yield f"{key or 'count'} must be at most {most}, not {size:.6g}"
     around, most, models = [copies], copies, []
     for end, tag, rest in TAG.findall(text):
         file = re.search(r"\bfile\s*=\s*[\"']([^\"'<>]*)", rest)

@@ -6,6 +6,7 @@
 import re
 import tomllib
 from collections.abc import Iterator
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +21,8 @@ DEPTH = 16
 LENGTH = 1000
 """Characters of a word, and of a key."""
 
-GREATEST = 10**18
-"""Size of a whole number."""
+LEAST, GREATEST = 1e-30, 10**18
+"""Sizes of a number, but for 0: no machine has others, and those whose squares overflow take minutes."""
 
 DOTS = 200
 """Dots in a line that are none of a number."""
@@ -61,6 +62,13 @@ def parse(path: Path, text: str | None = None) -> tuple[str, dict[str, Any]]:
         raise ValueError(f"{path}: a whole number has more digits than {GREATEST:.0e}") from None
 
 
+def beyond(number: float) -> str:
+    """What is said of a number that is too great or too small; nothing of others."""
+    if not number or LEAST <= abs(number) <= GREATEST:
+        return ""
+    return f"must be 0, or lie between {LEAST:g} and {GREATEST:.0e} in size, not {number:g}"
+
+
 def exceeded(value: Any, keys: tuple[str, ...] = ()) -> Iterator[tuple[list[str], str]]:
     """The keys whose values are beyond a limit, and what is said of each.
 
@@ -85,3 +93,5 @@ def exceeded(value: Any, keys: tuple[str, ...] = ()) -> Iterator[tuple[list[str]
         yield list(keys), f"must be at most {LENGTH} printable characters, not {value[:20]!r}"
     elif isinstance(value, int) and abs(value) > GREATEST:
         yield list(keys), f"must be at most {GREATEST:.0e} in size, not a number of {len(str(abs(value)))} digits"
+    elif isinstance(value, float) and isfinite(value) and (words := beyond(value)):
+        yield list(keys), words

@@ -8,6 +8,7 @@ import re
 from typing import Any, NamedTuple
 
 from jshape._described import PRINTED
+from jshape.problems.limits import beyond
 
 SYMBOLS: dict[str, tuple[float, tuple[int, int, int, int]]] = {
     "": (1.0, (0, 0, 0, 0)),
@@ -90,6 +91,8 @@ def quantity(value: Any, unit: str | None) -> Any:
     if not found or len(value) > LONGEST or not math.isfinite(float(found[1])):
         raise ValueError(f"must be a number, or a quantity such as {example!r}, not {value[:LONGEST]!r}")
     number, given = float(found[1]), found[2] or ""
+    if words := beyond(number):
+        raise ValueError(words)
     if not given and unit:
         raise ValueError(f"must be a number, or a text with a unit such as {example!r}, not {value!r}")
     if given == unit or not given:
