@@ -163,6 +163,11 @@ def test_objects_are_neither_written_nor_read(tmp_path):
         read_npz(path)
 
 
+def shaper_record(**parts):
+    record = {"format": "jshape-shaper", "version": 1, "amplitudes": [1.0], "times": [0.0]}
+    return json.dumps(record | parts).encode()
+
+
 @pytest.mark.parametrize(
     ("name", "content", "words"),
     [
@@ -178,6 +183,10 @@ def test_objects_are_neither_written_nor_read(tmp_path):
             "not a shaper",
         ),
         ("x.json", b"3", "not a shaper"),
+        ("x.json", shaper_record(version=True), "version True is not known"),
+        ("x.json", shaper_record(amplitudes=[True]), "amplitudes must be numbers"),
+        ("x.json", shaper_record(times=[False]), "times must be numbers"),
+        ("x.csv", b"time_s,amplitude\n" + b"0,0\n" * 100_001, "amplitudes must be at most 100000, not 100001"),
         ("x.csv", b"time_s,amplitude\n0," + b"1" * 200_000 + b"\n", "field"),
         ("x.csv", b"time_s,amplitude\n0,1\n1e400,0\n", "finite"),
         ("x.csv", b"time_s,amplitude\n0," + b"[" * 10_000 + b"\n", "could not convert"),
@@ -194,6 +203,12 @@ def test_shaper_files_that_are_none_are_named_in_a_line(tmp_path, name, content,
     assert str(caught.value).startswith(f"{path}: not a shaper file: ")
     assert "\n" not in str(caught.value)
     assert len(str(caught.value)) < 1000
+
+
+def test_texts_in_an_npz_are_no_shaper(tmp_path):
+    np.savez(tmp_path / "x.npz", amplitudes=np.array(["1.0"]), times=np.array([0.0]))
+    with pytest.raises(ValueError, match=r"x\.npz: not a shaper file: amplitudes must be numbers"):
+        read_shaper(tmp_path / "x.npz")
 
 
 def test_a_shaper_file_with_a_byte_order_mark(tmp_path):

@@ -6,6 +6,7 @@ CSV file has none, and a JSON file that was written by hand needs none.
 
 import csv
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,9 @@ from jshape.shaper import Shaper
 
 FORMAT = "jshape-shaper"
 VERSION = 1
+
+IMPULSES = 100_000
+"""Of a shaper that is read."""
 
 _MOST = 2**24
 """Bytes of a shaper file that are read."""
@@ -55,21 +59,20 @@ def read_shaper(path: str | Path) -> Shaper:
     path = Path(path)
     try:
         if path.suffix.lower() == ".npz":
-            arrays = read_npz(path)
-            return Shaper(arrays["amplitudes"], arrays["times"])
+            return _shaper(read_npz(path))
         text = read_text(path, _MOST)
         if path.suffix.lower() == ".csv":
             rows = list(csv.DictReader(text.splitlines()))
             times, amplitudes = [float(row["time_s"]) for row in rows], [float(row["amplitude"]) for row in rows]
         else:
             record = json.loads(text)
-            if record["format"] != FORMAT or record["version"] != VERSION:
+            if record["format"] != FORMAT or repr(record["version"]) != repr(VERSION):
                 raise ValueError(f"format {record['format']!r}, version {record['version']!r} is not known")
             check_seal(record)
             if (unit := record.get("units", {}).get("times", "s")) != "s":
                 raise ValueError(f"units of times must be s, not {unit!r}")
-            times, amplitudes = record["times"], record["amplitudes"]
-        return Shaper(amplitudes, times)
+            return _shaper(record)
+        return _shaper({"amplitudes": amplitudes, "times": times})
     except KeyError as error:
         raise ValueError(f"{path}: not a shaper file: {error} is missing") from None
     except (ValueError, TypeError, AttributeError, OverflowError, RecursionError, csv.Error) as error:
@@ -107,5 +110,17 @@ def read_tuned(folder: str | Path) -> Shaper | dict[str, Shaper]:
         raise ValueError(words) from None
 
 
-def _shaper(row: dict[str, Any]) -> Shaper:
+def _shaper(row: Mapping[str, Any]) -> Shaper:
+    """The shaper of lists, or arrays, of amplitudes and times.
+
+    Raises:
+        ValueError: for more than ``IMPULSES``, and for what is no number, such as true.
+    """
+    for name in ("amplitudes", "times"):
+        values = row[name]
+        if len(values) > IMPULSES:
+            raise ValueError(f"{name} must be at most {IMPULSES}, not {len(values)}")
+        kinds = {values.dtype.kind} if isinstance(values, np.ndarray) else {np.asarray(x).dtype.kind for x in values}
+        if not kinds <= set("fiu"):
+            raise ValueError(f"{name} must be numbers")
     return Shaper(row["amplitudes"], row["times"])
