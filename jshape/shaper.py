@@ -246,7 +246,7 @@ def _stems(rows: list[tuple[float, float]]) -> str:
 def _place_zeros(taps, amplitudes, position, sample_time: float, modes) -> Float[np.ndarray, " taps"]:
     """The taps, corrected so that transform and slope at every mode's pole are the shaper's own."""
     try:
-        pairs = np.asarray(modes, float)
+        pairs: np.ndarray = np.asarray(modes, float)
     except (OverflowError, TypeError, ValueError):
         pairs = np.zeros(0)
     if pairs.ndim != 2 or pairs.shape[1] != 2:
