@@ -382,6 +382,13 @@ def test_digital_placement_is_exact_and_on_the_samples(order, zeta):
     assert 0 <= longer < (order + 1) * sample_time
 
 
+def test_digital_shapers_of_a_mode_that_hardly_turns():
+    """Amplitudes that grow by more than any number holds were no numbers; what is left is the first impulse."""
+    for zeta in (0.999, 0.99999, 0.999999):
+        shaper = linear.digital_zvd_n(1.0, zeta, sample_time=0.2, order=1)
+        np.testing.assert_allclose(shaper.amplitudes, [1, 0, 0, 0, 0, 0], atol=1e-12)
+
+
 def test_digital_placement_of_a_half_period_that_fits_is_the_shaper_itself():
     shaper = linear.digital_zvd_n(np.pi / 0.5 * (1 - 1e-12), sample_time=0.05)
     kept = np.asarray(shaper.amplitudes) > 1e-9

@@ -34,7 +34,7 @@ AGAIN = 2.0
 """After so long what comes back is back, s."""
 
 HANGS = 300.0
-"""A sweep that has not ended so long after the fault hangs, s; on a busy machine one that resumes compiles for a minute."""
+"""A sweep that has not ended so long after the fault hangs, s; one that resumes on a busy machine compiles first."""
 
 LIMITS = {"COMM__TIMEOUTS__CONNECT": "5s", "COMM__TIMEOUTS__TCP": "12s", "SCHEDULER__WORKER_TTL": "10s"}
 """dask's limits, shortened: connecting, an answer, a worker's sign of life."""

@@ -134,10 +134,12 @@ def digital_zvd_n(omega: ArrayLike, zeta: ArrayLike = 0.0, *, sample_time: Any, 
     if _check.is_concrete(n) and float(n) < max(m, 2):
         least = f"at least {max(m, 2)} samples in half a damped period"
         raise ValueError(f"sample_time must leave {least}, which {_check.show(sample_time)} does not")
-    # The imaginary parts cancel; amplitudes grow by e^(ζωt) with the vibration that they cancel.
+    # The imaginary parts cancel; amplitudes grow by e^(ζωt) with the vibration that they cancel. All are divided by the
+    # greatest growth, which strong damping makes larger than any number.
     growth = jnp.exp(decay(zeta) * angle)
     near, far = -jnp.sin((n + 1) * angle) * growth, jnp.sin(n * angle)
-    first = -(near * jnp.cos(n * angle) + far * jnp.cos((n + 1) * angle) * growth) * growth**n
+    first = -(near * jnp.cos(n * angle) + far * jnp.cos((n + 1) * angle) * growth)
+    near, far = near * growth**-n, far * growth**-n
     shares = jnp.stack([first, near, far]) / (first + near + far)
     # The trinomial expansion of the filter applied m times.
     terms = [(i, j) for i in range(m + 1) for j in range(i + 1)]
