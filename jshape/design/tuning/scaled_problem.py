@@ -16,7 +16,16 @@ from jshape._compiling import beside
 from jshape.design.tuning.computing import Computing, end_of
 from jshape.design.tuning.design_problem import DesignProblem
 from jshape.design.tuning.epigraph import Rows, Space, Vector
-from jshape.design.tuning.evaluate import FORWARD, LOOSEST, Linearisation, Values, departure, evaluate, linearise
+from jshape.design.tuning.evaluate import (
+    DIVERGED_ENERGY,
+    FORWARD,
+    LOOSEST,
+    Linearisation,
+    Values,
+    departure,
+    evaluate,
+    linearise,
+)
 from jshape.design.tuning.interior_point import FEW, compile_program
 from jshape.design.tuning.objective import TAIL, value_of, weights_of
 from jshape.design.tuning.scenarios import Point
@@ -71,7 +80,8 @@ class ScaledProblem:
         self, problem: DesignProblem, fixed_gaps: bool = False, report: Callable[[float], Any] = lambda _: None
     ):
         self.problem, self.fixed_gaps, self.report = problem, fixed_gaps, report
-        self.tightest = max(TOLERANCE, least_tolerance(jnp.result_type(float)))
+        self.least = least_tolerance(jnp.result_type(float))
+        self.usual = self.tightest = max(TOLERANCE, self.least)
         bounds = problem.bounds
         count, n = bounds.shapers, bounds.impulses
         sizes = count * n, count * (n - 1), len(bounds.leaves)
@@ -129,6 +139,14 @@ class ScaledProblem:
             running = evaluate(self.problem.scenarios, point, np.float64(tolerance))
             yield
             found = Values(*map(np.asarray, running))
+            if tolerance < self.usual and np.any(found.energies >= DIVERGED_ENERGY):
+                # Not every plant can be known so finely, one with a kink, say; it is no worse for that.
+                running = evaluate(self.problem.scenarios, point, np.float64(self.usual))
+                yield
+                coarser = Values(*map(np.asarray, running))
+                if np.sum(coarser.energies >= DIVERGED_ENERGY) < np.sum(found.energies >= DIVERGED_ENERGY):
+                    found, tolerance = coarser, self.usual
+                    self.least = self.tightest = self.usual
             _remember(self._values, key, (tolerance, found))
             self.report(self.problem.total(found.energies, point))
             return found
@@ -136,9 +154,8 @@ class ScaledProblem:
 
     def refine(self, found: Values) -> None:
         """Take the tightest tolerance that the objective of a design asks for at the end of a search."""
-        least = least_tolerance(jnp.result_type(float))
         wanted = FINE * value_of(self.problem.objective, found.energies) / scale_of(found.greatest)
-        self.tightest = float(np.clip(wanted, least, max(TOLERANCE, least)))
+        self.tightest = float(np.clip(wanted, self.least, self.usual))
 
     def tolerance_for(self, x: Vector, part: float) -> float:
         """The loosest tolerance with which the objective of a design is known to that part of itself."""
