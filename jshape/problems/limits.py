@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from jshape._files import printable, read_text
+from jshape.problems.units import number_of
 
 SIZE = 2**20
 """Bytes of a file."""
@@ -91,6 +92,8 @@ def exceeded(value: Any, keys: tuple[str, ...] = ()) -> Iterator[tuple[list[str]
             yield from exceeded(inner, (*keys, str(i)))
     elif isinstance(value, str) and not (printable(value) == value and len(value) <= LENGTH):
         yield list(keys), f"must be at most {LENGTH} printable characters, not {value[:20]!r}"
+    elif isinstance(value, str) and (words := beyond(number_of(value))):
+        yield list(keys), words
     elif isinstance(value, int) and abs(value) > GREATEST:
         yield list(keys), f"must be at most {GREATEST:.0e} in size, not a number of {len(str(abs(value)))} digits"
     elif isinstance(value, float) and isfinite(value) and (words := beyond(value)):

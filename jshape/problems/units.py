@@ -8,7 +8,6 @@ import re
 from typing import Any, NamedTuple
 
 from jshape._described import PRINTED
-from jshape.problems.limits import beyond
 
 SYMBOLS: dict[str, tuple[float, tuple[int, int, int, int]]] = {
     "": (1.0, (0, 0, 0, 0)),
@@ -91,8 +90,6 @@ def quantity(value: Any, unit: str | None) -> Any:
     if not found or len(value) > LONGEST or not math.isfinite(float(found[1])):
         raise ValueError(f"must be a number, or a quantity such as {example!r}, not {value[:LONGEST]!r}")
     number, given = float(found[1]), found[2] or ""
-    if words := beyond(number):
-        raise ValueError(words)
     if not given and unit:
         raise ValueError(f"must be a number, or a text with a unit such as {example!r}, not {value!r}")
     if given == unit or not given:
@@ -105,6 +102,12 @@ def quantity(value: Any, unit: str | None) -> Any:
         words = f"in {unit} or a multiple of it" if unit else "a number without a unit"
         raise ValueError(f"must be {words}, not {value!r}")
     return number * factor / target
+
+
+def number_of(text: str) -> float:
+    """The number of a quantity, in its own unit; 0 for another text."""
+    found = _QUANTITY.fullmatch(text[:LONGEST])
+    return float(found[1]) if found and math.isfinite(float(found[1])) else 0.0
 
 
 def has_unit(value: Any) -> bool:

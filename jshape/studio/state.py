@@ -44,11 +44,6 @@ MOST_PINS = 5
 """Designs to compare with the one that is changed."""
 
 
-LEAST, LARGEST = 1e-18, 1e18
-"""Sizes of a page's numbers, but for 0, in the units of their sliders: no machine has others, and energies of 1e300 J,
-which overflow, take minutes."""
-
-
 @dataclasses.dataclass(frozen=True)
 class Pin:
     """A shaper that stays while the page's own is changed.
@@ -334,11 +329,8 @@ def check_sizes(state: State) -> None:
         ValueError: for one that is.
     """
     for parameter in parameters(state):
-        if parameter.value and not LEAST <= abs(parameter.value) <= LARGEST:
-            name = parameter.path.removeprefix("plant.")
-            raise ValueError(
-                f"{name} must be 0, or lie between {LEAST:g} and {LARGEST:g} in size, not {parameter.value:g}"
-            )
+        if words := limits.beyond(parameter.value):
+            raise ValueError(f"{parameter.path.removeprefix('plant.')} {words}")
 
 
 def _numbers_of_move(path: str, move: dict[str, Any], units: dict[str, str]) -> Iterator[Parameter]:
