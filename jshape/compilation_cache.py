@@ -40,6 +40,7 @@ import numpy as np
 from jshape import _check
 from jshape._compiling import LARGE, LEAN, MANY, compile_lean
 from jshape._files import whole
+from jshape._jax_cache import protect
 
 try:
     from jax._src.core import trace_state_clean
@@ -61,9 +62,6 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 _FORMAT = "jshape-program 2"
-
-_SEAL = b"jshape-entry 1"
-"""With what a seal of an entry that JAX keeps begins."""
 
 _LIBRARIES = ("jax", "jaxlib", "equinox", "diffrax", "optimistix", "lineax", "numpy", "jaxtyping")
 """Whose code is traced besides jshape's own; their versions belong to a program's name, jshape's source does too."""
@@ -116,59 +114,9 @@ def keep_programs(folder: str | Path | None = None) -> None:
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
     # On a full disk, too, and where an entry was damaged, a command says its own line alone.
     warnings.filterwarnings("ignore", "Error (reading|writing) persistent compilation cache entry")
-    _let_jax_see_damage()
-    _let_jax_keep_whole()
+    protect()
     if local:
         _open(Path(folder) / "programs")
-
-
-def _let_jax_see_damage() -> None:
-    """Have JAX pack what it compiles with zlib, whose checksum shows damage.
-
-    Where it finds zstd (Python 3.14, the package zstandard) it takes that, without one: of entries with a flipped bit
-    half unpack to other machine code, which is run.
-    """
-    from jax._src import compilation_cache
-
-    for name in ("zstd", "zstandard"):
-        if getattr(compilation_cache, name, None) is not None:
-            setattr(compilation_cache, name, None)
-
-
-def _let_jax_keep_whole() -> None:
-    """Have JAX write what it keeps whole, in the place of a damaged entry, too, and with a seal that names the entry.
-
-    A full disk and a process that is killed would leave half of one, which it does not write over: every later process
-    would compile that program. A copy of another entry would be run in its place. Entries without a seal are of
-    processes without jshape, which read ours as well: what follows compressed data is left alone.
-    """
-    from jax._src import lru_cache
-
-    put, get = lru_cache.LRUCache.put, lru_cache.LRUCache.get
-    if put.__module__ == __name__:
-        return
-
-    def put_whole(self: Any, key: str, value: bytes) -> None:
-        if self.eviction_enabled or "://" in str(self.path):
-            # Its user limits what is kept, or it is no folder: JAX's own way.
-            put(self, key, value)
-            return
-        with whole(Path(self.path) / f"{key}-cache") as file:
-            file.write(value + _seal(key, value))
-
-    def get_sealed(self: Any, key: str) -> bytes | None:
-        found = get(self, key)
-        size = len(_SEAL) + hashlib.sha256().digest_size
-        if found is None or found[-size:][: len(_SEAL)] != _SEAL:
-            return found
-        value, seal = found[:-size], found[-size:]
-        return value if seal == _seal(key, value) else None
-
-    lru_cache.LRUCache.put, lru_cache.LRUCache.get = put_whole, get_sealed
-
-
-def _seal(key: str, value: bytes) -> bytes:
-    return _SEAL + hashlib.sha256(key.encode() + value).digest()
 
 
 def _users_cache() -> Path:

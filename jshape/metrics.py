@@ -160,7 +160,7 @@ def _residuals(plant, shaper, distance, initial_state, steps: int | None, tolera
     if not known:
         raise ValueError(
             f"distance: residual_vibration of {type(plant).__name__} is not accurate to {trajectory.ACCURACY:g} with "
-            f"{fine} steps in two periods after the move"
+            f"{fine} steps in two periods after the move, or its energy is below the least number there is"
         )
     return energy, vibration
 
@@ -330,6 +330,10 @@ def _energy_and_vibration(plant, plan: Schedule, state, steps: int | None, fine:
         amplitude = known_or_nan(plant.spring.amplitude(stored), ~jnp.isnan(stored))
         diverged = end.diverged | jnp.isinf(amplitude)
         distance = jnp.abs(_target(plant, plan) - _start(plant, plan))
+        # An energy near the least number of this precision says nothing of a vibration that is not negligible.
+        tiny, little = jnp.finfo(stored.dtype).tiny / jnp.finfo(stored.dtype).eps, trajectory.ACCURACY * distance
+        negligible = jnp.minimum(plant.spring.potential(little), plant.spring.potential(-little))
+        followed = ~(stored < tiny) | (negligible >= tiny)
         amplitude = known_or_nan(amplitude / jnp.where(distance > 0, distance, 1.0), distance > 0)
     else:
         still = Schedule(plan.breaks[-1:], plan.coefficients[-1:])

@@ -20,6 +20,7 @@ from problems import two_mass
 import jshape as js
 from jshape import _compiling
 from jshape import compilation_cache as programs
+from jshape._jax_cache import seal
 from jshape.compilation_cache import kept
 from jshape.plants import TwoMass
 from jshape.simulation.schedule import schedule
@@ -399,7 +400,7 @@ def test_what_jax_keeps_is_whole_and_takes_the_place_of_what_is_damaged(tmp_path
             cache.put("other", b"another program")
         assert [*(tmp_path / "entries").iterdir()] == [entry]
         packed = zlib.compress(b"a program")
-        assert zlib.decompress(packed + programs._seal("name", packed)) == b"a program"  # JAX without jshape.
+        assert zlib.decompress(packed + seal("name", packed)) == b"a program"  # JAX without jshape.
     finally:
         jax.config.update("jax_compilation_cache_dir", settled)
 

@@ -150,6 +150,19 @@ def test_a_lost_payload_is_infinitely_bad(metric):
     assert metric(LOST, SHAPER, 6.0) == np.inf
 
 
+@pytest.mark.parametrize(("kind", "small", "tiny"), [(jnp.float64, 1e-140, 1e-200), (jnp.float32, 1e-14, 1e-20)])
+def test_the_vibration_of_a_move_whose_energy_no_number_holds_is_not_known(kind, small, tiny):
+    """The bare step leaves all of itself; of an energy of 0 it was nothing."""
+    plant = jax.tree.map(lambda x: x.astype(kind), plants.TwoMass(1.0, 1.0, plants.LinearSpring(10.0)))
+    assert js.residual_vibration(plant, None, kind(small)) == pytest.approx(1.0, rel=1e-5)
+    with pytest.raises(ValueError, match="or its energy is below the least number there is"):
+        js.residual_vibration(plant, None, kind(tiny))
+    assert np.isnan(jax.jit(lambda distance: js.residual_vibration(plant, None, distance))(kind(tiny)))
+    # What is next to nothing beside the move is known all the same.
+    shaper = js.Shaper(np.array([0.5, 0.5], kind), np.array([0.0, np.pi / np.sqrt(10.0)], kind))
+    assert js.residual_vibration(plant, shaper, kind(1.0)) < 1e-5
+
+
 def test_the_time_after_a_move_may_have_several_parts():
     plant, move = plants.TwoMass(1.0, 1.0, plants.Duffing(10.0, 100.0)), js.Trapezoid(1.0, 1.0, 2.0)
     plan = schedule(plant, move)

@@ -29,6 +29,12 @@ from hypothesis import strategies as st  # noqa: E402
 
 import jshape as js  # noqa: E402
 from experiments import markdown  # noqa: E402
+from experiments.reliability.array_files import (  # noqa: E402
+    chunk_file,
+    chunk_sealed_anew,
+    policy_file,
+    policy_sealed_anew,
+)
 from experiments.reliability.damage import damaged  # noqa: E402
 from experiments.reliability.literals import altered, arguments, exchanged, literal  # noqa: E402
 from experiments.reliability.records import accelerations, vibration  # noqa: E402
@@ -40,7 +46,6 @@ from experiments.reliability.uploads import (  # noqa: E402
     shared_link,
     taken_away,
 )
-from jshape._files import read_arrays, write_arrays  # noqa: E402
 from jshape.calibration.files import read as read_accelerometer  # noqa: E402
 from jshape.export import read_shaper  # noqa: E402
 from jshape.identification.csv_file import read_csv  # noqa: E402
@@ -49,7 +54,6 @@ from jshape.problems.problem import load  # noqa: E402
 from jshape.problems.reading import shipped  # noqa: E402
 from jshape.problems.starters import STARTERS  # noqa: E402
 from jshape.problems.starters import text as started  # noqa: E402
-from jshape.sweeps.checkpoint import in_chunks  # noqa: E402
 
 LONGEST = 5000
 """Characters that a message may have."""
@@ -234,79 +238,6 @@ def accelerometer_file(random: np.random.Generator, folder: Path) -> bool:
     path = folder / "raw_data_x.csv"
     path.write_bytes(damaged(content, random) if random.random() < 0.7 else content)
     return bool(read_accelerometer(path))
-
-
-def chunk_file(random: np.random.Generator, folder: Path) -> bool:
-    """A chunk of a sweep's store, damaged: the results are the same, whatever was done to it."""
-    return _spoilt_chunk(folder, random, lambda path: path.write_bytes(damaged(path.read_bytes(), random)))
-
-
-def chunk_sealed_anew(random: np.random.Generator, folder: Path) -> bool:
-    """The same, with other arrays and the right digest of those."""
-    return _spoilt_chunk(folder, random, lambda path: _sealed_anew(path, "jshape-chunk 1", random))
-
-
-def _spoilt_chunk(folder: Path, random: np.random.Generator, spoil: Callable[[Path], Any]) -> bool:
-    store, results = folder / "store", {i: np.full((2, 3), float(i)) for i in range(3)}
-
-    def stored() -> dict[int, np.ndarray]:
-        made = in_chunks(
-            lambda missing: [(i, results[i]) for i in missing],
-            3,
-            store,
-            lambda: b"one",
-            lambda index: results[index].shape,
-        )
-        return dict(made)
-
-    stored()
-    spoil(store / f"chunk_{random.integers(3):06d}.npz")
-    found = stored()
-    if set(found) != set(results) or any(not np.array_equal(found[i], results[i]) for i in results):
-        raise FaultError("another result")
-    return True
-
-
-def policy_file(random: np.random.Generator, folder: Path) -> bool:
-    """A shipped policy's file, damaged: refused, or the very same policy."""
-    from jshape_envs.policy import POLICIES, load_policy, named_arrays
-
-    original = sorted(POLICIES.glob("*.npz"))[0]
-    path = folder / "policy.npz"
-    path.write_bytes(damaged(original.read_bytes(), random))
-    found, expected = (named_arrays(load_policy(each)) for each in (path, original))
-    if any(not np.array_equal(found[name], value) for name, value in expected.items()):
-        raise FaultError("another policy")
-    return True
-
-
-def policy_sealed_anew(random: np.random.Generator, folder: Path) -> bool:
-    """A shipped policy's file with other arrays and the right digest of those: refused, or a policy that acts."""
-    import jshape_envs
-    from jshape_envs.policy import FORMAT, POLICIES, load_policy
-
-    path = folder / "policy.npz"
-    path.write_bytes((POLICIES / "DuffingPayload_paper_hidden.npz").read_bytes())
-    _sealed_anew(path, FORMAT, random)
-    policy = load_policy(path)
-    observation = np.zeros(policy.sizes.observation, np.float32)
-    memory, action = policy.act(policy.init(jshape_envs.parameters("DuffingPayload")), observation)
-    if action.dtype != observation.dtype or not np.all(np.isfinite(action)) or not np.all(np.isfinite(memory)):
-        raise FaultError("an action that is none")
-    return True
-
-
-def _sealed_anew(path: Path, kind: str, random: np.random.Generator) -> None:
-    """Write a file of arrays anew, one of them of another shape or type, missing, or under another name."""
-    about, arrays = read_arrays(path, kind)
-    name = str(random.choice(sorted(arrays)))
-    value = arrays.pop(name)
-    types = (np.float32, np.float64, np.complex128, bool, np.int8, "U8")
-    others: list[dict[str, np.ndarray]] = [
-        {}, {"other": value}, {name: value[..., :1]}, {name: value[None]}, {name: value.reshape(-1)},
-        *({name: value.astype(each)} for each in types),
-    ]  # fmt: skip
-    write_arrays(path, kind, about, arrays | others[random.integers(len(others))])
 
 
 # --- arguments --------------------------------------------------------------------------------------------------------

@@ -136,17 +136,17 @@ class SaturatingSpring(AbstractSpring):
     odd: ClassVar = True
 
     def potential(self, x: Scalar) -> Scalar:
-        # log cosh u, where neither does a great u overflow nor the difference from 1 of a small one vanish.
-        u = self.k * x / self.limit
-        small = jnp.abs(u) < 1
-        near, far = jnp.where(small, u, 0.0), jnp.abs(jnp.where(small, 1.0, u))
-        log_cosh = jnp.where(
-            small, jnp.log1p(2 * jnp.sinh(near / 2) ** 2), far + jnp.log1p(jnp.exp(-2 * far)) - np.log(2.0)
-        )
-        return self.limit**2 / self.k * log_cosh
+        return self.limit**2 / self.k * _log_cosh(self.k * x / self.limit)
 
     def force(self, x: Scalar) -> Scalar:
         return self.limit * jnp.tanh(self.k * x / self.limit)
+
+
+def _log_cosh(u: Scalar) -> Scalar:
+    """log cosh u: a great u does not overflow, and a small one is not lost in the difference from 1."""
+    small = jnp.abs(u) < 1
+    near, far = jnp.where(small, u, 0.0), jnp.abs(jnp.where(small, 1.0, u))
+    return jnp.where(small, jnp.log1p(2 * jnp.sinh(near / 2) ** 2), far + jnp.log1p(jnp.exp(-2 * far)) - np.log(2.0))
 
 
 class PowerLawSpring(AbstractSpring):

@@ -74,6 +74,11 @@ class ScaledProblem:
         problem: what is minimised.
         fixed_gaps: leave the impulse times alone.
         report: called with the objective's value (J) at every point that is evaluated.
+
+    Attributes:
+        tightest: the tolerance of what is known as finely as it has to be.
+        usual: the same, where nothing asks for less.
+        least: the least that ``tightest`` may become.
     """
 
     def __init__(
@@ -136,14 +141,10 @@ class ScaledProblem:
         key = x.tobytes()
         if key not in self._values or self._values[key][0] > tolerance:
             point = self.point(x)
-            running = evaluate(self.problem.scenarios, point, np.float64(tolerance))
-            yield
-            found = Values(*map(np.asarray, running))
+            found = yield from self._evaluated(point, tolerance)
             if tolerance < self.usual and np.any(found.energies >= DIVERGED_ENERGY):
                 # Not every plant can be known so finely, one with a kink, say; it is no worse for that.
-                running = evaluate(self.problem.scenarios, point, np.float64(self.usual))
-                yield
-                coarser = Values(*map(np.asarray, running))
+                coarser = yield from self._evaluated(point, self.usual)
                 if np.sum(coarser.energies >= DIVERGED_ENERGY) < np.sum(found.energies >= DIVERGED_ENERGY):
                     found, tolerance = coarser, self.usual
                     self.least = self.tightest = self.usual
@@ -151,6 +152,11 @@ class ScaledProblem:
             self.report(self.problem.total(found.energies, point))
             return found
         return self._values[key][1]
+
+    def _evaluated(self, point: Point, tolerance: float) -> Computing[Values]:
+        running = evaluate(self.problem.scenarios, point, np.float64(tolerance))
+        yield
+        return Values(*map(np.asarray, running))
 
     def refine(self, found: Values) -> None:
         """Take the tightest tolerance that the objective of a design asks for at the end of a search."""
