@@ -60,7 +60,6 @@ def policy_file(random: np.random.Generator, folder: Path) -> bool:
 def policy_sealed_anew(random: np.random.Generator, folder: Path) -> bool:
     """A shipped policy's file with other arrays and the right digest of those: refused, or a policy that acts."""
     import jax.numpy as jnp
-
     import jshape_envs
     from jshape_envs.policy import FORMAT, POLICIES, load_policy
 
