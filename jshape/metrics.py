@@ -333,7 +333,7 @@ def _energy_and_vibration(plant, plan: Schedule, state, steps: int | None, fine:
         # An energy near the least number of this precision says nothing of a vibration that is not negligible.
         tiny, little = jnp.finfo(stored.dtype).tiny / jnp.finfo(stored.dtype).eps, trajectory.ACCURACY * distance
         negligible = jnp.minimum(plant.spring.potential(little), plant.spring.potential(-little))
-        followed = ~(stored < tiny) | (negligible >= tiny)
+        followed = ~(stored < tiny) | (negligible >= tiny) | ~(distance > 0)
         amplitude = known_or_nan(amplitude / jnp.where(distance > 0, distance, 1.0), distance > 0)
     else:
         still = Schedule(plan.breaks[-1:], plan.coefficients[-1:])
