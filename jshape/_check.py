@@ -226,6 +226,19 @@ class Checked(eqx.Module):
             if isinstance(converter, Argument):
                 converter.name = name
 
+    def __repr__(self) -> str:
+        fields = (f"{field.name}={_printed(getattr(self, field.name))}" for field in dataclasses.fields(self))
+        return f"{type(self).__name__}({', '.join(fields)})"
+
+
+def _printed(value: Any) -> str:
+    """A field's value, where it is known and a number or a few; else its type and shape."""
+    if not eqx.is_array_like(value) or isinstance(value, bool):
+        return repr(value)
+    if not is_concrete(value):
+        return eqx.tree_pformat(value)
+    return f"{float(value):.8g}" if np.ndim(value) == 0 else show(value)
+
 
 def recheck(module: eqx.Module) -> None:
     """Checks a module and its parts, also those in dictionaries and tuples, as construction does: for leaves replaced

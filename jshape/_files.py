@@ -232,9 +232,9 @@ def write_arrays(path: Path, kind: str, about: Mapping[str, Any], arrays: Mappin
         about: plain data for the header.
         arrays: by name.
     """
-    header = json.dumps({"format": kind, "about": dict(about), "arrays": _described(arrays)})
+    header = json.dumps({"format": kind, "about": dict(about), "arrays": described(arrays)})
     with whole(path) as file:
-        np.savez_compressed(file, allow_pickle=False, header=header, digest=_digest(header, arrays), **arrays)
+        np.savez_compressed(file, allow_pickle=False, header=header, digest=digest_of_arrays(header, arrays), **arrays)
 
 
 def read_arrays(path: Path, kind: str) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
@@ -249,7 +249,7 @@ def read_arrays(path: Path, kind: str) -> tuple[dict[str, Any], dict[str, np.nda
         header = json.loads(text)
         if header["format"] != kind:
             raise ValueError(f"its format is {header['format']!r}, not {kind!r}")
-        if header["arrays"] != _described(arrays) or digest != _digest(text, arrays):
+        if header["arrays"] != described(arrays) or digest != digest_of_arrays(text, arrays):
             raise ValueError("it is damaged: what it holds is not what was written")
         return dict(header["about"]), arrays
     except (KeyError, TypeError, ValueError, RecursionError) as error:
@@ -277,12 +277,12 @@ def read_npz(path: Path) -> dict[str, np.ndarray]:
         raise ValueError(f"{path}: cannot be read: {_reason(error)}") from None
 
 
-def _described(arrays: Mapping[str, np.ndarray]) -> dict[str, list]:
+def described(arrays: Mapping[str, np.ndarray]) -> dict[str, list]:
     """Type and shape of each array, as JSON has them."""
     return {name: [value.dtype.str, list(value.shape)] for name, value in sorted(arrays.items())}
 
 
-def _digest(header: str, arrays: Mapping[str, np.ndarray]) -> str:
+def digest_of_arrays(header: str, arrays: Mapping[str, np.ndarray]) -> str:
     digest = hashlib.sha256(header.encode())
     for _, value in sorted(arrays.items()):
         digest.update(np.ascontiguousarray(value).tobytes())

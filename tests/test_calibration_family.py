@@ -74,7 +74,9 @@ def test_low_and_high_resonances():
         spectrum = calibration.Spectrum("made up", f, 1 / ((1 - ratio**2) ** 2 + (0.1 * ratio) ** 2))
         tuned = calibration.tune_firmware([spectrum], vibration=0.01, highest=highest)
         assert tuned.converged
-        assert tuned.rated.frequency == pytest.approx(centre, rel=0.25)
+        # Above the resonance, where the least smoothing is, as far as the limit allows.
+        assert 0.009 < tuned.rated.vibration <= 0.01
+        assert centre < tuned.rated.frequency < 1.06 * centre
 
 
 def test_limits_that_cannot_be_met(made_up):

@@ -119,6 +119,13 @@ COMMANDS = {
 # --- values --------------------------------------------------------------------------------------------------------
 
 
+def test_values_show_where_they_are_known():
+    assert repr(js.Trapezoid(1.0, 2.0, 0.1)) == "Trapezoid(distance=1, speed=2, acceleration=0.1)"
+    seen = []
+    jax.jit(lambda size: seen.append(repr(js.Step(size))) or size)(jnp.ones(()))
+    assert seen == ["Step(size=f64[])"]
+
+
 def test_step():
     step = Step(-1.5)
     np.testing.assert_array_equal(step(jnp.array([-1.0, -1e-12, 0.0, 1.0, 9.0])), [0, 0, -1.5, -1.5, -1.5])

@@ -179,7 +179,7 @@ def test_a_film_takes_as_long_as_the_move(tmp_path, speed, most):
             for i in range(image.n_frames)
         ]
     assert len(frames) <= most
-    assert done == [(i, len(frames)) for i in range(len(frames))]
+    assert done == [("frames", i + 1, len(frames), np.inf) for i in range(len(frames))]
     total = sum(duration for duration, _ in frames) / 1000
     assert 2.0 / speed <= total < 2.0 / speed + frames[0][0] / 1000
     # The picture moves.

@@ -11,7 +11,10 @@ import pytest
 import jshape as js
 
 ROOT = Path(__file__).parents[1]
-PACKAGES = {"jshape": ROOT / "jshape", "jshape_envs": ROOT / "envs" / "jshape_envs"}
+PACKAGES = {
+    name: ROOT / folder
+    for name, folder in (("jshape", "jshape"), ("jshape_envs", "envs/jshape_envs"), ("experiments", "experiments"))
+}
 
 LONGEST = 60
 """Lines of a function's body, from its first statement after the docstring to its end."""
@@ -31,7 +34,7 @@ NOT_OUR_WORDS = (
 
 
 def files() -> dict[str, Path]:
-    """Every module of both packages by its dotted name; a package stands for its ``__init__``."""
+    """Every module of the packages by its dotted name; a package stands for its ``__init__``."""
     found = {}
     for package, folder in PACKAGES.items():
         for path in sorted(folder.rglob("*.py")):

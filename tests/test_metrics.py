@@ -285,8 +285,9 @@ def test_error_estimate(method, steps, place, staircase):
     exact = 1.2 * v**2 / 2 + 5 * (x - 1) ** 2 + 25 * (x - 1) ** 4
     energy, error = residual_energy_and_error(PLANT, SHAPER, 1.0, steps=steps, method=method)
     assert abs(float(energy) - exact) < float(error) + 1e-10
-    # Few steps are less accurate, and known to be so.
-    assert float(error) < 1e-5 if steps is None else 1e-9 < float(error) < 1.0
+    # By a few times at most, beyond what SciPy's own tolerance hides; few steps are less accurate.
+    assert float(error) < 10 * abs(float(energy) - exact) + 1e-9
+    assert steps is None or float(error) > 1e-6
 
 
 @pytest.mark.parametrize("zeta", [0.0, 0.1])

@@ -9,7 +9,7 @@ the way from the second (crane), and plans two impulses anew where a likelihood-
 last one. Vibration is in per cent of the length of the move (pair), and of the median that the bare moves with the same
 number leave (crane).
 
-What limits it: ``told the plant`` plans anew at the same instant with the true parameters, so that what it leaves no
+What limits it: ``true plant`` plans anew at the same instant with the true parameters, so that what it leaves no
 sensor can help; ``almost no noise`` has a sensor with a hundredth of the noise and of the resolution, at the same
 instants, and knows it.
 
@@ -69,8 +69,8 @@ class Machine(NamedTuple):
         return Adapting(self.task, sensor, self.spread, self.spread, shares=shares)
 
 
-class Told(AbstractReplanning):
-    """``Adapting``, but that the true parameters are told when a move is planned anew.
+class TruePlant(AbstractReplanning):
+    """``Adapting``, but with the true parameters where a move is planned anew.
 
     Attributes:
         adapting: the strategy.
@@ -145,7 +145,7 @@ def section(machine: Machine, per_cent: Any) -> list[str]:
         "bare": Rule(lambda known: bare),
         "planned once": machine.adapting(sensor, ()),
         "planned anew": anew,
-        "told the plant": Told(anew),
+        "true plant": TruePlant(anew),
         "oracle": Oracle(task),
     }
     key = jax.random.key(1)

@@ -204,7 +204,8 @@ def moves() -> list[dict[str, Any]]:
         begun = time.perf_counter()
         loop.begin(known)
         begin = 1e3 * (time.perf_counter() - begun)
-        plan = fastest(lambda loop=loop: loop._anew(loop.memory, 0, 1.0, loop._readings)) / 1e3
+        none = np.full(len(strategy.model.times), np.nan)
+        plan = fastest(lambda loop=loop, none=none: loop.replanned(loop.memory, 0, 1.0, none)) / 1e3
         most = dict(late=float(np.quantile(taken, 0.999)), longest=max(taken), plan=plan, begin=begin)
         rows.append(row(f"{name}, a sample", float(np.median(taken)), **most))
     return rows

@@ -39,6 +39,15 @@ class Verdict(NamedTuple):
     done: Array | np.ndarray
 
 
+def _controlled(k: Array, h: Array, scale: Array, finite: Array) -> tuple[Array, Array]:
+    """Whether a step of size h and slopes k keeps the tolerance, and by what the next one is longer."""
+    e5, e3 = (jnp.sum((jnp.asarray(e) @ k / scale) ** 2) for e in (_E5, _E3))
+    bottom = e5 + 0.01 * e3
+    error = jnp.where(bottom > 0, h * e5 / jnp.sqrt(jnp.where(bottom > 0, bottom, 1.0) * len(scale)), 0.0)
+    factor = jnp.clip(0.9 * jnp.maximum(error, 1e-20) ** (-1 / 8), 0.2, 8.0)
+    return (error < 1) & finite, jnp.where(jnp.isfinite(error) & finite, factor, 0.1)
+
+
 def judge(case: Case, rtol: Any) -> Verdict:
     """One move by DOP853."""
     plant, shaper, command, state = case
@@ -68,13 +77,7 @@ def judge(case: Case, rtol: Any) -> Verdict:
             new = y + h * (jnp.asarray(_B) @ k)
             k = jnp.concatenate([k, slope(t + h, new)[None]])
             sizes = jnp.maximum(jnp.maximum(largest, jnp.abs(y)), jnp.abs(new))
-            scale = rtol * sizes + 1e-290
-            e5, e3 = (jnp.sum((jnp.asarray(e) @ k / scale) ** 2) for e in (_E5, _E3))
-            bottom = e5 + 0.01 * e3
-            error = jnp.where(bottom > 0, h * e5 / jnp.sqrt(jnp.where(bottom > 0, bottom, 1.0) * len(y)), 0.0)
-            good = (error < 1) & jnp.all(jnp.isfinite(new))
-            factor = jnp.clip(0.9 * jnp.maximum(error, 1e-20) ** (-1 / 8), 0.2, 8.0)
-            factor = jnp.where(jnp.isfinite(error) & jnp.all(jnp.isfinite(new)), factor, 0.1)
+            good, factor = _controlled(k, h, rtol * sizes + 1e-290, jnp.all(jnp.isfinite(new)))
 
             def pick(a, b):
                 return jnp.where(good, a, b)

@@ -20,7 +20,7 @@ import numpy as np
 
 from experiments.reliability.damage import damaged
 from experiments.reliability.records import MOVES, SHAPER, accelerations, vibration
-from jshape._files import _described, _digest, read_arrays
+from jshape._files import described, digest_of_arrays, read_arrays
 from jshape.problems.reading import shipped
 from jshape.problems.starters import STARTERS
 from jshape.problems.starters import text as started
@@ -171,9 +171,9 @@ def policy(random: np.random.Generator) -> bytes:
             array[:0],
         )
         arrays[name] = changed[random.integers(len(changed))]
-    header = json.dumps({"format": FORMAT, "about": about, "arrays": _described(arrays)}, default=str)
+    header = json.dumps({"format": FORMAT, "about": about, "arrays": described(arrays)}, default=str)
     file = BytesIO()
-    np.savez(file, allow_pickle=False, header=header, digest=_digest(header, arrays), **arrays)
+    np.savez(file, allow_pickle=False, header=header, digest=digest_of_arrays(header, arrays), **arrays)
     return file.getvalue()
 
 

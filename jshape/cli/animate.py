@@ -1,7 +1,6 @@
 """``jshape animate``: a film of a problem's machine, unshaped beside shaped."""
 
 import json
-import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -82,7 +81,7 @@ def animate(
                 raise ValueError(f"{label}: {run.message}")
         model = beside(draft.lines, draft.plant.values["file"]) if draft.plant.kind in READERS else None
         pictures = film(loaded.plant, runs, speed, model=model)
-        save_film(pictures, path, lambda done, total: progress("frames", done, total, math.inf))
+        save_film(pictures, path, progress)
     _shared.say(f"{path}: {name} beside the bare command, {horizon:.4g} s")
 
 
@@ -114,7 +113,7 @@ def _episode(environment: str, path: Path, policy: str, moves: int, payloads: li
         from_file = policy.endswith(".npz")
         chosen = named_policy(policy, params) if from_file else strategy(policy, environment, params)
         film = episode_film(params, chosen, Path(policy).stem, moves, payloads=payloads)
-        save_film(film, path, lambda done, total: progress("frames", done, total, math.inf))
+        save_film(film, path, progress)
     _shared.say(f"{path}: {moves} moves of {environment} by {policy}, beside the same ones without a shaper")
 
 

@@ -9,5 +9,9 @@ import lazy_loader
 
 from jshape import klipper
 
-__getattr__, __dir__, __all__ = lazy_loader.attach(__name__, ["energy", "insensitive", "linear", "switching"])
+__getattr__, _, __all__ = lazy_loader.attach(__name__, ["energy", "insensitive", "linear", "switching"])
 __all__ = [*__all__, "klipper"]  # pyright: ignore[reportUnsupportedDunderAll]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

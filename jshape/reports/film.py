@@ -1,5 +1,6 @@
 """Films of a move: the machine without a shaper beside the same machine with one, in true time."""
 
+import math
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -12,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from jshape._files import whole
+from jshape._types import Progress
 from jshape.reports.drawings import Put, bodies, view_of
 from jshape.reports.places import Motion, bent_word, motion_of, sampled
 from jshape.reports.rendered import SIZES, Scene
@@ -130,24 +132,27 @@ def _animated(figure: Figure, puts: list[Put], frames: int, interval: int) -> an
     return animation.FuncAnimation(figure, draw, frames=frames, interval=interval)
 
 
-def save_film(
-    made: animation.FuncAnimation, path: Path, progress: Callable[[int, int], Any] = lambda done, total: None
-) -> None:
+def save_film(made: animation.FuncAnimation, path: Path, progress: Progress | None = None) -> None:
     """Write a film as GIF or, by ffmpeg, as MP4; the file is whole or not there.
 
     Args:
         made: by ``film``.
         path: of the file, which ends in ``.gif`` or ``.mp4``.
-        progress: called with the frames that are done and with all.
+        progress: called along the way (see ``jshape._types.Progress``).
 
     Raises:
         ValueError: for another ending, and for MP4 where there is no ffmpeg.
     """
     writer = check_film(path)
+
+    def drawn(done: int, total: int) -> None:
+        if progress is not None:
+            progress("frames", done + 1, total, math.inf)
+
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / f"film{path.suffix.lower()}"
         with mpl.rc_context({"savefig.bbox": None}):
-            made.save(file, writer=writer, dpi=DPI, progress_callback=progress)
+            made.save(file, writer=writer, dpi=DPI, progress_callback=drawn)
         with whole(path) as written:
             written.write(file.read_bytes())
 

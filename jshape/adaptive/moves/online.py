@@ -132,9 +132,9 @@ class OnlineMoves:
         """Compile what plans take and, unless it was given, find how long one may take."""
         taken = [0.0]
         for number, instant in enumerate(self._instants):
-            self._anew(memory, number, instant, self._readings)
+            self.replanned(memory, number, instant, self._readings)
             begun = time.perf_counter()
-            self._anew(memory, number, instant, self._readings)
+            self.replanned(memory, number, instant, self._readings)
             taken.append(time.perf_counter() - begun)
         self.lead = SPARE * max(taken) if self.lead is None else self.lead
 
@@ -167,7 +167,7 @@ class OnlineMoves:
         instant, count, lead = self._instants.pop(0), len(self._strategy.shares), self.lead or 0.0
         number = count - 1 - len(self._instants)
         seen = np.where(self._times <= instant, self._readings, np.nan)
-        self._next = self._thread.submit(self._anew, self.memory, number, instant + lead, seen)
+        self._next = self._thread.submit(self.replanned, self.memory, number, instant + lead, seen)
         self._due = self._age + int(np.ceil(lead / self._sample_time))
         if lead == 0:
             self._next.result()
@@ -180,7 +180,15 @@ class OnlineMoves:
         else:
             self.dropped += 1
 
-    def _anew(self, memory: Any, number: int, now: float, readings: np.ndarray) -> Plan:
+    def replanned(self, memory: Any, number: int, now: float, readings: np.ndarray) -> Plan:
+        """The plan of the move under way, made anew; in a thread of its own where samples come.
+
+        Args:
+            memory: of the strategy.
+            number: how many plans of this move there were before.
+            now: time of the move from which the command may change, s.
+            readings: of the sensor at the strategy's times, NaN where none has come.
+        """
         given = jnp.asarray(now), jnp.asarray(readings)
         return self._planned(*self._replan(self._strategy, memory, self._known, number, *given))
 

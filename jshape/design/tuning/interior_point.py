@@ -58,14 +58,14 @@ class Program(NamedTuple):
         root_bends: the same of those, shape (plants, states, steps, steps).
         shares: of the greatest energy, the second and so on in the objective, shape (plants,).
         slope: of the cost of time, shape (steps,).
-        price: of the epigraph's auxiliary variables a, shape (auxiliary,).
+        cost: of the epigraph's auxiliary variables a, shape (auxiliary,).
         auxiliary: energies ≤ auxiliary a, shape (plants, auxiliary).
         begin: a at the center, shape (auxiliary,).
         least: its bounds, shape (auxiliary,).
         sides: normals of the polytope, shape (sides, steps).
         distances: of the center from them, sides d + distances ≥ 0, shape (sides,).
-        limits: gradients of what is left of each limit on the move, shape (limits, steps).
-        slacks: what is left, shape (limits,).
+        limits: gradients of the slack of each limit on the move, shape (limits, steps).
+        slacks: of the limits, shape (limits,).
         penalty: of a limit that is exceeded by all of itself.
     """
 
@@ -76,7 +76,7 @@ class Program(NamedTuple):
     root_bends: Any
     shares: Any
     slope: Any
-    price: Any
+    cost: Any
     auxiliary: Any
     begin: Any
     least: Any
@@ -150,7 +150,7 @@ def _program(model: Model, space: Space, merit: Merit, axes: np.ndarray) -> Prog
         model, merit = model.mean(), merit._replace(objective="worst")
     found, center, free, scale, root = model.found, model.center, space.free, merit.scale, np.sqrt(merit.scale)
     energies, (normals, levels) = found.energies / scale, space.inequalities
-    price, auxiliary, begin, least = auxiliary_variables(merit, energies)
+    cost, auxiliary, begin, least = auxiliary_variables(merit, energies)
     distances = np.concatenate([normals @ center - levels, (center - space.lower)[free], (space.upper - center)[free]])
     return Program(
         energies=energies,
@@ -160,7 +160,7 @@ def _program(model: Model, space: Space, merit: Merit, axes: np.ndarray) -> Prog
         root_bends=axes.T @ found.root_bends @ axes / root,
         shares=shares_of(merit.objective, len(energies)),
         slope=merit.time_cost @ axes / scale,
-        price=price,
+        cost=cost,
         auxiliary=auxiliary,
         begin=begin,
         least=np.maximum(least, UNBOUNDED),
@@ -233,7 +233,7 @@ def _merit(program: Program, d: Array) -> Array:
 def _constraints(program: Program, z: Array) -> tuple[Array, Array, Array, Array]:
     """All constraints, ≥ 0, with their Jacobian, and the roots with theirs."""
     n, extra = len(program.slope), len(z) - len(program.slope)
-    d, a, e = jnp.split(z, [n, n + len(program.price)])
+    d, a, e = jnp.split(z, [n, n + len(program.cost)])
     energies, gradients, roots, slopes = _energies(program, d)
     values = [program.auxiliary @ a - energies, program.sides @ d + program.distances]
     of_steps, of_others = [-gradients, program.sides], [program.auxiliary, jnp.zeros((len(program.sides), len(a)))]
@@ -254,7 +254,7 @@ def _iterate(program: Program, state: _State, accuracy: Array) -> _State:
     _, z, slacks, multipliers, best, merit, _ = state
     n, plants, size = len(program.slope), len(program.energies), len(slacks)
     values, jacobian, roots, slopes = _constraints(program, z)
-    cost = jnp.concatenate([program.slope, program.price, jnp.full(len(z) - n - len(program.price), program.penalty)])
+    cost = jnp.concatenate([program.slope, program.cost, jnp.full(len(z) - n - len(program.cost), program.penalty)])
     unbalanced, infeasible = cost - multipliers @ jacobian, values - slacks
     product = slacks @ multipliers / size
     ended = (product * size < accuracy) & (jnp.abs(infeasible).max() < FEASIBLE)
