@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from jshape._types import ArrayLike
-from jshape.vibration import pole
+from jshape.vibration import pole, transform
 
 Real = np.ndarray
 """Float64, real."""
@@ -48,7 +48,7 @@ class Band:
     def residual(self, omega: ArrayLike, amplitudes: Real, times: Real) -> Any:
         """The residual vibration at each frequency at the last time, times s (in units of u)."""
         s = pole(np.asarray(omega, float), self.zeta)
-        return np.exp(s[..., None] * (times[-1] - times)) @ amplitudes + np.exp(s * times[-1]) * self.initial(omega)
+        return transform(amplitudes, times, s) + np.exp(s * times[-1]) * self.initial(omega)
 
     def initial(self, omega: Any) -> Any:
         """s z(0) at each frequency."""
