@@ -199,6 +199,20 @@ def test_listing_shows_public_names_only(module):
     assert all(hasattr(module, name) for name in listed)
 
 
+@pytest.mark.parametrize("package", [name for name in FILES if FILES[name].name == "__init__.py"])
+def test_package_names_its_modules(package):
+    """One line a module in the docstring of every package with more than six, and none for a module that is gone.
+
+    Private modules may be left out: they are listed where a package has hardly any others.
+    """
+    inside = {name.rpartition(".")[2] for name in FILES if name.rpartition(".")[0] == package} - {"__main__"}
+    named = re.findall(r"^- ``(\w+)``: ", ast.get_docstring(tree(package)) or "", re.MULTILINE)
+    assert len(named) == len(set(named))
+    assert set(named) <= inside
+    if len(inside) > 6:
+        assert {name for name in inside if not private(name)} <= set(named)
+
+
 @pytest.mark.parametrize("words", NOT_OUR_WORDS)
 def test_vocabulary(words):
     pattern = re.compile(rf"\b{words}\b", re.IGNORECASE)

@@ -7,6 +7,32 @@ Importing this package registers them::
 
 A machine of your own becomes one: ``gym.make("jshape_envs:jshape/Moves-v0", environment=Machine(...), payload=...,
 distance=...)``. The same environments as pure functions, for JAX: ``parameters``, ``reset``, ``step``.
+
+The environments:
+
+- ``parameters``: the ``Params`` of an environment, by name or for a machine of your own.
+- ``presets``: machines, sensors, payloads and moves of those that come with the package.
+- ``batch``: one environment or many between two steps.
+- ``env``: ``gymnasium.Env``.
+- ``vector``: ``gymnasium.vector.VectorEnv``.
+- ``sb3``: an adapter for stable-baselines3 and sbx.
+- ``render``: pictures of a move.
+- ``film``: films of an episode.
+
+Who chooses shapers:
+
+- ``baselines``: policies without training.
+- ``policy``: trained policies and their files.
+- ``apg``: how they are trained: analytic policy gradients.
+- ``guard``: a trained policy with a fixed shaper that stands in for it.
+- ``state_estimation``: the state with which the next move begins.
+- ``strategies``: baselines, the trained policy and the guarded one, by name.
+
+And what they are worth:
+
+- ``evaluate``: costs, recovery and regret of a policy.
+- ``families``: environments whose truth is not the one that a policy has been given.
+- ``export_c``: a trained policy as a C header.
 """
 
 from gymnasium.envs.registration import register

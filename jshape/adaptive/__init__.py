@@ -1,13 +1,13 @@
 """Adaptive shaping: identification during the motion, and adaptation to unannounced changes of the payload.
 
-- ``identifiers/``: ``SlidingDFT``, ``DampedSinusoids``, ``FrequencyTracker``, ``Decrement``, ``FilteredLeastSquares``;
-  ``estimate.py`` is their base, ``reasons.py`` why an estimate is valid or not.
-- ``shapers/``: shapers that change while they run.
-- ``strategies/``: identifier and shaper together: ``direct_adaptive.py``, ``state_aware.py``; parameters that improve
-  from move to move: ``extremum_seeking.py``, ``gradient_seeking.py``; ``paper_cases.py``: all with a paper's numbers.
-- ``closed_loop/``: strategies on a link whose load changes.
-- ``moves/``: move by move, for plants that are nonlinear or vary in time.
-- ``formulas.py``: one recursion for JAX and for plain numbers.
+- ``identifiers``: frequency and damping ratio from samples, while the machine vibrates.
+- ``shapers``: shapers that change while they run.
+- ``strategies``: identifier and shaper together.
+- ``closed_loop``: strategies on a link whose load changes.
+- ``moves``: strategies from move to move, for plants that are nonlinear or vary in time.
+- ``formulas``: recursions written once for JAX and for NumPy.
+- ``arguments``: checks of arguments that several classes share.
+- ``figures``: figures of recovery and of estimated parameters.
 """
 
 import lazy_loader

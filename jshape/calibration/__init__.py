@@ -14,6 +14,17 @@ Read a measured spectrum or a raw record, let Klipper's own method choose, then 
 Klipper's numbers are those of its August 2026 state (``version="current"``) and of December 2024 (``"2024"``).
 Smoothing is in mm, accelerations in mm/s², frequencies in Hz, as printer owners know them; impulse times in s.
 Modules are loaded when they are first used: other files need Klipper's shapers alone.
+
+- ``report``: ``calibrate``: all of it; begin here.
+- ``files``: ``read``: Klipper's files.
+- ``spectrum``: power density over frequency, as Klipper computes it.
+- ``smoothing``: how much (mm) a shaper rounds a corner, and the acceleration that keeps it small.
+- ``score``: residual vibration, smoothing and score of a shaper on spectra.
+- ``fit``: Klipper's shapers, each at the frequency that Klipper gives it.
+- ``recommend``: which of them Klipper chooses, and why.
+- ``family``: ``tune_firmware``: the best shaper that the firmware can compute.
+- ``tuned``: ``tune``: amplitudes and times tuned on the spectra.
+- ``modes``: modes of a spectrum, and a simulation beside its sums.
 """
 
 import lazy_loader

@@ -1,7 +1,28 @@
 """The command line.
 
-One file a command. Nothing imports JAX before a command runs, so that help comes at once. Every command turns on
-64-bit arithmetic and keeps compiled programs in the user's cache folder for the next time.
+Nothing imports JAX before a command runs, so that help comes at once. Every command turns on 64-bit arithmetic and
+keeps compiled programs in the user's cache folder for the next time. One file a command:
+
+- ``plants``: what a problem file may name.
+- ``new``: a problem file to begin from.
+- ``tune``: ``jshape tune`` and ``jshape compare``: a problem's shapers side by side.
+- ``animate``: a film of a problem's machine.
+- ``sweep``: a problem's uncertainty, plant by plant.
+- ``pareto``: residual against duration.
+- ``adapt``: strategies that learn while moving.
+- ``identify``: modes from a CSV file.
+- ``calibrate``: a printer's shaper.
+- ``shape``: a sampled trajectory of joints.
+- ``export``: a shaper file as a program or a line of configuration.
+- ``train``: a policy trained through the physics.
+- ``evaluate``: policies on the same moves.
+- ``studio``: the page in the browser.
+
+And what they share:
+
+- ``_shared``: the problem and its folder, JAX's settings, errors in a line, progress.
+- ``_artist``: figures drawn beside the computation.
+- ``_interrupt``: Ctrl-C.
 """
 
 import os

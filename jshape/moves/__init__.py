@@ -1,11 +1,22 @@
 """Machines that make one move after another while their payload changes unannounced: the one core of all who adapt.
 
-- ``machine.py``: a plant, what changes, the command of a move; ``sensor.py``: how it is sensed.
-- ``physics.py``: one move; ``core.py``: an episode of random moves, one pure function a move; ``actions.py``,
-  ``oracle.py``, ``design.py``: what an action means, and what the best shaper is.
-- ``policy.py``: who chooses shapers, by ``init`` and ``act``, and how an episode runs.
-- ``scheduled.py``: moves by a schedule, sensed throughout; ``two_mass.py``, ``hoisting.py``: machines for it;
-  ``retuning.py``: the shaper for a plant in motion.
+An episode of random moves:
+
+- ``core``: ``reset`` and ``step``, pure functions; begin here.
+- ``machine``: a plant whose payload changes, and the command of a move.
+- ``physics``: one move, and the window after it.
+- ``sensor``: what is sensed of the vibration.
+- ``actions``: from an action in [−1, 1] to a shaper.
+- ``oracle``: the best shaper for each payload and move, from a table.
+- ``design``: how that table is designed.
+- ``policy``: who chooses shapers, by ``init`` and ``act``, and how an episode runs.
+
+Moves by a schedule, sensed throughout:
+
+- ``scheduled``: ``run_moves``, and what a machine has to define for it.
+- ``two_mass``: a mass on a spring whose payload changes.
+- ``hoisting``: a crane that hoists on the way.
+- ``retuning``: the shaper for a plant in motion, a few steps from one that is near.
 """
 
 import lazy_loader

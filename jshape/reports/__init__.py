@@ -1,9 +1,17 @@
 """Reports: figures, tables and result files, written in one place for all commands.
 
-- ``report``: every shaper of a problem compared; ``results``: sweeps and fronts as files.
-- ``plot``: figures, with ``style``, their look, and ``motion`` and ``film``, those of moves.
-- ``drawings``: machines in motion.
+- ``report``: every shaper of a problem compared: ``jshape tune`` and ``jshape compare``.
+- ``responses``: the responses that are drawn.
+- ``report_files``: the folder of a report: numbers, shapers, the problem, figures.
+- ``results``: the files of a sweep or a front.
 - ``tables``: what the prompt shows.
+- ``plot``: figures for papers, ``js.plot``.
+- ``motion``: figures of how a machine moves.
+- ``style``: colours, fonts and widths of all figures.
+- ``film``: a machine without a shaper beside the same with one.
+- ``drawings``: machines in motion, drawn by their kind.
+- ``places``: where a machine's parts are while it moves.
+- ``rendered``: pictures of a machine from MJCF or URDF.
 """
 
 import lazy_loader

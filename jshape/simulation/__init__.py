@@ -1,9 +1,16 @@
 """Simulation: a plant, a command and a shaper give a trajectory.
 
+- ``simulate``: ``js.simulate``: responses with samples; final states by fixed steps.
 - ``schedule``: command and shaper as the segments on each of which one polynomial drives the plant.
-- ``integrate``: the fixed-step Runge–Kutta kernel; ``components``: its field written out by components.
-- ``simulate``: responses with samples, by adaptive or fixed steps; ``solver``: the kernel's step as a diffrax solver.
-- ``steps``: how many steps each segment takes, and their verification; ``batches``: its loops under ``vmap``.
-- ``residual``: the state after the last impulse and its energy.
+- ``steps``: how many steps each segment takes, and their verification.
+- ``integrate``: the fixed-step Runge–Kutta kernel.
+- ``components``: the kernel's field, written out by components.
+- ``angles``: sine and cosine for it that run in vector units.
+- ``batches``: the loops of ``steps`` under ``vmap``.
+- ``replay``: a move with numbers of steps that are known: the run that is differentiated.
+- ``residual``: the state after the last impulse and its energy, each with its accuracy.
 - ``trajectory``: a quantity along a move, its extremes and crossings.
+- ``response``: ``js.Response``, the result of a simulation.
+- ``energy_profile``: kinetic and potential energy against position along a move.
+- ``solver``: the kernel's step as a diffrax solver.
 """

@@ -1,13 +1,37 @@
 """The studio, ``jshape studio``: a page in the browser, on this machine alone, whose sliders move the curves.
 
-It has no mathematics of its own. ``state`` is what a page shows, which is a problem file (with a ``machine_file``,
-where its machine is described in one) and the impulses of a shaper, ``changes`` what makes another of it; ``curves``
-computes the ``results`` that are drawn of it, ``live`` lets the newest state win. ``work`` does the ``tasks`` that take
-long (tune, the Pareto front, a printer, ``episodes``) in a process of its own; ``guard`` decides who may talk to the
-server, ``own_code`` whether problem files may name code. ``tab``, ``page``, ``panels``, ``charts``, ``drawings`` and
-three scripts are what the browser shows, ``words`` is all English on it, ``takeaway`` what can be saved and ``link``
-what an address carries. The page is there before JAX, which a worker loads: what needs it is imported where it is
-called. Nothing of this is imported by any other command.
+It has no mathematics of its own. The page is there before JAX, which a worker loads: what needs it is imported where it
+is called. Nothing of this is imported by any other command.
+
+The state of a page, and what is computed of it:
+
+- ``state``: a problem file and the impulses of a shaper.
+- ``changes``: what makes another state of it.
+- ``machine_file``: a machine described in MJCF or URDF.
+- ``live``: the newest state wins.
+- ``curves``: the curves of a state, by jshape's public functions.
+- ``results``: the same as plain arrays, without JAX.
+- ``work``: what takes long, in a process of its own.
+- ``tasks``: its tasks: tune, the Pareto front, a printer …
+- ``episodes``: its tasks for strategies that learn.
+
+What the browser shows, beside three scripts:
+
+- ``page``: the layout.
+- ``tab``: one tab: its state, and what is drawn for it.
+- ``panels``: the left side.
+- ``charts``: the charts of the machine.
+- ``panel_charts``: the charts of the panels.
+- ``drawings``: the drawings that move.
+- ``words``: all English on the page.
+- ``takeaway``: what can be saved.
+- ``link``: what an address carries.
+
+The server:
+
+- ``server``: on 127.0.0.1 alone.
+- ``guard``: who may talk to it.
+- ``own_code``: whether problem files may name code.
 
 The library of the page was chosen by one prototype in each of three: a slider that changes a curve of 1,000 points in a
 headless Chromium, 60 key presses, from the key to the first frame with the new value (x86-64, two cores):

@@ -5,6 +5,16 @@
 
 Where a family leaves something open (how robust a shaper is, for one), the best choice for the params' own payloads and
 moves is made, on episodes of its own.
+
+- ``fixed``: shapers designed once.
+- ``direct``: linear shapers for the frequencies measured last.
+- ``frequency``: how these are measured.
+- ``amplitude_aware``: the payload of a nonlinear plant from frequency and amplitude.
+- ``model_based``: a bank of models, weighed by their errors.
+- ``posterior``: shapers for an estimated payload.
+- ``observed``: an observation in SI units, and what is known before.
+- ``best``: the best of many candidates.
+- ``oracles``: policies that read the hidden state.
 """
 
 from collections.abc import Callable

@@ -1,7 +1,9 @@
 """Move by move: strategies for plants that are nonlinear or vary in time, on the machines of ``jshape.moves``.
 
-- ``posterior.py``: the parameters after a move; ``strategies.py``: the choice of shapers.
-- ``monte_carlo.py``: hundreds of machines.
+- ``strategies``: the choice of shapers: ``Rule``, ``Oracle``, ``Adapting``.
+- ``posterior``: the parameters after a move.
+- ``online``: the same in a control loop.
+- ``monte_carlo``: hundreds of machines.
 """
 
 from jshape.moves import AbstractPolicy as AbstractMoveStrategy

@@ -12,6 +12,16 @@ make the problem a linear program (``_linear_program``): it gives the number of 
 Newton's method on the conditions of optimality does the rest (``_optimality``), and the program's dual (``_dual``)
 proves that nothing shorter exists, on or off any grid. Between samples of the frequency V is bounded by its second
 derivative (``_band``). For concrete numbers only.
+
+- ``_specification``: the specification and a candidate design.
+- ``_band``: the region of poles, and a proven bound on V there.
+- ``_search``: the global search; begin here.
+- ``_linear_program``: the relaxed design, all instants allowed.
+- ``_dual``: its dual, and the bounds that it proves.
+- ``_slsqp``: a candidate improved to about six digits.
+- ``_optimality``: Newton's method on the first-order conditions, to rounding.
+- ``_simultaneous``: zero vibration of several modes at once.
+- ``_rounding``: times rounded to a controller's samples.
 """
 
 import dataclasses

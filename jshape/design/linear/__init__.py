@@ -24,6 +24,11 @@ modes at once, in less time than convolved shapers.
 The zero-vibration ones are formulas. The extra-insensitive and the unity-magnitude ones have a formula without damping
 only; from there their defining equations are followed to the damping asked for, by Newton's method. All of them work
 under ``jit``, ``vmap`` and ``grad``.
+
+- ``zero_vibration``: ZV, ZVD … ZVDⁿ, MZV, digital ones.
+- ``extra_insensitive``: EI with one, two or three humps.
+- ``negative``: unity-magnitude and specified negative amplitudes.
+- ``minimax``: the least worst case of several plants, impulses at any times within a duration.
 """
 
 import functools

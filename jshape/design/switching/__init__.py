@@ -18,6 +18,16 @@ A move that begins before the last has settled is designed from the state predic
 
     late = js.design.switching.rest_to_rest(3.13, 0.0, 2.0, m.state_at(0.8), limit=0.5)
     both = m.followed_by(late, 0.8)
+
+- ``_design``: what users call.
+- ``_arguments``: its arguments, checked.
+- ``_problem``: the conditions, linear in the input's jumps.
+- ``_linear_program``: the minimum-time linear program.
+- ``_digital``: limits at every sample of a digital input.
+- ``_optimality``: switching times made exact.
+- ``_minimum_principle``: the proof that nothing is faster.
+- ``_switched``: ``Switched``, the result.
+- ``_tuned``: switching times for a nonlinear plant.
 """
 
 import lazy_loader

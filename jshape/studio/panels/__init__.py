@@ -1,4 +1,17 @@
-"""The left side of the page: the machine, its shaper, what can be taken away, a printer, and strategies that learn."""
+"""The left side of the page: the machine, its shaper, what can be taken away, a printer, and strategies that learn.
+
+- ``machine``: which machine, and its parameters.
+- ``record``: a machine from a measured record.
+- ``shaper``: the shaper, its impulses one by one.
+- ``pins``: designs to compare.
+- ``optimise``: tuning and the Pareto front.
+- ``saved``: what can be taken away.
+- ``printer``: a printer's shaper from its accelerometer.
+- ``learn``: strategies that adapt or have learned.
+- ``running``: the buttons that start and stop a task.
+- ``slider``: a slider and its number.
+- ``drawing``: a drawing that moves.
+"""
 
 from nicegui import events, ui
 
