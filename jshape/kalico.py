@@ -71,10 +71,22 @@ def kernel(kind: str, frequency: float) -> tuple[np.ndarray, float]:
 
 
 def smooth(kind: str, frequency: float) -> tuple[np.ndarray, np.ndarray]:
-    """A smooth shaper as impulses: amplitudes, which sum to 1, and times (s); arguments and errors as ``kernel``.
+    """A smooth shaper as impulses at the nodes of a Gauss quadrature.
 
-    The first and the last, at the kernel's ends, are 0. The kernel is divided at its mean time, where the smoothing of
-    a corner has a kink.
+    The kernel is divided at its mean time, where the smoothing of a corner has a kink.
+
+    Args:
+        kind: one of ``KINDS``.
+        frequency: Kalico's ``smoother_freq``, the lowest frequency that is cancelled, Hz.
+
+    Returns:
+        Amplitudes, which sum to 1, the first and the last, at the kernel's ends, 0; and times, s, from 0 on; both of
+        shape (impulses,).
+
+    Raises:
+        ValueError: as ``kernel``.
+
+    Source: as ``kernel``.
     """
     coefficients, duration = kernel(kind, frequency)
     whole = np.polyint(coefficients)

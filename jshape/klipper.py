@@ -128,7 +128,19 @@ def named(name: str, **parameters: float) -> str:
 
 
 def klipper_shaper(kind: str, frequency: float, zeta: float = DAMPING, version: str = "current") -> Shaper:
-    """``impulses`` as a ``Shaper``; arguments and errors are the same."""
+    """A shaper of Klipper's as a ``Shaper``.
+
+    Args:
+        kind: one of ``KINDS``, with parameters such as ``"mzv(n=5,t=1.05)"`` or ``"ei(0.1)"`` if need be.
+        frequency: undamped natural frequency, Hz.
+        zeta: damping ratio from 0 to ``highest_zeta`` of the kind.
+        version: one of ``VERSIONS``.
+
+    Raises:
+        ValueError: as ``impulses``.
+
+    Source: as ``impulses``.
+    """
     return Shaper(*impulses(kind, frequency, zeta, version))
 
 

@@ -51,10 +51,11 @@ def residual_energy(
         distance: m; a number is a step of that size, any command may take its place.
         initial_state: rest at 0 unless given.
         steps: fixed steps a segment, unchecked; unless given, each segment takes as many as the tolerance needs.
-        method: ``"dopri8"``, or ``"tsit5"`` for fixed steps of order 5.
-        tolerance: the error allowed, as a fraction of the greatest energy of the move; 1e-11, or what the precision
-            allows, unless given. It is met, also under ``jit``, ``vmap`` and ``grad``, or the answer is flagged:
-            concrete calls raise, traced ones return NaN.
+        method: ``"dopri8"``, or ``"tsit5"`` for fixed steps of order 5, unchecked, whose number the plant's frequencies
+            give unless ``steps`` does.
+        tolerance: of ``"dopri8"``, the error allowed, as a fraction of the greatest energy of the move; 1e-11, or what
+            the precision allows, unless given. It is met, also under ``jit``, ``vmap`` and ``grad``, or the answer is
+            flagged: concrete calls raise, traced ones return NaN.
 
     Returns:
         J; infinite where the plant diverged: it has left the region from which it returns to rest.
@@ -81,7 +82,16 @@ def residual_energy_and_error(
 
     The estimate comes from two runs with different numbers of steps and their embedded errors; with ``steps``, it is
     the state's embedded estimate (that of the lower order: well above the true error) times the energy's gradient.
-    Arguments as for ``residual_energy``.
+
+    Args:
+        plant, shaper, distance, initial_state, steps, method, tolerance: as ``residual_energy``.
+
+    Returns:
+        Energy and error, J. Where the plant diverged the energy is infinite; where a traced call does not meet its
+        tolerance the energy is NaN and the error infinite.
+
+    Raises:
+        ValueError: as ``residual_energy``.
     """
     _check.one_of(method, "method", METHODS)
     plan, plant, state = prepared(plant, shaper, distance, initial_state)
@@ -138,7 +148,14 @@ def residual_energy_and_vibration(
 ) -> tuple[Scalar, PerAxis]:
     """The residual energy, J, and the residual vibration, a fraction, from one simulation of the move.
 
-    Arguments as for ``residual_energy`` and ``residual_vibration``, which take a simulation each.
+    Args:
+        plant, shaper, distance, tolerance: as ``residual_energy``.
+
+    Returns:
+        What ``residual_energy`` and ``residual_vibration`` return, which take a simulation each.
+
+    Raises:
+        ValueError: as ``residual_energy``, and for a vibration that is not accurate with the most steps there are.
     """
     return _residuals(plant, shaper, distance, None, None, tolerance)
 

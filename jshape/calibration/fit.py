@@ -97,7 +97,19 @@ def fit_all(
     """Several of Klipper's shapers, in their order, at the frequencies at which Klipper recommends among them.
 
     Each at its best frequency; in the current version at another one where it leaves less vibration and smooths less
-    than the best of those before it. Arguments as for ``fit``.
+    than the best so far, itself included.
+
+    Args:
+        spectra: measured, that share the shapers.
+        kinds: of the shapers, each as in ``fit``.
+        version: Klipper's, ``"current"`` or ``"2024"``.
+        zeta: damping ratio for which the shapers are made.
+        zetas: damping ratios at which they are judged.
+        corner_speed: mm/s.
+        highest: Hz, another than Klipper's 150 if the printer is stiffer.
+
+    Raises:
+        ValueError: as ``fit``.
     """
     fits: list[Rated] = []
     best: Rated | None = None

@@ -45,11 +45,11 @@ AMPLITUDES = ("positive", "unity", "bounded")
 
 @dataclasses.dataclass(frozen=True)
 class Specified(Result):
-    """A design and what is proven about it.
+    """A shaper of specified insensitivity, and what is proven about it.
 
     Attributes:
         shaper: the shaper.
-        duration: s.
+        duration: of the shaper, s.
         vibration: the largest V over the whole band, a fraction; an upper bound, tight to 1e-12.
         sampled: the largest V at the samples, if it was limited there alone, else None.
         bound: a proven lower bound on what was minimised, over any number of impulses: the duration (s), or V where the
@@ -134,10 +134,16 @@ def solve(
 ) -> Specified:
     """The design of ``specified`` with its status and proven bounds; an infeasible request is no error.
 
-    Arguments as ``specified``.
+    Args:
+        band, vibration, zeta, amplitudes, impulses, duration, samples, limit, starts, seed: as ``specified``.
+
+    Returns:
+        The design. If the limit cannot be kept with so few impulses, its status is INFEASIBLE and its shaper the one of
+        least V that was found.
 
     Raises:
-        ValueError: for arguments that make no sense, and for a vibration that hundreds of periods cannot reach.
+        ValueError: for arguments that make no sense, and for a vibration that is not reached within 400 periods of the
+            lowest frequency.
     """
     where = region(band, zeta, samples)
     kind = _kind(amplitudes, impulses, limit)

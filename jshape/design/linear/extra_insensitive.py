@@ -46,7 +46,15 @@ def ei(omega: ArrayLike, zeta: ArrayLike = 0.0, vibration: ArrayLike = 0.05) -> 
 def two_hump_ei(omega: ArrayLike, zeta: ArrayLike = 0.0, vibration: ArrayLike = 0.05) -> Shaper:
     """The two-hump extra-insensitive shaper: four impulses; V is 0 at the design frequency, with a hump on either side.
 
-    Arguments and errors as ``ei``. Found up to ζ = 0.36 for 5 %, 0.20 for 20 %.
+    Found up to ζ = 0.36 for 5 %, 0.20 for 20 %.
+
+    Args:
+        omega: undamped natural frequency, rad/s.
+        zeta: damping ratio in [0, 1).
+        vibration: the height V of the humps, a fraction.
+
+    Raises:
+        ValueError: as ``ei``.
 
     Source: Singhose, Porter, Tuttle and Singer (1997). Without damping A₁ = (3X² + 2X + 3V²)/(16X) with
     X = ∛(V²(√(1 − V²) + 1)), A₂ = 1/2 − A₁, symmetric, at 0, T/2, T, 3T/2.
@@ -57,7 +65,15 @@ def two_hump_ei(omega: ArrayLike, zeta: ArrayLike = 0.0, vibration: ArrayLike = 
 def three_hump_ei(omega: ArrayLike, zeta: ArrayLike = 0.0, vibration: ArrayLike = 0.05) -> Shaper:
     """The three-hump extra-insensitive shaper: five impulses, humps at the design frequency and on either side.
 
-    Arguments and errors as ``ei``. Found up to ζ = 0.26 for 5 %, 0.13 for 20 %.
+    Found up to ζ = 0.26 for 5 %, 0.13 for 20 %.
+
+    Args:
+        omega: undamped natural frequency, rad/s.
+        zeta: damping ratio in [0, 1).
+        vibration: the height V of the humps, a fraction.
+
+    Raises:
+        ValueError: as ``ei``.
 
     Source: Singhose, Porter, Tuttle and Singer (1997). Without damping A₁ = (1 + 3V + 2√(2(V² + V)))/16,
     A₂ = (1 − V)/4, A₃ = 1 − 2(A₁ + A₂), symmetric, at 0, T/2, T, 3T/2, 2T.

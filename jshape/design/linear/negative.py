@@ -44,9 +44,16 @@ def um_zv(omega: ArrayLike, zeta: ArrayLike = 0.0) -> Shaper:
 
 
 def um_zvd(omega: ArrayLike, zeta: ArrayLike = 0.0) -> Shaper:
-    """The unity-magnitude ZVD shaper: amplitudes 1, −1, 1, −1, 1, 0.7325 of a period long.
+    """The unity-magnitude ZVD shaper: amplitudes 1, −1, 1, −1, 1, 0.7325 of a period long without damping.
 
-    Arguments and errors as ``um_zv``; V is 0 to second order.
+    V and its derivative with respect to the frequency are 0 at the mode.
+
+    Args:
+        omega: undamped natural frequency, rad/s.
+        zeta: damping ratio in [0, 1).
+
+    Raises:
+        ValueError: as ``um_zv``.
 
     Source: Singhose, Singer and Seering (1994). V = 0 and Σ Aᵢtᵢ exp(stᵢ) = 0 at the mode's pole are solved, with
     damping and without.
@@ -78,7 +85,17 @@ def sna_zv(omega: ArrayLike, zeta: ArrayLike = 0.0, negative: Any = 0.5) -> Shap
 def sna_zvd(omega: ArrayLike, zeta: ArrayLike = 0.0, negative: Any = 0.5) -> Shaper:
     """The ZVD shaper with a specified negative amplitude: A₁, −b, A₃, −b, A₅; from a ZVD to a UM-ZVD.
 
-    Arguments and errors as ``sna_zv``.
+    The positive amplitudes are b plus 1 − b times a ZVD's; the times solve the equations of ``um_zvd``.
+
+    Args:
+        omega: undamped natural frequency, rad/s.
+        zeta: damping ratio in [0, 1).
+        negative: b, in (0, 1].
+
+    Raises:
+        ValueError: as ``sna_zv``.
+
+    Source: as ``sna_zv``.
     """
     return _shaper("sna_zvd", *UM_ZVD, omega, zeta, negative)
 

@@ -13,7 +13,7 @@ from jshape.shaper import Shaper
 
 
 def zvd_n(omega: Any, zeta: Any = 0.0, *, order: int) -> Shaper:
-    """The shaper of zero vibration and zero derivatives of it with respect to frequency: 0 is a ZV, 1 a ZVD, and so on.
+    """The shaper of zero vibration and of zero derivatives of it with respect to frequency, up to an order.
 
     ``order`` + 2 impulses half a damped period apart; without damping V stays under ``v`` over a band of
     (4/π) asin(v^(1/(order + 1))), as a fraction of omega.
@@ -21,7 +21,7 @@ def zvd_n(omega: Any, zeta: Any = 0.0, *, order: int) -> Shaper:
     Args:
         omega: undamped natural frequency, rad/s.
         zeta: damping ratio in [0, 1).
-        order: how many derivatives vanish.
+        order: how many derivatives vanish: 0 is a ZV, 1 a ZVD, and so on.
 
     Raises:
         ValueError: for a frequency that is not positive, a damping ratio outside [0, 1) or a negative order.
@@ -45,7 +45,12 @@ def zvd_n(omega: Any, zeta: Any = 0.0, *, order: int) -> Shaper:
 def zv(omega: ArrayLike, zeta: ArrayLike = 0.0) -> Shaper:
     """The zero-vibration shaper: two impulses, half a damped period long.
 
-    Arguments and errors as ``zvd_n``.
+    Args:
+        omega: undamped natural frequency, rad/s.
+        zeta: damping ratio in [0, 1).
+
+    Raises:
+        ValueError: for a frequency that is not positive or a damping ratio outside [0, 1).
 
     Source: Smith (1957), posicast; Singer and Seering (1990).
     """
@@ -55,7 +60,12 @@ def zv(omega: ArrayLike, zeta: ArrayLike = 0.0) -> Shaper:
 def zvd(omega: ArrayLike, zeta: ArrayLike = 0.0) -> Shaper:
     """The zero-vibration-and-derivative shaper: three impulses, one damped period long.
 
-    Arguments and errors as ``zvd_n``.
+    Args:
+        omega: undamped natural frequency, rad/s.
+        zeta: damping ratio in [0, 1).
+
+    Raises:
+        ValueError: for a frequency that is not positive or a damping ratio outside [0, 1).
 
     Source: Singer and Seering (1990); Moonmangmee and Chatlatanagulchai (2025), Eq. 5, its amplitudes in order.
     """
@@ -65,7 +75,12 @@ def zvd(omega: ArrayLike, zeta: ArrayLike = 0.0) -> Shaper:
 def zvdd(omega: ArrayLike, zeta: ArrayLike = 0.0) -> Shaper:
     """The shaper of zero vibration and two derivatives: four impulses, one and a half damped periods long.
 
-    Arguments and errors as ``zvd_n``.
+    Args:
+        omega: undamped natural frequency, rad/s.
+        zeta: damping ratio in [0, 1).
+
+    Raises:
+        ValueError: for a frequency that is not positive or a damping ratio outside [0, 1).
 
     Source: Singer and Seering (1990).
     """
@@ -75,7 +90,12 @@ def zvdd(omega: ArrayLike, zeta: ArrayLike = 0.0) -> Shaper:
 def zvddd(omega: ArrayLike, zeta: ArrayLike = 0.0) -> Shaper:
     """The shaper of zero vibration and three derivatives: five impulses, two damped periods long.
 
-    Arguments and errors as ``zvd_n``.
+    Args:
+        omega: undamped natural frequency, rad/s.
+        zeta: damping ratio in [0, 1).
+
+    Raises:
+        ValueError: for a frequency that is not positive or a damping ratio outside [0, 1).
 
     Source: Singer and Seering (1990).
     """
@@ -92,7 +112,7 @@ def mzv(omega: ArrayLike, zeta: ArrayLike = 0.0, *, n: int = 3, t: Any = 0.75) -
         t: duration in damped periods, from 1/2 (the ZV) to below (n − 1)/2 (the shaper of n − 2 derivatives).
 
     Raises:
-        ValueError: as ``zvd_n``, for fewer than three impulses and for a duration outside its range.
+        ValueError: as ``zv``, for fewer than three impulses and for a duration outside its range.
 
     Source: the printer firmware Klipper; the formula is that of ``jshape.klipper.mzv``.
     """

@@ -81,7 +81,19 @@ def time_optimal_filter(
 ) -> Switched:
     """The minimum-time bang-bang filter, |u| ≤ 1, from 0 to 1: impulses 1, −2, 2, … (or −1, 2, … from far away).
 
-    Arguments and errors as ``transition``; ``.shaper`` is the filter as a shaper, ``.switches`` its times.
+    Args:
+        omega: undamped natural frequency of one mode or several, rad/s.
+        zeta: damping ratio of each.
+        initial_state: x and x' of each mode, shape (2,) or (modes, 2); at rest at 0 unless given.
+        robust: what is to vanish beside the vibration, or a band, as ``transition``.
+        quiet: bands of higher modes, as ``transition``.
+        longest: s, the longest duration that is tried.
+
+    Returns:
+        The input; its ``shaper`` is the filter as a shaper, its ``switches`` are the times, s.
+
+    Raises:
+        ValueError: as ``transition``.
 
     Source: Dhanda, Vaughan and Singhose (2009), Eqs. 2 to 18.
     """
@@ -201,10 +213,22 @@ def preloaded(
 
     The filters shift the rigid body's motion; its switches are moved to compensate (preloading), by a quadratic
     equation. Slower than ``rest_to_rest``, but the filters do not depend on the distance and can be tabulated.
-    Arguments as ``rest_to_rest``.
+
+    Args:
+        omega: undamped natural frequency of one mode or several, rad/s.
+        zeta: damping ratio of each.
+        distance: where the rigid body comes to rest, m.
+        initial_state: position (m) and speed (m/s) of the rigid body, then x and x' of each mode, shape (1 + modes, 2);
+            all at rest at 0 unless given.
+        limit: the greatest |u|, m/s².
+        robust: as ``transition``, for each of the three filters.
+
+    Returns:
+        The input; its ``motion`` is the rigid body's position as a command.
 
     Raises:
-        ValueError: for arguments that make no sense and for a distance in which the filters have no room.
+        ValueError: for arguments that make no sense, a filter that is not proved the fastest and a distance in which
+            the filters have no room.
 
     Source: Dhanda, Vaughan and Singhose (2009), section VI; Dhanda and Franklin (2005), preloading.
     """
