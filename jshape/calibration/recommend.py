@@ -10,12 +10,12 @@ from jshape.klipper import VERSIONS
 
 @dataclasses.dataclass(frozen=True)
 class Choice:
-    """Klipper's choice.
+    """The shaper that Klipper recommends among several, and how the others compare.
 
     Attributes:
         best: the recommended shaper.
-        reason: why it won, in words.
-        costs: for each of the others what it would cost, in words.
+        reason: why it is recommended, in words.
+        costs: name of each other shaper → its benefits and costs compared with the best, in words.
     """
 
     best: Rated

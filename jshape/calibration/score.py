@@ -23,16 +23,16 @@ CEILING = 200.0
 
 @dataclasses.dataclass(frozen=True)
 class Rated:
-    """A shaper and its numbers.
+    """The rating of a shaper on measured spectra.
 
     Attributes:
         name: of the shaper, with the parameters of a family.
-        frequency: Hz, of those that a firmware has; ``None`` for a tuned list of impulses.
+        frequency: for which a firmware makes it, Hz; ``None`` for a tuned list of impulses.
         amplitudes: they sum to 1, shape (impulses,).
         times: s, shape (impulses,).
-        vibration: the share that remains, in the worst case.
-        smoothing: mm.
-        max_accel: mm/s².
+        vibration: the fraction of the vibration that remains, in the worst case.
+        smoothing: distance of the shaped path from the commanded one, mm.
+        max_accel: the largest acceleration that keeps the smoothing small, mm/s².
         zeta: damping ratio for which a firmware makes it; ``None`` for a tuned list of impulses.
     """
 
@@ -197,15 +197,15 @@ def rate(
     frequency: float | None = None,
     zeta: float | None = None,
 ) -> Rated:
-    """A shaper with all its numbers.
+    """Rate a shaper on measured spectra: residual vibration, smoothing, and the largest acceleration that it allows.
 
     Args:
         name: of the shaper.
         amplitudes: not negative, they sum to 1, shape (impulses,).
         times: s, shape (impulses,).
         bins: of the spectra.
-        corner_speed: mm/s.
-        frequency: Hz, of a firmware's shapers.
+        corner_speed: at which the smoothing of a corner is computed, mm/s.
+        frequency: for which a firmware makes it, Hz.
         zeta: damping ratio for which a firmware makes it.
 
     Raises:

@@ -41,16 +41,17 @@ def _modes(value: Any, name: str) -> Array:
 
 
 class ModalAction(AbstractAction):
-    """(ω̂, ζ̂) of every mode, then the robustness.
+    """An action that consists of an estimated frequency and damping ratio for each mode, and of a robustness.
 
-    The shaper is a ZV for each mode, convolved; the robustness r ∈ [0, 1] convolves it with a second pair of impulses,
-    for the first mode, whose delay is r times that of its ZV. The zero at ω̂ stays; at r = 0 the second pair does
-    nothing, at r = 1 both are a ZVD, and the duration grows evenly between.
+    Its entries are ω̂, ζ̂ of the first mode, those of the second, and so on, and last the robustness r, which is 0 at
+    −1 and 1 at 1. The shaper is a ZV for each mode, convolved, and for the first mode a second pair of impulses, whose
+    delay is r times that of its ZV. At r = 0 that pair does nothing, at r = 1 both are a ZVD; the zero at ω̂ stays for
+    every r, and the duration grows linearly with it.
 
     Attributes:
-        slowest: each mode's frequency at an entry of −1, rad/s; the scale to 1 is logarithmic.
-        fastest: each mode's frequency at an entry of 1, rad/s.
-        damping: the damping ratio at an entry of 1; −1 is undamped.
+        slowest: ω̂ at an entry of −1, rad/s, shape (modes,); the scale is logarithmic.
+        fastest: ω̂ at an entry of 1, rad/s, shape (modes,).
+        damping: ζ̂ at an entry of 1, the same for all modes; the scale is linear, and at −1 it is 0.
 
     Raises:
         ValueError: for frequencies that are not positive or do not fit, or a damping ratio outside [0, 1).
@@ -133,7 +134,12 @@ def from_logits(logits: Impulses, gaps: Float[Array, " gaps"]) -> Shaper:
 
 
 def pair(delay: Scalar, ratio: Scalar) -> Shaper:
-    """Two impulses, the second so many times the first, that delay (s) after it."""
+    """The shaper of two impulses.
+
+    Args:
+        delay: from the first impulse to the second, s.
+        ratio: amplitude of the second impulse over that of the first.
+    """
     return Shaper(jnp.stack([jnp.ones_like(ratio), ratio]) / (1 + ratio), jnp.stack([jnp.zeros_like(delay), delay]))
 
 

@@ -190,8 +190,18 @@ def step(
 def move(
     key: PRNGKeyArray, state: EnvState, shaper: Shaper, params: Params, action: Float[Array, " action"] | None = None
 ) -> tuple[EnvState, Float[Array, " observation"], Scalar, Bool[Array, ""], Bool[Array, ""], Info]:
-    """One move with any shaper, of any number of impulses; as ``step``, but for ``action``, which the next observation
-    holds as the last one (zeros unless given)."""
+    """One move with a given shaper, of any number of impulses.
+
+    Args:
+        key: of the move's random numbers.
+        state: before the move.
+        shaper: of the move.
+        params: the environment.
+        action: what the next observation holds as the last action, shape (action,); zeros unless given.
+
+    Returns:
+        As ``step``.
+    """
     machine, dtype = params.machine, params.period.dtype
     shaper = jax.tree.map(lambda x: x.astype(dtype), shaper)
     plant = machine.plant(state.payload, state.moves)
@@ -234,7 +244,16 @@ def move(
 
 
 def bounded_residual(energy: Scalar, reference: Scalar, diverged: Bool[Array, ""]) -> Scalar:
-    """A residual energy over the bare move's (both J), at most ``DIVERGED_RESIDUAL``, which a diverged plant's is."""
+    """The normalised residual energy of a move, bounded.
+
+    Args:
+        energy: residual energy, J.
+        reference: the energy of the bare move by which it is divided, J; see ``bare_energy_and_oracle_cost``.
+        diverged: whether the plant diverged.
+
+    Returns:
+        The ratio, at most ``DIVERGED_RESIDUAL``, which it is where the plant diverged.
+    """
     return jnp.minimum(jnp.where(diverged, DIVERGED_RESIDUAL, energy / reference), DIVERGED_RESIDUAL)
 
 

@@ -37,14 +37,17 @@ Swing = Float[Array, " 2"]
 
 
 class UnderWay(NamedTuple):
-    """What has been commanded of a move that runs."""
+    """The impulses of an unfinished move that have been commanded already.
+
+    Attributes:
+        amplitudes: of these impulses, shape (impulses,); they need not sum to 1.
+        times: of the same, s since the move began, shape (impulses,).
+        now: the present instant, s since the move began, after which the other impulses come.
+    """
 
     amplitudes: Impulses
-    """Of the impulses that have come."""
     times: Impulses
-    """Of the same, s since the move began."""
     now: Scalar
-    """s since the move began; all other impulses come later."""
 
 
 class AbstractMoves(eqx.Module):

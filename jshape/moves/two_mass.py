@@ -84,7 +84,14 @@ class TwoMassMoves(AbstractMoves):
         return retuned(swing_after(plant, Step(known), swing, STEPS), near, under_way)
 
     def starts(self, parameters: Float[Array, " parameters"]) -> Float[Array, "starts parameters"]:
-        """All of them larger or smaller by one factor, as by another payload."""
+        """Starting points of a fit: all leaves larger or smaller by one factor, as another payload makes them.
+
+        Args:
+            parameters: logarithms of the leaves' values over the nominal ones.
+
+        Returns:
+            ``TRIED`` of them, for factors from 1/2.5 to 2.5 evenly on a logarithmic scale, kept within the bounds.
+        """
         shifts = jnp.linspace(-1.0, 1.0, TRIED) * jnp.log(2.5)
         return jax.vmap(lambda shift: jnp.clip(parameters + shift, self.lower, self.upper))(shifts)
 

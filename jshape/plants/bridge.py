@@ -55,7 +55,14 @@ class BridgeCrane(AbstractCrane):
         return self.payload_mass
 
     def coupling(self, place: Array) -> Array:
-        """The same for each m/s² along x (first column) and y (second)."""
+        """Angular acceleration, turned back, for each m/s² of the trolley's acceleration, rad/m.
+
+        Args:
+            place: θx and θy, rad.
+
+        Returns:
+            Shape (2, 2): a row for each angle, a column for the accelerations along x and y.
+        """
         (sx, sy), (cx, cy) = jnp.sin(place), jnp.cos(place)
         return jnp.stack([jnp.stack([cx / cy, jnp.zeros_like(cx)]), jnp.stack([-sx * sy, cy])]) / self.cable_length
 

@@ -35,36 +35,36 @@ class Linearised(AbstractPlant):
 
     @property
     def drive(self) -> Any:
-        """The plant's own."""
+        """What the command drives: the same as in the plant."""
         return self.plant.drive
 
     @property
     def axes(self) -> tuple[str, ...]:
-        """The plant's own."""
+        """Names of the plant's axes; empty where it has one alone."""
         return self.plant.axes
 
     @property
     def unit(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """The plant's own."""
+        """Unit of the plant's payload and deflection and, unless a force drives it, of the command."""
         return self.plant.unit
 
     @property
     def units(self) -> Mapping[str, str]:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """The plant's own."""
+        """Units of payload and deflection of those axes for which they are other than ``unit``."""
         return self.plant.units
 
     @property
     def command_units(self) -> Mapping[str, str]:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """The plant's own."""
+        """Units of the commands of those axes for which it is not that of the payload."""
         return self.plant.command_units
 
     @property
     def force_unit(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """The plant's own."""
+        """Unit of the command where a force drives the plant."""
         return self.plant.force_unit
 
     def axis_drives(self) -> tuple[str | tuple[str, ...], ...]:
-        """The plant's own."""
+        """What the command of each axis drives, in the order of the axes."""
         return self.plant.axis_drives()
 
     def _rest(self) -> tuple[State, Inputs]:
@@ -106,7 +106,7 @@ class Linearised(AbstractPlant):
         return value + change
 
     def natural_frequency(self) -> Float[Array, "..."]:
-        """The plant's own, rad/s."""
+        """Natural frequencies of the plant, rad/s."""
         return self.plant.natural_frequency()
 
     def propagate(self, command: Any, initial_state: State | None = None, time: Any = None) -> State:

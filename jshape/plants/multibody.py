@@ -44,7 +44,9 @@ _LONGEST = 0.5
 
 
 class Tree(NamedTuple):
-    """What of a tree of bodies is part of the program.
+    """The structure of a tree of rigid bodies: which body hangs on which, and which joints follow a command.
+
+    It is static: machines of another structure are compiled anew.
 
     Attributes:
         links: the bodies that move, parents first.
@@ -53,7 +55,7 @@ class Tree(NamedTuple):
         zeros: the coordinates of the driven joints where the command is 0, m or rad.
         near: coordinates of the free joints near rest, m or rad.
         payload: index of the link that carries the payload.
-        point: where on it, m; ``None`` for its centre of mass.
+        point: the payload's place in the frame of that link, m; ``None`` for its centre of mass.
     """
 
     links: tuple[Link, ...]

@@ -48,7 +48,7 @@ class TrolleyCheck(eqx.Module):
 
     @property
     def message(self) -> str:
-        """The same in words."""
+        """Whether the limits are kept or exceeded, with each peak beside its limit, in words."""
         names = (
             ("speed", self.speed, self.speed_limit, "m/s"),
             ("acceleration", self.acceleration, self.acceleration_limit, "m/s²"),

@@ -1,9 +1,9 @@
-"""The one door to the integrators: schedule → response.
+"""Simulation of a plant: from the schedule of a shaped command to the response, or to the state at its end.
 
-``simulate`` is for looking and judging: adaptive steps at a tight tolerance, by diffrax, with samples at exact
-instants.
-``final_state`` is for designing and sweeping: the state right after the last break, by fixed steps, with exact
-derivatives of every order. Both run segment by segment in a time that is rescaled to [0, 1] on each of them.
+``simulate`` gives samples at exact instants, by adaptive steps of diffrax at a tight tolerance unless the kernel's
+fixed ones are chosen. ``final_state`` gives the state right after the last break by a given number of fixed steps, with
+exact derivatives of every order. Both run segment by segment in a time that is rescaled to [0, 1] on each of them.
+``steps.checked_state`` is the run that chooses its numbers of steps by itself.
 """
 
 import warnings

@@ -29,10 +29,10 @@ from jshape.shaper import Shaper
 
 
 class Rule(AbstractPolicy):
-    """The shaper that a function gives of what is known of the move, and of nothing else.
+    """A strategy without memory and sensor: the shaper is a function of what is known of the move beforehand.
 
     Args:
-        rule: ``rule(known)`` gives a shaper.
+        rule: the function, from ``known``, what the controller knows of a move (see ``AbstractMoves``), to its shaper.
     """
 
     rule: Callable[[Any], Shaper]

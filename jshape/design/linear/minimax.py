@@ -71,13 +71,18 @@ def minimax(rates: np.ndarray, weights: np.ndarray, duration: float, mean: bool 
 
 
 def drawn_together(amplitudes: np.ndarray, times: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """So many impulses: where there are more, those become one whose meeting changes least; where there are fewer, the
-    greatest become two at one time.
+    """Merge impulses, or split them, until there are as many as asked for; Σ A and Σ A t stay.
+
+    Two neighbours become one at their mean time, those first for which Σ A t² changes least; the greatest impulse
+    becomes two equal ones at its time.
 
     Args:
         amplitudes: positive, shape (impulses,).
-        times: s, ascending, of the same shape.
-        count: how many there are to be.
+        times: s, ascending, shape (impulses,).
+        count: number of impulses asked for.
+
+    Returns:
+        Amplitudes and times, s, each of shape (count,).
     """
     sums, times = amplitudes.copy(), times.copy()
     while len(sums) > count:

@@ -9,7 +9,11 @@ Computing = Generator[None, None, T]
 
 
 def end_of(computing: Computing[T]) -> T:
-    """What a computation comes to, if nothing else goes on."""
+    """The result of a computation, run to its end without another one beside it.
+
+    Args:
+        computing: the computation, which yields while a program runs.
+    """
     while True:
         try:
             next(computing)

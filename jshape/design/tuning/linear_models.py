@@ -295,7 +295,11 @@ class LinearModels:
 
 
 def applies(problem: DesignProblem) -> bool:
-    """Whether the energies count, and nothing else, that one shaper leaves of the plants, and these are not many."""
+    """Whether linear models may give starting points for a problem.
+
+    They may for one shaper of at least two impulses and at most ``MOST_PLANTS`` plants, where the objective is one of
+    those with a name, of residual energies alone, and there are neither limits nor leaves to design.
+    """
     scenarios, bounds = problem.scenarios, problem.bounds
     only = scenarios.metric is None and not scenarios.limits.any and not scenarios.designed and bounds.shapers == 1
     plants = len(next(iter(scenarios.samples.values()), [0]))
@@ -320,7 +324,12 @@ class Starts(NamedTuple):
     agreed: bool = True
 
     def more(self, impulses: int, left: float) -> str:
-        """What more impulses could leave where that is less than half of what is left, J, for a message."""
+        """The part of a message that says how little more impulses may leave; empty unless that is less than half.
+
+        Args:
+            impulses: number of impulses of the design.
+            left: objective of the design with the cost of its time, J.
+        """
         least = self.minimax
         if least is None or len(least.times) <= impulses or 2 * least.bound >= left:
             return ""

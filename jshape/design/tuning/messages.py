@@ -18,7 +18,13 @@ MANY = "there are many local optima, and more starts, or another seed, may find 
 
 
 def objective_found(problem: DesignProblem, energies: np.ndarray, point: Point) -> str:
-    """The objective of a design after which the plants hold these energies, J, and the cost of its time."""
+    """The beginning of a message: the objective of a design, and the cost of its time.
+
+    Args:
+        problem: has the objective and the cost.
+        energies: that the design leaves in each plant, J, or what the caller's metric makes of them.
+        point: the design.
+    """
     name, value = objective_name(problem.objective), value_of(problem.objective, energies)
     if value >= DIVERGED_ENERGY:
         return f"{name} unknown: a plant diverges, or its move takes too many steps"
@@ -28,16 +34,21 @@ def objective_found(problem: DesignProblem, energies: np.ndarray, point: Point) 
 
 
 def not_optimal(iterations: int) -> str:
-    """That a design does not meet the conditions of an optimum."""
+    """The part of a message that says that a design does not meet the first-order conditions of an optimum.
+
+    Args:
+        iterations: how many the search was allowed.
+    """
     return f", not optimal after {iterations} iterations"
 
 
 def doubts(undecided: bool, near: Around | None) -> str:
-    """What speaks against an optimum as the best of all.
+    """The part of a message that says why there may be a better optimum; empty where nothing speaks for one.
 
     Args:
-        undecided: whether two searches of linear models came to different designs, and nothing else counts.
-        near: what the searches from around it say.
+        undecided: whether two searches of linear models came to different designs, and no local searches from around
+            the best were made, or too few.
+        near: what these say; ``None`` where there are none.
     """
     if undecided:
         return f"; two searches of linear models came to different designs: {MANY}"
@@ -50,7 +61,14 @@ def doubts(undecided: bool, near: Around | None) -> str:
 
 
 def missed(scenarios: Scenarios, point: Point) -> str:
-    """In words, which limits a design misses, and by what part of each."""
+    """The part of a message that names the limits that a design misses, each with its excess in per cent.
+
+    The excess is a part of the limit; of an overshoot, which is a fraction itself, it is a part of the distance.
+
+    Args:
+        scenarios: the moves and their limits.
+        point: the design.
+    """
     found = []
     for name, of_axes in vars(scenarios.limits).items():
         for axis, limit in of_axes.items():
@@ -62,7 +80,14 @@ def missed(scenarios: Scenarios, point: Point) -> str:
 
 
 def above_the_limit(bounds: Bounds, point: Point) -> str:
-    """In words, which impulses at one time add up to more than an amplitude may be: the limit holds for each alone."""
+    """The part of a message that names impulses at one time whose sum is beyond the bounds of an amplitude.
+
+    The bounds hold for each impulse alone.
+
+    Args:
+        bounds: of the amplitudes.
+        point: the design.
+    """
     found = []
     for amplitudes, gaps in zip(*(np.split(part, bounds.shapers) for part in point[:2]), strict=True):
         times = np.append(0.0, np.cumsum(gaps))
