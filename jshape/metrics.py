@@ -51,11 +51,11 @@ def residual_energy(
         distance: m; a number is a step of that size, any command may take its place.
         initial_state: rest at 0 unless given.
         steps: fixed steps a segment, unchecked; unless given, each segment takes as many as the tolerance needs.
-        method: ``"dopri8"``, or ``"tsit5"`` for fixed steps of order 5, unchecked, whose number the plant's frequencies
-            give unless ``steps`` does.
-        tolerance: of ``"dopri8"``, the error allowed, as a fraction of the greatest energy of the move; 1e-11, or what
-            the precision allows, unless given. It is met, also under ``jit``, ``vmap`` and ``grad``, or the answer is
-            flagged: concrete calls raise, traced ones return NaN.
+        method: ``"dopri8"``, or ``"tsit5"`` for fixed steps of order 5, whose number the plant's frequencies give
+            unless ``steps`` does.
+        tolerance: the error allowed, as a fraction of the greatest energy of the move; 1e-11 (of ``"tsit5"`` 1e-6), or
+            what the precision allows, unless given. It is met, also under ``jit``, ``vmap`` and ``grad``, or the answer
+            is flagged: concrete calls raise, traced ones return NaN.
 
     Returns:
         J; infinite where the plant diverged: it has left the region from which it returns to rest.
@@ -99,16 +99,16 @@ def residual_energy_and_error(
         if steps is not None:
             raise ValueError(f"tolerance chooses the steps itself; give no steps beside it, not {steps!r}")
         residual.check_tolerance(tolerance, state)
+    tolerated = residual.as_tolerance(tolerance, state, method)
     if steps is not None:
-        steps = _check.count(steps, "steps")
+        steps, tolerated = _check.count(steps, "steps"), None
     elif method == "tsit5":
         steps = steps_for(plant, plan, method)
-    energy, error, met = residual.energy_with_error(
-        plant, plan, state, steps, method, residual.as_tolerance(tolerance, state)
-    )
+    energy, error, met = residual.energy_with_error(plant, plan, state, steps, method, tolerated)
     if _check.is_concrete(energy):
-        residual.require_met(plant, plan, energy, met, error, tolerance)
-    return energy, error
+        residual.require_met(plant, plan, energy, met, error, tolerance, method)
+        return energy, error
+    return energy, jnp.where(met, error, jnp.inf)
 
 
 def residual_vibration(
@@ -165,7 +165,7 @@ def _residuals(plant, shaper, distance, initial_state, steps: int | None, tolera
     fine = trajectory.fine_steps(plant, plan, 2.0) if steps is None else 32 * steps
     if tolerance is not None:
         residual.check_tolerance(tolerance, state)
-    tolerated = residual.as_tolerance(tolerance, state)
+    tolerated = residual.as_tolerance(tolerance, state) if steps is None else None
     while True:
         energy, vibration, error, met, followed = _energy_and_vibration(plant, plan, state, steps, fine, tolerated)
         known = not _check.is_concrete(vibration) or bool(np.all(followed))

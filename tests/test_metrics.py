@@ -290,6 +290,23 @@ def test_error_estimate(method, steps, place, staircase):
     assert steps is None or float(error) > 1e-6
 
 
+@pytest.mark.parametrize(
+    ("shaper", "distance"),
+    [(js.Shaper([10.0, -10.0, 1.0], [0.0, 0.3, 0.6]), 1.0), (None, js.Pulse(2.0, 0.5)), (None, js.Pulse(10.0, 0.5))],
+)
+def test_fixed_steps_of_order_5_meet_their_tolerance_or_are_flagged(shaper, distance):
+    """Their number goes by frequencies at rest; it was too small for these moves, by up to all of the energy."""
+    plant = plants.TwoMass(1.0, 1.0, plants.Duffing(10.0, 100.0))
+    right = float(js.residual_energy(plant, shaper, distance))
+    with pytest.raises(ValueError, match=r"is known to about \S*\d J only, with the fixed steps of method 'tsit5'"):
+        js.residual_energy(plant, shaper, distance, method="tsit5")
+    traced = jax.jit(lambda plant: js.residual_energy(plant, shaper, distance, method="tsit5"))(plant)
+    assert np.isnan(traced) or float(traced) == pytest.approx(right, rel=1e-6)
+    assert float(js.residual_energy(plant, shaper, distance, steps=2048, method="tsit5")) == pytest.approx(
+        right, rel=1e-6
+    )
+
+
 @pytest.mark.parametrize("zeta", [0.0, 0.1])
 def test_percentage_vibration_is_the_exact_motion_of_a_mode(zeta):
     # The matrix exponential carries one mode through the staircase; its envelope afterwards, over that of a bare step.

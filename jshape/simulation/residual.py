@@ -16,6 +16,14 @@ from jshape.simulation.schedule import Schedule
 from jshape.simulation.simulate import final_state
 from jshape.simulation.steps import TOLERANCE, checked_state, least_tolerance
 
+FIXED = 1e-6
+"""The tolerance of fixed steps of order 5 unless one is given."""
+
+_REMEDIES = {
+    "dopri8": "the most steps there are; ask for a larger tolerance, or shorten the move",
+    "tsit5": "the fixed steps of method 'tsit5'; give more of them, steps=…, or take 'dopri8'",
+}
+
 _KINKS = "a ForceSpring with kinks has to name them, kinks=…"
 
 
@@ -29,8 +37,8 @@ class End(NamedTuple):
     met: Bool[Array, ""]
 
 
-def state_at_end(plant, plan: Schedule, state: State, steps: int | None, method: str, tolerance: Scalar) -> End:
-    """By so many steps a segment; by as many as the tolerance takes, chosen at run time, where none are given."""
+def state_at_end(plant, plan: Schedule, state: State, steps: int | None, method: str, tolerance: Scalar | None) -> End:
+    """By so many steps a segment, checked where a tolerance is given; by as many as it takes where no steps are."""
     inputs = plan.final_inputs(plant)
     if steps is None:
         found = checked_state(plant, plan, state, tolerance)
@@ -39,8 +47,13 @@ def state_at_end(plant, plan: Schedule, state: State, steps: int | None, method:
     slope, curved = jax.jvp(jax.grad(lambda y: plant.residual_energy(y, inputs)), (end,), (error,))
     bound = jnp.abs(slope) @ error + jnp.abs(curved) @ error / 2
     # A state that is not finite is one that has diverged, unless something given was NaN.
-    met = without_nan((plant, plan, state))
-    return End(end, bound, plant.diverged(end, inputs) & met, met)
+    known = without_nan((plant, plan, state))
+    diverged, met = plant.diverged(end, inputs) & known, known
+    if tolerance is not None:
+        # The greatest energy of a move is no less than what it has at its beginning and at its end.
+        scale = jnp.maximum(plant.residual_energy(state, inputs), plant.residual_energy(end, inputs))
+        met = known & (diverged | (bound <= tolerance * scale))
+    return End(end, bound, diverged, met)
 
 
 @kept
@@ -54,7 +67,7 @@ def energy_at_end(plant, plan: Schedule, end: End) -> tuple[Scalar, Scalar, Bool
     # A plant without rest at its final input has no energy above it, whatever the tolerance.
     rest = jnp.all(jnp.isfinite(plant.rest_state(plan.final_inputs(plant))))
     energy = jnp.where(end.diverged & rest, jnp.inf, energy)
-    return known_or_nan(energy, end.met), jnp.where(end.met, end.error, jnp.inf), end.met | ~rest
+    return known_or_nan(energy, end.met), end.error, end.met | ~rest
 
 
 def check_tolerance(tolerance: Any, state: State) -> None:
@@ -65,15 +78,17 @@ def check_tolerance(tolerance: Any, state: State) -> None:
         raise ValueError(f"tolerance {tolerance:g} cannot be met: it is below rounding, {least:.1g}")
 
 
-def as_tolerance(tolerance: Any, state: State) -> Scalar:
-    """A given tolerance as an array; the default, or what the precision allows, where none is given."""
-    least = max(TOLERANCE, least_tolerance(state.dtype))
+def as_tolerance(tolerance: Any, state: State, method: str = "dopri8") -> Scalar:
+    """A given tolerance as an array; the method's default, or what the precision allows, where none is given."""
+    least = max(FIXED if method == "tsit5" else TOLERANCE, least_tolerance(state.dtype))
     return (
         _check.on_device(np.asarray(least, state.dtype)) if tolerance is None else jnp.asarray(tolerance, state.dtype)
     )
 
 
-def require_met(plant: AbstractPlant, plan: Schedule, energy: Any, met: Any, error: Any, tolerance: Any) -> None:
+def require_met(
+    plant: AbstractPlant, plan: Schedule, energy: Any, met: Any, error: Any, tolerance: Any, method: str = "dopri8"
+) -> None:
     """*Raises* ``ValueError`` unless the tolerance of a concrete result was met, and the energy is a number."""
     name = type(plant).__name__
     if np.any(np.isnan(np.asarray(energy))) and np.all(np.asarray(met)):
@@ -87,6 +102,6 @@ def require_met(plant: AbstractPlant, plan: Schedule, energy: Any, met: Any, err
         asked = "the default" if tolerance is None else f"{tolerance:g}"
         raise ValueError(
             f"tolerance ({asked}) was not met: the residual energy of {name} after "
-            f"{float(plan.breaks[-1]):.4g} s is known to about {float(np.max(np.asarray(error))):.2g} J only, with the "
-            "most steps there are; ask for a larger tolerance, or shorten the move"
+            f"{float(plan.breaks[-1]):.4g} s is known to about {float(np.max(np.asarray(error))):.2g} J only, with "
+            + _REMEDIES[method]
         )
