@@ -257,7 +257,7 @@ def settling_time(
 
     Returns:
         s; infinite where the payload has not settled a period before that ends, or will leave the band again, as
-        modes that beat do.
+        modes that beat do, and swings of a spherical pendulum, whose ellipse turns (within ten thousand periods).
 
     Raises:
         ValueError: unless band and periods are positive.
@@ -369,9 +369,10 @@ def _energy_and_vibration(plant, plan: Schedule, state, steps: int | None, fine:
 
 
 def _amplitude(along: Trajectory) -> Scalar:
-    """The greatest magnitude of a quantity along a move."""
+    """The greatest magnitude of a quantity along a move, not between impulses that coincide."""
     both = [trajectory.extremes(sign * along.value, sign * along.slope, along.step) for sign in (1, -1)]
-    return greatest(jnp.stack(both))
+    lasts = (along.step > 0) | ~jnp.any(along.step > 0)
+    return greatest(jnp.where(lasts[:, None], jnp.stack(both), -jnp.inf))
 
 
 def _over_distance(measure: Callable[..., Array], plant, plan: Schedule, along: Trajectory, *rows: Array) -> Array:

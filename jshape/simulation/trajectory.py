@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -35,8 +35,9 @@ _TRACED, _TRACED_ANGLE = 256, 0.3
 
 _finer: ContextVar[int] = ContextVar("finer", default=1)
 
-_LATER = 4096
-"""Instants at which a plant is looked at after a trajectory's end."""
+_LATER, _TURNING = 4096, 1e4
+"""Instants at which a plant is looked at after a trajectory's end; periods for which the ellipse of a spherical pendulum
+is followed."""
 
 
 class Trajectory(eqx.Module):
@@ -196,13 +197,14 @@ def farthest_later(plant, plan: Schedule, along: Trajectory) -> Array:
     """How far the payload still swings from its rest after a trajectory's end, of each axis; 0 for a single mode.
 
     Modes that beat are quiet for a while and come back. The plant linearised about its rest is followed for two of its
-    longest beats, and at least for as long again as the move and what was observed after it.
+    longest beats, and at least for as long again as the move and what was observed after it. The ellipse of a spherical
+    pendulum turns.
     """
     inputs = plan.final_inputs(plant)
     frequencies, rest = plant.natural_frequency_at(inputs), plant.rest_state(inputs)
     if frequencies.ndim == 0:
         # A single mode's swings are seen.
-        return jnp.zeros(())
+        return _turned(plant, plan, along, frequencies) if along.value.ndim > 2 else jnp.zeros(())
     apart = jnp.diff(jnp.sort(frequencies))
     close = apart > 1e-9 * jnp.max(frequencies)
     beat = jnp.max(jnp.where(close, 2 * jnp.pi / jnp.where(close, apart, 1.0), 0.0))
@@ -215,6 +217,29 @@ def farthest_later(plant, plan: Schedule, along: Trajectory) -> Array:
     parts = jnp.where(swings, parts, 0.0)[:, None] * jnp.exp(jnp.outer(rates, times))
     seen = jax.jacfwd(lambda y: plant.payload(y, plan.final))(rest)
     return jnp.max(jnp.abs((seen @ vectors @ parts).real), axis=-1)
+
+
+def _turned(plant, plan: Schedule, along: Trajectory, frequency: Scalar) -> Array:
+    """How far a spherical pendulum will be along each axis, as the ellipse that it describes turns while it decays.
+
+    An ellipse with semi-axes α and β, rad, turns by 3 ω α β/8 a second, in the sense in which it is described.
+
+    Source: Olsson (1981), The precessing spherical pendulum.
+    """
+    inputs = plan.final_inputs(plant)
+    rest = plant.rest_state(inputs)
+    matrix = jax.jacfwd(lambda y: plant.vector_field(plan.breaks[-1], y, inputs))(rest)
+    decay, (angles, rates) = -matrix[2, 2] / 2, (along.end - rest).reshape(2, 2)
+    quarter = (rates + decay * angles) / frequency
+    speed = 3 / 8 * frequency * (angles[0] * quarter[1] - angles[1] * quarter[0])
+    half_turn = jnp.pi / jnp.maximum(jnp.abs(speed), frequency / (2 * _TURNING))
+    times = jnp.minimum(half_turn, 8 / jnp.maximum(decay, 8 / half_turn)) * jnp.linspace(0.0, 1.0, _LATER)
+    turn = speed * jnp.where(decay > 0, -jnp.expm1(-2 * decay * times) / jnp.where(decay > 0, 2 * decay, 1.0), times)
+    seen = jax.jacfwd(lambda y: plant.payload(y, plan.final))(rest)[:, :2]
+    x = jnp.outer(seen[:, 0], jnp.cos(turn)) + jnp.outer(seen[:, 1], jnp.sin(turn))
+    y = jnp.outer(seen[:, 1], jnp.cos(turn)) - jnp.outer(seen[:, 0], jnp.sin(turn))
+    ways = jnp.hypot(x * angles[0] + y * angles[1], x * quarter[0] + y * quarter[1])
+    return jnp.max(ways * jnp.exp(-decay * times), axis=-1)
 
 
 def along_each_axis(measure: Callable[..., Array], along: Trajectory, *rows: Array) -> Array:
@@ -230,41 +255,70 @@ def along_each_axis(measure: Callable[..., Array], along: Trajectory, *rows: Arr
     return jnp.stack(found)
 
 
-def extremes(value, slope, step) -> Array:
-    """The greatest value on every step, of the cubic through its ends' values and slopes."""
+class _Cubics(NamedTuple):
+    """The cubic p0 + m0 s + b s² + a s³ of each step, 0 ≤ s ≤ 1, through its ends' values and slopes.
+
+    Attributes:
+        p0, p1: the values at its ends.
+        m0: the slope at its beginning.
+        a, b: the cubic's coefficients.
+        place: s of a maximum inside; 0 where there is none.
+        peak: the value there.
+        bend: half of minus the second derivative there; 1 where it is not positive.
+    """
+
+    p0: Array
+    p1: Array
+    m0: Array
+    a: Array
+    b: Array
+    place: Array
+    peak: Array
+    bend: Array
+
+
+def _cubics(value, slope, step) -> _Cubics:
     h = step[:, None]
     p0, p1, m0, m1 = value[:, :-1], value[:, 1:], h * slope[:, :-1], h * slope[:, 1:]
-    # p(s) = p0 + m0 s + b s² + a s³
     a, b = 2 * (p0 - p1) + m0 + m1, 3 * (p1 - p0) - 2 * m0 - m1
     inside = jnp.maximum(b**2 - 3 * a * m0, 0.0)
+    bend = jnp.sqrt(jnp.where(inside > 0, inside, 1.0))
     # The root of p' at a maximum, in the form without cancellation as a → 0.
-    below = jnp.sqrt(jnp.where(inside > 0, inside, 1.0)) - b
+    below = bend - b
     s = jnp.where((m0 > 0) & (m1 < 0), m0 / jnp.where(below > 0, below, 1.0), 0.0)
     s = jnp.clip(s, 0.0, 1.0)
-    peak = p0 + s * (m0 + s * (b + s * a))
-    return jnp.maximum(peak, jnp.maximum(p0, p1))
+    return _Cubics(p0, p1, m0, a, b, s, p0 + s * (m0 + s * (b + s * a)), bend)
 
 
-def _crossings(value, slope, along: Trajectory) -> Array:
-    """The zeros of ``value`` in each step, s, by Newton's method on the cubic of that step."""
-    h = along.step[:, None]
-    p0, p1, m0, m1 = value[:, :-1], value[:, 1:], h * slope[:, :-1], h * slope[:, 1:]
-    a, b = 2 * (p0 - p1) + m0 + m1, 3 * (p1 - p0) - 2 * m0 - m1
-    s = jnp.where(p1 != p0, p0 / jnp.where(p1 != p0, p0 - p1, 1.0), 0.0)
+def extremes(value, slope, step) -> Array:
+    """The greatest value on every step, of the cubic through its ends' values and slopes."""
+    of = _cubics(value, slope, step)
+    return jnp.maximum(of.peak, jnp.maximum(of.p0, of.p1))
+
+
+def _crossings(of: _Cubics, along: Trajectory, side: int) -> Array:
+    """The zeros of each step's cubic, s, by Newton's method; before (−1) or after (1) a maximum between two ends of
+    which neither is above 0."""
+    line = jnp.where(of.p1 != of.p0, of.p0 / jnp.where(of.p1 != of.p0, of.p0 - of.p1, 1.0), 0.0)
+    hidden = (of.peak >= 0) & (of.p0 <= 0) & (of.p1 <= 0)
+    s = jnp.where(hidden, of.place + side * jnp.sqrt(jnp.where(hidden, of.peak, 0.0) / of.bend), line)
     for _ in range(4):
-        rate = m0 + s * (2 * b + 3 * s * a)
-        s = jnp.clip(s - (p0 + s * (m0 + s * (b + s * a))) / jnp.where(rate != 0, rate, 1.0), 0.0, 1.0)
-    return along.time[:, :-1] + s * h
+        rate = of.m0 + s * (2 * of.b + 3 * s * of.a)
+        at = of.p0 + s * (of.m0 + s * (of.b + s * of.a))
+        s = jnp.clip(s - at / jnp.where(rate != 0, rate, 1.0), 0.0, 1.0)
+    return along.time[:, :-1] + s * along.step[:, None]
 
 
 def last_above(value, slope, along: Trajectory) -> Scalar:
     """The last time at which ``value`` comes down to 0; 0 if it is never above, infinite if it still is at the end."""
-    down = (value[:, :-1] > 0) & (value[:, 1:] <= 0)
-    last = jnp.max(jnp.where(down, _crossings(value, slope, along), 0.0))
+    of = _cubics(value, slope, along.step)
+    down = ((of.p0 > 0) | (of.peak > 0)) & (of.p1 <= 0)
+    last = jnp.max(jnp.where(down, _crossings(of, along, 1), 0.0))
     return jnp.where(value[-1, -1] > 0, jnp.inf, last)
 
 
 def first_above(value, slope, along: Trajectory) -> Scalar:
     """The first time at which ``value`` reaches 0 from below; infinite if it does not."""
-    up = (value[:, :-1] < 0) & (value[:, 1:] >= 0)
-    return jnp.min(jnp.where(up, _crossings(value, slope, along), jnp.inf))
+    of = _cubics(value, slope, along.step)
+    up = (of.p0 < 0) & ((of.p1 >= 0) | (of.peak >= 0))
+    return jnp.min(jnp.where(up, _crossings(of, along, -1), jnp.inf))
