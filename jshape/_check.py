@@ -10,8 +10,10 @@ one; a module declares them with its fields::
 """
 
 import dataclasses
+import os
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Collection
+from pathlib import Path
 from typing import Any
 
 import equinox as eqx
@@ -25,6 +27,9 @@ from jshape._rules import RULES
 
 MOST_SAMPLES = 10_000_000
 """Samples that a shaper may last."""
+
+NUMBER = int | float | np.number | np.ndarray | jax.Array
+"""Kinds of which a single number may be."""
 
 MOST_MEMORY = 2**34
 """Bytes that the numbers of one call may take."""
@@ -52,7 +57,7 @@ def as_array(value: Any, name: str) -> Array:
         ValueError: for a value that is not numeric, or complex.
     """
     if isinstance(value, bool | str | bytes):
-        raise ValueError(f"{name} must be a number, not {value!r}")
+        raise ValueError(f"{name} must be a number, not {quoted(value)}")
     dtype = getattr(value, "dtype", None)
     if dtype is not None and jnp.issubdtype(dtype, jnp.complexfloating):
         raise ValueError(f"{name} must be real, not {show(value) if is_concrete(value) else value}")
@@ -63,7 +68,18 @@ def as_array(value: Any, name: str) -> Array:
             return on_device(plain.astype(float))
         return jnp.asarray(value, dtype=float)
     except (TypeError, ValueError, OverflowError):
-        raise ValueError(f"{name} must be numeric, not {' '.join(repr(value).split())[:300]}") from None
+        raise ValueError(f"{name} must be numeric, not {quoted(value)}") from None
+
+
+def plain_array(value: Any, name: str, dimensions: int = 1) -> np.ndarray:
+    """``value``, a list or a table of numbers, as NumPy's array of floats; raises ``ValueError`` for what is none."""
+    try:
+        array = np.asarray(value, float)
+    except (TypeError, ValueError, OverflowError):
+        raise ValueError(f"{name} must be numeric, not {quoted(value)}") from None
+    if array.ndim != dimensions:
+        raise ValueError(f"{name} must be a {('', 'list', 'table')[dimensions]} of numbers, not {quoted(value)}")
+    return array
 
 
 def scalar(value: Any, name: str) -> Array:
@@ -78,33 +94,43 @@ def scalar(value: Any, name: str) -> Array:
     return array
 
 
-def _require(value: Any, name: str, holds: Callable[[np.ndarray], Any], words: str) -> None:
-    """Raises ``ValueError`` unless every entry of a concrete value passes."""
-    if is_concrete(value) and not np.all(holds(np.asarray(value))):
-        raise ValueError(f"{name} must {words}, not {show(value)}")
+def require(value: Any, name: str, holds: Callable[[np.ndarray], Any], words: str) -> None:
+    """Raises ``ValueError`` unless a concrete value is numeric and every entry of it passes; an empty list has none.
+
+    What compares with ``<`` twice in one expression takes a single number only.
+    """
+    if is_concrete(value):
+        try:
+            passes = np.all(holds(np.asarray(value)))
+        except (TypeError, ValueError):
+            passes = None
+        if passes is None or (isinstance(value, list) and not value):
+            raise ValueError(f"{name} must be numeric, not {quoted(value)}")
+        if not passes:
+            raise ValueError(f"{name} must {words}, not {show(value)}")
 
 
 def finite(value: Any, name: str) -> None:
     """Raises ``ValueError`` if a concrete value holds a NaN or an infinity."""
-    _require(value, name, np.isfinite, "be finite")
+    require(value, name, np.isfinite, "be finite")
 
 
 def positive(value: Any, name: str) -> None:
     """Raises ``ValueError`` unless every concrete value is finite and greater than 0."""
     finite(value, name)
-    _require(value, name, *RULES["positive"])
+    require(value, name, *RULES["positive"])
 
 
 def not_negative(value: Any, name: str) -> None:
     """Raises ``ValueError`` unless every concrete value is finite and at least 0."""
     finite(value, name)
-    _require(value, name, *RULES["not_negative"])
+    require(value, name, *RULES["not_negative"])
 
 
 def above_one(value: Any, name: str) -> None:
     """Raises ``ValueError`` unless every concrete value is finite and greater than 1."""
     finite(value, name)
-    _require(value, name, lambda x: x > 1, "be greater than 1")
+    require(value, name, lambda x: x > 1, "be greater than 1")
 
 
 def not_zero(value: Any, name: str) -> None:
@@ -117,21 +143,45 @@ def not_zero(value: Any, name: str) -> None:
 def damping_ratio(value: Any, name: str = "zeta") -> None:
     """Raises ``ValueError`` unless every concrete value lies in [0, 1)."""
     finite(value, name)
-    _require(value, name, *RULES["damping_ratio"])
+    require(value, name, *RULES["damping_ratio"])
+
+
+def instance(value: Any, name: str, kind: Any, words: str) -> None:
+    """Raises ``ValueError`` unless ``value`` is of a class, or of one of several, which ``words`` describe."""
+    if not isinstance(value, kind):
+        raise ValueError(f"{name} must be {words}, not {quoted(value)}")
+
+
+def instances(values: Any, name: str, kind: Any, words: str) -> None:
+    """Raises ``ValueError`` unless ``values`` is a collection of which each is of a class; ``words`` describe it."""
+    instance(values, name, Collection, words)
+    for value in values:
+        instance(value, name, kind, words)
+
+
+def function(value: Any, name: str) -> None:
+    """Raises ``ValueError`` unless ``value`` can be called, or is ``None``."""
+    instance(value, name, Callable | None, "a function")
+
+
+def path(value: Any, name: str = "path") -> Path:
+    """``value`` as a path; raises ``ValueError`` unless it is one, or a text."""
+    instance(value, name, str | os.PathLike, "a path")
+    return Path(value)
 
 
 def one_of(value: str, name: str, allowed: tuple[str, ...]) -> None:
     """Raises ``ValueError`` if ``value`` is not among the allowed words."""
     if not isinstance(value, str) or value not in allowed:
-        raise ValueError(f"{name} must be one of {', '.join(map(repr, allowed))}, not {value!r}")
+        raise ValueError(f"{name} must be one of {', '.join(map(repr, allowed))}, not {quoted(value)}")
 
 
 def count(value: Any, name: str, least: int = 1, most: int = 2**31 - 1) -> int:
     """``value`` as an int; raises ``ValueError`` unless it is a whole number from ``least`` to ``most``."""
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
-        raise ValueError(f"{name} must be a whole number of at least {least}, not {value!r}")
+        raise ValueError(f"{name} must be a whole number of at least {least}, not {quoted(value)}")
     if value > most:
-        raise ValueError(f"{name} must be at most {most}, not {value!r}")
+        raise ValueError(f"{name} must be at most {most}, not {quoted(value)}")
     return int(value)
 
 
@@ -172,7 +222,7 @@ def real(value: Any, name: str) -> Any:
         ValueError: for anything else.
     """
     if isinstance(value, bool) or not isinstance(value, int | float | np.number):
-        raise ValueError(f"{name} must be a number, not {value!r}")
+        raise ValueError(f"{name} must be a number, not {quoted(value)}")
     scalar(value, name)
     return value
 
@@ -259,6 +309,11 @@ def recheck(module: eqx.Module) -> None:
 def show(value: Any) -> str:
     """A value as an error message prints it: at most twelve entries, eight digits."""
     return " ".join(np.array2string(np.asarray(value), precision=8, threshold=12, separator=", ").split())
+
+
+def quoted(value: Any) -> str:
+    """Whatever a value is, in a line of at most 300 characters."""
+    return " ".join(repr(value).split())[:300]
 
 
 def warn_if_single() -> None:

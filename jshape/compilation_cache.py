@@ -94,6 +94,7 @@ def keep_programs(folder: str | Path | None = None) -> None:
         folder: where JAX keeps its own (``JAX_COMPILATION_CACHE_DIR``), or else the user's cache folder, unless given.
     """
     global _folder
+    _check.instance(folder, "folder", str | os.PathLike | None, "a path")
     _folder = None
     compile_lean()
     if folder is None:

@@ -4,8 +4,6 @@ A kernel is handed on as impulses at the nodes of a Gauss quadrature, so that al
 it, too: its moments exactly, its transform to rounding up to some thirty radians of phase over its length.
 """
 
-import math
-
 import numpy as np
 
 from jshape import _check
@@ -62,8 +60,7 @@ def kernel(kind: str, frequency: float) -> tuple[np.ndarray, float]:
     frequency.
     """
     _check.one_of(kind, "kind", KINDS)
-    if not (math.isfinite(frequency) and frequency > 0):
-        raise ValueError(f"frequency must be greater than 0, not {frequency}")
+    _check.positive(frequency, "frequency")
     length, coefficients = _KERNELS[kind]
     duration = length / frequency
     powers = np.arange(len(coefficients), 0, -1)

@@ -61,6 +61,8 @@ def impulses(kind: str, frequency: float, zeta: float = DAMPING, version: str = 
     name, parameters = parsed(kind)
     if parameters and version == "2024":
         raise ValueError(f"kind must have no parameters for Klipper of 2024, not {kind!r}")
+    _check.instance(frequency, "frequency", _check.NUMBER, "a number")
+    _check.instance(zeta, "zeta", _check.NUMBER, "a number")
     if not (math.isfinite(frequency) and frequency > 0):
         raise ValueError(f"frequency must be greater than 0, not {frequency}")
     most = highest_zeta(name, version)

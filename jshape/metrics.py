@@ -312,6 +312,8 @@ def rise_time(
     Raises:
         ValueError: unless 0 ≤ low < high ≤ 1.
     """
+    _check.finite(low, "low")
+    _check.finite(high, "high")
     if not 0 <= low < high <= 1:
         raise ValueError(f"low and high must satisfy 0 <= low < high <= 1, not {low} and {high}")
     plan, plant, state = prepared(plant, shaper, distance, initial_state)

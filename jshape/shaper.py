@@ -92,8 +92,7 @@ class Shaper(Checked):
         Raises:
             ValueError: for what is no ``Shaper``.
         """
-        if not isinstance(other, Shaper):
-            raise ValueError(f"other must be a Shaper, not {other!r}")
+        _check.instance(other, "other", Shaper, "a Shaper")
         xp = _check.numerics(self, other)
         mine, others = (tuple(map(xp.asarray, (one.times, one.amplitudes))) for one in (self, other))
         times = (mine[0][:, None] + others[0][None, :]).reshape(-1)
@@ -117,9 +116,7 @@ class Shaper(Checked):
         Raises:
             ValueError: if it has more than that already.
         """
-        missing = impulses - len(self.times)
-        if missing < 0:
-            raise ValueError(f"impulses must be at least the shaper's own {len(self.times)}, not {impulses}")
+        missing = _check.count(impulses, "impulses", least=len(self.times)) - len(self.times)
         xp = _check.numerics(self)
         amplitudes, times = xp.asarray(self.amplitudes), xp.asarray(self.times)
         times = xp.concatenate([times, xp.repeat(times[-1:], missing)])
@@ -133,8 +130,7 @@ class Shaper(Checked):
         Raises:
             ValueError: for what is no command.
         """
-        if not isinstance(command, AbstractCommand):
-            raise ValueError(f"command must be a jshape command, such as Step, not {command!r}")
+        _check.instance(command, "command", AbstractCommand, "a jshape command, such as Step")
         if isinstance(command, Axes):
             return command.mapped(lambda _, one: self.shape(one))
         return superpose(command, self.amplitudes, self.times)

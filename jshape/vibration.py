@@ -92,6 +92,7 @@ def percentage_vibration(shaper: Shaper, omega: ArrayLike, zeta: ArrayLike = 0.0
 
     Source: Singer and Seering (1990); Moonmangmee and Chatlatanagulchai (2025), Eq. 3 without its denominator.
     """
+    _check.instance(shaper, "shaper", Shaper, "a Shaper")
     omega, zeta = _check.as_array(omega, "omega"), _check.as_array(zeta, "zeta")
     _check.positive(omega, "omega")
     _check.damping_ratio(zeta)
@@ -128,8 +129,8 @@ def insensitivity(shaper: Shaper, omega: ArrayLike, zeta: ArrayLike = 0.0, vibra
     # Here: it takes a third of a second to load, which nothing else of this module needs.
     from scipy.optimize import brentq
 
-    if not 0 < vibration < 1:
-        raise ValueError(f"vibration must lie between 0 and 1 (5 % is 0.05), not {vibration}")
+    _check.instance(shaper, "shaper", Shaper, "a Shaper")
+    _check.require(vibration, "vibration", lambda v: 0 < v < 1, "lie between 0 and 1 (5 % is 0.05)")
     nominal, zeta = float(_check.scalar(omega, "omega")), float(_check.scalar(zeta, "zeta"))
     _check.positive(nominal, "omega")
     _check.damping_ratio(zeta)

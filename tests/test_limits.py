@@ -5,13 +5,17 @@ import time
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from calibration_data import printer
+from problems import two_mass
 from test_problem import BASE
 from typer.testing import CliRunner
 
 import jshape as js
 from experiments.reliability import fuzz
 from experiments.reliability.damage import damaged
+from jshape import adaptive, calibration, kalico, klipper
 from jshape.cli import app
+from jshape.design import insensitive
 from jshape.problems import problem
 from jshape.sweeps.chunks import corners
 from jshape.sweeps.leaves import grid
@@ -269,3 +273,61 @@ def test_the_fuzzer_finds_faults(tmp_path):
 def test_a_name_that_no_file_may_have_is_refused():
     with pytest.raises(ValueError, match="name must have at most 100 characters, not 999"):
         js.export(SHAPER, "c99", sample_time=0.01, name="x" * 999)
+
+
+MASSES, PAIR = two_mass(), js.Shaper([0.5, 0.5], [0.0, 0.6])
+MOVE, OF = dict(plant=MASSES, distance=1.0), dict(plant=MASSES, shaper=PAIR, distance=1.0)
+OVER = dict(plant=MASSES, shapers=PAIR, distance=1.0, over={"m2": (0.9, 1.1)})
+VIBRATION = dict(times=np.arange(100) / 10, values=np.sin(np.arange(100)))
+SPECTRA, IMPULSES = dict(spectra=[printer(50.0)]), dict(amplitudes=[0.5, 0.5], times=[0.0, 0.01])
+WAVE = dict(amplitude=1.0, period=2.0, duration=4.0, changes=[(1.0, 2.0)], sample_time=0.01)
+
+# (function, arguments of which all is well, names of those that are none)
+WRONG = [
+    (js.sweep, OVER, "plant shapers distance over metric store progress"),
+    (js.sensitivity_indices, OVER | dict(samples=4), "plant over confidence progress"),
+    (js.tune, MOVE, "plant limit seed shapers start progress sample_time"),
+    (js.pareto, MOVE | dict(over={"m2": [0.9, 1.1]}), "plant impulses amplitudes limit seed shapers store progress"),
+    (js.simulate, dict(plant=MASSES, command=1.0), "plant command shaper horizon"),
+    (js.percentage_vibration, dict(shaper=PAIR, omega=3.0), "shaper omega zeta"),
+    (js.insensitivity, dict(shaper=PAIR, omega=3.0), "shaper omega zeta vibration"),
+    (js.settling_time, OF, "plant shaper band periods"),
+    (js.rise_time, OF, "low high"),
+    (js.residual_energy, OF, "plant tolerance"),
+    (PAIR.pad, {}, "impulses"),
+    (js.export, dict(shaper=PAIR, format="json"), "shaper path"),
+    (js.read_shaper, {}, "path"),
+    (js.keep_programs, {}, "folder"),
+    (js.identify, VIBRATION, "times values names progress"),
+    (js.identify_csv, dict(path="pair.csv"), "path columns sample_rate"),
+    (js.identify_payloads, dict(records=[], masses=[]), "records"),
+    (js.identify_planar, dict(along_x=None, along_y=None), "along_x"),
+    (insensitive.rounded, dict(shaper=PAIR, sample_time=0.01, band=(9.0, 10.0)), "shaper sample_time"),
+    (klipper.klipper_shaper, dict(kind="ei", frequency=50.0), "kind frequency zeta"),
+    (kalico.kernel, dict(kind="smooth_zv"), "frequency"),
+    (calibration.read, {}, "paths"),
+    (
+        calibration.power_spectrum,
+        dict(times=np.arange(9), acceleration=np.ones((9, 1))),
+        "times acceleration",
+    ),
+    (calibration.max_accel, IMPULSES, "amplitudes times corner_speed target"),
+    (calibration.fit, SPECTRA | dict(kind="zv"), "kind spectra zeta zetas corner_speed highest"),
+    (calibration.calibrate, SPECTRA, "spectra zeta highest progress"),
+    (calibration.tune, SPECTRA | dict(duration=0.015), "spectra vibration shift zetas least seed progress"),
+    (calibration.recommend, {}, "fits"),
+    (adaptive.case, dict(name="I-D", sample_time=0.005), "name sample_time"),
+    (adaptive.square_wave, WAVE, "amplitude period duration changes sample_time"),
+]
+
+
+@pytest.mark.parametrize(("function", "given", "names"), WRONG, ids=[function.__name__ for function, *_ in WRONG])
+def test_arguments_of_the_wrong_kind_are_named_in_a_line(function, given, names):
+    for name in names.split():
+        texts = name in ("path", "paths", "folder", "store", "columns", "names")
+        for wrong in (object(),) if texts else (object(), "a"):
+            with pytest.raises(ValueError) as caught:
+                function(**given | {name: wrong})
+            message = str(caught.value)
+            assert name in message
+            assert "\n" not in message

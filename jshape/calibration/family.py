@@ -149,14 +149,13 @@ def tune_firmware(
     if (vibration is None) == (smoothing is None):
         words = "one must be limited" if vibration is None else "only one may be limited"
         raise ValueError(f"vibration and smoothing: {words}; the other is made the least")
-    if vibration is not None and not 0 <= vibration < 1:
-        raise ValueError(f"vibration must be a fraction from 0 to below 1, not {vibration!r}")
+    _check.function(progress, "progress")
+    if vibration is not None:
+        _check.require(vibration, "vibration", lambda v: 0 <= v < 1, "be a fraction from 0 to below 1")
     if smoothing is not None:
         _check.positive(smoothing, "smoothing")
-    if not 0 < zeta <= 0.3:
-        raise ValueError(f"zeta must be over 0, up to 0.3, not {zeta!r}")
-    if not LOWEST < highest <= 2000:
-        raise ValueError(f"highest must lie between {LOWEST:g} and 2000 Hz, not {highest!r}")
+    _check.require(zeta, "zeta", lambda z: 0 < z <= 0.3, "be over 0, up to 0.3")
+    _check.require(highest, "highest", lambda f: LOWEST < f <= 2000, f"lie between {LOWEST:g} and 2000 Hz")
     ceiling = max(CEILING, highest)
     search = _Search(Bins(spectra, zetas, shift, ceiling), vibration, smoothing, float(corner_speed), zeta, highest)
     # A shaper for more damping than it is judged with would have a last impulse of almost nothing, far away, whose

@@ -49,10 +49,10 @@ def read(paths: str | Path | Sequence[str | Path], component: str = "xyz") -> li
         ValueError: that names file and line of whatever is wrong, and for no file at all.
     """
     _check.one_of(component, "component", COMPONENTS)
-    several = [paths] if isinstance(paths, str | Path) else list(paths)
+    several = [paths] if isinstance(paths, str) or not isinstance(paths, Iterable) else list(paths)
     if not several:
         raise ValueError("paths is empty: at least one file is needed")
-    return [spectrum for path in several for spectrum in _read(Path(path), component)]
+    return [spectrum for path in several for spectrum in _read(_check.path(path, "paths"), component)]
 
 
 def axis_of(path: Path) -> str:

@@ -63,8 +63,7 @@ def _scan(
     """A shaper at every frequency that Klipper tries, from the lowest one on."""
     _check.one_of(version, "version", VERSIONS)
     lowest = LOWEST[parsed(kind)[0]]
-    if not lowest < highest <= 2000:
-        raise ValueError(f"highest must lie between {lowest:g} and 2000 Hz for {kind}, not {highest!r}")
+    _check.require(highest, "highest", lambda f: lowest < f <= 2000, f"lie between {lowest:g} and 2000 Hz for {kind}")
     bins = Bins(spectra, zetas, ceiling=max(CEILING, highest))
     return [
         rate(kind, *impulses(kind, frequency, zeta, version), bins, corner_speed, float(frequency), zeta)
@@ -111,6 +110,7 @@ def fit_all(
     Raises:
         ValueError: as ``fit``.
     """
+    _check.instances(kinds, "kinds", str, "a list of names")
     fits: list[Rated] = []
     best: Rated | None = None
     for kind in kinds:

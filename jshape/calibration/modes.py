@@ -12,6 +12,7 @@ from jaxtyping import Float
 from scipy.optimize import least_squares
 from scipy.signal import find_peaks
 
+from jshape import _check
 from jshape._blas import one_thread
 from jshape._types import ArrayLike
 from jshape.calibration.score import CEILING
@@ -48,6 +49,8 @@ def identify(spectrum: Spectrum, ceiling: float = CEILING) -> list[Mode]:
         spectrum: measured.
         ceiling: Hz, up to which it counts.
     """
+    _check.instance(spectrum, "spectrum", Spectrum, "a spectrum")
+    _check.positive(ceiling, "ceiling")
     inside = (spectrum.frequencies <= ceiling) & (spectrum.frequencies > 0)
     f, p = spectrum.frequencies[inside], spectrum.density[inside] / spectrum.density[inside].max()
     # A peak at either end counts, too.

@@ -38,6 +38,7 @@ def recommend(fits: Sequence[Rated], version: str = "current") -> Choice:
         ValueError: for no shapers or an unknown version.
     """
     _check.one_of(version, "version", VERSIONS)
+    _check.instances(fits, "fits", Rated, "a list of fitted shapers")
     if not fits:
         raise ValueError("fits is empty: there is nothing to choose from")
     best, reason = fits[0], "no other is better"

@@ -155,8 +155,8 @@ def calibrate(
     Raises:
         ValueError: as ``fit``, ``recommend`` and ``tune`` do.
     """
-    if not 0 < zeta <= 0.3:
-        raise ValueError(f"zeta must be over 0, up to 0.3, not {zeta!r}")
+    _check.require(zeta, "zeta", lambda z: 0 < z <= 0.3, "be over 0, up to 0.3")
+    _check.function(progress, "progress")
     _check.not_negative(corner_speed, "corner_speed")
     zetas = tuple(zeta / DAMPING * usual for usual in ZETAS)
     if progress is not None:

@@ -94,13 +94,13 @@ class Bins:
         ceiling: float = CEILING,
         steps: int = 1,
     ):
-        zeta = np.asarray(zetas, float)
+        _check.instances(spectra, "spectra", Spectrum, "a list of spectra")
+        zeta = _check.plain_array(zetas, "zetas")
         if not len(spectra):
             raise ValueError("spectra is empty: at least one is needed")
-        if zeta.ndim != 1 or not zeta.size or not np.all((zeta > 0) & (zeta < 1)):
+        if not zeta.size or not np.all((zeta > 0) & (zeta < 1)):
             raise ValueError(f"zetas must be a list of ratios between 0 and 1, not {zetas!r}")
-        if not 0 <= shift <= 0.5:
-            raise ValueError(f"shift must be a fraction between 0 and 0.5, not {shift!r}")
+        _check.require(shift, "shift", lambda part: 0 <= part <= 0.5, "be a fraction between 0 and 0.5")
         _check.positive(ceiling, "ceiling")
         self.cases: list[tuple[Any, np.ndarray, np.ndarray]] = []
         factors = 1 + shift * np.linspace(-1, 1, 2 * steps + 1) if shift else np.ones(1)
@@ -211,6 +211,8 @@ def rate(
     Raises:
         ValueError: for a negative amplitude.
     """
+    _check.instance(bins, "bins", Bins, "Bins of spectra")
+    smoothed = smoothing(amplitudes, times, corner_speed=corner_speed)
     if np.min(amplitudes) < -1e-9:
         raise ValueError(f"amplitudes must not be negative, not {_check.show(amplitudes)}")
     return Rated(
@@ -219,7 +221,7 @@ def rate(
         np.asarray(amplitudes, float),
         np.asarray(times, float),
         bins.worst(amplitudes, times),
-        smoothing(amplitudes, times, corner_speed=corner_speed),
+        smoothed,
         max_accel(amplitudes, times, corner_speed),
         zeta,
     )

@@ -3,6 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
+from jshape import _check
 from jshape._types import ArrayLike
 
 ACCELERATION = 5000.0
@@ -22,7 +23,9 @@ def terms(amplitudes: ArrayLike, times: ArrayLike) -> tuple[float, float, float]
         amplitudes: of any sum, shape (impulses,).
         times: s, shape (impulses,).
     """
-    a, t = np.asarray(amplitudes, float), np.asarray(times, float)
+    a, t = _check.plain_array(amplitudes, "amplitudes"), _check.plain_array(times, "times")
+    if a.shape != t.shape or not len(a):
+        raise ValueError(f"amplitudes and times must be lists of the same length, not {len(a)} and {len(t)}")
     a = a / a.sum()
     lag = t - a @ t
     after = np.where(lag >= 0, a, 0.0)
@@ -44,6 +47,8 @@ def smoothing(
     Source: Klipper's published numbers: about the impulses' mean time t_s, the reversal's (a/2) ΣA(T − t_s)²/ΣA and
         the corner's √2 Σ_{T ≥ t_s} A(v + (a/2)(T − t_s))(T − t_s)/ΣA.
     """
+    _check.instance(acceleration, "acceleration", _check.NUMBER, "a number")
+    _check.instance(corner_speed, "corner_speed", _check.NUMBER, "a number")
     reversal, corner, turn = terms(amplitudes, times)
     return max(acceleration * reversal, corner * corner_speed + acceleration * turn)
 
@@ -61,6 +66,8 @@ def max_accel(
         corner_speed: mm/s.
         target: the most smoothing, mm.
     """
+    _check.instance(corner_speed, "corner_speed", _check.NUMBER, "a number")
+    _check.instance(target, "target", _check.NUMBER, "a number")
     reversal, corner, turn = terms(amplitudes, times)
     room = target - corner * corner_speed
     limits = [least / slope for least, slope in ((target, reversal), (room, turn)) if slope > 0]

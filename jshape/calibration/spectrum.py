@@ -7,6 +7,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.signal import welch
 
+from jshape import _check
+
 WINDOW, BETA = 0.5, 6.0
 """The least length of a window, s; and the shape of Kaiser's."""
 
@@ -46,8 +48,8 @@ class Spectrum:
     transient: bool = False
 
     def __post_init__(self):
-        f, p = (np.asarray(values, float) for values in (self.frequencies, self.density))
-        if f.ndim != 1 or f.shape != p.shape:
+        f, p = _check.plain_array(self.frequencies, "frequencies"), _check.plain_array(self.density, "density")
+        if f.shape != p.shape:
             raise ValueError(f"frequencies and density must be lists of the same length, not {f.shape} and {p.shape}")
         if not np.all(np.isfinite(f)) or np.any(f < 0) or np.any(np.diff(f) <= 0):
             raise ValueError("frequencies must be finite and increase, from 0 or above")
@@ -106,7 +108,7 @@ def power_spectrum(
 
     Source: Klipper's published numbers; Welch (1967).
     """
-    times, acceleration = np.asarray(times, float), np.asarray(acceleration, float)
+    times, acceleration = _check.plain_array(times, "times"), _check.plain_array(acceleration, "acceleration", 2)
     count = len(times)
     span = float(times[-1] - times[0]) if count else 0.0
     # Compared before anything is computed from the sampling rate, which may be enormous.

@@ -117,12 +117,14 @@ def tune(
     _check.not_negative(corner_speed, "corner_speed")
     if vibration is not None and smoothing is not None:
         raise ValueError("vibration and smoothing: only one may be limited; the other is made the least")
-    if vibration is not None and not 0 <= vibration < 1:
-        raise ValueError(f"vibration must be a fraction from 0 to below 1, not {vibration!r}")
+    seed = _check.count(seed, "seed", 0, 10**18)
+    _check.function(progress, "progress")
+    if vibration is not None:
+        _check.require(vibration, "vibration", lambda v: 0 <= v < 1, "be a fraction from 0 to below 1")
     if smoothing is not None:
         _check.positive(smoothing, "smoothing")
-    if not 0 <= least < 1 / n:
-        raise ValueError(f"least must be from 0 to below 1/{n}, so that {n} impulses can sum to 1, not {least!r}")
+    words = f"be from 0 to below 1/{n}, so that {n} impulses can sum to 1"
+    _check.require(least, "least", lambda each: 0 <= each < 1 / n, words)
     bins = Bins(spectra, zetas, shift, ceiling)
     search = _Search(bins, n, float(duration), vibration, smoothing, float(corner_speed), float(least))
     random = np.random.default_rng(seed)

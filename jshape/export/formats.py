@@ -112,7 +112,7 @@ def export(shaper: Shaper | Mapping[str, Shaper], format: str, path: str | Path 
     """
     _check.one_of(format, "format", tuple(FORMATS))
     if isinstance(shaper, Mapping):
-        return _each_axis(shaper, format, None if path is None else Path(path), options)
+        return _each_axis(shaper, format, None if path is None else _check.path(path), options)
     if not isinstance(shaper, Shaper):
         raise ValueError(f"shaper must be a Shaper, or map axes to them, not {_check.show(shaper)}")
     if not _check.is_concrete(shaper):
@@ -135,7 +135,7 @@ def export(shaper: Shaper | Mapping[str, Shaper], format: str, path: str | Path 
         )
     made = FORMATS[format].make(shaper, **options)
     if path is not None:
-        _write(Path(path), made)
+        _write(_check.path(path), made)
     return made
 
 

@@ -42,8 +42,7 @@ def export_plant(
             be written out, which is named, and where there is no C compiler.
     """
     _check.one_of(format, "format", FORMATS)
-    if not isinstance(plant, AbstractPlant):
-        raise ValueError(f"plant must be one of jshape's plants, not {plant!r}")
+    _check.instance(plant, "plant", AbstractPlant, "one of jshape's plants")
     if not _check.is_concrete(plant):
         raise ValueError("a plant that is being traced cannot be exported")
     name, kind = identifier(name, "c99"), type(plant).__name__
@@ -78,7 +77,7 @@ def export_plant(
     variables = _variables(inputs, rest.tolist())
     made = unit(name, variables, settable, len(rest), "typedef int Own;\n", {"equations.h": equations}, fmi)
     if path is not None:
-        with whole(Path(path)) as file:
+        with whole(_check.path(path)) as file:
             file.write(made)
     return made
 

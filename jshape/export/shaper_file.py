@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from jshape import _check
 from jshape._files import check_seal, in_a_line, printable, read_npz, read_text, sealed
 from jshape.shaper import Shaper
 
@@ -62,7 +63,7 @@ def read_shaper(path: str | Path) -> Shaper:
     Raises:
         ValueError: that names the file, if it is missing, not such a file, or holds no valid shaper.
     """
-    path = Path(path)
+    path = _check.path(path)
     try:
         if path.suffix.lower() == ".npz":
             return _shaper(read_npz(path))
@@ -92,8 +93,9 @@ def read_tuned(folder: str | Path) -> Shaper | dict[str, Shaper]:
     Raises:
         ValueError: that names the folder, if it holds no such results, or none of a tuned shaper.
     """
+    path = _check.path(folder, "folder") / "results.json"
     try:
-        record = json.loads(read_text(Path(folder) / "results.json"))
+        record = json.loads(read_text(path))
         rows = record["shapers"]
         check_seal(record)
         found = [row for row in rows if row["name"] == "tuned"]

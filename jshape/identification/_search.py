@@ -14,6 +14,7 @@ import math
 import numpy as np
 from scipy.signal import find_peaks
 
+from jshape import _check
 from jshape._types import Progress
 from jshape.identification._projection import AbstractFamily, Fit, fit
 from jshape.identification.records import RecordError
@@ -44,6 +45,7 @@ def search(
     Raises:
         RecordError: if the record is too short for so many modes.
     """
+    _check.function(progress, "progress")
     rows, channels = family.data.shape
     most = MOST if modes is None else modes
     shapes = family.columns(family.highest / 2, 0.01)[0].shape[1]

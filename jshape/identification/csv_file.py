@@ -6,10 +6,12 @@ Whatever cannot be understood raises ``RecordError`` that begins with file and l
 import dataclasses
 import math
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
+from jshape import _check
 from jshape._files import printable, read_bytes
 from jshape.identification.csv_lines import FREQUENCIES, UNITS, Header, header_of, lines_of, missing, number
 from jshape.identification.records import Record, RecordError
@@ -65,9 +67,10 @@ def read_csv(
             line that is too short or long (the last may be cut off), a cell that is no number, and a unit of the first
             column above the names.
     """
-    path = Path(path)
-    if sample_rate is not None and not 0 < sample_rate < math.inf:
-        raise ValueError(f"sample_rate must be greater than 0, not {sample_rate}")
+    path = _check.path(path)
+    _check.instance(columns, "columns", Sequence | None, "a list of names")
+    if sample_rate is not None:
+        _check.positive(sample_rate, "sample_rate")
     lines = lines_of(path, _text(path))
     head = header_of(path, lines)
     (rows, numbers, *_), header, begin, width = lines, head.names, head.begin, head.width
@@ -139,7 +142,7 @@ def _choose(
     )
 
     def find(name: str) -> int:
-        name = name.strip()
+        name = str(name).strip()
         if names.count(name) == 1:
             return names.index(name)
         if names.count(name) > 1:

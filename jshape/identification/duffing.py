@@ -11,7 +11,7 @@ record of no more than those is fitted from a linear spring as well.
 """
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -148,6 +148,8 @@ def identify_payloads(
         RecordError: a ``ValueError``, for a record that cannot be used or motions that no such spring explains.
         ValueError: for wrong arguments.
     """
+    _check.instances(records, "records", Collection, "a list of motions")
+    _check.instance(masses, "masses", Collection, "a list")
     if not records or any(len(record) not in (2, 3) for record in records):
         raise ValueError("records must be (times, values) or (times, values, inputs), at least one of them")
     if len(masses) != len(records):

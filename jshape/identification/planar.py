@@ -150,6 +150,7 @@ def _gains(record: Identified, name: str, own: int, measured: str) -> np.ndarray
         own: its index.
         measured: what the channels are where they were taken for positions.
     """
+    _check.instance(record, f"along_{name}", Identified, "what identify returns")
     if record.gains.shape[1] != 2:
         raise ValueError(f"along_{name} must have two channels, along x and along y, not {', '.join(record.names)}")
     known = record.inputs is not None or np.iscomplexobj(record.values)

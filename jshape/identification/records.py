@@ -4,7 +4,7 @@ What spoils an identification raises an error that says where; what only has to 
 """
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import Any
 
 import numpy as np
@@ -300,6 +300,7 @@ def _arrays(axis: Any, values: Any, inputs: Any, spectrum: bool) -> tuple[np.nda
 def _names(names: Any, channels: int) -> tuple[str, ...]:
     if names is None:
         return ("values",) if channels == 1 else tuple(f"channel {i}" for i in range(1, channels + 1))
+    _check.instance(names, "names", Collection, "a list")
     if len(names) != channels:
         raise ValueError(f"names must be one for each of the {channels} channels, not {_check.show(names)}")
     return tuple(str(name) for name in names)

@@ -6,6 +6,7 @@ measured during the moves, and the shaper of the next one is tuned through the m
 changes on the way.
 """
 
+from collections.abc import Collection
 from typing import Any, NamedTuple
 
 import jax
@@ -71,6 +72,7 @@ class HoistingMoves(AbstractMoves):
         damping: Any = 0.02,
     ):
         _check.not_negative(below, "below")
+        _check.instance(below, "below", Collection, "two lengths")
         if not below[0] < below[1]:
             raise ValueError(f"below must be two lengths in ascending order, not {below}")
         lower, upper = (_check.scalar(value, "below")[None] for value in below)

@@ -117,8 +117,7 @@ class Machine(AbstractMachine):
     profile: Callable[[Scalar], AbstractCommand]
 
     def __init__(self, plant: AbstractPlant, payload: str, profile: Callable[[Scalar], AbstractCommand] | None = None):
-        if not isinstance(plant, AbstractPlant):
-            raise ValueError(f"plant must be a jshape plant, not {plant!r}")
+        _check.instance(plant, "plant", AbstractPlant, "a jshape plant")
         if "force" in plant.drives():
             raise ValueError(f"plant must be driven by a motion, not by a force as this {type(plant).__name__} is")
         leaf(plant, payload)

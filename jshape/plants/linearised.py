@@ -30,8 +30,7 @@ class Linearised(AbstractPlant):
     plant: AbstractPlant
 
     def __check_init__(self):
-        if not isinstance(self.plant, AbstractPlant):
-            raise ValueError(f"plant must be a jshape plant, not {self.plant!r}")
+        _check.instance(self.plant, "plant", AbstractPlant, "a jshape plant")
 
     @property
     def drive(self) -> Any:

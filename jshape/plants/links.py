@@ -124,7 +124,7 @@ class TabulatedLink(AbstractLink):
 
 def _whole(value: Any, name: str) -> int:
     """A positive whole number, also one written as a float."""
-    return _check.count(int(value) if isinstance(value, float) and value == int(value) else value, name)
+    return _check.count(int(value) if isinstance(value, float) and value.is_integer() else value, name)
 
 
 class Beam(AbstractLink):

@@ -7,7 +7,7 @@ The equation is written out from the numbers that MuJoCo has read, and compared 
 differ at any of 64 random states, or the file describes what is not simulated, there is no plant.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -133,7 +133,7 @@ def _plant(
         point=point,
     )
     leaves = () if leaves is None else leaves
-    if isinstance(leaves, str) or not all(isinstance(name, str) for name in leaves):
+    if not isinstance(leaves, Collection) or isinstance(leaves, str) or not all(isinstance(one, str) for one in leaves):
         raise ValueError(f"leaves must be a list of names, such as body.load.position.y, not {leaves!r}")
     body = {
         name: _body(model, i, bool(loose[i]), _below(leaves, f"body.{name}"))

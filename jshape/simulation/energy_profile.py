@@ -53,6 +53,8 @@ def energy_profile(plant: AbstractPlant, shaper: Shaper, distance: Distance, poi
         raise ValueError(f"plant must be a mass on a spring to have an energy profile, not {type(plant).__name__}")
     points = _check.count(points, "points", least=2)
     plan, oscillator, state = prepared(plant, shaper, distance, None)
+    if len(plan.breaks) == 1:
+        raise ValueError(f"shaper must have more than one impulse for a move that takes no time, not {shaper!r}")
     # The integration takes as many steps as it needs, whatever the number of points.
     return _energy_profile(oscillator, plan, state, points, -(-steps_for(oscillator, plan) // (points - 1)))
 

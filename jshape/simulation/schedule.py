@@ -105,8 +105,7 @@ def schedule(
             no acceleration), for an axis that it does not have or a place that it cannot take, if the command does
             not come to rest, and for an argument of the wrong kind.
     """
-    if not isinstance(plant, AbstractPlant):
-        raise ValueError(f"plant must be a jshape plant, not {plant!r}")
+    _check.instance(plant, "plant", AbstractPlant, "a jshape plant")
     command = for_axes(command, plant.axes, type(plant).__name__, name)
     axes = command.items() if isinstance(command, Axes) else [("", command)]
     for axis, (label, one) in enumerate(axes):

@@ -215,7 +215,11 @@ def initial(plant: AbstractPlant, initial_state: ArrayLike | None = None) -> Sta
 
 
 def with_arrays(plant: AbstractPlant) -> AbstractPlant:
-    """The plant with plain Python numbers among its leaves turned into arrays: a value, not a reason to recompile."""
+    """The plant with plain Python numbers among its leaves turned into arrays: a value, not a reason to recompile.
+
+    *Raises* ``ValueError`` for what is no plant.
+    """
+    _check.instance(plant, "plant", AbstractPlant, "a jshape plant")
     return jax.tree.map(lambda x: jnp.asarray(x, dtype=float) if isinstance(x, int | float) else x, plant)
 
 

@@ -94,7 +94,7 @@ def _claim(folder: Path, digest: str, count: int) -> None:
         if found != record:
             raise ValueError(f"store: {folder} holds the chunks of another computation; name another folder")
         return
-    if folder.exists() and any(path.suffix != PARTIAL for path in folder.iterdir()):
-        raise ValueError(f"store: {folder} holds files that are not jshape's; name another folder")
+    if folder.is_file() or (folder.exists() and any(path.suffix != PARTIAL for path in folder.iterdir())):
+        raise ValueError(f"store: {folder} is a file, or holds files that are not jshape's; name another folder")
     folder.mkdir(parents=True, exist_ok=True)
     write_text(manifest, json.dumps(record) + "\n")

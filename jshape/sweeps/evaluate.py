@@ -188,7 +188,7 @@ def study(
         warn_if_absolute(plant, over)
     points = {name: np.asarray(values) for name, values in (grid(absolute) if combined else absolute).items()}
     some = alike_shapers(list(shapers), plant.axes)
-    values = len(metrics) * (1 + len(absolute) * derivatives)
+    values = len(metrics) * (1 + len(absolute) * bool(derivatives))
     _check.memory(len(some) * values * len(next(iter(points.values()))), "over, with the shapers and metrics,")
     stacked = jax.tree.map(lambda *leaves: np.stack(leaves), *some)
     along = [metric for metric in metrics if keeps_trajectory(metric, plant)]
@@ -240,6 +240,7 @@ def evaluate(
         progress: called after each chunk.
         client: a ``dask.distributed.Client``, if a cluster computes.
     """
+    _check.function(progress, "progress")
     of, points, chunks = study.evaluation, study.points, study.chunks
 
     def compute(missing: list[int]) -> Iterator[tuple[int, np.ndarray]]:

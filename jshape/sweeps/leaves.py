@@ -63,6 +63,7 @@ def leaf(plant: eqx.Module, name: str) -> Array:
 
 def as_names(leaves: str | tuple[str, ...]) -> tuple[str, ...]:
     """One dotted path or several as a tuple."""
+    _check.instances(leaves, "leaves", str, "a name or several")
     return (leaves,) if isinstance(leaves, str) else tuple(leaves)
 
 

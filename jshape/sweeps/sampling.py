@@ -37,10 +37,10 @@ def draw_sets(
     """
     count = _check.count(count, "samples")
     _check.count(seed, "seed", least=0)
-    _check.memory(count * sets * max(len(ranges), 1), "samples")
     _check.one_of(sampling, "sampling", SAMPLING)
     if not isinstance(ranges, Mapping) or not ranges:
         raise ValueError(f"over must name at least one leaf and its range, not {ranges!r}")
+    _check.memory(count * sets * len(ranges), "samples")
     pairs = {}
     for name, pair in ranges.items():
         values = np.asarray(_check.as_array(pair, f"over[{name!r}]"), float)

@@ -71,12 +71,12 @@ def sensitivity_indices(
     Source: Saltelli et al., Computer Physics Communications 181 (2010), Table 2 (b) and (f), as in
         ``scipy.stats.sobol_indices``.
     """
+    _check.instance(plant, "plant", AbstractPlant, "a jshape plant")
     names = named_shapers(shapers, plant.axes)
     samples = _check.count(samples, "samples", least=2)
     if samples & (samples - 1):
         raise ValueError(f"samples must be a power of two, not {samples}")
-    if not 0 < confidence < 1:
-        raise ValueError(f"confidence must lie between 0 and 1, not {confidence}")
+    _check.require(confidence, "confidence", lambda level: 0 < level < 1, "lie between 0 and 1")
     resamples = _check.count(resamples, "resamples", least=2)
     if not isinstance(metric, str) and not callable(metric):
         raise ValueError(f"metric must be one name or one function, not {metric!r}")

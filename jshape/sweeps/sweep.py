@@ -21,6 +21,7 @@ import jax
 import numpy as np
 import xarray as xr
 
+from jshape import _check
 from jshape._types import Progress
 from jshape.axes import moving
 from jshape.command import Distance
@@ -88,6 +89,7 @@ def sweep(
         ConnectionError: for a cluster that stays away: its scheduler is gone or does not answer, or it has no workers
             for so long as dask's configuration says (see ``jshape.sweeps.dask``). With ``store`` the same call resumes.
     """
+    _check.instance(plant, "plant", AbstractPlant, "a jshape plant")
     names = named_shapers(shapers, plant.axes)
     asked = as_metrics(metric, moving(plant, distance), plant.axes)
     if client is not None:
@@ -97,7 +99,7 @@ def sweep(
         plant, names.values(), distance, over if grid else draw(over, samples, sampling, seed), tuple(asked.values()),
         relative=relative, combined=grid, derivatives=derivatives,
     )  # fmt: skip
-    values = evaluate(found, None if store is None else Path(store), progress, client)
+    values = evaluate(found, None if store is None else _check.path(store, "store"), progress, client)
     final = np.asarray(found.evaluation.command.final).tolist()
     attrs: dict[str, Any] = dict(plant=type(plant).__name__, distance=final)
     slopes = found.evaluation.slopes

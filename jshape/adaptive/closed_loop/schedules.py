@@ -49,7 +49,7 @@ def square_wave(
     for value, name in ((period, "period"), (duration, "duration"), (sample_time, "sample_time")):
         _check.positive(value, name)
     _check.not_zero(amplitude, "amplitude")
-    times, loads = np.asarray(changes, float).reshape(-1, 2).T
+    times, loads = _check.plain_array(changes, "changes", 2).reshape(-1, 2).T
     if not len(times) or np.any(np.diff(times) <= 0) or not np.all(np.isfinite(times)):
         raise ValueError(f"changes must be pairs (time, load) with increasing times, not {changes!r}")
     half = max(round(float(period) / 2 / sample_time), 1)

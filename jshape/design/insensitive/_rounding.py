@@ -60,6 +60,7 @@ def rounded(
 
     Source: Peláez, Doval-Gandoy, Caparrini and García-Prada (2006), section 5: an interrupt of 5 ms.
     """
+    _check.instance(shaper, "shaper", Shaper, "a Shaper")
     _check.positive(sample_time, "sample_time")
     where = region(band, zeta, samples)
     amplitudes, times = np.asarray(shaper.amplitudes, float), np.asarray(shaper.times, float)

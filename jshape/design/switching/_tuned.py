@@ -115,8 +115,6 @@ def tuned(
     if start.ndim != 1 or not len(start) or not np.all(np.diff(start, prepend=0.0) > 0) or not np.isfinite(start[-1]):
         raise ValueError(f"switches must be a list of positive, increasing times, not {_check.show(start)}")
     limit, iterations = positive(limit, "limit"), _check.count(iterations, "iterations")
-    if not isinstance(plant, AbstractPlant):
-        raise ValueError(f"plant must be a jshape plant, not {plant!r}")
     plant = with_arrays(plant)
     order = DRIVES[plant.drives()[0]]
     if distance is None and order:

@@ -5,7 +5,7 @@ which designs (``bounds``), and for which moves (``scenarios``).
 """
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -154,6 +154,7 @@ def _groups(command: AbstractCommand, shapers: str | Sequence[str]) -> tuple[tup
     if isinstance(shapers, str):
         _check.one_of(shapers, "shapers", ("shared", "per axis"))
         return tuple((axis,) for axis in moving) if shapers == "per axis" else ()
+    _check.instance(shapers, "shapers", Collection, "a word or a list of axes")
     unknown = [repr(axis) for axis in shapers if axis not in moving]
     if unknown or not shapers:
         words = f"must be among the axes that move, {', '.join(moving)}" if moving else "names axes; the plant has one"

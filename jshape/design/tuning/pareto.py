@@ -7,7 +7,7 @@ them as points.
 
 import dataclasses
 import functools
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -101,10 +101,12 @@ def pareto(
     Raises:
         ValueError: for arguments that make no sense, as ``tune`` does.
     """
-    counts = [_check.count(n, "impulses", least=2) for n in impulses]
-    if not counts or isinstance(amplitudes, str) or not amplitudes:
+    if not all(isinstance(x, Collection) and not isinstance(x, str) and len(x) for x in (impulses, amplitudes)):
         raise ValueError(f"impulses and amplitudes must be lists of at least one, not {impulses!r} and {amplitudes!r}")
+    counts = [_check.count(n, "impulses", least=2) for n in impulses]
     starts, iterations = _check.count(starts, "starts"), _check.count(iterations, "iterations")
+    seed = _check.count(seed, "seed", 0, 10**18)
+    _check.function(progress, "progress")
     plant = with_arrays(plant)
     times = _times(plant, durations)
     designs = {f"{n} {rule}": (n, rule) for rule in amplitudes for n in counts if rule != "unity" or n % 2}
@@ -149,7 +151,7 @@ def pareto(
         return b"|".join([repr(facts).encode(), text.encode(), *numbers])
 
     try:
-        folder = None if store is None else Path(store)
+        folder = None if store is None else _check.path(store, "store")
         for index, rows in in_chunks(compute, len(designs), folder, fingerprint, lambda index: table[index].shape):
             table[index] = rows
     except KeyboardInterrupt:

@@ -111,6 +111,8 @@ def tune(
         ValueError: for arguments that make no sense.
     """
     starts = _check.count(starts, "starts")
+    seed = _check.count(seed, "seed", 0, 10**18)
+    _check.function(progress, "progress")
     _check.one_of(method, "method", ("second-order", "first-order"))
     if iterations is not None:
         iterations = _check.count(iterations, "iterations")
@@ -138,6 +140,7 @@ def _begin(problem: DesignProblem, start: Shaper | Mapping[str, Shaper]) -> Poin
     Raises:
         ValueError: for a shaper with another number of impulses, and where that of an axis is missing.
     """
+    _check.instance(start, "start", Shaper | Mapping, "a shaper, or axis → shaper")
     groups = problem.scenarios.groups or (("command",),)
     given = dict.fromkeys((axes[0] for axes in groups), start) if isinstance(start, Shaper) else start
     missing = [axes[0] for axes in groups if axes[0] not in given]
@@ -145,6 +148,7 @@ def _begin(problem: DesignProblem, start: Shaper | Mapping[str, Shaper]) -> Poin
         raise ValueError(f"start must name a shaper for each of {', '.join(missing)}, not only {', '.join(given)}")
     some = [given[axes[0]] for axes in groups]
     for shaper in some:
+        _check.instance(shaper, "start", Shaper, "a shaper, or axis → shaper")
         if len(shaper.times) != problem.bounds.impulses:
             raise ValueError(f"start must have {problem.bounds.impulses} impulses, not {len(shaper.times)}")
     return problem.bounds.nearest(*some)
