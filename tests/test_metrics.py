@@ -307,6 +307,40 @@ def test_fixed_steps_of_order_5_meet_their_tolerance_or_are_flagged(shaper, dist
     )
 
 
+@pytest.mark.parametrize(("damping", "settled"), [(0.0, np.inf), (0.02, 13.74970447)])
+def test_a_turning_ellipse_leaves_the_band_again(damping, settled):
+    """A spherical pendulum: by DOP853 (rtol 1e-12) the undamped one is beyond 2 % again at 119.55 s, 23 periods on."""
+    crane, omega = plants.BridgeCrane(cable_length=5.0, damping=damping), np.sqrt(9.81 / 5.0)
+    axes = {"trolley": js.Trapezoid(12.5, 2.0, 0.8), "bridge": js.Trapezoid(20.0, 2.0, 0.8)}
+    move = js.Axes(**axes, delay={"bridge": 0.25 * 2 * np.pi / omega})
+    found = js.settling_time(crane, {"bridge": js.design.linear.zv(1.1 * omega)}, move)
+    assert float(found[1]) == pytest.approx(settled, rel=1e-6)
+
+
+def test_a_band_that_is_left_within_a_step_counts():
+    """Of two modes, traced: steps span up to 0.3 rad, and the last peak beyond the band is between their ends."""
+    omega, zeta, gains = np.array([2.0, 24 * 0.80425]), np.array([0.03, 0.004]), np.array([0.6, 0.4])
+    shaper = js.design.linear.zv(2.0, 0.03)
+    times = float(shaper.times[-1]) + np.linspace(0, 20 * np.pi, 400_001)
+    poles = omega * (-zeta + 1j * np.sqrt(1 - zeta**2))
+    steps = -(1 - 1j * zeta / np.sqrt(1 - zeta**2)) * gains
+    delays = times[:, None] - np.asarray(shaper.times)
+    away = sum(
+        np.real(c * np.exp(p * delays)) @ np.asarray(shaper.amplitudes) for c, p in zip(steps, poles, strict=True)
+    )
+    last = times[np.nonzero(np.abs(away) > 0.02)[0][-1]]
+    settling = lambda omega: js.settling_time(plants.ModalPlant(omega, zeta, gains), shaper, 1.0)
+    assert last == pytest.approx(37.5708, abs=1e-3)
+    assert float(settling(omega)) == pytest.approx(last, abs=1e-3)
+    assert float(jax.jit(settling)(jnp.asarray(omega))) == pytest.approx(last, abs=1e-2)
+
+
+def test_impulses_that_coincide_deflect_nothing_between_them():
+    """Their command is a step, of which the spring is bent by all."""
+    plant = plants.TwoMass(1.0, 1.0, plants.LinearSpring(100.0))
+    assert float(js.peak_deflection(plant, js.Shaper([3.0, -2.0], [0.0, 0.0]), 1.0)) == pytest.approx(1.0, rel=1e-6)
+
+
 @pytest.mark.parametrize("zeta", [0.0, 0.1])
 def test_percentage_vibration_is_the_exact_motion_of_a_mode(zeta):
     # The matrix exponential carries one mode through the staircase; its envelope afterwards, over that of a bare step.

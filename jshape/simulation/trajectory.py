@@ -36,8 +36,8 @@ _TRACED, _TRACED_ANGLE = 256, 0.3
 _finer: ContextVar[int] = ContextVar("finer", default=1)
 
 _LATER, _TURNING = 4096, 1e4
-"""Instants at which a plant is looked at after a trajectory's end; periods for which the ellipse of a spherical pendulum
-is followed."""
+"""Instants at which a plant is looked at after a trajectory's end; periods for which the ellipse of a spherical
+pendulum is followed."""
 
 
 class Trajectory(eqx.Module):
@@ -239,7 +239,7 @@ def _turned(plant, plan: Schedule, along: Trajectory, frequency: Scalar) -> Arra
     x = jnp.outer(seen[:, 0], jnp.cos(turn)) + jnp.outer(seen[:, 1], jnp.sin(turn))
     y = jnp.outer(seen[:, 1], jnp.cos(turn)) - jnp.outer(seen[:, 0], jnp.sin(turn))
     ways = jnp.hypot(x * angles[0] + y * angles[1], x * quarter[0] + y * quarter[1])
-    return jnp.max(ways * jnp.exp(-decay * times), axis=-1)
+    return jnp.max(ways * jnp.exp(-decay * times)[None], axis=-1)
 
 
 def along_each_axis(measure: Callable[..., Array], along: Trajectory, *rows: Array) -> Array:

@@ -236,13 +236,25 @@ def _refined(
 def energies_of(
     problem: DesignProblem, point: Point, samples: dict[str, np.ndarray], tolerance: float = TOLERANCE
 ) -> np.ndarray:
-    """Energies of other plants, J, as many at a time as the problem has, so that its program computes these, too."""
+    """Energies of other plants, J."""
+    size = len(next(iter(samples.values())))
+    return np.concatenate([found.energies for found in _values_of(problem, point, samples, tolerance)])[:size]
+
+
+def least_slack(problem: DesignProblem, point: Point, samples: dict[str, np.ndarray]) -> float:
+    """The least slack of the limits on the move of other plants."""
+    return min(float(found.slacks.min(initial=1.0)) for found in _values_of(problem, point, samples, LOOSEST))
+
+
+def _values_of(problem: DesignProblem, point: Point, samples: dict[str, np.ndarray], tolerance: float) -> list[Values]:
+    """Values of a design in other plants, as many at a time as the problem has, so that its program computes these,
+    too."""
     plants, size = len(next(iter(problem.scenarios.samples.values()))), len(next(iter(samples.values())))
     running = []
     for first in range(0, size, plants):
         at = np.minimum(np.arange(first, first + plants), size - 1)
         part = {name: _check.on_device(values[at]) for name, values in samples.items()}
         scenarios = dataclasses.replace(problem.scenarios, samples=part)
-        running.append(evaluate(scenarios, point, np.float64(tolerance)).energies)
+        running.append(evaluate(scenarios, point, np.float64(tolerance)))
     # All are under way before the first is waited for: they share the cores.
-    return np.concatenate([np.asarray(energies) for energies in running])[:size]
+    return [Values(*map(np.asarray, found)) for found in running]

@@ -118,6 +118,10 @@ def solution(judge: ScaledProblem, best: Candidate, balance: Optimality, enough:
     rounding = least_tolerance(jnp.result_type(float)) * float(np.max(found.greatest))
     if finer > APART * objective + rounding and scenarios.metric is None and isinstance(problem.objective, str):
         doubts += f"; {finer:.6g} J on a finer set: plants between those given are left more"
+    if scenarios.samples and scenarios.limits.peak_deflection and slack >= -EXCEEDED:
+        between = interval.least_slack(problem, best.point, problem.finer_samples())
+        if between < -EXCEEDED:
+            doubts += f"; between the plants of the set peak_deflection is missed by {-100 * between:.3g} % or more"
     heaviest = np.argsort(-balance.multipliers, kind="stable")
     heaviest = heaviest[balance.multipliers[heaviest] > 1e-6]
     samples = {name: np.asarray(v) for name, v in scenarios.samples.items()}
