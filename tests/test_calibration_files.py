@@ -305,6 +305,84 @@ def test_bursts_that_a_sensor_lost_are_no_record(tmp_path):
             calibration.read(path)
 
 
+def even(rate=1600.0, span=20.0):
+    return np.arange(int(rate * span)) / rate
+
+
+def without(times, lost):
+    return times[~lost(np.arange(len(times)), len(times))]
+
+
+def drifting(change):
+    times = even()
+    return times * (1 + change * (times / times[-1] / 2 - 0.25))
+
+
+def shaken_at(times, centre=50.0, printed=None):
+    """The text of a record of a mode that is passed at the middle of its 20 s; its stamps may differ from the times."""
+    envelope = np.exp(-(((times - 10.0) / 2.0) ** 2))
+    x = 1e3 * envelope * np.sin(2 * np.pi * centre * times) + np.random.default_rng(1).normal(0.0, 5.0, len(times))
+    rows = (f"{1000 + t:.6f},{a:.3f},0,0" for t, a in zip(times if printed is None else printed, x, strict=True))
+    return "\n".join(["#time,accel_x,accel_y,accel_z", *rows])
+
+
+FAULTY = {
+    "every second one of a half": (without(even(), lambda i, n: (i < n / 2) & (i % 2 == 1)), "25 % of the samples"),
+    "every third one of a half": (without(even(), lambda i, n: (i >= n / 2) & (i % 3 == 1)), "17 % of the samples"),
+    "every tenth one of a half": (without(even(), lambda i, n: (i < n / 2) & (i % 10 == 1)), "5 % of the samples"),
+    "every second one of most": (without(even(), lambda i, n: (i < 0.8 * n) & (i % 2 == 1)), "40 % of the samples"),
+    "one in a hundred": (without(even(), lambda i, n: i % 100 == 50), "1 % of the samples are missing, in 320 places"),
+    "a clock that drifts": (drifting(0.2), "the clock drifts, or samples are missing"),
+    "a clock that quickens": (drifting(-0.02), "frequencies there would be 0.8 % too high; record again"),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTY)
+def test_samples_that_are_not_even_are_no_record(fault, write):
+    """75, 62.6 and 52.9 Hz for 50 without a word, once."""
+    times, words = FAULTY[fault]
+    path = write(shaken_at(times))
+    with pytest.raises(ValueError, match=words) as caught:
+        calibration.read(path)
+    assert str(caught.value).startswith(f"{path}:")
+    assert str(caught.value).endswith("record again")
+    assert "\n" not in str(caught.value)
+    with pytest.raises(ValueError, match=rf"times\[\d+\]: .*{words}"):
+        calibration.power_spectrum(times, np.zeros((len(times), 3)))
+
+
+def test_where_samples_begin_to_be_missing(write):
+    times = without(even(), lambda i, n: (i >= n / 2) & (i % 10 == 1))
+    path = write(shaken_at(times))
+    with pytest.raises(ValueError, match=r"data\.csv:(\d+)") as caught:
+        calibration.read(path)
+    line = int(str(caught.value).removeprefix(f"{path}:").split(":")[0])
+    assert times[line - 2] - times[line - 3] == pytest.approx(2 / 1600)
+    assert np.all(np.diff(times[: line - 2]) < 1.5 / 1600)
+
+
+def test_a_few_samples_that_are_missing_are_filled_in(write):
+    """All of them where the mode is passed: 50.4 Hz and more for 50, once."""
+    for lost in (lambda i, _: (abs(i - 16000) < 1500) & (i % 20 == 3), lambda i, _: abs(i - 16000) < 30):
+        (found,) = calibration.read(write(shaken_at(without(even(), lost))))
+        assert identify(found)[0].frequency == pytest.approx(50.0, abs=0.05)
+
+
+@pytest.mark.parametrize("rate", [400.0, 1600.0, 3182.7])
+def test_even_samples_of_any_clock_are_a_record(rate, write):
+    times, random = even(rate), np.random.default_rng(0)
+    for stamps in (
+        times,
+        times + random.normal(0.0, 0.14, len(times)) / rate,
+        times * 1.002,
+        np.round(times, 3 if rate < 800 else 4),
+    ):
+        stamps = np.maximum.accumulate(stamps) + 2e-6 * np.arange(len(stamps))
+        (found,) = calibration.read(write(shaken_at(times, printed=stamps)))
+        factor = times[-1] / (stamps[-1] - stamps[0])
+        assert identify(found)[0].frequency == pytest.approx(50.0 * factor, abs=0.06)
+
+
 @pytest.mark.parametrize("zeta", [0.02, 0.04])
 def test_damping_ratios_are_not_the_width_of_the_windows(zeta, write):
     """A mode shaken from 20 to 80 Hz in a minute, as Klipper's test does, read 0.031 and 0.048, once."""

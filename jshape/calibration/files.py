@@ -16,7 +16,7 @@ import numpy as np
 
 from jshape import _check
 from jshape._files import printable, read_bytes
-from jshape.calibration.spectrum import Spectrum, is_transient, normalised, power_spectrum
+from jshape.calibration.spectrum import Spectrum, is_transient, normalised, power_spectrum, uneven
 
 COMPONENTS = ("xyz", "x", "y", "z")
 """Which direction of the accelerometer counts: all three, as for Klipper, or one of them."""
@@ -31,8 +31,6 @@ _ROUNDED = 0.02
 """By how much, relative, the sum of densities written in four digits may differ from the density of the sum."""
 _GAP = 0.05
 """s without a sample: a part of the record is missing."""
-_LONG, _MISSING = 2.5, 0.005
-"""How much longer than most a step is where samples are missing between its ends, and what share of all may be."""
 
 Row = tuple[int, list[str]]
 """A line's number and its cells."""
@@ -179,25 +177,13 @@ def _record(path: Path, rows: Iterable[Row], component: str) -> Spectrum:
     _demand(
         path, lines, steps <= _GAP, f"more than {_GAP:g} s since the sample before: a part of the record is missing"
     )
-    _demand_whole(path, lines, steps[1:])
+    if fault := uneven(values[:, 0]):
+        raise _problem(path, lines[fault[0]], fault[1])
     with _located(path, lines[-1]):
         frequencies, densities = power_spectrum(values[:, 0], values[:, 1:])
         density = densities.sum(axis=1) if component == "xyz" else densities[:, "xyz".index(component)]
         transient = is_transient(values[:, 0], values[:, 1:])
         return Spectrum(printable(path.name), frequencies, normalised(frequencies, density), True, transient)
-
-
-def _demand_whole(path: Path, lines: list[int], steps: np.ndarray) -> None:
-    """Raises unless nearly all samples are there: where a sensor's buffer overflows every frequency is too low."""
-    usual = np.median(steps) if len(steps) else 0.0
-    if not usual > 0:
-        return
-    after = np.flatnonzero(steps > _LONG * usual)
-    missing = np.sum(np.rint(steps[after] / usual) - 1)
-    share = missing / (len(steps) + missing)
-    if share > _MISSING:
-        words = f"{100 * share:.2g} % of the samples are missing, in {len(after)} places, first before this line"
-        raise _problem(path, lines[int(after[0]) + 1], f"{words}: every frequency would be as much too low")
 
 
 def _table(path: Path, rows: Iterable[Row], width: int, blank: int | None = None) -> tuple[np.ndarray, list[int]]:

@@ -21,6 +21,14 @@ SIDE = 4
 LEAST_SAMPLE_RATE = 200.0
 """Hz: a record sampled more slowly shows nothing above 100 Hz, where printers vibrate."""
 
+OFF = 0.005
+"""The share of a record's samples that may be missing, and by how much a frequency may be off for the clock, relative:
+an accelerometer's holds its rate to far less."""
+
+PART = 4.0
+"""The length, s, of the parts of a record whose sampling rates are compared: no longer than a test that shakes at 1 Hz
+more each second stays at a resonance."""
+
 
 @dataclasses.dataclass(frozen=True)
 class Spectrum:
@@ -88,13 +96,56 @@ def is_transient(times: Float[np.ndarray, " samples"], acceleration: Float[np.nd
     return bool(np.max(power[ends] - power[: len(times)]) > NEARLY * power[-1])
 
 
+def _numbers(times: np.ndarray) -> np.ndarray:
+    """The samples' numbers, from 0, by their times: where some are missing the numbers leap."""
+    steps = np.diff(times)
+    # Over many steps, as a single one may be rounded to few digits; and where fewest are missing.
+    excess = steps / (np.quantile(times[32:] - times[:-32], 0.1) / 32) - 1
+    # After a stamp that is late the next step is as much shorter; where a sample is missing it is as usual.
+    longer = [np.convolve(excess, np.ones(around), "same") > 0.5 for around in (1, 3, 5)]
+    gaps = np.all(longer, axis=0) | (steps > 2.5 * np.median(steps))
+    return np.append(0, np.cumsum(np.where(gaps, 1 + np.maximum(np.rint(excess), 1), 1)))
+
+
+def uneven(times: Float[np.ndarray, " samples"]) -> tuple[int, str] | None:
+    """Where the samples of a record are not so even that its vibrations have the right frequencies, and why.
+
+    Args:
+        times: s, increasing, shape (samples,).
+
+    Returns:
+        The number of the first sample concerned, and what is wrong in words; ``None`` for even samples, and for too few
+        to have a spectrum.
+    """
+    count = len(times)
+    span = float(times[-1] - times[0]) if count else 0.0
+    if not span >= WINDOW * (1 - 1e-9) or count < LEAST_SAMPLE_RATE * WINDOW:
+        return None
+    numbers = _numbers(times)
+    share = 1 - count / (numbers[-1] + 1)
+    if share > OFF:
+        gaps = np.flatnonzero(np.diff(numbers) > 1)
+        words = f"{100 * share:.2g} % of the samples are missing, in {len(gaps)} places, first before this one"
+        return int(gaps[0]) + 1, f"{words}: too many for true frequencies; record again"
+    length, rate = int(count * min(PART / span, 0.5)), numbers[-1] / span
+    rates = (numbers[length:] - numbers[:-length]) / (times[length:] - times[:-length])
+    off = rate / rates - 1
+    worst = int(np.argmax(np.abs(off)))
+    if abs(off[worst]) <= OFF:
+        return None
+    where = f"from {times[worst]:.1f} to {times[worst + length]:.1f} s"
+    words = f"{rates[worst]:.4g} samples a second {where}, {rate:.4g} in all"
+    error = f"{100 * abs(off[worst]):.2g} % too {'high' if off[worst] > 0 else 'low'}"
+    return worst, f"{words}: the clock drifts, or samples are missing; frequencies there would be {error}; record again"
+
+
 def power_spectrum(
     times: Float[np.ndarray, " samples"], acceleration: Float[np.ndarray, " samples axes"]
 ) -> tuple[Float[np.ndarray, " bins"], Float[np.ndarray, " bins axes"]]:
     """The one-sided power density of each axis by Welch's method, not normalised.
 
     Windows of the least power of two that lasts 0.5 s at the sampling rate N/T, Kaiser's with β = 6, half overlapping,
-    the mean of each removed.
+    the mean of each removed. Samples that are missing, by the times, are filled in on straight lines.
 
     Args:
         times: s, increasing, shape (samples,).
@@ -104,7 +155,8 @@ def power_spectrum(
         Frequencies, Hz, shape (bins,), and the density, mm²/s⁴/Hz, shape (bins, axes).
 
     Raises:
-        ValueError: for fewer samples than one window, or fewer than 200 a second.
+        ValueError: for fewer samples than one window, fewer than 200 a second, times that do not increase, and samples
+            that are ``uneven``.
 
     Source: Klipper's published numbers; Welch (1967).
     """
@@ -117,6 +169,15 @@ def power_spectrum(
     sample_rate = count / span
     if sample_rate < LEAST_SAMPLE_RATE:
         raise ValueError(f"times must have at least {LEAST_SAMPLE_RATE:g} samples a second, not {sample_rate:.4g}")
+    if np.any(np.diff(times) <= 0):
+        raise ValueError("times must increase")
+    if fault := uneven(times):
+        raise ValueError(f"times[{fault[0]}]: {fault[1]}")
+    numbers = _numbers(times)
+    if numbers[-1] >= count:
+        count = int(numbers[-1]) + 1
+        acceleration = np.stack([np.interp(np.arange(count), numbers, axis) for axis in acceleration.T], axis=1)
+        sample_rate = count / span
     length = 2 ** int(np.ceil(np.log2(WINDOW * sample_rate)))
     if count < length:
         raise ValueError(f"times must be at least one window of {length} samples, not {count}")
