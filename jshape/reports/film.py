@@ -13,13 +13,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from jshape._files import whole
-from jshape._types import Progress
 from jshape.reports.drawings import Put, bodies, view_of
 from jshape.reports.places import Motion, bent_word, motion_of, sampled
 from jshape.reports.rendered import SIZES, Scene
 from jshape.reports.style import looks, plain, using
 
 if TYPE_CHECKING:
+    from jshape._types import Progress
     from jshape.plants import AbstractPlant
     from jshape.simulation.response import Response
 
@@ -132,7 +132,7 @@ def _animated(figure: Figure, puts: list[Put], frames: int, interval: int) -> an
     return animation.FuncAnimation(figure, draw, frames=frames, interval=interval)
 
 
-def save_film(made: animation.FuncAnimation, path: Path, progress: Progress | None = None) -> None:
+def save_film(made: animation.FuncAnimation, path: Path, progress: "Progress | None" = None) -> None:
     """Write a film as GIF or, by ffmpeg, as MP4; the file is whole or not there.
 
     Args:

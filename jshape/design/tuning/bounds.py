@@ -63,6 +63,11 @@ class Bounds(eqx.Module):
         """Whether the duration is given."""
         return self.shortest == self.longest
 
+    @property
+    def fixed_amplitudes(self) -> bool:
+        """Whether the amplitudes are given, with more than one impulse between the first and the last."""
+        return self.impulses > 3 and bool(np.all(self.lower == self.upper))
+
     def nearest(self, *shapers: Shaper) -> Point:
         """The nearest amplitudes and gaps within the bounds, of one shaper for all or one each; nominal leaves."""
         given = shapers * self.shapers if len(shapers) == 1 else shapers

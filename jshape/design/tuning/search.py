@@ -60,6 +60,9 @@ BETWEEN = 12
 ITERATIONS = 360
 """Of a local search, at most."""
 
+OTHERS = 3
+"""Further searches while the best design is in doubt, at most, where amplitudes are fixed."""
+
 ON_TICKS = 60
 """The same, where impulses are moved to the samples."""
 
@@ -105,8 +108,10 @@ class Search:
                     # Zero is out of reach, as far as is known: the least energy is looked for.
                     self._descend(ends + starts, iterations or ITERATIONS, 2 * most)
             # Not where a number of iterations, or the only start, is asked for.
-            if method != "first-order" and iterations is None and len(starts) > 1 and self._worth_another():
-                self._again(min(most, len(starts)))
+            another = method != "first-order" and iterations is None and len(starts) > 1
+            for number in range(OTHERS if self.problem.bounds.fixed_amplitudes else 1):
+                if another and self._worth_another(number):
+                    self._again(min(most, len(starts)))
         except KeyboardInterrupt:
             if not self.candidates:
                 raise
@@ -115,9 +120,14 @@ class Search:
             self._digital(sample_time, 0 if self.interrupted else min(iterations or ON_TICKS, ON_TICKS))
         return self._solution()
 
-    def _worth_another(self) -> bool:
-        """Whether the best design is no optimum or in doubt, keeps the limits, and costs little to look for again."""
+    def _worth_another(self, number: int) -> bool:
+        """Whether the best design is no optimum or in doubt, keeps the limits, and costs little to look for again.
+
+        Impulses of fixed amplitudes do not pass one another: there are more basins than searches from around the best
+        design count, and a second search (``number`` 0) is always worth it.
+        """
         doubtful = bool(self.doubt) or not self.best.optimal
+        doubtful |= number == 0 and self.problem.bounds.fixed_amplitudes and not self._reached()
         return doubtful and self.best.merit < MISSED and self._work(self.best.point) <= CHEAP
 
     def _again(self, count: int) -> None:
