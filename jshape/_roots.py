@@ -24,6 +24,17 @@ _BOTH_NODES = np.append(_NODES, _FEWER_NODES)
 _BOTH_WEIGHTS = np.stack([np.append(_WEIGHTS, 0 * _FEWER_WEIGHTS), np.append(0 * _WEIGHTS, _FEWER_WEIGHTS)])
 
 
+def _tanh_sinh() -> tuple[np.ndarray, np.ndarray]:
+    """Points of (0, 1), by twos closer to its ends down to 3e-28 and 8e-16, their weights, and those of every other."""
+    t, step = np.linspace(-3.7, 3.1, 273, retstep=True)
+    shares, rest = 1 / (1 + np.exp(-np.pi * np.sinh(t))), 1 / (1 + np.exp(np.pi * np.sinh(t)))
+    weights = step * np.pi * np.cosh(t) * shares * rest
+    return shares, np.stack([weights, np.where(np.arange(len(t)) % 2, 0.0, 2 * weights)])
+
+
+_SHARES, _SHARE_WEIGHTS = _tanh_sinh()
+
+
 def bracketed_root(
     function: Callable[[Scalar], Scalar], lower: ArrayLike, upper: ArrayLike, rising: bool = True
 ) -> Scalar:
@@ -120,10 +131,20 @@ def implicit(function: Callable[..., Array], root: Array, constants: Sequence[An
 
 
 def integral(function: Callable[[Scalar], Scalar], lower: ArrayLike, upper: ArrayLike) -> Scalar:
-    """The integral of a smooth function by Gauss–Legendre quadrature with 64 points; exact to rounding where smooth."""
+    """The integral of a function that is smooth between its ends, where it may be steep, or have no bound at the lower.
+
+    By the tanh-sinh rule (Takahasi and Mori 1974) with 273 points; NaN where every other of them finds what differs by
+    more than 1e-8, of the integral of the magnitude.
+    """
     lower, upper = jnp.asarray(lower, dtype=float), jnp.asarray(upper, dtype=float)
-    middle, half = (lower + upper) / 2, (upper - lower) / 2
-    return half * jnp.sum(_WEIGHTS.astype(half.dtype) * jax.vmap(function)(middle + half * _NODES.astype(half.dtype)))
+    eps = float(jnp.finfo(upper.dtype).eps)
+    # Nearer to the lower end single precision cannot tell what a function has there.
+    resolved = eps**2 < _SHARES
+    shares, weights = jnp.asarray(_SHARES[resolved], upper.dtype), jnp.asarray(_SHARE_WEIGHTS[:, resolved], upper.dtype)
+    values = (upper - lower) * jax.vmap(function)(lower + (upper - lower) * shares)
+    fine, coarse = weights @ values
+    size = weights[0] @ jnp.abs(jax.lax.stop_gradient(values))
+    return known_or_nan(fine, jnp.abs(fine - coarse) <= max(1e-8, 256 * eps) * size)
 
 
 def checked_integral(function: Callable[[Scalar], Scalar], end: Scalar, kinks: Sequence[float] = ()) -> Scalar:
@@ -133,18 +154,29 @@ def checked_integral(function: Callable[[Scalar], Scalar], end: Scalar, kinks: S
     the rounding of a table's values at those places.
     """
     end = jnp.asarray(end, dtype=float)
-    places = jnp.asarray(sorted(kinks), end.dtype)
-    inside = jnp.clip(jnp.where(end < 0, places[::-1], places), jnp.minimum(end, 0), jnp.maximum(end, 0))
-    edges = jnp.concatenate([jnp.zeros_like(end)[None], jax.lax.stop_gradient(inside), end[None]])
-    middle, half = (edges[:-1] + edges[1:]) / 2, (edges[1:] - edges[:-1]) / 2
+    edges = np.unique([0.0, *kinks])
+    rest = int(np.searchsorted(edges, 0.0))
+    places = jnp.asarray(edges, end.dtype)
     nodes, weights = jnp.asarray(_BOTH_NODES, end.dtype), jnp.asarray(_BOTH_WEIGHTS, end.dtype)
-    values = half[:, None] * jax.vmap(jax.vmap(function))(middle[:, None] + jnp.outer(half, nodes))
-    value, held = jnp.sum(weights[:1] * values), jax.lax.stop_gradient(values)
-    difference, size = jnp.sum((weights[:1] - weights[1:]) * held), jnp.sum(weights[:1] * jnp.abs(held))
+
+    def piece(start: Scalar, end: Scalar) -> Array:
+        """The integral, by how much that of fewer points differs, and that of the size; negative for a way back."""
+        middle, half = (start + end) / 2, (end - start) / 2
+        values = half * jax.vmap(function)(middle + half * nodes)
+        held = jax.lax.stop_gradient(values)
+        size = jnp.where(end < start, -1.0, 1.0) * jnp.sum(weights[0] * jnp.abs(held))
+        return jnp.stack([jnp.sum(weights[0] * values), jnp.sum((weights[0] - weights[1]) * held), size])
+
+    # Those between two places do not depend on the end: of many ends they are found once.
+    whole = jax.vmap(piece)(places[:-1], places[1:])
+    left, right = -jnp.cumsum(whole[:rest][::-1], axis=0)[::-1], jnp.cumsum(whole[rest:], axis=0)
+    last = jnp.where(end < 0, jnp.sum(places < end), jnp.sum(places <= end) - 1)
+    before = jnp.concatenate([left, jnp.zeros((1, 3), end.dtype), right])[last]
+    value, difference, size = before + piece(places[last], end)
     eps = float(jnp.finfo(end.dtype).eps)
     at_places = jnp.max(jnp.abs(jax.lax.stop_gradient(jax.vmap(function)(places))), initial=0.0)
     rounding = 64 * eps * jnp.abs(jax.lax.stop_gradient(end)) * at_places
-    known = jnp.abs(difference) <= jnp.maximum(max(1e-10, 256 * eps) * size, rounding)
+    known = jnp.abs(difference) <= jnp.maximum(max(1e-10, 256 * eps) * jnp.abs(size), rounding)
     return known_or_nan(value, known)
 
 

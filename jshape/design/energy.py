@@ -14,8 +14,14 @@ comes when the payload rests. The shapers differ by where it rests, and how ofte
 ``"orbit"`` (the loss along the undamped orbit), ``"harmonic"`` (the loss of a harmonic quarter cycle, as in the paper)
 or ``"ignore"``. Without a damper they are one and the same; the two approximations are for shapers made of swings,
 ``fast_three_impulse`` and ``negative`` have ``"exact"`` and ``"ignore"`` alone. Amplitudes are normalised; times in s.
+
+Times without damping are known to rounding where forces are smooth between named kinks, and to 1e-8 at least. With a
+damper the payload stops to 1e-6 of its way, and of its greatest speed, by the integration's own estimate: to rounding
+where forces are smooth, to less beside a dry friction or a kink, for which steps grow to 4,096 a swing (64 where values
+are traced). What is not known so well is refused, or NaN where it is traced.
 """
 
+import functools
 from collections.abc import Callable
 from typing import Any
 
@@ -26,22 +32,27 @@ from jaxtyping import Array, Float
 
 from jshape import _check
 from jshape._roots import bracketed_root, implicit, integral, known_or_nan
-from jshape._types import Scalar
+from jshape._types import Scalar, State
 from jshape.command import Distance
 from jshape.compilation_cache import kept
-from jshape.design._swing import half_period, time_from_turn
+from jshape.design._swing import half_period, swing_integral, times_from_turns
 from jshape.plants import AbstractOscillator
 from jshape.shaper import Shaper
+from jshape.simulation.integrate import integrate
+from jshape.simulation.replay import field_of
 from jshape.simulation.schedule import Schedule
-from jshape.simulation.simulate import all_states
 
 DAMPING = ("exact", "orbit", "harmonic", "ignore")
 
 FARTHEST = 2.0
 """How many times the way of a swing the base may stand ahead of the payload."""
 
-_STEPS = 64
-"""Fixed steps a swing in the exact solution with damping: fewer are enough for rounding."""
+_STEPS = (64, 512, 4096)
+"""Fixed steps a swing in the exact solution with damping, more where fewer miss the accuracy: the first are enough for
+rounding where forces are smooth."""
+
+_ACCURACY = 1e-6
+"""Of the state at a swing's end, relative to its way and mean speed."""
 
 
 def two_impulse(plant: AbstractOscillator, distance: Distance, *, damping: str = "exact") -> Shaper:
@@ -149,7 +160,7 @@ def fast_three_impulse(
     """
     size = _check_arguments(plant, distance, damping, ("exact", "ignore"))
     first = None if first is None else _fraction(first, "first")
-    amplitudes, times = _fast(plant, size, first, _effective(plant, damping))
+    amplitudes, times = _accurate(functools.partial(_fast, plant, size, first, _effective(plant, damping)))
     if first is not None and _check.is_concrete(amplitudes) and not np.all(np.asarray(amplitudes)[:2] > 0):
         raise ValueError(f"first must leave room for a second push, which {float(first)} does not")
     return _checked(amplitudes, times, size)
@@ -169,7 +180,7 @@ def negative(plant: AbstractOscillator, distance: Distance, *, damping: str = "e
     not odd, where the payload is not half way when the base comes back.
     """
     size = _check_arguments(plant, distance, damping, ("exact", "ignore"))
-    return _checked(*_negative(plant, size, _effective(plant, damping)), size)
+    return _checked(*_accurate(functools.partial(_negative, plant, size, _effective(plant, damping))), size)
 
 
 def _swings(plant: AbstractOscillator, distance: Any, shares: Array | np.ndarray, damping: str) -> Shaper:
@@ -179,7 +190,8 @@ def _swings(plant: AbstractOscillator, distance: Any, shares: Array | np.ndarray
     ways, bases, times = _approximate_swings(plant, size, shares, damping)
     if damping == "exact":
         # One program, compiled once, serves every swing of every shaper.
-        exact = [_exact_swing(plant, *swing) for swing in zip(bases, ways, times, strict=True)]
+        swings = zip(bases, ways, times, strict=True)
+        exact = [_accurate(functools.partial(_exact_swing, plant, *swing)) for swing in swings]
         bases, times = (jnp.stack(part) for part in zip(*exact, strict=True))
     return _checked(*_assemble(bases, ways, times, size), size)
 
@@ -233,8 +245,10 @@ def _first_order_shares(plant: AbstractOscillator, size: Scalar, swings: int) ->
 
 
 @kept
-def _fast(plant: AbstractOscillator, size: Scalar, first: Scalar | None, damping: str) -> tuple[Array, Array]:
-    """Amplitudes and times of ``fast_three_impulse``; a negative second amplitude where there is none."""
+def _fast(
+    plant: AbstractOscillator, size: Scalar, first: Scalar | None, damping: str, steps: int
+) -> tuple[Array, Array, Scalar]:
+    """Amplitudes, times and error of ``fast_three_impulse``; a negative second amplitude where there is none."""
 
     def potential(share: Any) -> Scalar:
         return plant.spring.potential(share * size)
@@ -245,41 +259,44 @@ def _fast(plant: AbstractOscillator, size: Scalar, first: Scalar | None, damping
         a1 = first
         a2 = bracketed_root(lambda a: potential(-a1) + potential(-a) - potential(1 - a1 - a), 0.0, 1 - a1)
         a2 = jnp.where(potential(-a1) < potential(1 - a1), a2, -1.0)
-    t2 = time_from_turn(plant, -a1 * size, jnp.zeros_like(size))
-    t3 = t2 + time_from_turn(plant, (1 - a1 - a2) * size, -a2 * size)
+    turns = -a1 * size, (1 - a1 - a2) * size
+    t2, t3 = jnp.cumsum(times_from_turns(plant, turns, (jnp.zeros_like(size), -a2 * size)))
 
-    def conditions(x: Array) -> Array:
+    def conditions(x: Array) -> tuple[Array, Array]:
         second, t2, t3 = x
         one = second if first is None else first
-        passed, end = _states_at(plant, size, jnp.stack([one, second]), jnp.stack([t2, t3]))
-        return jnp.stack([passed[0] / size - one, end[0] / size - 1, end[1] * t2 / size])
+        (passed, end), error = _states_at(plant, size, jnp.stack([one, second]), jnp.stack([t2, t3]), steps)
+        unit = jnp.stack([size, size / t2])
+        return jnp.append(passed[0] / size - one, end / unit - jnp.array([1.0, 0.0])), error / unit
 
+    error = jnp.zeros_like(size)
     if damping == "exact":
-        a2, t2, t3 = _newton(conditions, jnp.stack([a2, t2, t3]))
+        (a2, t2, t3), error = _newton(conditions, jnp.stack([a2, t2, t3]))
         a1 = a2 if first is None else first
-    return jnp.stack([a1, a2, 1 - a1 - a2]), jnp.stack([jnp.zeros_like(t2), t2, t3])
+    return jnp.stack([a1, a2, 1 - a1 - a2]), jnp.stack([jnp.zeros_like(t2), t2, t3]), error
 
 
 @kept
-def _negative(plant: AbstractOscillator, size: Scalar, damping: str) -> tuple[Array, Array]:
-    """Amplitudes and times of ``negative``."""
+def _negative(plant: AbstractOscillator, size: Scalar, damping: str, steps: int) -> tuple[Array, Array, Scalar]:
+    """Amplitudes and times of ``negative``, and their error."""
 
     def excess(share: Scalar) -> Scalar:
         u = plant.spring.potential
         return u(-size) - u((share - 1) * size) + u(share * size) - u(size)
 
     share = bracketed_root(excess, 0.0, 1.0)
-    t2 = time_from_turn(plant, -size, (share - 1) * size)
-    t3 = t2 + time_from_turn(plant, size, share * size)
+    t2, t3 = jnp.cumsum(times_from_turns(plant, (-size, size), ((share - 1) * size, share * size)))
     pushes = jnp.asarray([1.0, -1.0])
 
-    def conditions(times: Array) -> Array:
-        _, end = _states_at(plant, size, pushes, times)
-        return jnp.stack([end[0] / size - 1, end[1] * t2 / size])
+    def conditions(times: Array) -> tuple[Array, Array]:
+        (_, end), error = _states_at(plant, size, pushes, times, steps)
+        unit = jnp.stack([size, size / t2])
+        return end / unit - jnp.array([1.0, 0.0]), error / unit
 
+    error = jnp.zeros_like(size)
     if damping == "exact":
-        t2, t3 = _newton(conditions, jnp.stack([t2, t3]))
-    return jnp.append(pushes, 1.0), jnp.stack([jnp.zeros_like(t2), t2, t3])
+        (t2, t3), error = _newton(conditions, jnp.stack([t2, t3]))
+    return jnp.append(pushes, 1.0), jnp.stack([jnp.zeros_like(t2), t2, t3]), error
 
 
 def _bases(plant: AbstractOscillator, ways: Array, losses: Array | None = None) -> Array:
@@ -313,7 +330,7 @@ def _loss_harmonic(plant: AbstractOscillator, _: Scalar, way: Scalar, time: Scal
     omega = jnp.pi / time
 
     def power_by_phase(phase: Scalar) -> Scalar:
-        speed = jnp.abs(way) * omega * jnp.cos(phase)
+        speed = jnp.abs(way) * omega * jnp.sin(phase)
         return plant.damper.force(speed) * speed / omega
 
     return integral(power_by_phase, 0.0, jnp.pi / 2)
@@ -321,48 +338,72 @@ def _loss_harmonic(plant: AbstractOscillator, _: Scalar, way: Scalar, time: Scal
 
 def _loss_orbit(plant: AbstractOscillator, base: Scalar, way: Scalar, _: Scalar) -> Scalar:
     """The energy dissipated along the undamped orbit of the swing, J: the damper's force over its way."""
-    middle, half, energy = way / 2 - base, way / 2, plant.spring.potential(-base)
-
-    def force_by_angle(theta: Scalar) -> Scalar:
-        kinetic = energy - plant.spring.potential(middle + half * jnp.sin(theta))
-        speed = jnp.sqrt(2 * jnp.maximum(kinetic, 0.0) / plant.inertia())
-        return plant.damper.force(speed) * jnp.abs(half) * jnp.cos(theta)
-
-    return integral(force_by_angle, -jnp.pi / 2, jnp.pi / 2)
+    return swing_integral(plant, -base, way - base, plant.damper.force)
 
 
 @kept
-def _exact_swing(plant: AbstractOscillator, base: Scalar, way: Scalar, time: Scalar) -> tuple[Scalar, Scalar]:
-    """The base position and time for which the damped payload comes to rest exactly at the end of its way."""
+def _exact_swing(
+    plant: AbstractOscillator, base: Scalar, way: Scalar, time: Scalar, steps: int
+) -> tuple[Scalar, Scalar, Scalar]:
+    """The base position and time for which the damped payload comes to rest exactly at the end of its way, and the
+    error."""
+    unit = jnp.stack([way, way / time])
 
-    def conditions(x: Array) -> Array:
-        (end,) = _states_at(plant, way, x[:1], x[1:])
-        return jnp.stack([end[0] / way - 1, end[1] * time / way])
+    def conditions(x: Array) -> tuple[Array, Array]:
+        (end,), error = _states_at(plant, way, x[:1], x[1:], steps)
+        return end / unit - jnp.array([1.0, 0.0]), error / unit
 
-    solution = _newton(conditions, jnp.stack([base / way, time]))
-    return solution[0] * way, solution[1]
+    solution, error = _newton(conditions, jnp.stack([base / way, time]))
+    return solution[0] * way, solution[1], error
 
 
-def _states_at(plant: AbstractOscillator, size: Scalar, amplitudes: Array, times: Array) -> Float[Array, "times state"]:
+def _accurate(find: Callable[..., tuple[Array, Array, Scalar]]) -> tuple[Array, Array]:
+    """What is found with the fewest steps that are accurate; with the fewest of all where values are traced."""
+    for steps in _STEPS:
+        first, second, error = find(steps=steps)
+        if not _check.is_concrete(error) or float(error) <= _accuracy(error):
+            break
+    return first, second  # pyright: ignore[reportPossiblyUnboundVariable]
+
+
+def _accuracy(error: Array) -> float:
+    return max(_ACCURACY, 100 * float(jnp.finfo(error.dtype).eps))
+
+
+def _states_at(
+    plant: AbstractOscillator, size: Scalar, amplitudes: Array, times: Array, steps: int
+) -> tuple[Float[Array, "times state"], State]:
     """The states at the given times, from rest at 0, the base moving by one of the amplitudes at 0 and at each but
-    the last of them.
+    the last of them; and an estimate of the last one's error.
     """
     levels = size * jnp.cumsum(amplitudes)
     plan = Schedule(jnp.concatenate([jnp.zeros(1), times]), jnp.append(levels, levels[-1])[:, None])
-    return all_states(plant, plan.segments(), jnp.zeros(2), _STEPS)[:, -1]
+    segments = plan.segments()
+    _, errors, states = integrate(field_of(plant), jnp.zeros(2), segments.duration, segments, steps, save=True)
+    assert states is not None
+    return states[:, -1], errors[-1, -1]
 
 
-def _newton(conditions: Callable[[Array], Array], start: Array) -> Array:
-    """A root by Newton's method; NaN where it finds none."""
+def _newton(conditions: Callable[[Array], tuple[Array, Array]], start: Array) -> tuple[Array, Scalar]:
+    """A root by Newton's method, and the greatest error there; NaN where it finds none, or one that is not accurate.
+
+    ``conditions``: their values, and estimates of errors.
+    """
     import lineax as lx
     import optimistix as optx
 
     tolerance = max(1e-11, 20 * float(jnp.finfo(start.dtype).eps))
     solver = optx.Newton(rtol=tolerance, atol=tolerance, linear_solver=lx.LU())
-    fixed, constants = jax.closure_convert(conditions, start)
+    both, constants = jax.closure_convert(conditions, start)
     start, held = jax.lax.stop_gradient((start, constants))
+
+    def fixed(x: Array, *constants: Any) -> Array:
+        return both(x, *constants)[0]
+
     solution = optx.root_find(lambda x, held: fixed(x, *held), solver, start, held, max_steps=32, throw=False)
-    return known_or_nan(implicit(fixed, solution.value, constants), solution.result == optx.RESULTS.successful)
+    error = jnp.max(jnp.abs(both(jax.lax.stop_gradient(solution.value), *held)[1]))
+    error = known_or_nan(error, solution.result == optx.RESULTS.successful)
+    return known_or_nan(implicit(fixed, solution.value, constants), error <= _accuracy(error)), error
 
 
 def _effective(plant: AbstractOscillator, damping: str) -> str:
@@ -399,6 +440,7 @@ def _checked(amplitudes: Array | np.ndarray, times: Array | np.ndarray, size: Sc
     if _check.is_concrete(amplitudes, times) and not np.all(np.isfinite(np.concatenate([amplitudes, times]))):
         raise ValueError(
             f"distance: this spring does not carry the payload over {_check.show(size)} m that way: the swing "
-            "diverges, or the damper takes more than the base can give"
+            "diverges, or the damper takes more than the base can give; or a force bends where no kink is named, or is "
+            "too steep for its times to be known"
         )
     return Shaper(amplitudes, times)

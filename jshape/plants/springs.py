@@ -33,6 +33,11 @@ class AbstractSpring(Checked):
     odd: AbstractVar[bool]
     """Whether the force is an odd function, the same for pull and push."""
 
+    @property
+    def places(self) -> tuple[float, ...]:
+        """The deflections (m), besides rest, at which the force bends or jumps."""
+        return ()
+
     @abc.abstractmethod
     def potential(self, x: Scalar) -> Scalar:
         """Stored energy at deflection x (m), J."""
@@ -268,9 +273,12 @@ class ForceSpring(AbstractFunctionSpring):
         """Whether its force bends or jumps somewhere."""
         return bool(self.kinks)
 
+    @property
+    def places(self) -> tuple[float, ...]:
+        return tuple({*self.kinks, *(-place for place in self.kinks if self.odd)})
+
     def potential(self, x: Scalar) -> Scalar:
-        places = {*self.kinks, *(-place for place in self.kinks if self.odd)}
-        return checked_integral(self.function, _check.as_array(x, "x"), [*places])
+        return checked_integral(self.function, _check.as_array(x, "x"), self.places)
 
     def force(self, x: Scalar) -> Scalar:
         return self.function(_check.as_array(x, "x"))
