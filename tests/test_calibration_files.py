@@ -368,7 +368,7 @@ def test_a_few_samples_that_are_missing_are_filled_in(write):
         assert identify(found)[0].frequency == pytest.approx(50.0, abs=0.05)
 
 
-@pytest.mark.parametrize("rate", [400.0, 1600.0, 3182.7])
+@pytest.mark.parametrize("rate", [400.0, pytest.param(1600.0, marks=pytest.mark.slow), 3182.7])
 def test_even_samples_of_any_clock_are_a_record(rate, write):
     times, random = even(rate), np.random.default_rng(0)
     for stamps in (

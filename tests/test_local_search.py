@@ -13,7 +13,7 @@ import pytest
 from conftest import differences
 
 import jshape as js
-from experiments.reliability.searches import draw
+from experiments.reliability.searches import KINDS, draw
 from jshape import _blas
 from jshape.design.tuning import interval
 from jshape.design.tuning.bounds import design_bounds
@@ -219,6 +219,15 @@ def test_a_search_goes_on_where_its_models_bend(crane):
     # Rounding keeps a long move from a much tighter tolerance: the error is finite all the same.
     found = search.values(descent.x)
     assert error_of(search, descent.point, found) < 1e-10
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("kind", "index", "best"), [("worst", 181, 3.359326), ("cvar", 137, 2.170347)])
+def test_impulses_of_fixed_amplitudes_are_searched_twice(kind, index, best):
+    """Of five unity impulses 32 starts meet a minimum 7 and 67 % higher; the values are those of 1,600."""
+    problem = draw(kind, np.random.default_rng([3, KINDS.index(kind), index]))
+    found = js.tune(problem.plant, problem.command, **problem.options)
+    assert found.objective < 1.001 * best
 
 
 @pytest.mark.slow

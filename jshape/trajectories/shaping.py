@@ -198,8 +198,8 @@ def _polynomial(times: Float[np.ndarray, " points"], states: Float[np.ndarray, "
 
 def distance(points: Float[np.ndarray, "points joints"], path: Float[np.ndarray, "rest joints"]) -> float:
     """The greatest distance of points from a path, which is given by points on it and the straight lines between."""
-    # Of the points at which it stands still, one is enough.
-    path = path[np.append(True, np.any(np.diff(path, axis=0) != 0, axis=1))]
+    # Of the points at which either stands still, one is enough.
+    points, path = (x[np.append(True, np.any(np.diff(x, axis=0) != 0, axis=1))] for x in (points, path))
     if len(path) == 1:
         return float(np.max(np.linalg.norm(points - path, axis=1)))
     # Pieces of the lines, none longer than their mean, so that middles say where the nearest one may be.
