@@ -152,7 +152,8 @@ ABSOLUTE = {
 @pytest.mark.parametrize("call", ABSOLUTE)
 def test_absolute_values_that_are_taken_for_multiples_are_named(call):
     words = r"over\['cable_length'\]: 8 to 12 are multiples of the nominal 10, so that cable_length is 80 to 120"
-    with pytest.warns(UserWarning, match=words + "; give relative=False for absolute values"):
+    # Warnings are errors here, so that nothing is computed after it.
+    with pytest.raises(UserWarning, match=words + "; give relative=False for absolute values"):
         ABSOLUTE[call](plants.Crane(10.0), {"cable_length": [8.0, 12.0]})
 
 

@@ -105,6 +105,7 @@ def test_no_positive_impulses_leave_less_than_the_lower_bound(three_modes):
         assert left(changed / changed.sum(), later) >= 0.99 * least.bound
 
 
+@pytest.mark.slow
 def test_a_machine_of_three_modes_is_left_near_the_lower_bound(three_modes):
     """Of other searches, from 32 starts of three seeds, the best came to 1.08 times what this one leaves."""
     plant, over, duration, models = three_modes
