@@ -368,7 +368,7 @@ def test_a_few_samples_that_are_missing_are_filled_in(write):
         assert identify(found)[0].frequency == pytest.approx(50.0, abs=0.05)
 
 
-@pytest.mark.parametrize("rate", [400.0, pytest.param(1600.0, marks=pytest.mark.slow), 3182.7])
+@pytest.mark.parametrize("rate", [400.0, *(pytest.param(rate, marks=pytest.mark.slow) for rate in (1600.0, 3182.7))])
 def test_even_samples_of_any_clock_are_a_record(rate, write):
     times, random = even(rate), np.random.default_rng(0)
     for stamps in (
@@ -383,7 +383,7 @@ def test_even_samples_of_any_clock_are_a_record(rate, write):
         assert identify(found)[0].frequency == pytest.approx(50.0 * factor, abs=0.06)
 
 
-@pytest.mark.parametrize("zeta", [0.02, 0.04])
+@pytest.mark.parametrize("zeta", [pytest.param(0.02, marks=pytest.mark.slow), 0.04])
 def test_damping_ratios_are_not_the_width_of_the_windows(zeta, write):
     """A mode shaken from 20 to 80 Hz in a minute, as Klipper's test does, read 0.031 and 0.048, once."""
     rate, centre, begin, end, span = 3200.0, 45.0, 20.0, 80.0, 60.0

@@ -98,7 +98,7 @@ def test_wrong_arguments_are_named(case):
         call()
 
 
-@pytest.mark.parametrize("shape", [energy.two_impulse, energy.negative])
+@pytest.mark.parametrize("shape", [energy.two_impulse, pytest.param(energy.negative, marks=pytest.mark.slow)])
 def test_a_plant_that_is_nan_leaves_the_derivatives_of_others_alone(shape):
     """An error of the linear solver ended the whole batch."""
 

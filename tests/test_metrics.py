@@ -215,6 +215,7 @@ def test_no_number_begins_or_ends_a_move():
         assert np.isnan(states[-1]).all()
 
 
+@pytest.mark.slow
 def test_an_axis_at_rest_leaves_the_derivatives_of_the_other_alone():
     def left(length):
         plant, move = plants.BridgeCrane(length), js.Axes(trolley=js.Trapezoid(1.5, 1.0, 2.0))

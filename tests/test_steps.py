@@ -311,7 +311,7 @@ def test_a_crane_in_single_precision_is_answered():
         np.testing.assert_allclose(found, expected, rtol=2e-4)
 
 
-@pytest.mark.parametrize("derivative", [jax.jacfwd, jax.jacrev])
+@pytest.mark.parametrize("derivative", [pytest.param(jax.jacfwd, marks=pytest.mark.slow), jax.jacrev])
 def test_a_derivative_through_more_steps_than_can_be_replayed_is_flagged(derivative, monkeypatch):
     """In reverse mode it was that of the energy at a state that does not move: finite, and wrong."""
     monkeypatch.setattr("jshape.simulation.steps.MOST_REPLAYED", 4)

@@ -301,7 +301,9 @@ def _crossings(of: _Cubics, along: Trajectory, side: int) -> Array:
     which neither is above 0."""
     line = jnp.where(of.p1 != of.p0, of.p0 / jnp.where(of.p1 != of.p0, of.p0 - of.p1, 1.0), 0.0)
     hidden = (of.peak >= 0) & (of.p0 <= 0) & (of.p1 <= 0)
-    s = jnp.where(hidden, of.place + side * jnp.sqrt(jnp.where(hidden, of.peak, 0.0) / of.bend), line)
+    # Newton's steps have the derivative of the zero, wherever they begin; that of a root of 0 has none.
+    beside = jax.lax.stop_gradient(of.place + side * jnp.sqrt(jnp.where(hidden, of.peak, 0.0) / of.bend))
+    s = jnp.where(hidden, beside, line)
     for _ in range(4):
         rate = of.m0 + s * (2 * of.b + 3 * s * of.a)
         at = of.p0 + s * (of.m0 + s * (of.b + s * of.a))
