@@ -337,6 +337,24 @@ def test_a_band_that_is_left_within_a_step_counts():
     assert float(jax.jit(settling)(jnp.asarray(omega))) == pytest.approx(last, abs=1e-2)
 
 
+@pytest.mark.parametrize(
+    "metric",
+    [
+        js.settling_time,
+        *(pytest.param(m, marks=pytest.mark.slow) for m in (js.rise_time, js.peak_deflection, js.overshoot)),
+    ],
+)
+def test_times_and_extremes_have_the_derivatives_of_differences(metric):
+    def measured(mass):
+        plant = plants.TwoMass(1.0, mass, plants.LinearSpring(10.0), plants.LinearDamper(0.3))
+        return metric(plant, js.Shaper([0.3, 0.7], [0.0, 0.5]), 1.0)
+
+    both = jax.jit(jax.value_and_grad(measured))
+    slope = float(both(1.1)[1])
+    assert abs(slope) > 1e-2
+    assert slope == pytest.approx(float(both(1.1 + 1e-5)[0] - both(1.1 - 1e-5)[0]) / 2e-5, rel=1e-5)
+
+
 def test_impulses_that_coincide_deflect_nothing_between_them():
     """Their command is a step, of which the spring is bent by all."""
     plant = plants.TwoMass(1.0, 1.0, plants.LinearSpring(100.0))
