@@ -350,6 +350,8 @@ def test_what_counts_as_many_local_optima():
     # Of expensive problems there are too few searches to say anything.
     assert not Around([], 0, 3).few
     assert Around([], 0, 4).few
+    # None from around it came back, whatever did from elsewhere.
+    assert Around([], 0, 8, 4, 4).few
     # Many came back, but nobody else came.
     assert Around([], 10, 16, 0, 16).alone
     assert not Around([], 10, 16, 1, 16).alone

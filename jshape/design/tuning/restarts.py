@@ -55,8 +55,10 @@ class Around(NamedTuple):
 
     @property
     def few(self) -> bool:
-        """Whether so few ended there that there are many basins, of which a better one may not have been met."""
-        return self.begun >= ENOUGH and self.back + self.met < RETURNED * (self.begun + self.sent)
+        """Whether so few ended there, or none from around it, that there are many basins, of which a better one may not
+        have been met."""
+        some = RETURNED * (self.begun + self.sent)
+        return self.begun >= ENOUGH and (self.back == 0 or self.back + self.met < some)
 
     @property
     def alone(self) -> bool:
