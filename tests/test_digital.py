@@ -65,6 +65,7 @@ def choices(impulses, sample_time, longest):
     return [np.append(0.0, sample_time * np.array(ticks)) for ticks in every if ticks[-1] * sample_time >= 0.3]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sample_time", [0.02, 0.13])
 def test_another_half_period_may_suit_the_samples_better(sample_time):
     """Every odd number of half periods leaves nothing; rounded, the shortest was left out: 0.0084 or 0.0265 J."""
@@ -145,6 +146,7 @@ def test_closed_forms_are_judged_as_a_controller_plays_them():
     np.testing.assert_allclose(early.times, [0.0, 0.15])
 
 
+@pytest.mark.slow
 def test_a_finer_set_that_is_left_more_is_named():
     """The mean of the worst tenth of three plants says little of those between them."""
     given = dict(over={"m2": [0.7, 1.0, 1.3]}, objective="cvar", starts=2, iterations=40)

@@ -233,6 +233,7 @@ def no_number(measure, x):
     return np.isnan(np.hstack(both(jnp.asarray(x)))).all()
 
 
+@pytest.mark.slow
 def test_what_is_not_known_has_no_derivative():
     # A tolerance that is not met, and a trajectory that its steps do not resolve: no derivative of 0 in either mode.
     plant, shaper = plants.TwoMass(1.0, 1.0, plants.Duffing(10.0, 100.0)), js.Shaper([0.5, 0.5], [0.0, 2e4])

@@ -541,6 +541,7 @@ def test_vibration_that_moves_on_into_another_channel_is_no_rest():
         np.testing.assert_allclose(found.omega, omega, rtol=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["ring-down", "step"])
 def test_of_a_long_record_what_has_faded_is_left_out(kind):
     """Two minutes of an accelerometer with one blow in them took a minute, and nothing was seen in the picture."""

@@ -70,6 +70,7 @@ def swinging(times, start, k1, k3, c):
     return solve_ivp(slope, (0, times[-1]), [start, 0.0], "DOP853", times, rtol=1e-10, atol=1e-13).y[0]
 
 
+@pytest.mark.slow
 def test_rest_before_the_release():
     """k3 was found to be −17 ± 13 for 30, and of a blow that no such spring explains the motion."""
     times, noise = 0.01 * np.arange(1200), 0.005 * np.random.default_rng(0).standard_normal(1200)

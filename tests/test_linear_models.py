@@ -329,6 +329,7 @@ def test_symmetric_gaps_are_the_same_backwards_and_within_the_bounds(impulses):
     assert np.std(duration) > 0.1
 
 
+@pytest.mark.slow
 def test_two_impulses_that_lie_close_together():
     """Where none shorter than 0.4 of the longest duration was tried, one of four seeds converged at 4.9012 J."""
     plant = js.plants.ModalPlant([17.7537787940102, 36.800987561940296], 0.000992308541401249)

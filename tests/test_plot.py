@@ -366,6 +366,7 @@ def test_zeros_over_two_leaves_are_drawn():
     panels[0].figure.canvas.draw()
 
 
+@pytest.mark.slow
 def test_worst_cases_of_a_report_are_looked_for_between_its_plants():
     """A leaf over which the energy oscillates: a hundred plants missed 0.3 % of ZVD's worst case; the judge is 4001."""
     problem = load("paper_000")
@@ -380,6 +381,7 @@ def test_worst_cases_of_a_report_are_looked_for_between_its_plants():
         assert row.worst_energy == pytest.approx(exact, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_closed_forms_shape_the_axes_that_the_tuned_one_shapes():
     """As in `jshape pareto`; and a split shaper's move takes as long as what is played."""
     plant, move = js.plants.BridgeCrane(2.0, 5.0), js.Axes(
