@@ -319,6 +319,15 @@ def test_a_turning_ellipse_leaves_the_band_again(damping, settled):
     assert float(found[1]) == pytest.approx(settled, rel=1e-6)
 
 
+def test_a_crane_in_single_precision_settles_like_one_in_double():
+    """Its time between steps was of double precision, which was refused."""
+    crane, move = plants.BridgeCrane(5.0, damping=0.02), js.Axes(bridge=js.Trapezoid(20.0, 2.0, 0.8))
+    moves = crane, js.design.linear.zv(1.1 * np.sqrt(9.81 / 5.0)), move
+    single = jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), moves)
+    times = [js.settling_time(plant, shaper, move) for plant, shaper, move in (moves, single)]
+    np.testing.assert_allclose(times[1][1], times[0][1], rtol=1e-4)
+
+
 def test_a_band_that_is_left_within_a_step_counts():
     """Of two modes, traced: steps span up to 0.3 rad, and the last peak beyond the band is between their ends."""
     omega, zeta, gains = np.array([2.0, 24 * 0.80425]), np.array([0.03, 0.004]), np.array([0.6, 0.4])

@@ -137,7 +137,7 @@ def trajectory(plant, plan: Schedule, state, periods: float, name: str, steps: i
     assert states is not None
     first = jnp.concatenate([state[None], states[:-1, -1]])
     states = jnp.concatenate([first[:, None], states], axis=1)
-    local = jnp.outer(segments.duration, jnp.linspace(0.0, 1.0, steps + 1))
+    local = jnp.outer(segments.duration, jnp.linspace(0.0, 1.0, steps + 1, dtype=segments.duration.dtype))
     quantity = getattr(plant, name)
 
     def at(segment: Segments, y, time):
