@@ -22,37 +22,27 @@ are traced). What is not known so well is refused, or NaN where it is traced.
 """
 
 import functools
-from collections.abc import Callable
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array
 
 from jshape import _check
-from jshape._roots import bracketed_root, implicit, integral, known_or_nan
-from jshape._types import Scalar, State
+from jshape._roots import bracketed_root, integral, known_or_nan
+from jshape._types import Scalar
 from jshape.command import Distance
 from jshape.compilation_cache import kept
+from jshape.design._damped_swing import accurate, newton, states_at
 from jshape.design._swing import half_period, swing_integral, times_from_turns
 from jshape.plants import AbstractOscillator
 from jshape.shaper import Shaper
-from jshape.simulation.integrate import integrate
-from jshape.simulation.replay import field_of
-from jshape.simulation.schedule import Schedule
 
 DAMPING = ("exact", "orbit", "harmonic", "ignore")
 
 FARTHEST = 2.0
 """How many times the way of a swing the base may stand ahead of the payload."""
-
-_STEPS = (64, 512, 4096)
-"""Fixed steps a swing in the exact solution with damping, more where fewer miss the accuracy: the first are enough for
-rounding where forces are smooth."""
-
-_ACCURACY = 1e-6
-"""Of the state at a swing's end, relative to its way and mean speed."""
 
 
 def two_impulse(plant: AbstractOscillator, distance: Distance, *, damping: str = "exact") -> Shaper:
@@ -160,7 +150,7 @@ def fast_three_impulse(
     """
     size = _check_arguments(plant, distance, damping, ("exact", "ignore"))
     first = None if first is None else _fraction(first, "first")
-    amplitudes, times = _accurate(functools.partial(_fast, plant, size, first, _effective(plant, damping)))
+    amplitudes, times = accurate(functools.partial(_fast, plant, size, first, _effective(plant, damping)))
     if first is not None and _check.is_concrete(amplitudes) and not np.all(np.asarray(amplitudes)[:2] > 0):
         raise ValueError(f"first must leave room for a second push, which {float(first)} does not")
     return _checked(amplitudes, times, size)
@@ -180,7 +170,7 @@ def negative(plant: AbstractOscillator, distance: Distance, *, damping: str = "e
     not odd, where the payload is not half way when the base comes back.
     """
     size = _check_arguments(plant, distance, damping, ("exact", "ignore"))
-    return _checked(*_accurate(functools.partial(_negative, plant, size, _effective(plant, damping))), size)
+    return _checked(*accurate(functools.partial(_negative, plant, size, _effective(plant, damping))), size)
 
 
 def _swings(plant: AbstractOscillator, distance: Any, shares: Array | np.ndarray, damping: str) -> Shaper:
@@ -191,7 +181,7 @@ def _swings(plant: AbstractOscillator, distance: Any, shares: Array | np.ndarray
     if damping == "exact":
         # One program, compiled once, serves every swing of every shaper.
         swings = zip(bases, ways, times, strict=True)
-        exact = [_accurate(functools.partial(_exact_swing, plant, *swing)) for swing in swings]
+        exact = [accurate(functools.partial(_exact_swing, plant, *swing)) for swing in swings]
         bases, times = (jnp.stack(part) for part in zip(*exact, strict=True))
     return _checked(*_assemble(bases, ways, times, size), size)
 
@@ -265,13 +255,13 @@ def _fast(
     def conditions(x: Array) -> tuple[Array, Array]:
         second, t2, t3 = x
         one = second if first is None else first
-        (passed, end), error = _states_at(plant, size, jnp.stack([one, second]), jnp.stack([t2, t3]), steps)
+        (passed, end), error = states_at(plant, size, jnp.stack([one, second]), jnp.stack([t2, t3]), steps)
         unit = jnp.stack([size, size / t2])
         return jnp.append(passed[0] / size - one, end / unit - jnp.array([1.0, 0.0])), error / unit
 
     error = jnp.zeros_like(size)
     if damping == "exact":
-        (a2, t2, t3), error = _newton(conditions, jnp.stack([a2, t2, t3]))
+        (a2, t2, t3), error = newton(conditions, jnp.stack([a2, t2, t3]))
         a1 = a2 if first is None else first
     return jnp.stack([a1, a2, 1 - a1 - a2]), jnp.stack([jnp.zeros_like(t2), t2, t3]), error
 
@@ -289,13 +279,13 @@ def _negative(plant: AbstractOscillator, size: Scalar, damping: str, steps: int)
     pushes = jnp.asarray([1.0, -1.0])
 
     def conditions(times: Array) -> tuple[Array, Array]:
-        (_, end), error = _states_at(plant, size, pushes, times, steps)
+        (_, end), error = states_at(plant, size, pushes, times, steps)
         unit = jnp.stack([size, size / t2])
         return end / unit - jnp.array([1.0, 0.0]), error / unit
 
     error = jnp.zeros_like(size)
     if damping == "exact":
-        (t2, t3), error = _newton(conditions, jnp.stack([t2, t3]))
+        (t2, t3), error = newton(conditions, jnp.stack([t2, t3]))
     return jnp.append(pushes, 1.0), jnp.stack([jnp.zeros_like(t2), t2, t3]), error
 
 
@@ -350,60 +340,11 @@ def _exact_swing(
     unit = jnp.stack([way, way / time])
 
     def conditions(x: Array) -> tuple[Array, Array]:
-        (end,), error = _states_at(plant, way, x[:1], x[1:], steps)
+        (end,), error = states_at(plant, way, x[:1], x[1:], steps)
         return end / unit - jnp.array([1.0, 0.0]), error / unit
 
-    solution, error = _newton(conditions, jnp.stack([base / way, time]))
+    solution, error = newton(conditions, jnp.stack([base / way, time]))
     return solution[0] * way, solution[1], error
-
-
-def _accurate(find: Callable[..., tuple[Array, Array, Scalar]]) -> tuple[Array, Array]:
-    """What is found with the fewest steps that are accurate; with the fewest of all where values are traced."""
-    for steps in _STEPS:
-        first, second, error = find(steps=steps)
-        if not _check.is_concrete(error) or float(error) <= _accuracy(error):
-            break
-    return first, second  # pyright: ignore[reportPossiblyUnboundVariable]
-
-
-def _accuracy(error: Array) -> float:
-    return max(_ACCURACY, 100 * float(jnp.finfo(error.dtype).eps))
-
-
-def _states_at(
-    plant: AbstractOscillator, size: Scalar, amplitudes: Array, times: Array, steps: int
-) -> tuple[Float[Array, "times state"], State]:
-    """The states at the given times, from rest at 0, the base moving by one of the amplitudes at 0 and at each but
-    the last of them; and an estimate of the last one's error.
-    """
-    levels = size * jnp.cumsum(amplitudes)
-    plan = Schedule(jnp.concatenate([jnp.zeros(1), times]), jnp.append(levels, levels[-1])[:, None])
-    segments = plan.segments()
-    _, errors, states = integrate(field_of(plant), jnp.zeros(2), segments.duration, segments, steps, save=True)
-    assert states is not None
-    return states[:, -1], errors[-1, -1]
-
-
-def _newton(conditions: Callable[[Array], tuple[Array, Array]], start: Array) -> tuple[Array, Scalar]:
-    """A root by Newton's method, and the greatest error there; NaN where it finds none, or one that is not accurate.
-
-    ``conditions``: their values, and estimates of errors.
-    """
-    import lineax as lx
-    import optimistix as optx
-
-    tolerance = max(1e-11, 20 * float(jnp.finfo(start.dtype).eps))
-    solver = optx.Newton(rtol=tolerance, atol=tolerance, linear_solver=lx.LU())
-    both, constants = jax.closure_convert(conditions, start)
-    start, held = jax.lax.stop_gradient((start, constants))
-
-    def fixed(x: Array, *constants: Any) -> Array:
-        return both(x, *constants)[0]
-
-    solution = optx.root_find(lambda x, held: fixed(x, *held), solver, start, held, max_steps=32, throw=False)
-    error = jnp.max(jnp.abs(both(jax.lax.stop_gradient(solution.value), *held)[1]))
-    error = known_or_nan(error, solution.result == optx.RESULTS.successful)
-    return known_or_nan(implicit(fixed, solution.value, constants), error <= _accuracy(error)), error
 
 
 def _effective(plant: AbstractOscillator, damping: str) -> str:
