@@ -199,7 +199,7 @@ def test_a_plan_that_is_not_ready_is_dropped(task, loop, monkeypatch):
     patient = adapting(task).online(sample_time=1e-3)
     patient.begin(1.0)
     asked = threading.Event()
-    monkeypatch.setattr(patient, "_anew", lambda *_: asked.wait(20))
+    monkeypatch.setattr(patient, "replanned", lambda *_: asked.wait(20))
     before = patient.shaper
     commands = [patient.push(0.0) for _ in range(6001)]
     asked.set()
@@ -221,7 +221,7 @@ def test_a_move_that_outlasts_the_window_is_completed(task, monkeypatch):
     patient.begin(1.0)
     long = js.Shaper([0.4, 0.3, 0.3], [0.0, 4.0, 8.0])
     found = patient._planned(patient.memory, long)
-    monkeypatch.setattr(patient, "_anew", lambda *_: found)
+    monkeypatch.setattr(patient, "replanned", lambda *_: found)
     commands = [patient.push(0.0) for _ in range(6001)]
     assert patient.dropped == 1
     assert commands[-1] == pytest.approx(1.0, rel=1e-11)
