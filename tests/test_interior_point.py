@@ -13,6 +13,8 @@ def _model(rng: np.random.Generator, plants: int, n: int, states: int = 2, bend:
     roots, slopes = rng.normal(size=(plants, states)), rng.normal(size=(plants, states, n))
     bends = bend * rng.normal(size=(plants, states, n, n))
     bends += np.swapaxes(bends, 2, 3)
+    # Slacks are concave, so that the limits bound a convex set.
+    inwards = rng.normal(size=(limits, n, n))
     return Model(
         rng.uniform(0.2, 0.4, n),
         Linearisation(
@@ -20,6 +22,7 @@ def _model(rng: np.random.Generator, plants: int, n: int, states: int = 2, bend:
             jacobian=np.einsum("pk,pki->pi", roots, slopes),
             slacks=rng.uniform(-0.02, 0.02, limits),
             slack_jacobian=rng.normal(size=(limits, n)),
+            slack_bends=-inwards @ np.swapaxes(inwards, 1, 2),
             bends=np.einsum("pk,pkij->pij", roots, bends),
             roots=roots,
             root_jacobian=slopes,
@@ -68,8 +71,8 @@ def test_the_least_of_the_greatest_of_two_parabolas_lies_where_they_meet():
     model = Model(
         np.array([0.4]),
         Linearisation(
-            np.sum(roots**2, axis=1) / 2, roots * slopes[:, 0], np.zeros(0), np.zeros((0, 1)), none, roots, slopes,
-            none[..., None],
+            np.sum(roots**2, axis=1) / 2, roots * slopes[:, 0], np.zeros(0), np.zeros((0, 1)), np.zeros((0, 1, 1)),
+            none, roots, slopes, none[..., None],
         ),
     )  # fmt: skip
     space = Space(

@@ -67,7 +67,10 @@ def test_models_are_squares_of_quadratics():
     second = second + np.swapaxes(second, 2, 3)
     energies, slopes = np.sum(roots**2, axis=1) / 2, np.einsum("pk,pki->pi", roots, first)
     bends = np.einsum("pk,pkij->pij", roots, second)
-    found = Linearisation(energies, slopes, np.zeros(0), np.zeros((0, n)), bends, roots, first, second)
+    slacks, limits = random.standard_normal(3), random.standard_normal((3, n))
+    curved = random.standard_normal((3, n, n))
+    curved = curved + np.swapaxes(curved, 1, 2)
+    found = Linearisation(energies, slopes, slacks, limits, curved, bends, roots, first, second)
     center, step = random.standard_normal(n), 0.3 * random.standard_normal(n)
     model = Model(center, found)
     ends = roots + first @ step + second @ step @ step / 2
@@ -77,6 +80,8 @@ def test_models_are_squares_of_quadratics():
         [(model(center + step + 1e-6 * e).energies - model(center + step - 1e-6 * e).energies) for e in np.eye(n)]
     )
     np.testing.assert_allclose(there.jacobian, slope.T / 2e-6, rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(there.slacks, slacks + limits @ step + curved @ step @ step / 2, rtol=1e-12)
+    np.testing.assert_allclose(there.slack_jacobian, limits + curved @ step, rtol=1e-12)
     # Whatever can be the greatest within a box is not left out.
     for radius in (0.01, 0.1, 0.5):
         tried = [model(center + radius * random.uniform(-1, 1, n)).energies for _ in range(200)]
@@ -84,6 +89,7 @@ def test_models_are_squares_of_quadratics():
     # An update explains the change of the slopes along the step, and is none where nothing is left to explain.
     descent = Descent.__new__(Descent)
     descent.rooted, descent.updates = True, np.zeros_like(second)
+    descent.slack_bends, descent.before, descent.x = np.zeros_like(curved), None, center
     away = random.standard_normal((plants, states, n))
     after = found._replace(root_jacobian=first + away)
     descent._update(step, found, after)
@@ -93,6 +99,13 @@ def test_models_are_squares_of_quadratics():
     before = descent.updates.copy()
     descent._update(step, found, after)
     np.testing.assert_allclose(descent.updates, before, rtol=1e-9, atol=1e-9)
+    # Those of the limits come from the design before.
+    descent._learn_limits(found)
+    assert not descent.slack_bends.any()
+    descent.x = center + step
+    descent._learn_limits(found._replace(slack_jacobian=limits + curved @ step))
+    np.testing.assert_allclose(descent.slack_bends @ step, curved @ step, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(descent.slack_bends, np.swapaxes(descent.slack_bends, 1, 2), rtol=1e-12, atol=1e-12)
 
 
 @pytest.mark.slow
@@ -139,9 +152,9 @@ def test_maxima_between_the_plants_of_the_finer_set(plant, monkeypatch):
         return np.max(height / (1 + ((samples["m2"][:, None] - at) / 1.0) ** 2), axis=1)
 
     monkeypatch.setattr(interval, "energies_of", energies_of)
-    given = Values(np.array([0.95]), np.zeros(1), np.ones(1), np.zeros(0), np.zeros((1, 4)), np.zeros(1, int))
+    given = Values(*np.array([[0.95], [0.0], [1.0]]), np.zeros(0), np.ones(1), np.zeros((1, 4)), np.zeros(1, int))
     found = interval.greatest(problem, problem.bounds.random(np.random.default_rng(0)), given)
-    assert [one.energy for one in found] == pytest.approx([1.2, 1.0], rel=1e-9)
+    assert [one.value for one in found] == pytest.approx([1.2, 1.0], rel=1e-9)
     assert [one.leaves["m2"] for one in found] == pytest.approx([53.46, 30.3], abs=1e-4)
 
 

@@ -59,14 +59,34 @@ def test_optimality_tells_a_stop_from_an_optimum(free, plant):
 
 
 @pytest.mark.slow
-def test_a_limit_that_plants_between_those_given_miss_is_named():
+@pytest.mark.parametrize(("objective", "known"), [("worst", 0.457343), ("mean", 0.000311418)])
+def test_plants_between_those_given_keep_a_limit(objective, known):
     """The load swings out farthest on a cable between the two that are given."""
     move, crane = js.Trapezoid(4.0, 1.0, 2.0), js.plants.Crane(4.0)
-    set_of = {"over": {"cable_length": [0.01, 1.0]}, "objective": "worst", "time_cost": 0.1}
-    found = js.tune(crane, move, 3, (0.5, 6.0), starts=8, peak_deflection=0.25, **set_of)
-    assert found.slack > -1e-6
-    assert float(js.peak_deflection(js.plants.Crane(2.57), found.shaper, move)) > 0.26
-    assert re.search("; between the plants of the set peak_deflection is missed by [2-9].* % or more$", found.message)
+    found = js.tune(
+        crane, move, 3, (0.5, 6.0), starts=8, peak_deflection=0.25,
+        over={"cable_length": [0.01, 1.0]}, objective=objective, time_cost=0.1,
+    )  # fmt: skip
+    assert found.status in (js.Status.CONVERGED, js.Status.STOPPED)
+    assert found.objective == pytest.approx(known, rel=1e-4)
+    lengths = 4.0 * jnp.linspace(0.01, 1.0, 397)
+    peaks = jax.vmap(lambda length: js.peak_deflection(js.plants.Crane(length), found.shaper, move))(lengths)
+    assert 0.2499 < float(peaks.max()) < 0.25 * (1 + 1e-6)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("objective", "least", "most"), [("mean", 3.8175e-5, 3.81755e-5), ("worst", 7.807e-5, 7.83e-5)]
+)
+def test_an_active_limit_is_kept_at_an_optimum(objective, least, most):
+    """SciPy's SLSQP with differences of the energies and peaks of these seven cranes, from twelve and from two random
+    starts, found 3.81752e-5 and 7.8070e-5 J; between them there is a worse crane."""
+    move, over = js.Trapezoid(4.0, 1.0, 0.5), {"cable_length": np.linspace(0.8, 1.2, 7)}
+    found = js.tune(js.plants.Crane(4.0), move, 3, 4.0, starts=8, over=over, objective=objective, peak_deflection=0.133)
+    assert found.converged
+    assert least < found.objective < most
+    assert found.optimality < 1e-4
+    assert found.slack == pytest.approx(0, abs=1e-8)
 
 
 @pytest.mark.slow

@@ -83,7 +83,7 @@ class Merit(NamedTuple):
 
 
 class Model:
-    """Energies as sums of squares of roots that are quadratics about a design, and slacks as linear functions.
+    """Energies as sums of squares of roots that are quadratics about a design, and slacks as quadratics.
 
     Along a valley in which little energy is left, quadratics of the energies themselves hold a tenth as far.
 
@@ -98,13 +98,14 @@ class Model:
     def __call__(self, x: Vector) -> Linearisation:
         """The model's energies and slacks at another design, with their Jacobians."""
         found, step = self.found, x - self.center
-        bend, root_bend = found.bends @ step, found.root_bends @ step
+        bend, root_bend, slack_bend = found.bends @ step, found.root_bends @ step, found.slack_bends @ step
         change = (found.root_jacobian + root_bend / 2) @ step
         slope = (change[:, None] @ (found.root_jacobian + root_bend))[:, 0]
         return found._replace(
             energies=found.energies + (found.jacobian + bend / 2) @ step + np.sum(change**2, axis=1) / 2,
             jacobian=found.jacobian + bend + slope,
-            slacks=found.slacks + found.slack_jacobian @ step,
+            slacks=found.slacks + (found.slack_jacobian + slack_bend / 2) @ step,
+            slack_jacobian=found.slack_jacobian + slack_bend,
         )
 
     def can_be_greatest(self, radius: float) -> np.ndarray:

@@ -4,6 +4,7 @@
 with steps that are given.
 """
 
+import dataclasses
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -40,6 +41,7 @@ class Values(NamedTuple):
         errors: estimates of their errors, J, shape (plants,); 0 for a metric, which checks itself.
         greatest: the greatest energy on the way, J, shape (plants,).
         slacks: of the limits, negative where one is missed, shape (limits,).
+        least_slacks: the least of each plant of the set, then of each that is watched, shape (plants,).
         ends: states after the last break, shape (plants, state).
         steps: in each segment, enough for the tolerance on all plants, shape (segments,).
     """
@@ -48,6 +50,7 @@ class Values(NamedTuple):
     errors: Any
     greatest: Any
     slacks: Any
+    least_slacks: Any
     ends: Any
     steps: Any
 
@@ -73,7 +76,9 @@ def evaluate(scenarios: Scenarios, point: Point, tolerance: Any) -> Values:
         return energy, found.error * found.scale, found.scale, found.state, found.steps
 
     energies, errors, greatest, ends, steps = _every_plant(scenarios, one)
-    return Values(energies, errors, greatest, slacks(scenarios, point), ends, steps[0])
+    common, own = _slacks(scenarios, point)
+    slack, least = jnp.append(common, own), jnp.min(own, axis=1, initial=1.0)
+    return Values(energies, errors, greatest, slack, least, ends, steps[0])
 
 
 class Linearisation(NamedTuple):
@@ -84,6 +89,7 @@ class Linearisation(NamedTuple):
         jacobian: theirs, shape (plants, variables).
         slacks: negative where a limit is missed, 1 where none of it is used, shape (limits,).
         slack_jacobian: theirs, shape (limits, variables).
+        slack_bends: their second derivatives, shape (limits, variables, variables); 0, a search learns them.
         bends: Σ r_k ∂²r_k, where the energies are Σ r_k² / 2 of the states at the end (see ``_curvature``), shape
             (plants, variables, variables).
         roots: those r_k, shape (plants, state).
@@ -97,6 +103,7 @@ class Linearisation(NamedTuple):
     jacobian: Any
     slacks: Any
     slack_jacobian: Any
+    slack_bends: Any
     bends: Any
     roots: Any
     root_jacobian: Any
@@ -137,7 +144,8 @@ def linearise(scenarios: Scenarios, point: Point, ends: Any, steps: Any) -> Line
     slack, slack_jacobian = jnp.zeros(0), jnp.zeros((0, len(flat)))
     if scenarios.limits.any:
         slack, slack_jacobian = _with_jacobian(lambda x: slacks(scenarios, unravel(x)), flat, len(flat) <= FORWARD)
-    return Linearisation(energies, jacobian, slack, slack_jacobian, *curvature)
+    slack_bends = jnp.zeros((*slack_jacobian.shape, len(flat)))
+    return Linearisation(energies, jacobian, slack, slack_jacobian, slack_bends, *curvature)
 
 
 def _move(scenarios: Scenarios, point: Point) -> tuple[AbstractPlant, Schedule, State]:
@@ -273,15 +281,27 @@ def _bend(row: Array, point: Point, matrix: Array, away: Array, later: Array, sl
 
 def slacks(scenarios: Scenarios, point: Point) -> Array:
     """Slacks of the limits of all moves: negative where one is missed."""
+    return jnp.append(*_slacks(scenarios, point))
+
+
+def _slacks(scenarios: Scenarios, point: Point) -> tuple[Array, Array]:
+    """Slacks of the limits that are the same for all plants, and those of each plant of the set or watched, shapes
+    (limits,) and (plants, limits)."""
     if not scenarios.limits.any:
-        return jnp.zeros(0)
+        return jnp.zeros(0), jnp.zeros((1, 0))
+    every = scenarios
+    if scenarios.watched:
+        both = {name: jnp.append(values, scenarios.watched[name]) for name, values in scenarios.samples.items()}
+        every = dataclasses.replace(scenarios, samples=both)
+    common, own = jnp.zeros(0), []
     if scenarios.moves_differ:
-        found = [_every_plant(scenarios, lambda case: command_slack(case, point)).reshape(-1)]
+        own.append(_every_plant(every, lambda case: command_slack(case, point)))
     else:
-        found = [command_slack(scenarios, point)]
+        common = command_slack(scenarios, point)
     if scenarios.limits.peak_deflection:
-        found.append(_every_plant(scenarios, lambda case: deflection_slack(case, point)).reshape(-1))
-    return jnp.nan_to_num(jnp.concatenate(found), nan=-1.0)
+        own.append(_every_plant(every, lambda case: deflection_slack(case, point)))
+    apart = jnp.concatenate(own, axis=1) if own else jnp.zeros((1, 0))
+    return jnp.nan_to_num(common, nan=-1.0), jnp.nan_to_num(apart, nan=-1.0)
 
 
 def _every_plant(scenarios: Scenarios, function: Callable[..., Any], *rows: Any) -> Any:

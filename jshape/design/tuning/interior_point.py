@@ -65,6 +65,7 @@ class Program(NamedTuple):
         sides: normals of the polytope, shape (sides, steps).
         distances: of the center from them, sides d + distances ≥ 0, shape (sides,).
         limits: gradients of the slack of each limit on the move, shape (limits, steps).
+        limit_bends: second derivatives of these, shape (limits, steps, steps).
         slacks: of the limits, shape (limits,).
         penalty: of a limit that is exceeded by all of itself.
     """
@@ -83,6 +84,7 @@ class Program(NamedTuple):
     sides: Any
     distances: Any
     limits: Any
+    limit_bends: Any
     slacks: Any
     penalty: Any
 
@@ -129,6 +131,7 @@ def compile_program(space: Space, objective: str, plants: int, states: int) -> N
         jacobian=np.zeros((plants, n)),
         slacks=np.zeros(0),
         slack_jacobian=np.zeros((0, n)),
+        slack_bends=np.zeros((0, n, n)),
         bends=np.zeros((plants, n, n)),
         roots=np.zeros((plants, states)),
         root_jacobian=np.zeros((plants, states, n)),
@@ -167,6 +170,7 @@ def _program(model: Model, space: Space, merit: Merit, axes: np.ndarray) -> Prog
         sides=np.concatenate([normals @ axes, axes[free], -axes[free]]),
         distances=np.maximum(distances, 0.0),
         limits=found.slack_jacobian @ axes,
+        limit_bends=axes.T @ found.slack_bends @ axes,
         slacks=found.slacks,
         penalty=np.float64(merit.penalty),
     )
@@ -219,9 +223,15 @@ def _energies(program: Program, d: Array) -> tuple[Array, Array, Array, Array]:
     return energies, program.jacobian + bend + jnp.einsum("pk,pki->pi", roots, slopes), roots, slopes
 
 
+def _left(program: Program, d: Array) -> tuple[Array, Array]:
+    """Slacks of the limits on the move, and their gradients."""
+    bend = program.limit_bends @ d
+    return program.slacks + (program.limits + bend / 2) @ d, program.limits + bend
+
+
 def _exceeded(program: Program, d: Array) -> Array:
     """By how much the worst limit is exceeded; of shape (0,) without limits."""
-    left = program.slacks + program.limits @ d
+    left, _ = _left(program, d)
     return jnp.maximum(0.0, -jnp.min(left, keepdims=True)) if len(left) else left
 
 
@@ -238,8 +248,9 @@ def _constraints(program: Program, z: Array) -> tuple[Array, Array, Array, Array
     values = [program.auxiliary @ a - energies, program.sides @ d + program.distances]
     of_steps, of_others = [-gradients, program.sides], [program.auxiliary, jnp.zeros((len(program.sides), len(a)))]
     if len(e):
-        values.append(program.slacks + program.limits @ d + e)
-        of_steps.append(program.limits)
+        left, gradients = _left(program, d)
+        values.append(left + e)
+        of_steps.append(gradients)
         of_others = [jnp.pad(jnp.concatenate(of_others), ((0, 0), (0, 1)))]
         of_others.append(jnp.zeros((len(program.slacks), extra)).at[:, -1].set(1.0))
     values += [a - program.least, e]
@@ -252,7 +263,7 @@ def _constraints(program: Program, z: Array) -> tuple[Array, Array, Array, Array
 def _iterate(program: Program, state: _State, accuracy: Array) -> _State:
     """One step of predictor and corrector."""
     _, z, slacks, multipliers, best, merit, _ = state
-    n, plants, size = len(program.slope), len(program.energies), len(slacks)
+    n, size = len(program.slope), len(slacks)
     values, jacobian, roots, slopes = _constraints(program, z)
     cost = jnp.concatenate([program.slope, program.cost, jnp.full(len(z) - n - len(program.cost), program.penalty)])
     unbalanced, infeasible = cost - multipliers @ jacobian, values - slacks
@@ -260,7 +271,8 @@ def _iterate(program: Program, state: _State, accuracy: Array) -> _State:
     ended = (product * size < accuracy) & (jnp.abs(infeasible).max() < FEASIBLE)
     ended &= jnp.abs(unbalanced).max() < BALANCED
     weights = multipliers / slacks
-    factor = _factor(program, multipliers[:plants], roots, slopes, jacobian.T @ (weights[:, None] * jacobian))
+    bends = _bends(program, multipliers, roots, slopes)
+    factor = _factor(bends, jacobian.T @ (weights[:, None] * jacobian))
     known = -unbalanced - jacobian.T @ (weights * infeasible)
 
     def direction(target: Array) -> tuple[Array, Array, Array]:
@@ -287,13 +299,20 @@ def _iterate(program: Program, state: _State, accuracy: Array) -> _State:
     )  # fmt: skip
 
 
-def _factor(program: Program, multipliers: Array, roots: Array, slopes: Array, barrier: Array) -> Array:
+def _bends(program: Program, multipliers: Array, roots: Array, slopes: Array) -> Array:
+    """The Lagrangian's second derivatives in the steps, those of energies and limits."""
+    of_energies, begin = multipliers[: len(program.energies)], len(program.energies) + len(program.sides)
+    of_limits = multipliers[begin : begin + len(program.slacks)]
+    bends = jnp.einsum("p,pij->ij", of_energies, program.bends)
+    bends += jnp.einsum("pk,pkij->ij", of_energies[:, None] * roots, program.root_bends)
+    bends += jnp.einsum("pki,pkj->ij", of_energies[:, None, None] * slopes, slopes)
+    return bends - jnp.einsum("l,lij->ij", of_limits, program.limit_bends)
+
+
+def _factor(bends: Array, barrier: Array) -> Array:
     """The Cholesky factor of the Newton step's matrix: the Lagrangian's second derivatives with the barrier's; those
     turned upwards that bend down, where the sum is not positive definite."""
-    n = len(program.slope)
-    bends = jnp.einsum("p,pij->ij", multipliers, program.bends)
-    bends += jnp.einsum("pk,pkij->ij", multipliers[:, None] * roots, program.root_bends)
-    bends += jnp.einsum("pki,pkj->ij", multipliers[:, None, None] * slopes, slopes)
+    n = len(bends)
     barrier += jnp.diag(1e-13 * jnp.diag(barrier) + 1e-14)
 
     def convex() -> Array:

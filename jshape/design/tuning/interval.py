@@ -1,12 +1,15 @@
 """The worst case over the intervals of an uncertain set, not only over the values that were given.
 
 ``greatest`` looks for the greatest energy on a finer set, then between its plants; ``with_plants`` puts what it finds
-in the places of plants that ``with_places`` added, so that no program is compiled anew.
+in the places of plants that ``with_places`` added, so that no program is compiled anew. Limits on the move are held
+likewise: ``most_used`` looks for the plants that exceed them most, and ``watching`` has them kept there, too.
 
 Source: Blankenship and Falk (1976), infinitely constrained optimization: exchange of the worst parameters.
 """
 
 import dataclasses
+import functools
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +17,7 @@ import numpy as np
 from jshape import _check
 from jshape.design.tuning.design_problem import DesignProblem
 from jshape.design.tuning.evaluate import LOOSEST, Values, evaluate
+from jshape.design.tuning.scaled_problem import EXCEEDED
 from jshape.design.tuning.scenarios import Point
 from jshape.shaper import Shaper
 from jshape.simulation.schedule import schedule
@@ -49,12 +53,18 @@ SCANNED = 1e-3
 NEGLIGIBLE = 1e-7
 """A relative excess over the worst plant of the set for which no plant is added."""
 
+WATCHED = 4
+"""Plants in which limits are kept beside those of the set."""
+
+Measure = Callable[[dict[str, np.ndarray]], np.ndarray]
+"""What is looked for the maxima of, for the plants with those values of the leaves."""
+
 
 class Maximum(NamedTuple):
-    """A local maximum of the energy over the uncertain set: the leaves' absolute values, and the energy, J."""
+    """A local maximum over the uncertain set: the leaves' absolute values, and the energy, J, or what else it is of."""
 
     leaves: dict[str, float]
-    energy: float
+    value: float
 
 
 def with_places(problem: DesignProblem) -> DesignProblem:
@@ -67,11 +77,20 @@ def with_places(problem: DesignProblem) -> DesignProblem:
     # At a worst case there are at most as many active plants as variables, and one more.
     variables = 2 * problem.bounds.shapers * problem.bounds.impulses + len(problem.bounds.leaves)
     places = max(variables, min(variables // 2 + _maxima(problem), MOST_PLACES))
-    samples = {}
-    for name, finer in problem.finer_samples().items():
-        at = np.round((np.arange(places) + 0.5) * (len(finer) - 1) / places).astype(int)
-        samples[name] = np.append(np.asarray(problem.scenarios.samples[name]), finer[at])
+    between = _spread(problem, places)
+    samples = {name: np.append(np.asarray(values), between[name]) for name, values in problem.scenarios.samples.items()}
     return _with_samples(problem, samples, places)
+
+
+def with_watched(problem: DesignProblem) -> DesignProblem:
+    """The problem with limits that are kept in some plants between those given, too, where plants differ in them."""
+    return _watching(problem, _spread(problem, WATCHED)) if problem.scenarios.differing_limits else problem
+
+
+def _spread(problem: DesignProblem, count: int) -> dict[str, np.ndarray]:
+    """So many plants, spread evenly over the finer set."""
+    finer = problem.finer_samples()
+    return {name: v[np.round((np.arange(count) + 0.5) * (len(v) - 1) / count).astype(int)] for name, v in finer.items()}
 
 
 def _maxima(problem: DesignProblem) -> int:
@@ -139,6 +158,28 @@ def with_plants(problem: DesignProblem, maxima: list[Maximum], energies: np.ndar
     return _with_samples(problem, samples, problem.added)
 
 
+def watching(problem: DesignProblem, maxima: list[Maximum], found: Values) -> DesignProblem:
+    """The problem with limits that are kept in these plants, too, in the places of those watched that are farthest
+    from their limits.
+
+    Args:
+        problem: with watched plants.
+        maxima: what to watch, the greatest first.
+        found: values of a design.
+    """
+    watched = {name: np.array(values) for name, values in problem.scenarios.watched.items()}
+    places = np.argsort(-np.asarray(found.least_slacks)[-WATCHED:], kind="stable")
+    for place, maximum in zip(places, maxima, strict=False):
+        for name, value in maximum.leaves.items():
+            watched[name][place] = value
+    return _watching(problem, watched)
+
+
+def _watching(problem: DesignProblem, watched: dict[str, np.ndarray]) -> DesignProblem:
+    on_device = {name: _check.on_device(values) for name, values in watched.items()}
+    return dataclasses.replace(problem, scenarios=dataclasses.replace(problem.scenarios, watched=on_device))
+
+
 def _with_samples(problem: DesignProblem, samples: dict[str, np.ndarray], added: int) -> DesignProblem:
     on_device = {name: _check.on_device(values) for name, values in samples.items()}
     scenarios = dataclasses.replace(problem.scenarios, samples=on_device)
@@ -170,8 +211,41 @@ def greatest(
     axes = axes or {name: np.unique(values) for name, values in problem.finer_samples().items()}
     finer = {name: np.asarray(values) for name, values in grid(axes).items()}
     tolerance = np.clip(SCANNED * worst / max(float(np.max(found.greatest)), 1e-300), TOLERANCE, LOOSEST)
-    energies = energies_of(problem, point, finer, tolerance)
-    table = energies.reshape([len(axis) for axis in axes.values()])
+    scanned = energies_of(problem, point, finer, tolerance)
+    return _above(scanned, functools.partial(energies_of, problem, point), axes, worst, excess, _at_once(problem))
+
+
+def most_used(problem: DesignProblem, point: Point, axes: dict[str, np.ndarray]) -> list[Maximum]:
+    """The local maxima over the uncertain set, beyond 1, of the part of a limit that a design uses; the greatest first.
+
+    Args:
+        problem: with an uncertain set, and limits in which its plants differ.
+        point: the design.
+        axes: values of the leaves between which they are looked for.
+    """
+
+    def used(samples: dict[str, np.ndarray]) -> np.ndarray:
+        size, each = len(next(iter(samples.values()))), _size(problem)
+        return 1 - np.concatenate([v.least_slacks[:each] for v in _values_of(problem, point, samples, LOOSEST)])[:size]
+
+    scanned = used({name: np.asarray(values) for name, values in grid(axes).items()})
+    return _above(scanned, used, axes, 1.0, EXCEEDED, _at_once(problem))
+
+
+def _above(
+    scanned: np.ndarray, of: Measure, axes: dict[str, np.ndarray], worst: float, excess: float, size: int
+) -> list[Maximum]:
+    """The local maxima between the values of the leaves, as ``greatest`` looks for them.
+
+    Args:
+        scanned: the measure of all combinations of these values, to ``SCANNED`` of itself.
+        of: the measure.
+        axes: values of each leaf.
+        worst: what is exceeded.
+        excess: see ``greatest``.
+        size: of maxima that are refined at once.
+    """
+    table = scanned.reshape([len(axis) for axis in axes.values()])
     padded = np.pad(table, 1, constant_values=-np.inf)
     inside = (slice(1, -1),) * table.ndim
     neighbours = [np.roll(padded, shift, axis)[inside] for axis in range(table.ndim) for shift in (-1, 1)]
@@ -180,16 +254,25 @@ def greatest(
     tops = table + MORE * sum(_excess(table, *neighbours[i : i + 2]) for i in range(0, len(neighbours), 2))
     peaks &= tops >= (1 - NEAR) * worst
     order = sorted(zip(*np.nonzero(peaks), strict=True), key=lambda index: -tops[index])
-    # Three plants for each, as many at a time as the problem's program has. Many may be nearly as great, in an order
-    # that the scan does not know, so that all are looked at before it is said that there are none.
-    size = max(MAXIMA, len(problem.scenarios.samples[next(iter(axes))]) // 3)
+    # Many may be nearly as great, in an order that the scan does not know, so that all are looked at before it is said
+    # that there are none.
     maxima = list[Maximum]()
     for some in (order[i : i + size] for i in range(0, len(order), size)):
         starts = {name: axis[[index[i] for index in some]] for i, (name, axis) in enumerate(axes.items())}
-        maxima += [one for one in _refined(problem, point, axes, starts, worst) if one.energy > (1 + excess) * worst]
+        maxima += [one for one in _refined(of, axes, starts, worst) if one.value > (1 + excess) * worst]
         if maxima and excess:
             break
-    return sorted(maxima, key=lambda one: -one.energy)[:MAXIMA]
+    return sorted(maxima, key=lambda one: -one.value)[:MAXIMA]
+
+
+def _size(problem: DesignProblem) -> int:
+    """The number of plants of the set, with those added."""
+    return len(next(iter(problem.scenarios.samples.values())))
+
+
+def _at_once(problem: DesignProblem) -> int:
+    """How many maxima are refined at once: three plants for each, as many as the problem's program has."""
+    return max(MAXIMA, _size(problem) // 3)
 
 
 def _excess(between: np.ndarray, left: np.ndarray, right: np.ndarray) -> np.ndarray:
@@ -199,14 +282,12 @@ def _excess(between: np.ndarray, left: np.ndarray, right: np.ndarray) -> np.ndar
         return np.where(np.isfinite(bend) & (bend > 0), (right - left) ** 2 / np.where(bend > 0, 8 * bend, 1.0), 0.0)
 
 
-def _refined(
-    problem: DesignProblem, point: Point, axes: dict[str, np.ndarray], starts: dict[str, np.ndarray], worst: float
-) -> list[Maximum]:
+def _refined(of: Measure, axes: dict[str, np.ndarray], starts: dict[str, np.ndarray], worst: float) -> list[Maximum]:
     """Maxima of the finer set, each moved to the maximum of a parabola along one leaf after the other, until none is
-    going to be above the worst, J."""
+    going to be above the worst."""
     if not len(next(iter(starts.values()))):
         return []
-    values, best = energies_of(problem, point, starts), dict(starts)
+    values, best = of(starts), dict(starts)
     widths = {name: np.full(len(values), np.max(np.diff(axis), initial=0.0)) for name, axis in axes.items()}
     for number in range(PARABOLAS):
         before = values
@@ -217,11 +298,11 @@ def _refined(
             middle = np.clip(best[name], axis[0] + width, axis[-1] - width)
             along = np.concatenate([middle - width, middle, middle + width])
             thrice = {other: np.tile(value, 3) for other, value in best.items()} | {name: along}
-            left, between, right = np.split(energies_of(problem, point, thrice), 3)
+            left, between, right = np.split(of(thrice), 3)
             bend = left - 2 * between + right
             shift = np.where(bend < 0, (left - right) / np.where(bend < 0, 2 * bend, 1.0), np.sign(right - left))
             moved = middle + width * np.clip(shift, -1.0, 1.0)
-            tried = energies_of(problem, point, best | {name: moved})
+            tried = of(best | {name: moved})
             # Where it is at an end of the three points it may be beyond.
             beyond = (np.abs(shift) >= 1) & (tried > values)
             best[name], values = np.where(tried > values, moved, best[name]), np.maximum(tried, values)
@@ -241,15 +322,10 @@ def energies_of(
     return np.concatenate([found.energies for found in _values_of(problem, point, samples, tolerance)])[:size]
 
 
-def least_slack(problem: DesignProblem, point: Point, samples: dict[str, np.ndarray]) -> float:
-    """The least slack of the limits on the move of other plants."""
-    return min(float(found.slacks.min(initial=1.0)) for found in _values_of(problem, point, samples, LOOSEST))
-
-
 def _values_of(problem: DesignProblem, point: Point, samples: dict[str, np.ndarray], tolerance: float) -> list[Values]:
     """Values of a design in other plants, as many at a time as the problem has, so that its program computes these,
     too."""
-    plants, size = len(next(iter(problem.scenarios.samples.values()))), len(next(iter(samples.values())))
+    plants, size = _size(problem), len(next(iter(samples.values())))
     running = []
     for first in range(0, size, plants):
         at = np.minimum(np.arange(first, first + plants), size - 1)

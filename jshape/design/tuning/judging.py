@@ -3,7 +3,7 @@
 ``solution`` puts all that together.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -27,11 +27,13 @@ APART = 1.2
 
 
 class Candidate(NamedTuple):
-    """A design with its merit (J; see ``ScaledProblem.merit``) and whether it is an optimum."""
+    """A design with its merit (J; see ``ScaledProblem.merit``), whether it is an optimum, and the local search that
+    came to it, if it may go on."""
 
     merit: float
     point: Point
     optimal: bool
+    search: Any = None
 
 
 class Course(NamedTuple):
@@ -65,7 +67,7 @@ def on_finer_set(problem: DesignProblem, point: Point, found: Values) -> float:
         return max(
             [
                 float(np.max(found.energies)),
-                *(one.energy for one in interval.greatest(problem, point, found, 0.0, interval.resolved(problem).axes)),
+                *(one.value for one in interval.greatest(problem, point, found, 0.0, interval.resolved(problem).axes)),
             ]
         )
     return value_of(problem.objective, interval.energies_of(problem, point, problem.finer_samples()))
@@ -118,10 +120,9 @@ def solution(judge: ScaledProblem, best: Candidate, balance: Optimality, enough:
     rounding = least_tolerance(jnp.result_type(float)) * float(np.max(found.greatest))
     if finer > APART * objective + rounding and scenarios.metric is None and isinstance(problem.objective, str):
         doubts += f"; {finer:.6g} J on a finer set: plants between those given are left more"
-    if scenarios.samples and scenarios.limits.peak_deflection and slack >= -EXCEEDED:
-        between = interval.least_slack(problem, best.point, problem.finer_samples())
-        if between < -EXCEEDED:
-            doubts += f"; between the plants of the set peak_deflection is missed by {-100 * between:.3g} % or more"
+    if scenarios.differing_limits and slack >= -EXCEEDED:
+        for most in interval.most_used(problem, best.point, interval.resolved(problem).axes)[:1]:
+            doubts += f"; between the plants of the set a limit is missed by {100 * (most.value - 1):.3g} % or more"
     heaviest = np.argsort(-balance.multipliers, kind="stable")
     heaviest = heaviest[balance.multipliers[heaviest] > 1e-6]
     samples = {name: np.asarray(v) for name, v in scenarios.samples.items()}

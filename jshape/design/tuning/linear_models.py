@@ -291,7 +291,7 @@ class LinearModels:
         total, slopes, energies = self.slopes(x, self.rates, self.weights)
         jacobian = 2 * np.einsum("pm,pmv->pv", self.weights, np.real(np.conj(total[0])[..., None] * slopes[0]))
         none = np.zeros(0)
-        return Linearisation(energies[0], jacobian, none, np.zeros((0, len(x))), none, none, none, none)
+        return Linearisation(energies[0], jacobian, none, np.zeros((0, len(x))), none, none, none, none, none)
 
 
 def applies(problem: DesignProblem) -> bool:

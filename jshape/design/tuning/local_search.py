@@ -1,10 +1,10 @@
 """Local search for a design problem: a trust region around quadratic models of the energies.
 
 In each iteration all energies are modelled as sums of squares of roots, whose second derivatives are those of a linear
-plant (``evaluate.linearise``) and symmetric updates of rank two; other metrics are modelled by such updates alone. The
-objective of the models is minimised within a box, by an interior point (a caller's own objective by SLSQP), and the
-step is taken if the energies themselves agree. Values come before derivatives, at a tolerance that tightens as the
-search converges.
+plant (``evaluate.linearise``) and symmetric updates of rank two; other metrics, and limits on the move, are modelled
+by such updates alone. The objective of the models is minimised within a box, by an interior point (a caller's own
+objective by SLSQP), and the step is taken if the energies themselves agree. Values come before derivatives, at a
+tolerance that tightens as the search converges.
 ``side_by_side`` runs several of them. Searches are generators that wait while a program runs, so that one thread keeps
 two cores busy.
 
@@ -13,6 +13,7 @@ symmetric form of Broyden's update.
 """
 
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 
@@ -61,6 +62,9 @@ KNOWN = 1e-7
 PENALTY = 10.0
 """Of a limit that is exceeded by all of itself, in objectives at the design from which the search goes on."""
 
+MOST_PENALTY, STEERED = 1e6, 0.9
+"""The greatest; and the part of the excess over a limit that a higher one may leave, in a model, to be taken."""
+
 LEAST_UNIT = 1e-3
 """The part of the greatest energies of the move that is the least unit of the merit where a limit is missed."""
 
@@ -70,6 +74,14 @@ of the objective."""
 
 TOGETHER, ENDED = 3, object()
 """Searches that go on by turns, and what stands for the end of one."""
+
+
+class Proposal(NamedTuple):
+    """The best design of a model, by how much it betters the merit there, and by how much it exceeds the limits."""
+
+    x: Vector
+    gain: float
+    exceeded: float
 
 
 class Descent:
@@ -93,6 +105,9 @@ class Descent:
         n, states = len(self.x), found.ends.shape[1:]
         self.rooted = search.rooted
         self.updates = np.zeros((len(found.energies), *(states if self.rooted else ()), n, n))
+        # Those of the slacks, and where they were last known.
+        self.slack_bends = np.zeros((len(found.slacks), n, n))
+        self.before: tuple[Vector, Linearisation] | None = None
 
     @property
     def point(self) -> Point:
@@ -114,6 +129,7 @@ class Descent:
         before, after = self.search.problem.scenarios.samples, problem.scenarios.samples
         for name in after:
             self.updates[np.asarray(before[name]) != np.asarray(after[name])] = 0.0
+        self.slack_bends, self.before = np.zeros_like(self.slack_bends), None
         self.search.pose(problem)
         self._begin()
         self.ended = self.optimal = False
@@ -145,7 +161,7 @@ class Descent:
         for _ in range(iterations):
             if residual < OPTIMAL:
                 break
-            trial, _ = end_of(self._propose(found, self._merit(scale_of(found.energies)), within))
+            trial, *_ = end_of(self._propose(found, self._merit(scale_of(found.energies)), within))
             if np.all(trial == self.x):
                 break
             there, step = search.linearise(trial), trial - self.x
@@ -170,13 +186,13 @@ class Descent:
         search = self.search
         known = yield from search.evaluating(self.x, self.tolerance)
         found = yield from search.linearising(self.x, self.tolerance)
-        merit = self._merit(max(scale_of(found.energies), self._least_unit(known)))
+        self._learn_limits(found)
+        merit, (trial, gain, _) = yield from self._penalised(found, known)
         now = merit(self.x, found.energies, found.slacks)
         least = max(CONVERGED * now, 10 * self.tolerance * scale_of(known.greatest) / merit.scale)
-        trial, gain = yield from self._propose(found, merit, self.radius)
         if gain <= least and self.radius > CLOSE:
             # Where models bend much, a local minimum of theirs may be none of the energies: nearby they are straight.
-            trial, gain = yield from self._propose(found, merit, CLOSE)
+            trial, gain, _ = yield from self._propose(found, merit, CLOSE)
             self.radius = CLOSE if gain > least else self.radius
         if gain <= least:
             if self.tolerance > self.finest:
@@ -199,6 +215,22 @@ class Descent:
         elif actual > 0.75 * gain and step > 0.8 * self.radius:
             self.radius = min(2.0 * self.radius, 1.0)
 
+    def _penalised(self, found: Linearisation, known: Values) -> Computing[tuple[Merit, Proposal]]:
+        """The best design of the model in the trust region, with the penalty raised until it exceeds no limit, or a
+        higher one changes little of that; and the merit with that penalty.
+
+        Source: Byrd, Nocedal and Waltz (2008), steering exact penalty methods.
+        """
+        merit = self._merit(max(scale_of(found.energies), self._least_unit(known)))
+        best = yield from self._propose(found, merit, self.radius)
+        while best.exceeded > EXCEEDED and self.penalty < MOST_PENALTY:
+            more = merit._replace(penalty=10 * self.penalty)
+            trial = yield from self._propose(found, more, self.radius)
+            if trial.exceeded > STEERED * best.exceeded:
+                break
+            self.penalty, merit, best = more.penalty, more, trial
+        return merit, best
+
     def _least_unit(self, known: Values) -> float:
         """The least unit of the merit, J: where a limit is missed one that does not vanish with the objective, as a
         design that leaves nothing would not be left for any penalty in units of what it leaves."""
@@ -210,8 +242,8 @@ class Descent:
         least = 0.0 if problem.scenarios.metric is None else -np.inf
         return Merit(problem.objective, self.search.time_cost, scale, self.penalty, least)
 
-    def _propose(self, found: Linearisation, merit: Merit, radius: float) -> Computing[tuple[Vector, float]]:
-        """The best design of the model in a trust region, and by how much it betters the merit there."""
+    def _propose(self, found: Linearisation, merit: Merit, radius: float) -> Computing[Proposal]:
+        """The best design of the model in a trust region."""
         space = self.search.space
         model = Model(self.x, self._updated(found))
         lower, upper = np.maximum(space.lower, self.x - radius), np.minimum(space.upper, self.x + radius)
@@ -222,10 +254,11 @@ class Descent:
             trial = yield from minimising(model, boxed, merit, 1e-2 * self.tolerance)
         before, after = model(self.x), model(trial)
         gain = merit(self.x, before.energies, before.slacks) - merit(trial, after.energies, after.slacks)
-        return trial, gain
+        return Proposal(trial, gain, -float(after.slacks.min(initial=0.0)))
 
     def _updated(self, found: Linearisation) -> Linearisation:
         """With the updates of the second derivatives."""
+        found = found._replace(slack_bends=self.slack_bends)
         if not self.rooted:
             return found._replace(bends=self.updates)
         bends = found.bends + np.einsum("pk,pkij->pij", found.roots, self.updates)
@@ -237,15 +270,18 @@ class Descent:
             change = after.root_jacobian - before.root_jacobian - after.root_bends @ step
         else:
             change = after.jacobian - before.jacobian
-        residuals = change - self.updates @ step
-        length = step @ step
-        along = residuals @ step / length
-        outer = residuals[..., :, None] * step
-        self.updates += (outer + np.swapaxes(outer, -1, -2) - along[..., None, None] * step[:, None] * step) / length
+        self.updates += least_change(change - self.updates @ step, step)
+
+    def _learn_limits(self, found: Linearisation) -> None:
+        """The same of the slacks, since the last design."""
+        if self.before is not None and np.any(step := self.x - self.before[0]):
+            change = found.slack_jacobian - self.before[1].slack_jacobian
+            self.slack_bends += least_change(change - self.slack_bends @ step, step)
+        self.before = self.x, found
 
     def _end(self, found: Linearisation) -> None:
         """No gain is in sight: an optimum, a region that is too small, or limits that need a higher penalty."""
-        if found.slacks.min(initial=0.0) < -EXCEEDED and self.penalty < 1e6:
+        if found.slacks.min(initial=0.0) < -EXCEEDED and self.penalty < MOST_PENALTY:
             self.penalty *= 10
             self.radius = max(self.radius, WIDE)
         elif self.radius < WIDE and self.widened < 3:
@@ -255,6 +291,21 @@ class Descent:
             reached = self.search.optimality(self.point)
             nearly = self.radius >= WIDE and max(reached.residual, reached.slope) < NEARLY
             self.optimal = nearly or reached.residual < OPTIMAL
+
+
+def least_change(residuals: np.ndarray, step: Vector) -> np.ndarray:
+    """The least symmetric matrices whose products with a step are these.
+
+    Source: Powell (1970), the symmetric update of Broyden's method.
+
+    Args:
+        residuals: the products, shape (…, variables).
+        step: shape (variables,).
+    """
+    length = step @ step
+    along = residuals @ step / length
+    outer = residuals[..., :, None] * step
+    return (outer + np.swapaxes(outer, -1, -2) - along[..., None, None] * step[:, None] * step) / length
 
 
 def distinct(descents: list[Descent]) -> list[Descent]:

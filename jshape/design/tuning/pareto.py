@@ -222,7 +222,7 @@ def _duration(problem: DesignProblem, point: Point) -> float:
 
 def _row(problem: DesignProblem, candidate: Candidate, most: int) -> np.ndarray:
     """A candidate as numbers: both objectives, optimality, status, duration, amplitudes, times."""
-    value, point, optimal = candidate
+    value, point, optimal, _ = candidate
     duration, n, count = _duration(problem, point), problem.bounds.impulses, problem.bounds.shapers
     judge = ScaledProblem(_within(problem, max(duration, 1e-12)))
     found = judge.values(judge.vector(point))

@@ -119,6 +119,7 @@ class Scenarios(eqx.Module):
         designed: names of the leaves that are designed with the shaper.
         metric: what takes the residual energy's place; ``None`` for the energy.
         groups: the axes of each shaper; without any, one shaper shapes the whole command.
+        watched: values of the same leaves for more plants, in which the limits are kept, too.
     """
 
     plant: AbstractPlant
@@ -130,16 +131,22 @@ class Scenarios(eqx.Module):
     designed: tuple[str, ...] = eqx.field(static=True)
     metric: Metric | None = eqx.field(static=True)
     groups: tuple[tuple[str, ...], ...] = eqx.field(static=True, default=())
+    watched: dict[str, Array] = eqx.field(default_factory=dict)
 
     @property
     def moves_differ(self) -> bool:
         """Whether the command is uncertain, too."""
         return any(name.startswith(MOVE) for name in self.samples)
 
+    @property
+    def differing_limits(self) -> bool:
+        """Whether there is a limit that one plant of the set may keep and another one miss."""
+        return bool(self.samples) and (bool(self.limits.peak_deflection) or (self.moves_differ and self.limits.any))
+
     def at(self, values: Mapping[str, Any]) -> "Scenarios":
         """One of the set: plant and command with these values of the uncertain leaves, and no set."""
         plant, command = changed(self.plant, self.command, values)
-        return dataclasses.replace(self, plant=plant, command=command, samples={})
+        return dataclasses.replace(self, plant=plant, command=command, samples={}, watched={})
 
     def shaping(self, point: Point) -> Shaper | dict[str, Shaper]:
         """The shapers of a design: one for all axes, or axis → its own."""

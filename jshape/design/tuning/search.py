@@ -5,7 +5,7 @@ sample time if asked to, and judges what it found. An interrupt after the first 
 """
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future, wait
 
 import numpy as np
@@ -78,7 +78,8 @@ class Search:
     """
 
     def __init__(self, problem: DesignProblem, progress: Progress, seed: int = 0, most: int | None = None):
-        self.problem, self.progress, self.random = interval.with_places(problem), progress, np.random.default_rng(seed)
+        self.problem = interval.with_watched(interval.with_places(problem))
+        self.progress, self.random = progress, np.random.default_rng(seed)
         self.judge, self.most = ScaledProblem(self.problem), most
         self.candidates: list[Candidate] = []
         self.history: list[float] = []
@@ -112,6 +113,8 @@ class Search:
             for number in range(OTHERS if self.problem.bounds.fixed_amplitudes else 1):
                 if another and self._worth_another(number):
                     self._again(min(most, len(starts)))
+            if method != "first-order":
+                self._keep_limits(iterations or ITERATIONS, most)
         except KeyboardInterrupt:
             if not self.candidates:
                 raise
@@ -207,11 +210,12 @@ class Search:
                     others = max(1, min(count // 2, max(int(more) - 1, self.fewest)))  # Played backwards, at least.
                     descents = self._around(descents, begin, others, more > CHEAPER)
                 for descent in distinct(descents)[:1] if most else descents:
-                    self._add(descent.point, descent.optimal)
+                    self._reach(descent)
             if self.problem.over_interval:
                 self._exchange(descents)
             elif all(one.ended for one in descents):
                 self._settled()
+            self._leave_unfinished()
         except KeyboardInterrupt:
             for descent in sorted(descents, key=lambda one: one.merit)[:JUDGED]:
                 self._add(descent.point, False)
@@ -326,7 +330,7 @@ class Search:
                 return
             known = EARLY * excess
             for descent in side_by_side(descents, BETWEEN, known):
-                self._add(descent.point, descent.optimal)
+                self._reach(descent)
 
     def _pose(self, point: Point, descents: list[Descent]) -> float:
         """Add the worst plants between those of the set, for this design, to all searches; by how much the worst one
@@ -340,14 +344,46 @@ class Search:
         # Plants that are among the worst of any design in sight keep their places.
         values = [found, *(one.search.values(one.x, one.tolerance) for one in descents)]
         share = np.max([each.energies / max(each.energies.max(), 1e-300) for each in values], axis=0)
-        self.problem = interval.with_plants(self.problem, maxima, share)
+        self._take(interval.with_plants(self.problem, maxima, share), descents)
+        return maxima[0].value / max(float(found.energies.max()), 1e-300) - 1
+
+    def _take(self, problem: DesignProblem, descents: Sequence[Descent] = ()) -> None:
+        """Take the same problem with other plants in all searches, and judge the best candidates again."""
+        self.problem = problem
         for search in (self.judge, *descents):
-            search.pose(self.problem)
-        # The best candidates are judged again, on other plants.
+            search.pose(problem)
         best, self.candidates = sorted(self.candidates, key=lambda one: one.merit)[:JUDGED], []
-        for candidate in best:
-            self._add(candidate.point, False)
-        return maxima[0].energy / max(float(found.energies.max()), 1e-300) - 1
+        for one in best:
+            self.candidates.append(Candidate(self.judge.merit(one.point), one.point, False, one.search))
+
+    def _keep_limits(self, iterations: int, count: int) -> None:
+        """Go on from the best design until it keeps its limits between the plants of the set, too; where that leads to
+        none, search once more from all that is known, so many."""
+        for number in range(EXCHANGES):
+            if not self._watch():
+                return
+            descent = Descent(ScaledProblem(self.problem), self.best.point, iterations)
+            if self.problem.over_interval:
+                self._exchange([descent])
+            else:
+                descent.run(iterations)
+                self._reach(descent)
+            if self.best.merit >= MISSED and not number:
+                self._descend([self.best.point, *self.others], iterations, count)
+            else:
+                self._sum_up(0, 0)
+                self._say_doubts(iterations)
+
+    def _watch(self) -> bool:
+        """Watch the plants between those of the set in which the best design misses a limit that all of the set keep;
+        whether there are any."""
+        if not self.problem.scenarios.differing_limits or self.best.merit >= MISSED:
+            return False
+        point = self.best.point
+        if maxima := interval.most_used(self.problem, point, self._resolved.axes):
+            found = self.judge.values(self.judge.vector(point))
+            self._take(interval.watching(self.problem, maxima, found))
+        return bool(maxima)
 
     def _settled(self) -> Descent | None:
         """Where the best candidate does not meet the conditions of an optimum, it is moved to where they hold better.
@@ -394,9 +430,11 @@ class Search:
         for _ in range(EXCHANGES):
             point, optimal, ended = search.run(points, self.random.spawn(1)[0])
             self.interrupted |= not ended
-            settled = self.interrupted or not self.problem.over_interval or not self._pose(point, [])
-            self.candidates = [Candidate(self.judge.merit(point), point, optimal and settled)]
-            if settled:
+            self.candidates = [Candidate(self.judge.merit(point), point, optimal)]
+            if self.interrupted:
+                break
+            posed = self.problem.over_interval and self._pose(point, []) > 0
+            if not self._watch() and not posed:
                 break
             points = [point]
         if self._reached():
@@ -406,6 +444,20 @@ class Search:
 
     def _add(self, point: Point, optimal: bool) -> None:
         self.candidates.append(Candidate(self.judge.merit(point), point, optimal))
+
+    def _reach(self, descent: Descent) -> None:
+        """The design of a local search so far as a candidate, in the place of the one before."""
+        found = Candidate(self.judge.merit(descent.point), descent.point, descent.optimal, descent)
+        if found.merit < MISSED:
+            self.candidates = [one for one in self.candidates if one.search is not descent]
+        self.candidates.append(found)
+
+    def _leave_unfinished(self) -> None:
+        """Where there are limits, leave out what searches that have not ended came to: as long as a limit is exceeded
+        by less than counts, there seems to be less."""
+        ended = [one for one in self.candidates if one.optimal or (one.search is not None and one.search.ended)]
+        if self.problem.scenarios.limits.any and any(one.merit < MISSED for one in ended):
+            self.candidates = ended
 
     def _total(self) -> float:
         """The best candidate's objective with the cost of its time, J: its merit without what missed limits cost."""

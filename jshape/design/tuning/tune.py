@@ -92,8 +92,8 @@ def tune(
             leaf → (least, greatest).
         shapers: of a plant of several axes: ``"shared"``, one for all axes, ``"per axis"``, one each for those that
             move, or a list of axes that share one, while the others are not shaped.
-        peak_deflection: greatest deflection of every plant until a period after the move, m; this and the next two of
-            several axes a number for every one, or axis → number.
+        peak_deflection: greatest deflection of every plant, of those between the plants of the set, too, until a period
+            after the move, m; this and the next two of several axes a number for every one, or axis → number.
         speed_limit: greatest speed of the shaped command, its unit per s.
         command_overshoot: of the shaped command past its ends, a fraction of the distance; 0 for none. A number is for
             every axis that moves.
