@@ -44,6 +44,16 @@ def test_front_is_what_tuning_finds(both, plant):
 
 
 @pytest.mark.slow
+def test_the_worst_case_of_a_front_stands_between_the_plants_of_the_set():
+    """DOP853 on a fine grid of cable lengths leaves 0.0024171 J; two plants alone can be left with nothing."""
+    options = dict(impulses=(3,), durations=[2.3, 2.6], starts=6, relative=False, objective="worst")
+    found = js.pareto(js.plants.Crane(1.3), js.Trapezoid(2.0, 1.0, 1.5), over={"cable_length": [0.7, 2.0]}, **options)
+    np.testing.assert_allclose(found.objective, 0.00241712, rtol=1e-5)
+    np.testing.assert_allclose(found.objective_on_finer_set, found.objective, rtol=1e-6)
+    assert np.all(found.converged.values)
+
+
+@pytest.mark.slow
 def test_shape_of_a_front(both, plant):
     values = both.objective
     assert np.all(np.diff(values.values, axis=1) <= 0)

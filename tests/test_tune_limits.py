@@ -64,7 +64,7 @@ def test_plants_between_those_given_keep_a_limit(objective, known):
     """The load swings out farthest on a cable between the two that are given."""
     move, crane = js.Trapezoid(4.0, 1.0, 2.0), js.plants.Crane(4.0)
     found = js.tune(
-        crane, move, 3, (0.5, 6.0), starts=8, peak_deflection=0.25,
+        crane, move, 3, (0.5, 6.0), starts=4, peak_deflection=0.25,
         over={"cable_length": [0.01, 1.0]}, objective=objective, time_cost=0.1,
     )  # fmt: skip
     assert found.status in (js.Status.CONVERGED, js.Status.STOPPED)
@@ -87,6 +87,27 @@ def test_an_active_limit_is_kept_at_an_optimum(objective, least, most):
     assert least < found.objective < most
     assert found.optimality < 1e-4
     assert found.slack == pytest.approx(0, abs=1e-8)
+
+
+@pytest.mark.slow
+def test_what_is_missed_is_known_between_plants_and_of_fast_ones():
+    move, start = js.Trapezoid(4.0, 1.0, 2.0), js.Shaper([0.3, 0.4, 0.3], [0.0, 1.0, 2.0])
+    options = dict(start=start, iterations=1, objective="mean", relative=False)
+    missed = js.tune(
+        js.plants.Crane(4.0), move, 3, 2.0, over={"cable_length": [0.04, 4.0]}, peak_deflection=0.2, **options
+    )
+    assert missed.status is js.Status.INFEASIBLE
+
+    def most(shaper, lengths):
+        return float(jax.vmap(lambda length: js.peak_deflection(js.plants.Crane(length), shaper, move))(lengths).max())
+
+    said = [float(number) for number in re.findall(r"missed by (\S+) %", missed.message)]
+    assert max(said) == pytest.approx(100 * (most(missed.shaper, jnp.linspace(0.04, 4.0, 397)) / 0.2 - 1), rel=5e-3)
+    # Steps that suit the fastest plant of the set, which is five times as fast as the nominal one.
+    fast = js.tune(
+        js.plants.Crane(10.0), move, 3, 2.0, over={"cable_length": [0.4, 0.5]}, peak_deflection=0.2, **options
+    )
+    assert fast.slack == pytest.approx(1 - most(fast.shaper, jnp.linspace(0.4, 0.5, 41)) / 0.2, abs=3e-6)
 
 
 @pytest.mark.slow

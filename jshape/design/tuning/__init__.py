@@ -15,7 +15,7 @@ Energies of a design:
 - ``evaluate``: energies, slacks and their Jacobians, as compiled programs.
 - ``scaled_problem``: the problem with variables of the order of 1; values at any tolerance, first-order conditions.
 - ``computing``: computations that wait for a program, so that one thread keeps several searches going.
-- ``interval``: the worst plants between those that were given.
+- ``interval``: the worst plants between those that were given, and those that exceed a limit most.
 
 The search:
 

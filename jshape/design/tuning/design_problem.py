@@ -8,6 +8,7 @@ import dataclasses
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -22,7 +23,7 @@ from jshape.design.tuning.scenarios import Limits, Metric, Point, Scenarios
 from jshape.plants import AbstractPlant
 from jshape.simulation.schedule import schedule
 from jshape.simulation.simulate import initial, natural_frequencies, with_arrays
-from jshape.sweeps.leaves import check_over, grid, warn_if_absolute
+from jshape.sweeps.leaves import changed, check_over, grid, warn_if_absolute
 
 FINEST = 20_000
 """Plants that the finer set has at most."""
@@ -129,7 +130,10 @@ def design_problem(
     constraints.check(limits, command, plant)
     fine_steps = 1
     if limits.peak_deflection:
-        fine_steps = constraints.fine_steps(plant, command, bounds.longest, impulses)
+        # Of the set those at both ends of each leaf.
+        ends = [(name, end) for name, values in uncertain.items() for end in (jnp.min(values), jnp.max(values))]
+        some = [plant, *(changed(plant, command, {name: end})[0] for name, end in ends)]
+        fine_steps = constraints.fine_steps(some, command, bounds.longest, impulses)
     scenarios = Scenarios(
         plant=plant,
         command=command,

@@ -225,8 +225,8 @@ def most_used(problem: DesignProblem, point: Point, axes: dict[str, np.ndarray])
     """
 
     def used(samples: dict[str, np.ndarray]) -> np.ndarray:
-        size, each = len(next(iter(samples.values()))), _size(problem)
-        return 1 - np.concatenate([v.least_slacks[:each] for v in _values_of(problem, point, samples, LOOSEST)])[:size]
+        found = _values_of(problem, point, samples, LOOSEST, watched=True)
+        return 1 - np.concatenate([one.least_slacks for one in found])[: len(next(iter(samples.values())))]
 
     scanned = used({name: np.asarray(values) for name, values in grid(axes).items()})
     return _above(scanned, used, axes, 1.0, EXCEEDED, _at_once(problem))
@@ -322,15 +322,21 @@ def energies_of(
     return np.concatenate([found.energies for found in _values_of(problem, point, samples, tolerance)])[:size]
 
 
-def _values_of(problem: DesignProblem, point: Point, samples: dict[str, np.ndarray], tolerance: float) -> list[Values]:
+def _values_of(
+    problem: DesignProblem, point: Point, samples: dict[str, np.ndarray], tolerance: float, watched: bool = False
+) -> list[Values]:
     """Values of a design in other plants, as many at a time as the problem has, so that its program computes these,
-    too."""
+    too; or least slacks of as many as it has with those that it watches."""
     plants, size = _size(problem), len(next(iter(samples.values())))
+    each = plants + (WATCHED if watched else 0)
     running = []
-    for first in range(0, size, plants):
-        at = np.minimum(np.arange(first, first + plants), size - 1)
-        part = {name: _check.on_device(values[at]) for name, values in samples.items()}
+    for first in range(0, size, each):
+        at = np.minimum(np.arange(first, first + each), size - 1)
+        part = {name: _check.on_device(values[at[:plants]]) for name, values in samples.items()}
         scenarios = dataclasses.replace(problem.scenarios, samples=part)
+        if watched:
+            more = {name: _check.on_device(values[at[plants:]]) for name, values in samples.items()}
+            scenarios = dataclasses.replace(scenarios, watched=more)
         running.append(evaluate(scenarios, point, np.float64(tolerance)))
     # All are under way before the first is waited for: they share the cores.
     return [Values(*map(np.asarray, found)) for found in running]

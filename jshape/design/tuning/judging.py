@@ -120,9 +120,10 @@ def solution(judge: ScaledProblem, best: Candidate, balance: Optimality, enough:
     rounding = least_tolerance(jnp.result_type(float)) * float(np.max(found.greatest))
     if finer > APART * objective + rounding and scenarios.metric is None and isinstance(problem.objective, str):
         doubts += f"; {finer:.6g} J on a finer set: plants between those given are left more"
-    if scenarios.differing_limits and slack >= -EXCEEDED:
+    if scenarios.differing_limits:
         for most in interval.most_used(problem, best.point, interval.resolved(problem).axes)[:1]:
-            doubts += f"; between the plants of the set a limit is missed by {100 * (most.value - 1):.3g} % or more"
+            if most.value - 1 > max(EXCEEDED, -1.001 * slack):
+                doubts += f"; between the plants of the set a limit is missed by {100 * (most.value - 1):.3g} %"
     heaviest = np.argsort(-balance.multipliers, kind="stable")
     heaviest = heaviest[balance.multipliers[heaviest] > 1e-6]
     samples = {name: np.asarray(v) for name, v in scenarios.samples.items()}

@@ -22,14 +22,17 @@ from jshape import _check
 from jshape._types import ArrayLike, Progress
 from jshape.command import Distance
 from jshape.design.closed_forms import closed_forms
+from jshape.design.tuning import interval
 from jshape.design.tuning.design_problem import DesignProblem, design_problem, slowest_period
 from jshape.design.tuning.evaluate import evaluate
-from jshape.design.tuning.judging import Candidate, on_finer_set, status_of
+from jshape.design.tuning.judging import Candidate, bare_energy, on_finer_set, status_of
 from jshape.design.tuning.local_search import KNOWN, Descent, distinct, side_by_side
 from jshape.design.tuning.objective import Objective, objective_name, value_of
 from jshape.design.tuning.scaled_problem import ScaledProblem
 from jshape.design.tuning.scenarios import Limits, Point
+from jshape.design.tuning.search import BETWEEN, EXCHANGES
 from jshape.design.tuning.starts import starts as starting_points
+from jshape.design.tuning.zero_energy import rounding
 from jshape.plants import AbstractPlant
 from jshape.simulation.simulate import with_arrays
 from jshape.simulation.steps import TOLERANCE
@@ -138,7 +141,7 @@ def pareto(
 
     def fingerprint() -> bytes:
         facts = [names, groups, objective_name(objective), limit, starts, seed, iterations, list(over or ())]
-        facts += [version("jshape"), version("jax")]
+        facts += ["plants between", version("jshape"), version("jax")]
         scenarios, bounds = problems[0].scenarios, problems[0].bounds
         ones = np.ones(bounds.shapers * bounds.impulses)
         point = Point(ones, ones[bounds.shapers :], bounds.leaves)
@@ -171,7 +174,7 @@ def _front(
 ) -> None:
     """Fill the front, up through the durations, each from the one before and from the best of fresh starts; then go
     down again. An interrupt leaves what has been found."""
-    searches = [ScaledProblem(_within(problem, float(time))) for time in times]
+    searches = [ScaledProblem(_within(interval.with_places(problem), float(time))) for time in times]
 
     def best_of(judge: ScaledProblem, neighbours: list[Point], fresh: list[Point], known: list[Candidate]) -> Candidate:
         """The best of the known candidates and of what is found from its neighbours and from the best fresh starts."""
@@ -187,9 +190,20 @@ def _front(
             descents = distinct(descents)[:size] + ([] if most else [descend(point) for point in neighbours])
             list(side_by_side(descents, most or iterations, KNOWN if most else 0.0))
         best = min(descents, key=lambda one: judge.merit(one.point))
+        # In the worst case, until no plant between those of the set is worse.
+        for _ in range(EXCHANGES if problem.over_interval else 0):
+            values = best.search.values(best.x)
+            if not (maxima := interval.greatest(best.search.problem, best.point, values, interval.NEGLIGIBLE)):
+                break
+            share = values.energies / max(values.energies.max(), 1e-300)
+            best.pose(interval.with_plants(best.search.problem, maxima, share))
+            best.run(BETWEEN)
+        best.run(iterations)
         if best.ended:
             best.polish()
-        found = Candidate(judge.merit(best.point), best.point, best.optimal)
+        merit = best.search.merit(best.point)
+        zero = problem.zero_is_optimal and merit <= rounding(judge, bare_energy(judge))
+        found = Candidate(merit, best.point, best.optimal or zero, best)
         # Better by rounding is no better: the same design would be on the front twice.
         return min([found, *known], key=lambda one: one.merit * (1 if one is found else 1 - ROUNDING))
 
@@ -222,16 +236,20 @@ def _duration(problem: DesignProblem, point: Point) -> float:
 
 def _row(problem: DesignProblem, candidate: Candidate, most: int) -> np.ndarray:
     """A candidate as numbers: both objectives, optimality, status, duration, amplitudes, times."""
-    value, point, optimal, _ = candidate
+    value, point, optimal, search = candidate
     duration, n, count = _duration(problem, point), problem.bounds.impulses, problem.bounds.shapers
-    judge = ScaledProblem(_within(problem, max(duration, 1e-12)))
+    # With the plants that were added between those of the set.
+    judge = ScaledProblem(_within(search.search.problem, max(duration, 1e-12)))
     found = judge.values(judge.vector(point))
     finer = on_finer_set(problem, point, found)
     status = STATUSES.index(status_of(found.energies, found.slacks, optimal))
     shapers = np.full((2, count, most), np.nan)
     for i, shaper in enumerate(point.shapers):
         shapers[:, i, :n] = shaper.amplitudes, shaper.times
-    return np.append([value, finer, judge.optimality(point).residual, status, duration], shapers)
+    zero = optimal and problem.zero_is_optimal and value <= rounding(judge, bare_energy(judge))
+    # Zero is the least energy there is; the slope of rounding says no more.
+    residual = 0.0 if zero else judge.optimality(point).residual
+    return np.append([value, finer, residual, status, duration], shapers)
 
 
 def _closed(problem: DesignProblem, distance: Any) -> list[tuple[str, int, float, float]]:
