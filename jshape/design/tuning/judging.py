@@ -120,7 +120,8 @@ def solution(judge: ScaledProblem, best: Candidate, balance: Optimality, enough:
     rounding = least_tolerance(jnp.result_type(float)) * float(np.max(found.greatest))
     if finer > APART * objective + rounding and scenarios.metric is None and isinstance(problem.objective, str):
         doubts += f"; {finer:.6g} J on a finer set: plants between those given are left more"
-    if scenarios.differing_limits:
+    # Who interrupts does not wait for as many moves.
+    if scenarios.differing_limits and not course.interrupted:
         for most in interval.most_used(problem, best.point, interval.resolved(problem).axes)[:1]:
             if most.value - 1 > max(EXCEEDED, -1.001 * slack):
                 doubts += f"; between the plants of the set a limit is missed by {100 * (most.value - 1):.3g} %"

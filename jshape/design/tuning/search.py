@@ -4,6 +4,7 @@
 sample time if asked to, and judges what it found. An interrupt after the first candidate keeps the best so far.
 """
 
+import dataclasses
 import functools
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, wait
@@ -21,7 +22,7 @@ from jshape.design.tuning.local_search import COARSE, KNOWN, Descent, distinct, 
 from jshape.design.tuning.messages import doubts, not_optimal, objective_found
 from jshape.design.tuning.restarts import ENOUGH, Around, around
 from jshape.design.tuning.scaled_problem import MISSED, OPTIMAL, Optimality, ScaledProblem
-from jshape.design.tuning.scenarios import Point
+from jshape.design.tuning.scenarios import Limits, Point
 from jshape.design.tuning.solution import Solution
 from jshape.design.tuning.zero_energy import End, ends_of, rounding
 
@@ -60,6 +61,9 @@ BETWEEN = 12
 ITERATIONS = 360
 """Of a local search, at most."""
 
+NEAR = 1e-4
+"""A slack of a limit that counts as none."""
+
 OTHERS = 3
 """Further searches while the best design is in doubt, at most, where amplitudes are fixed."""
 
@@ -80,7 +84,7 @@ class Search:
     def __init__(self, problem: DesignProblem, progress: Progress, seed: int = 0, most: int | None = None):
         self.problem = interval.with_watched(interval.with_places(problem))
         self.progress, self.random = progress, np.random.default_rng(seed)
-        self.judge, self.most = ScaledProblem(self.problem), most
+        self.judge, self.seed, self.most = ScaledProblem(self.problem), seed, most
         self.candidates: list[Candidate] = []
         self.history: list[float] = []
         self.summary, self.doubt, self.interrupted = "", "", False
@@ -89,6 +93,7 @@ class Search:
         self.compiling: Future[None] | None = None
         self.models, self.fewest = linear_models.Starts([], False), 1
         self.others: list[Point] = []
+        self.unlimited: Search | None = None
 
     @property
     def best(self) -> Candidate:
@@ -97,31 +102,75 @@ class Search:
 
     def run(self, starts: list[Point], method: str, iterations: int | None, sample_time: float | None) -> Solution:
         """Search from the starts by the method that suits the problem, and judge the best design."""
-        most = self.most or len(starts)
+        done = False
         try:
             if method == "first-order":
                 self._first_order(starts, iterations or 1000)
-            elif not self.problem.has_roots:
-                self._descend(starts, iterations or ITERATIONS, most)
             else:
-                ends = self._nominal(starts, iterations or 40, sample_time is not None)
-                if not self.best.optimal:
-                    # Zero is out of reach, as far as is known: the least energy is looked for.
-                    self._descend(ends + starts, iterations or ITERATIONS, 2 * most)
-            # Not where a number of iterations, or the only start, is asked for.
-            another = method != "first-order" and iterations is None and len(starts) > 1
-            for number in range(OTHERS if self.problem.bounds.fixed_amplitudes else 1):
-                if another and self._worth_another(number):
-                    self._again(min(most, len(starts)))
-            if method != "first-order":
-                self._keep_limits(iterations or ITERATIONS, most)
+                # Not where a number of iterations, or the only start, is asked for.
+                done = iterations is None and len(starts) > 1 and self._without_limits(starts, sample_time)
+                if not done:
+                    self._second_order(starts, iterations, sample_time is not None)
         except KeyboardInterrupt:
             if not self.candidates:
                 raise
             self.interrupted = True
-        if sample_time is not None:
+        if sample_time is not None and not done:
             self._digital(sample_time, 0 if self.interrupted else min(iterations or ON_TICKS, ON_TICKS))
         return self._solution()
+
+    def _second_order(self, starts: list[Point], iterations: int | None, every: bool) -> None:
+        """The best method for the problem, from the starts; ``every``: of the starts that may reach zero."""
+        most = self.most or len(starts)
+        if not self.problem.has_roots:
+            self._descend(starts, iterations or ITERATIONS, most)
+        else:
+            ends = self._nominal(starts, iterations or 40, every)
+            if not self.best.optimal:
+                # Zero is out of reach, as far as is known: the least energy is looked for.
+                self._descend(ends + starts, iterations or ITERATIONS, 2 * most)
+        another = iterations is None and len(starts) > 1
+        for number in range(OTHERS if self.problem.bounds.fixed_amplitudes else 1):
+            if another and self._worth_another(number):
+                self._again(min(most, len(starts)))
+        self._keep_limits(iterations or ITERATIONS, most)
+
+    def _without_limits(self, starts: list[Point], sample_time: float | None) -> bool:
+        """Whether the best design without limits, which costs little beside one with them, keeps them; it is the best
+        with them, then. If not it is among the starts.
+
+        Not under limits of the command alone, which cost little, too.
+        """
+        mine = self.problem.scenarios
+        if not mine.limits.peak_deflection:
+            return False
+        free = dataclasses.replace(mine, limits=Limits(axes=mine.plant.axes), watched={}, fine_steps=1)
+        other = Search(dataclasses.replace(self.problem, scenarios=free), self.progress, self.seed, self.most)
+        compiling = beside(self.judge.values, self.judge.vector(starts[0]), LOOSEST)
+        try:
+            other._second_order(starts, None, sample_time is not None)
+            if sample_time is not None:
+                other._digital(sample_time, ON_TICKS)
+            if other.interrupted:
+                raise KeyboardInterrupt
+        except KeyboardInterrupt:
+            # Who interrupts does not wait for limits to be compiled.
+            if other.candidates and compiling.done():
+                self._add(other.best.point, False)
+            raise
+        wait([compiling])
+        starts.insert(0, other.best.point)
+        theirs, before = other.problem.scenarios, self.problem
+        kept = dataclasses.replace(theirs, limits=mine.limits, watched=mine.watched, fine_steps=mine.fine_steps)
+        self.problem = dataclasses.replace(other.problem, scenarios=kept)
+        self.judge.pose(self.problem)
+        self._add(other.best.point, other.best.optimal)
+        if self.best.merit < MISSED and not self._watch():
+            self.history, self.summary, self.doubt, self.unlimited = other.history, other.summary, other.doubt, other
+            return True
+        self.problem, self.candidates = before, []
+        self.judge.pose(before)
+        return False
 
     def _worth_another(self, number: int) -> bool:
         """Whether the best design is no optimum or in doubt, keeps the limits, and costs little to look for again.
@@ -481,10 +530,12 @@ class Search:
         if self._reached() and self.best.optimal and float(values.max()) <= self._rounding:
             # Zero is the least energy there is; the slope of rounding says no more.
             return Optimality(np.full(len(values), 1 / len(values)), 0.0, 0.0)
-        if self.interrupted and self.compiling is not None and not self.compiling.done():
+        if self.unlimited is not None and self.judge.values(self.judge.vector(point)).slacks.min() > NEAR:
+            return self.unlimited.judge.optimality(point)
+        if self.interrupted and (self.compiling is None or not self.compiling.done()):
             # Who interrupts does not wait for derivatives.
             return Optimality(np.zeros(len(values)), np.nan, np.nan)
-        return self.judge.optimality(point)
+        return self.judge.optimality(point, NEAR)
 
     @functools.cached_property
     def _resolved(self) -> interval.Resolved:
