@@ -21,6 +21,7 @@ The search:
 
 - ``starts``: starting points: closed forms first, random designs after them.
 - ``search``: ranks the starting points, runs the optimisers below from the best, judges what they find.
+- ``exchange``: the best designs met, judged on worse and worse plants between those that were given.
 - ``linear_models``: further starting points, from linear models of the plants.
 - ``linear_times``: the times that are tried on these models.
 - ``zero_energy``: one plant: Levenberg–Marquardt to zero residual energy.

@@ -25,12 +25,12 @@ from jshape.design.closed_forms import closed_forms
 from jshape.design.tuning import interval
 from jshape.design.tuning.design_problem import DesignProblem, design_problem, slowest_period
 from jshape.design.tuning.evaluate import evaluate
+from jshape.design.tuning.exchange import BETWEEN, EXCHANGES
 from jshape.design.tuning.judging import Candidate, bare_energy, on_finer_set, status_of
 from jshape.design.tuning.local_search import KNOWN, Descent, distinct, side_by_side
 from jshape.design.tuning.objective import Objective, objective_name, value_of
 from jshape.design.tuning.scaled_problem import ScaledProblem
 from jshape.design.tuning.scenarios import Limits, Point
-from jshape.design.tuning.search import BETWEEN, EXCHANGES
 from jshape.design.tuning.starts import starts as starting_points
 from jshape.design.tuning.zero_energy import rounding
 from jshape.plants import AbstractPlant

@@ -49,6 +49,10 @@ FINE = 1e-8
 """The part of the objective to which it is known at the end of a search, as far as the arithmetic allows: where hardly
 any energy is left, a coarser tolerance hides in which direction there is less."""
 
+NEAR = 1e-4
+"""A slack of an inequality that counts as none where the conditions of an optimum are judged, and a part of the
+objective."""
+
 REMEMBERED = 64
 """Designs whose values are kept."""
 
@@ -235,7 +239,7 @@ class ScaledProblem:
         merit = self.problem.total(found.energies, point) + (MISSED * (1 + exceeded) if exceeded else 0.0)
         return np.inf if np.isnan(merit) else merit
 
-    def optimality(self, point: Point, near: float = 1e-4) -> Optimality:
+    def optimality(self, point: Point, near: float = NEAR) -> Optimality:
         """The violation of the Karush–Kuhn–Tucker conditions: ∇f + Σ λ_j ∇h_j − Σ μ_k ∇g_k = 0 with μ_k ≥ 0.
 
         The h_j are the equalities, the g_k ≥ 0 those inequalities whose value is within ``near`` of zero. The epigraph

@@ -5,26 +5,26 @@ sample time if asked to, and judges what it found. An interrupt after the first 
 """
 
 import dataclasses
-import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from concurrent.futures import Future, wait
 
 import numpy as np
 
 from jshape._compiling import beside
 from jshape._types import Progress
-from jshape.design.tuning import digital, interval, linear_models
+from jshape.design.tuning import digital, linear_models
 from jshape.design.tuning.adam import descend
 from jshape.design.tuning.design_problem import DesignProblem
 from jshape.design.tuning.evaluate import LOOSEST
-from jshape.design.tuning.judging import Candidate, Course, bare_energy, solution
+from jshape.design.tuning.exchange import EXCHANGES, JUDGED, Candidates
+from jshape.design.tuning.judging import Candidate, Course, solution
 from jshape.design.tuning.local_search import COARSE, KNOWN, Descent, distinct, merged, side_by_side
 from jshape.design.tuning.messages import doubts, not_optimal, objective_found
 from jshape.design.tuning.restarts import ENOUGH, Around, around
-from jshape.design.tuning.scaled_problem import MISSED, OPTIMAL, Optimality, ScaledProblem
+from jshape.design.tuning.scaled_problem import MISSED, NEAR, OPTIMAL, Optimality, ScaledProblem
 from jshape.design.tuning.scenarios import Limits, Point
 from jshape.design.tuning.solution import Solution
-from jshape.design.tuning.zero_energy import End, ends_of, rounding
+from jshape.design.tuning.zero_energy import End, ends_of
 
 ROUNDS = ((12, 4), (8, 4), (5, 6), (3, 12), (1, 24), (2, None))
 """How many of the best starts are refined, and by how many iterations, before the best of those go on, two
@@ -37,9 +37,6 @@ best by a greater factor are not refined."""
 ROUGH = 1e-4
 """The part of the objective to which it is known where those are compared."""
 
-EARLY = 0.01
-"""Between the plants of a set the objective is known to this part of what was added to it at least."""
-
 CHEAP = 20_000
 """Segments, states, plants and variables, multiplied, above which there are no more than those."""
 
@@ -49,20 +46,8 @@ UNMODELLED = 7
 CHEAPER = 32
 """How many times less they cost where the search is more thorough (``restarts.around``)."""
 
-EXCHANGES = 20
-"""How often the worst plants between those of the set are looked for, at most."""
-
-JUDGED = 4
-"""Candidates that remain where plants are added to the set."""
-
-BETWEEN = 12
-"""Iterations of a local search before they are looked for again, at most."""
-
 ITERATIONS = 360
 """Of a local search, at most."""
-
-NEAR = 1e-4
-"""A slack of a limit that counts as none."""
 
 OTHERS = 3
 """Further searches while the best design is in doubt, at most, where amplitudes are fixed."""
@@ -71,7 +56,7 @@ ON_TICKS = 60
 """The same, where impulses are moved to the samples."""
 
 
-class Search:
+class Search(Candidates):
     """The search of one design problem.
 
     Args:
@@ -82,10 +67,9 @@ class Search:
     """
 
     def __init__(self, problem: DesignProblem, progress: Progress, seed: int = 0, most: int | None = None):
-        self.problem = interval.with_watched(interval.with_places(problem))
+        super().__init__(problem)
         self.progress, self.random = progress, np.random.default_rng(seed)
-        self.judge, self.seed, self.most = ScaledProblem(self.problem), seed, most
-        self.candidates: list[Candidate] = []
+        self.seed, self.most = seed, most
         self.history: list[float] = []
         self.summary, self.doubt, self.interrupted = "", "", False
         self.refined = self.tried = 0
@@ -94,11 +78,6 @@ class Search:
         self.models, self.fewest = linear_models.Starts([], False), 1
         self.others: list[Point] = []
         self.unlimited: Search | None = None
-
-    @property
-    def best(self) -> Candidate:
-        """The candidate of least merit; of equal ones, an optimum."""
-        return min(self.candidates, key=lambda candidate: (candidate.merit, not candidate.optimal))
 
     def run(self, starts: list[Point], method: str, iterations: int | None, sample_time: float | None) -> Solution:
         """Search from the starts by the method that suits the problem, and judge the best design."""
@@ -259,7 +238,7 @@ class Search:
                     others = max(1, min(count // 2, max(int(more) - 1, self.fewest)))  # Played backwards, at least.
                     descents = self._around(descents, begin, others, more > CHEAPER)
                 for descent in distinct(descents)[:1] if most else descents:
-                    self._reach(descent)
+                    self._follow(descent)
             if self.problem.over_interval:
                 self._exchange(descents)
             elif all(one.ended for one in descents):
@@ -348,62 +327,10 @@ class Search:
         """The merit of a design, J, to a thousandth of itself."""
         return self.judge.merit(point, self.judge.tolerance_for(self.judge.vector(point), COARSE))
 
-    def _reached(self) -> bool:
-        """Whether the best candidate leaves nothing but rounding, where that is the optimum."""
-        return self.problem.zero_is_optimal and self.best.merit <= self._rounding
-
     def _work(self, point: Point) -> int:
         """Segments × states × plants × variables: what derivatives cost."""
         found = self.judge.values(self.judge.vector(point), LOOSEST)
         return max(1, len(found.steps) * found.ends.size * int(self.judge.space.free.sum()))
-
-    def _exchange(self, descents: list[Descent]) -> None:
-        """Add the worst plants between those of the set, and go on, until there are none that are worse."""
-        known = 0.0
-        for _ in range(EXCHANGES):
-            # More plants make the objective at the end of a search no less.
-            bounds = [one.merit * (1 - 10 * known) if one.ended or one.compared else -np.inf for one in descents]
-            excess = self._pose(self.best.point, descents)
-            going = any(one.left and not one.ended for one in descents)
-            if not excess and self._reached():
-                return
-            if not excess and not going:
-                moved = self._settled() if all(one.ended for one in descents) else None
-                if moved is None:
-                    return
-                descents, bounds = [moved], [-np.inf]
-            least = min(one.merit for one in descents)
-            descents = [one for one, bound in zip(descents, bounds, strict=True) if bound <= least]
-            descents = distinct(descents)[:2]
-            if not any(one.left for one in descents):
-                return
-            known = EARLY * excess
-            for descent in side_by_side(descents, BETWEEN, known):
-                self._reach(descent)
-
-    def _pose(self, point: Point, descents: list[Descent]) -> float:
-        """Add the worst plants between those of the set, for this design, to all searches; by how much the worst one
-        exceeds those of the set, as a part of them."""
-        found = self.judge.values(self.judge.vector(point))
-        maxima = interval.greatest(self.problem, point, found, interval.NEGLIGIBLE)
-        if not maxima and self._resolved.more:
-            maxima = interval.greatest(self.problem, point, found, interval.NEGLIGIBLE, self._resolved.axes)
-        if not maxima:
-            return 0.0
-        # Plants that are among the worst of any design in sight keep their places.
-        values = [found, *(one.search.values(one.x, one.tolerance) for one in descents)]
-        share = np.max([each.energies / max(each.energies.max(), 1e-300) for each in values], axis=0)
-        self._take(interval.with_plants(self.problem, maxima, share), descents)
-        return maxima[0].value / max(float(found.energies.max()), 1e-300) - 1
-
-    def _take(self, problem: DesignProblem, descents: Sequence[Descent] = ()) -> None:
-        """Take the same problem with other plants in all searches, and judge the best candidates again."""
-        self.problem = problem
-        for search in (self.judge, *descents):
-            search.pose(problem)
-        best, self.candidates = sorted(self.candidates, key=lambda one: one.merit)[:JUDGED], []
-        for one in best:
-            self.candidates.append(Candidate(self.judge.merit(one.point), one.point, False, one.search))
 
     def _keep_limits(self, iterations: int, count: int) -> None:
         """Go on from the best design until it keeps its limits between the plants of the set, too; where that leads to
@@ -416,43 +343,12 @@ class Search:
                 self._exchange([descent])
             else:
                 descent.run(iterations)
-                self._reach(descent)
+                self._follow(descent)
             if self.best.merit >= MISSED and not number:
                 self._descend([self.best.point, *self.others], iterations, count)
             else:
                 self._sum_up(0, 0)
                 self._say_doubts(iterations)
-
-    def _watch(self) -> bool:
-        """Watch the plants between those of the set in which the best design misses a limit that all of the set keep;
-        whether there are any."""
-        if not self.problem.scenarios.differing_limits or self.best.merit >= MISSED:
-            return False
-        point = self.best.point
-        if maxima := interval.most_used(self.problem, point, self._resolved.axes):
-            found = self.judge.values(self.judge.vector(point))
-            self._take(interval.watching(self.problem, maxima, found))
-        return bool(maxima)
-
-    def _settled(self) -> Descent | None:
-        """Where the best candidate does not meet the conditions of an optimum, it is moved to where they hold better.
-
-        Returns:
-            The search that moved it, to go on from; ``None`` where it stays.
-        """
-        best, residual = self.best, self.judge.optimality(self.best.point).residual
-        if residual < OPTIMAL:
-            self.candidates.append(best._replace(optimal=True))
-            return None
-        descent = Descent(ScaledProblem(self.problem), best.point, BETWEEN)
-        descent.run(BETWEEN)
-        descent.polish()
-        close = self.judge.merit(descent.point) <= best.merit * (1 + 1e-9)
-        if not close or self.judge.optimality(descent.point).residual >= residual:
-            return None
-        # Better, if not by what its value shows: it takes the place of all others.
-        self.candidates = [Candidate(self.judge.merit(descent.point), descent.point, descent.optimal)]
-        return descent
 
     def _first_order(self, starts: list[Point], iterations: int) -> None:
         """Adam, all starts side by side."""
@@ -491,23 +387,6 @@ class Search:
         self.history.append(self._total())
         self.summary += f"; at multiples of {sample_time:g} s {self._value()}"
 
-    def _add(self, point: Point, optimal: bool) -> None:
-        self.candidates.append(Candidate(self.judge.merit(point), point, optimal))
-
-    def _reach(self, descent: Descent) -> None:
-        """The design of a local search so far as a candidate, in the place of the one before."""
-        found = Candidate(self.judge.merit(descent.point), descent.point, descent.optimal, descent)
-        if found.merit < MISSED:
-            self.candidates = [one for one in self.candidates if one.search is not descent]
-        self.candidates.append(found)
-
-    def _leave_unfinished(self) -> None:
-        """Where there are limits, leave out what searches that have not ended came to: as long as a limit is exceeded
-        by less than counts, there seems to be less."""
-        ended = [one for one in self.candidates if one.optimal or (one.search is not None and one.search.ended)]
-        if self.problem.scenarios.limits.any and any(one.merit < MISSED for one in ended):
-            self.candidates = ended
-
     def _total(self) -> float:
         """The best candidate's objective with the cost of its time, J: its merit without what missed limits cost."""
         point = self.best.point
@@ -535,16 +414,4 @@ class Search:
         if self.interrupted and (self.compiling is None or not self.compiling.done()):
             # Who interrupts does not wait for derivatives.
             return Optimality(np.zeros(len(values)), np.nan, np.nan)
-        return self.judge.optimality(point, NEAR)
-
-    @functools.cached_property
-    def _resolved(self) -> interval.Resolved:
-        return interval.resolved(self.problem)
-
-    @functools.cached_property
-    def _bare(self) -> float:
-        return bare_energy(self.judge)
-
-    @property
-    def _rounding(self) -> float:
-        return rounding(self.judge, self._bare)
+        return self.judge.optimality(point)
