@@ -244,7 +244,7 @@ def test_a_missed_limit_costs_more_than_any_energy():
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "limit, impulses, said", [(0.7, 3, "no residual energy but rounding"), (0.25, 4, "zero but for rounding")]
+    ("limit", "impulses", "said"), [(0.7, 3, "no residual energy but rounding"), (0.25, 4, "zero but for rounding")]
 )
 def test_nothing_left_within_a_limit_is_an_optimum(plant, limit, impulses, said):
     """The design without limits exceeds the second one: another design leaves nothing, either."""
