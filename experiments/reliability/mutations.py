@@ -59,6 +59,7 @@ TESTS = {
     "jshape/simulation/components.py": ("components", "integrate"),
     "jshape/simulation/energy_profile.py": ("metrics", "papers_energy::test_energies_along_the_three_impulse_move"),
     "jshape/simulation/integrate.py": ("integrate", "components"),
+    "jshape/simulation/peaks.py": ("peaks",),
     "jshape/simulation/replay.py": ("steps::test_any_tolerance_is_met", "steps"),
     "jshape/simulation/residual.py": ("metrics", "steps::test_what_is_not_met_raises_or_is_nan", "papers_energy"),
     "jshape/simulation/response.py": ("simulate",),

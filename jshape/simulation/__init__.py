@@ -10,6 +10,7 @@
 - ``replay``: a move with numbers of steps that are known: the run that is differentiated.
 - ``residual``: the state after the last impulse and its energy, each with its accuracy.
 - ``trajectory``: a quantity along a move, its extremes and crossings.
+- ``peaks``: its peaks by few long steps, with their derivatives, for limits.
 - ``response``: ``js.Response``, the result of a simulation.
 - ``energy_profile``: kinetic and potential energy against position along a move.
 - ``solver``: the kernel's step as a diffrax solver.

@@ -59,6 +59,7 @@ def runge_kutta_step(
     step: Scalar,
     *,
     passes: bool = False,
+    seldom: bool = False,
 ) -> tuple[State, State]:
     """One step and its embedded error estimate.
 
@@ -66,13 +67,14 @@ def runge_kutta_step(
     the difference between the tableau's two solutions.
 
     ``passes``: in reverse mode the step is computed without derivatives, too, once or more, before they are taken.
+    ``seldom``: few such steps are computed, for which a short time to compile matters more.
 
     A state whose rate is another state (x' = v) needs no stages of its own: they follow from those of v'. To rounding
     that is the same step, with a third less to compute. With derivatives all stages are taken, which are cheaper to
     differentiate.
     """
     field = Components(slope, jnp.zeros_like(step), vector=state)
-    if field.size > _WRITTEN_OUT:
+    if seldom or field.size > _WRITTEN_OUT:
         return _looped(tableau, functools.partial(field, field.captured), state, step)
     rates = {i: j for i, j in field.same.items() if j not in field.same}
 

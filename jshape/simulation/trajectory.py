@@ -125,14 +125,18 @@ def timed(plant) -> Array:
     return jnp.asarray(spring.stiffness(jnp.zeros(())) > 0 if isinstance(spring, AbstractSpring) else True)
 
 
+def with_time_after(plant, plan: Schedule, periods: float, parts: int) -> Segments:
+    """The segments of a move, and that many periods of the slowest mode after it in so many parts."""
+    after = jnp.full(parts, tail(plant, plan, periods) / parts)
+    age = after * jnp.arange(parts)
+    last = Segments(plan.breaks[-1] + age, after, age, jnp.repeat(plan.coefficients[-1:], parts, axis=0))
+    return jax.tree.map(lambda a, b: jnp.concatenate([a, b]), plan.segments(), last)
+
+
 @kept
 def trajectory(plant, plan: Schedule, state, periods: float, name: str, steps: int, parts: int = 1) -> Trajectory:
     """The named quantity over the move and that many periods of the slowest mode after it, the latter in ``parts``."""
-    after = jnp.full(parts, tail(plant, plan, periods) / parts)
-    moving = plan.segments()
-    age = after * jnp.arange(parts)
-    last = Segments(plan.breaks[-1] + age, after, age, jnp.repeat(plan.coefficients[-1:], parts, axis=0))
-    segments = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), moving, last)
+    segments = with_time_after(plant, plan, periods, parts)
     _, errors, states = integrate(field_of(plant), state, segments.duration, segments, steps, save=True)
     assert states is not None
     first = jnp.concatenate([state[None], states[:-1, -1]])

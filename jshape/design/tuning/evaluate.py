@@ -76,8 +76,9 @@ def evaluate(scenarios: Scenarios, point: Point, tolerance: Any) -> Values:
         return energy, found.error * found.scale, found.scale, found.state, found.steps
 
     energies, errors, greatest, ends, steps = _every_plant(scenarios, one)
-    common, own = _slacks(scenarios, point)
-    slack, least = jnp.append(common, own), jnp.min(own, axis=1, initial=1.0)
+    own = jnp.nan_to_num(_slacks_of_all(scenarios, point), nan=-1.0)
+    least = jnp.min(own, axis=1, initial=1.0)
+    slack = _joined(_common_slacks(scenarios, point), own)
     return Values(energies, errors, greatest, slack, least, ends, steps[0])
 
 
@@ -122,30 +123,41 @@ def linearise(scenarios: Scenarios, point: Point, ends: Any, steps: Any) -> Line
         steps: in each segment, for the derivatives of those states.
     """
     flat, unravel = ravel_pytree(point)
-    forward = len(flat) <= FORWARD or not scenarios.samples
+    if len(flat) > FORWARD and scenarios.samples:
+        return _linearised_backward(scenarios, flat, unravel, ends, steps)
 
-    def one(x: Array, case: Scenarios, end: Array) -> tuple[Array, Array]:
-        return _energy_and_end(case, unravel(x), end, steps, forward)
+    def whole(case: Scenarios, end: Array) -> tuple[Array, ...]:
+        # Derivatives inside, plants outside: on four states and up to 64 plants half the time of the reverse.
+        def one(x: Array) -> tuple[Array, ...]:
+            slack, after = _own_slacks(case, unravel(x), scenarios.moves_differ)
+            return *_energy_and_end(case, unravel(x), end, steps, True, after), slack
 
-    if forward:
+        (value, _, slack), (slope, slopes, slack_slopes) = _with_jacobian(one, flat, True)
+        return value, slope, *_curvature(case, point, end, slopes), slopes, slack, slack_slopes
 
-        def whole(case: Scenarios, end: Array) -> tuple[Array, ...]:
-            # Derivatives inside, plants outside: on four states and up to 64 plants half the time of the reverse.
-            (value, _), (slope, slopes) = _with_jacobian(lambda x: one(x, case, end), flat, True)
-            return value, slope, *_curvature(case, point, end, slopes), slopes
-
-        energies, jacobian, *curvature = _every_plant(scenarios, whole, ends)
-    else:
-        # One pass back for each plant.
-        energies, jacobian = _every_plant(
-            scenarios, lambda case, end: _with_jacobian(lambda x: one(x, case, end)[0], flat, False), ends
-        )
-        curvature = *_no_curvature(*jacobian.shape), jnp.zeros((*ends.shape[:1], 0, len(flat)))
-    slack, slack_jacobian = jnp.zeros(0), jnp.zeros((0, len(flat)))
-    if scenarios.limits.any:
-        slack, slack_jacobian = _with_jacobian(lambda x: slacks(scenarios, unravel(x)), flat, len(flat) <= FORWARD)
+    plants, every = len(ends), _with_watched(scenarios)
+    count = len(next(iter(every.samples.values()), ends))
+    *found, own, own_jacobian = _every_plant(every, whole, jnp.resize(ends, (count, *ends.shape[1:])))
+    common = _with_jacobian(lambda x: _common_slacks(scenarios, unravel(x)), flat, True)
+    slack, slack_jacobian = _joined(common[0], own), jnp.concatenate([common[1], own_jacobian.reshape(-1, len(flat))])
+    energies, jacobian, *curvature = (x[:plants] for x in found)
     slack_bends = jnp.zeros((*slack_jacobian.shape, len(flat)))
     return Linearisation(energies, jacobian, slack, slack_jacobian, slack_bends, *curvature)
+
+
+def _linearised_backward(scenarios: Scenarios, flat: Array, unravel, ends: Array, steps: Any) -> Linearisation:
+    """The same by reverse mode: one pass back for each plant and for each slack."""
+    energies, jacobian = _every_plant(
+        scenarios,
+        lambda case, end: _with_jacobian(
+            lambda x: _energy_and_end(case, unravel(x), end, steps, False)[0], flat, False
+        ),
+        ends,
+    )
+    slack, slack_jacobian = _with_jacobian(lambda x: slacks(scenarios, unravel(x)), flat, False)
+    slack_bends, ends_slopes = jnp.zeros((*slack_jacobian.shape, len(flat))), jnp.zeros((len(ends), 0, len(flat)))
+    curvature = _no_curvature(*jacobian.shape)
+    return Linearisation(energies, jacobian, slack, slack_jacobian, slack_bends, *curvature, end_jacobian=ends_slopes)
 
 
 def _move(scenarios: Scenarios, point: Point) -> tuple[AbstractPlant, Schedule, State]:
@@ -173,12 +185,13 @@ def energies(scenarios: Scenarios, point: Point, steps: Any) -> Float[Array, " p
 
 
 def _energy_and_end(
-    scenarios: Scenarios, point: Point, end: Array | None, steps: Any, forward: bool
+    scenarios: Scenarios, point: Point, end: Array | None, steps: Any, forward: bool, computed: Array | None = None
 ) -> tuple[Array, Array]:
-    """The energy and the state after a move, which is ``end`` where it is known, with their derivatives."""
+    """The energy and the state after a move, which is ``end`` where it is known, with their derivatives; those of the
+    state are those of ``computed``, where it is."""
     if scenarios.metric is not None:
         return _metric(scenarios, point), jnp.zeros(1)
-    computed = end_of_move(scenarios, point, steps, forward)
+    computed = end_of_move(scenarios, point, steps, forward) if computed is None else computed
     end = computed if end is None else end + (computed - jax.lax.stop_gradient(computed))
     plant, plan, _ = _move(scenarios, point)
     inputs = plan.final_inputs(plant)
@@ -281,27 +294,48 @@ def _bend(row: Array, point: Point, matrix: Array, away: Array, later: Array, sl
 
 def slacks(scenarios: Scenarios, point: Point) -> Array:
     """Slacks of the limits of all moves: negative where one is missed."""
-    return jnp.append(*_slacks(scenarios, point))
+    return _joined(_common_slacks(scenarios, point), _slacks_of_all(scenarios, point))
 
 
-def _slacks(scenarios: Scenarios, point: Point) -> tuple[Array, Array]:
-    """Slacks of the limits that are the same for all plants, and those of each plant of the set or watched, shapes
-    (limits,) and (plants, limits)."""
-    if not scenarios.limits.any:
-        return jnp.zeros(0), jnp.zeros((1, 0))
-    every = scenarios
-    if scenarios.watched:
-        both = {name: jnp.append(values, scenarios.watched[name]) for name, values in scenarios.samples.items()}
-        every = dataclasses.replace(scenarios, samples=both)
-    common, own = jnp.zeros(0), []
-    if scenarios.moves_differ:
-        own.append(_every_plant(every, lambda case: command_slack(case, point)))
-    else:
-        common = command_slack(scenarios, point)
+def _joined(common: Array, own: Array) -> Array:
+    """Slacks that are the same for all plants, and those of each; what is not a number counts as missed."""
+    return jnp.nan_to_num(jnp.append(common, own), nan=-1.0)
+
+
+def _common_slacks(scenarios: Scenarios, point: Point) -> Array:
+    """Slacks of the limits that are the same for all plants, shape (limits,)."""
+    limited = scenarios.limits.any and not scenarios.moves_differ
+    return _command_slack(scenarios, point) if limited else jnp.zeros(0)
+
+
+def _command_slack(scenarios: Scenarios, point: Point) -> Array:
+    return command_slack(scenarios.limits, scenarios.plant, scenarios.command, scenarios.shaping(point))
+
+
+def _slacks_of_all(scenarios: Scenarios, point: Point) -> Array:
+    """Slacks of the limits of each plant of the set and of each that is watched, shape (plants, limits)."""
+    differ = scenarios.moves_differ
+    return _every_plant(_with_watched(scenarios), lambda case: _own_slacks(case, point, differ)[0])
+
+
+def _own_slacks(scenarios: Scenarios, point: Point, moves_differ: bool) -> tuple[Array, Array | None]:
+    """Slacks of the limits that one plant may keep and another one miss, shape (limits,), and the state after the move
+    where that is computed on the way."""
+    slack, end = jnp.zeros(0), None
+    if scenarios.limits.any and moves_differ:
+        slack = _command_slack(scenarios, point)
     if scenarios.limits.peak_deflection:
-        own.append(_every_plant(every, lambda case: deflection_slack(case, point)))
-    apart = jnp.concatenate(own, axis=1) if own else jnp.zeros((1, 0))
-    return jnp.nan_to_num(common, nan=-1.0), jnp.nan_to_num(apart, nan=-1.0)
+        deflections, end = deflection_slack(scenarios, point)
+        slack = jnp.append(slack, deflections)
+    return slack, end
+
+
+def _with_watched(scenarios: Scenarios) -> Scenarios:
+    """The same with the watched plants in the set."""
+    if not scenarios.watched:
+        return scenarios
+    both = {name: jnp.append(values, scenarios.watched[name]) for name, values in scenarios.samples.items()}
+    return dataclasses.replace(scenarios, samples=both)
 
 
 def _every_plant(scenarios: Scenarios, function: Callable[..., Any], *rows: Any) -> Any:

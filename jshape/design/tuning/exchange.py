@@ -37,12 +37,14 @@ class Candidates:
         problem: what is minimised.
 
     Attributes:
+        original: the problem.
         problem: with the plants that have been added to its set.
         judge: of the designs, on these plants.
         candidates: the designs.
     """
 
     def __init__(self, problem: DesignProblem):
+        self.original = problem
         self.problem = interval.with_watched(interval.with_places(problem))
         self.judge = ScaledProblem(self.problem)
         self.candidates: list[Candidate] = []

@@ -123,15 +123,15 @@ def _onto_bounds(x: Vector, space: Space) -> Vector:
     return np.clip(near, space.lower, space.upper)
 
 
-def compile_program(space: Space, objective: str, plants: int, states: int) -> None:
-    """Compile the program of models of that shape, without limits, before they are known."""
+def compile_program(space: Space, objective: str, plants: int, states: int, limits: int) -> None:
+    """Compile the program of models of that shape, with so many limits on the move, before they are known."""
     n = len(space.free)
     found = Linearisation(
         energies=np.ones(plants),
         jacobian=np.zeros((plants, n)),
-        slacks=np.zeros(0),
-        slack_jacobian=np.zeros((0, n)),
-        slack_bends=np.zeros((0, n, n)),
+        slacks=np.ones(limits),
+        slack_jacobian=np.zeros((limits, n)),
+        slack_bends=np.zeros((limits, n, n)),
         bends=np.zeros((plants, n, n)),
         roots=np.zeros((plants, states)),
         root_jacobian=np.zeros((plants, states, n)),

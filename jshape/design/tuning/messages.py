@@ -9,7 +9,7 @@ from jshape.design.tuning.evaluate import DIVERGED_ENERGY, slacks
 from jshape.design.tuning.objective import objective_name, value_of
 from jshape.design.tuning.restarts import Around
 from jshape.design.tuning.scaled_problem import EXCEEDED
-from jshape.design.tuning.scenarios import Limits, Point, Scenarios
+from jshape.design.tuning.scenarios import Point, Scenarios
 
 TOGETHER = 1e-6
 """Of the longest duration, within which impulses are one."""
@@ -70,12 +70,10 @@ def missed(scenarios: Scenarios, point: Point) -> str:
         point: the design.
     """
     found = []
-    for name, of_axes in vars(scenarios.limits).items():
-        for axis, limit in of_axes.items():
-            alone = Limits(**{name: {axis: limit} if axis else limit}, axes=scenarios.plant.axes)
-            case = eqx.tree_at(lambda x: x.limits, scenarios, alone)
-            if (slack := float(slacks(case, point).min())) < -EXCEEDED:
-                found.append(f"; {name}{f' of {axis}' if axis else ''} is missed by {-100 * slack:.3g} %")
+    for name, axis, _, alone in scenarios.limits.each(scenarios.plant.axes):
+        case = eqx.tree_at(lambda x: x.limits, scenarios, alone)
+        if (slack := float(slacks(case, point).min())) < -EXCEEDED:
+            found.append(f"; {name}{f' of {axis}' if axis else ''} is missed by {-100 * slack:.3g} %")
     return "".join(found)
 
 

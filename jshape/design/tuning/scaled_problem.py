@@ -8,6 +8,7 @@ from collections.abc import Callable
 from concurrent.futures import wait
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from scipy.optimize import lsq_linear
@@ -25,6 +26,7 @@ from jshape.design.tuning.evaluate import (
     departure,
     evaluate,
     linearise,
+    slacks,
 )
 from jshape.design.tuning.interior_point import FEW, compile_program
 from jshape.design.tuning.objective import TAIL, value_of, weights_of
@@ -220,17 +222,18 @@ class ScaledProblem:
         if scenarios.metric is not None:
             return
         plants = len(next(iter(scenarios.samples.values()))) if scenarios.samples else 1
-        waiting = [beside(self._compile_models, plants)] if models else []
+        waiting = [beside(self._compile_models, plants, point)] if models else []
         plan = schedule(scenarios.plant, scenarios.command, scenarios.shaping(point))
         ends = np.asarray(initial(scenarios.plant, scenarios.state))[None].repeat(plants, axis=0)
         linearise(scenarios, point, ends, np.ones(len(plan.breaks) - 1, np.int32))
         wait(waiting)
 
-    def _compile_models(self, plants: int) -> None:
-        problem = self.problem
-        if plants <= FEW and isinstance(problem.objective, str) and not problem.scenarios.limits.any:
-            states = len(np.asarray(initial(problem.scenarios.plant, problem.scenarios.state))) if self.rooted else 0
-            compile_program(self.space, problem.objective, plants, states)
+    def _compile_models(self, plants: int, point: Point) -> None:
+        problem, scenarios = self.problem, self.problem.scenarios
+        if plants <= FEW and isinstance(problem.objective, str):
+            states = len(np.asarray(initial(scenarios.plant, scenarios.state))) if self.rooted else 0
+            limits = jax.eval_shape(slacks, scenarios, point).size if scenarios.limits.any else 0
+            compile_program(self.space, problem.objective, plants, states, limits)
 
     def merit(self, point: Point, tolerance: float | None = None) -> float:
         """The objective with the cost of time, J; limits that are exceeded cost more than any objective."""

@@ -5,7 +5,7 @@ them. ``Point`` is a design: amplitudes, gaps between the impulses, values of th
 """
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -90,6 +90,12 @@ class Limits(eqx.Module):
         """Whether there is any limit."""
         return bool(self.peak_deflection or self.speed_limit or self.command_overshoot)
 
+    def each(self, axes: tuple[str, ...]) -> Iterator[tuple[str, str, Array, "Limits"]]:
+        """Every single limit: its argument, its axis, its value, and alone; ``axes``: of the plant."""
+        for name, of_axes in vars(self).items():
+            for axis, limit in of_axes.items():
+                yield name, axis, limit, Limits(**{name: {axis: limit} if axis else limit}, axes=axes)
+
 
 def _limit(value: Any, name: str, check: Callable[[Any, str], None], axes: tuple[str, ...]) -> dict[str, Array]:
     """A limit of each axis as a checked scalar array; empty for ``None``."""
@@ -115,7 +121,7 @@ class Scenarios(eqx.Module):
             plant alone.
         state: where every move begins; ``None`` for rest.
         limits: what every move must keep to.
-        fine_steps: fixed integration steps a segment, for peaks of the deflection between the steps.
+        fine_steps: integration steps of a whole move, for the peaks of the deflection.
         designed: names of the leaves that are designed with the shaper.
         metric: what takes the residual energy's place; ``None`` for the energy.
         groups: the axes of each shaper; without any, one shaper shapes the whole command.

@@ -49,6 +49,12 @@ CHEAPER = 32
 ITERATIONS = 360
 """Of a local search, at most."""
 
+HARDLY = 0.02
+"""A limit that is missed by no more may be kept where impulses stand at multiples of a sample time."""
+
+LIMITED = 2
+"""Times as much as derivatives without limits on the deflection cost those with them."""
+
 OTHERS = 3
 """Further searches while the best design is in doubt, at most, where amplitudes are fixed."""
 
@@ -123,12 +129,14 @@ class Search(Candidates):
         mine = self.problem.scenarios
         if not mine.limits.peak_deflection:
             return False
-        free = dataclasses.replace(mine, limits=Limits(axes=mine.plant.axes), watched={}, fine_steps=1)
-        other = Search(dataclasses.replace(self.problem, scenarios=free), self.progress, self.seed, self.most)
+        free = dataclasses.replace(self.original.scenarios, limits=Limits(axes=mine.plant.axes), fine_steps=1)
+        other = Search(dataclasses.replace(self.original, scenarios=free), self.progress, self.seed, self.most)
         compiling = beside(self.judge.values, self.judge.vector(starts[0]), LOOSEST)
         try:
             other._second_order(starts, None, sample_time is not None)
-            if sample_time is not None:
+            wait([compiling])
+            found = self.judge.values(self.judge.vector(other.best.point))
+            if sample_time is not None and found.slacks.min() > -HARDLY:
                 other._digital(sample_time, ON_TICKS)
             if other.interrupted:
                 raise KeyboardInterrupt
@@ -137,8 +145,9 @@ class Search(Candidates):
             if other.candidates and compiling.done():
                 self._add(other.best.point, False)
             raise
-        wait([compiling])
         starts.insert(0, other.best.point)
+        if self.judge.merit(other.best.point) >= MISSED:
+            return False
         theirs, before = other.problem.scenarios, self.problem
         kept = dataclasses.replace(theirs, limits=mine.limits, watched=mine.watched, fine_steps=mine.fine_steps)
         self.problem = dataclasses.replace(other.problem, scenarios=kept)
@@ -330,7 +339,8 @@ class Search(Candidates):
     def _work(self, point: Point) -> int:
         """Segments × states × plants × variables: what derivatives cost."""
         found = self.judge.values(self.judge.vector(point), LOOSEST)
-        return max(1, len(found.steps) * found.ends.size * int(self.judge.space.free.sum()))
+        work = len(found.steps) * found.ends.size * int(self.judge.space.free.sum())
+        return max(1, work * (LIMITED if self.problem.scenarios.limits.peak_deflection else 1))
 
     def _keep_limits(self, iterations: int, count: int) -> None:
         """Go on from the best design until it keeps its limits between the plants of the set, too; where that leads to
