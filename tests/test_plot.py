@@ -16,7 +16,7 @@ import pytest
 
 import jshape as js
 from jshape.problems.problem import load
-from jshape.reports import plot, report, report_files, tables
+from jshape.reports import limits_kept, plot, report, report_files, tables
 from jshape.reports.responses import responses
 from jshape.reports.style import columns, decades, looks
 
@@ -167,6 +167,56 @@ def test_what_tuning_gains_and_what_more_time_would_bring():
     assert "2 times less than the 0.1 J of linear ZVD, the best closed form that takes at most 1 %" in nearly.gains()[0]
     alone = report.Report(problem, rows(unshaped=(0, 0.5), tuned=(1.5, 0.05)), {}, {}, None)
     assert alone.gains()[0].endswith("0.5 J of the bare command; no closed form takes no longer")
+
+
+def test_a_closed_form_that_exceeds_a_limit_is_not_advised():
+    problem, made = (
+        load("paper_001"),
+        rows(unshaped=(0, 0.5), linear_ZV=(1, 0.04), linear_ZVD=(2, 0.01), tuned=(1.5, 0.05)),
+    )
+    bare, short, long, tuned = made
+    kept = report.Report(problem, [bare, short, long, tuned], {}, {}, None)
+    assert (kept.advised.stem, len(kept.gains())) == ("linear_ZV", 2)
+    short = dataclasses.replace(short, exceeded="peak_deflection 0.9 m")
+    some = report.Report(problem, [bare, short, long, tuned], {}, {}, None)
+    assert some.advised is tuned
+    assert some.gains() == [
+        "worst residual energy 0.05 J: 10 times less than the 0.5 J of the bare command;"
+        " no closed form takes no longer",
+        "limits are exceeded by linear ZV (peak_deflection 0.9 m)",
+        "linear ZVD leaves 0.01 J, but takes 0.5 s longer",
+    ]
+    bare, long = (dataclasses.replace(row, exceeded="speed_limit by 5 %") for row in (bare, long))
+    none = report.Report(problem, [bare, short, long, tuned], {}, {}, None)
+    assert none.advised is tuned
+    assert none.gains() == [
+        "worst residual energy 0.05 J: no closed form that takes no longer keeps the limits",
+        "limits are exceeded by unshaped (speed_limit by 5 %), linear ZV (peak_deflection 0.9 m),"
+        " linear ZVD (speed_limit by 5 %)",
+    ]
+
+
+@pytest.mark.parametrize("over", [{"m2": np.array([0.8, 1.25])}, pytest.param({}, marks=pytest.mark.slow)])
+def test_which_limits_a_shaper_exceeds(over):
+    problem = load("paper_001")
+    problem = dataclasses.replace(problem, over=over, distance=js.Trapezoid(1.0, speed=1.0, acceleration=4.0))
+    shapers = {"bare": js.Shaper([1.0], [0.0]), "shaped": js.Shaper([0.5, 0.5], [0.0, 0.8])}
+    plants = [dataclasses.replace(problem.plant, m2=ratio * problem.plant.m2) for ratio in over.get("m2", [1.0])]
+    swung = {
+        name: max(float(js.peak_deflection(plant, shaper, problem.distance)) for plant in plants)
+        for name, shaper in shapers.items()
+    }
+    assert swung["shaped"] < 0.99 * swung["bare"]
+
+    def exceeded(**limits):
+        design = problem.design.model_copy(update=limits)
+        return limits_kept.exceeded(dataclasses.replace(problem, design=design), shapers)
+
+    # Half of the first impulse's speed is there while the second one's grows: 0.9 m/s.
+    found = exceeded(peak_deflection=0.995 * swung["bare"], speed_limit=0.95)
+    assert found == [f"peak_deflection {swung['bare']:.4g} m, speed_limit by 5.26 %", ""]
+    assert exceeded(peak_deflection=swung["bare"] * (1 + 1e-4), speed_limit=1.0) == ["", ""]
+    assert exceeded() == ["", ""]
 
 
 def test_five_shapers_at_most_are_drawn():

@@ -1,6 +1,7 @@
 """Reports: figures, tables and result files, written in one place for all commands.
 
 - ``report``: every shaper of a problem compared: ``jshape tune`` and ``jshape compare``.
+- ``limits_kept``: which limits on the move each of them exceeds.
 - ``responses``: the responses that are drawn.
 - ``report_files``: the folder of a report: numbers, shapers, the problem, figures.
 - ``results``: the files of a sweep or a front.

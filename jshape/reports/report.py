@@ -16,6 +16,7 @@ from jshape.design.tuning.solution import Solution
 from jshape.export.text import impulses
 from jshape.metrics import residual_energy
 from jshape.problems.problem import Problem
+from jshape.reports import limits_kept
 from jshape.reports.responses import responses
 from jshape.shaper import Shaper, Shaping, shaped
 from jshape.sweeps.evaluate import CHECKED, Study, alike_shapers, evaluate, run_first_chunk, study
@@ -38,6 +39,7 @@ class Row:
             ``None`` where nothing is uncertain.
         worst_vibration: likewise, the residual vibration, a fraction of the distance; of several axes the greatest.
         played: what a controller plays of a shaper whose impulses fall between its samples, of which the numbers are.
+        exceeded: the limit on the move that it exceeds, in words.
     """
 
     name: str
@@ -46,6 +48,7 @@ class Row:
     worst_energy: float | None
     worst_vibration: float | None
     played: Shaper | None = None
+    exceeded: str = ""
 
     @property
     def shapers(self) -> dict[str, Shaper]:
@@ -122,24 +125,44 @@ class Report:
 
     @property
     def advised(self) -> Row:
-        """The shaper to go on with: the tuned one, or a closed form that takes no longer and leaves less of the worst
-        case that was to be minimised."""
+        """The shaper to go on with: the tuned one, or a closed form that takes no longer, exceeds no limit and leaves
+        less of the worst case that was to be minimised."""
         tuned = self.rows[-1]
         if tuned.worst_energy is None or self.problem.objective != "worst":
             return tuned
         longest = tuned.duration * (1 + ALIKE)
         short = [row for row in self.rows if row.worst_energy is not None and row.duration <= longest]
-        best = min(short, key=lambda row: row.worst_energy or 0.0)
+        best = min((row for row in short if not row.exceeded), key=lambda row: row.worst_energy or 0.0, default=tuned)
         return best if (best.worst_energy or 0.0) < tuned.worst_energy else tuned
 
     def gains(self) -> list[str]:
         """The gain of tuning over the best closed form that takes no longer, in words, and what more time would bring;
-        nothing where no worst cases are compared."""
+        nothing where no worst cases are compared. Closed forms that exceed a limit on the move do not count."""
         tuned = next((row for row in self.rows if row.name == "tuned"), None)
         if tuned is None or tuned.worst_energy is None or self.problem.objective != "worst":
             return []
-        longest = tuned.duration * (1 + ALIKE)
-        others = [row for row in self.rows if row is not tuned and row.duration <= longest]
+        others = [row for row in self.rows if row is not tuned]
+        kept, longest = [row for row in others if not row.exceeded], tuned.duration * (1 + ALIKE)
+        gains = self._gain(tuned, [row for row in kept if row.duration <= longest])
+        if len(kept) < len(others):
+            words = ", ".join(f"{row.name} ({row.exceeded})" for row in others if row.exceeded)
+            gains.append(f"limits are exceeded by {words}")
+        if not gains:
+            return []
+        allowed = self.problem.design.duration
+        if isinstance(allowed, list) and tuned.duration > (1 - 1e-3) * max(allowed):
+            gains.append(f"it takes all of the {max(allowed):g} s that [design] duration allows: more may leave less")
+        least = min(kept, key=lambda row: row.worst_energy or 0.0, default=tuned)
+        if least.worst_energy is not None and least.worst_energy < tuned.worst_energy and least.duration > longest:
+            more = least.duration - tuned.duration
+            gains.append(f"{least.name} leaves {least.worst_energy:.6g} J, but takes {more:.3g} s longer")
+        return gains
+
+    def _gain(self, tuned: Row, others: list[Row]) -> list[str]:
+        """Beside the best of the others, where there are any that leave something."""
+        left = f"worst residual energy {tuned.worst_energy:.6g} J"
+        if not others:
+            return [f"{left}: no closed form that takes no longer keeps the limits"]
         best = min(others, key=lambda row: row.worst_energy or 0.0)
         if not best.worst_energy or not tuned.worst_energy or not np.isfinite(best.worst_energy):
             return []
@@ -147,15 +170,7 @@ class Report:
         words = f"{ratio:.3g} times less than" if ratio > 1 else f"{1 / ratio:.3g} times more than"
         known = f"{best.name}, the best closed form that takes at most {100 * ALIKE:g} % longer"
         known = "the bare command; no closed form takes no longer" if best.name == "unshaped" else known
-        gains = [f"worst residual energy {tuned.worst_energy:.6g} J: {words} the {best.worst_energy:.6g} J of {known}"]
-        allowed = self.problem.design.duration
-        if isinstance(allowed, list) and tuned.duration > (1 - 1e-3) * max(allowed):
-            gains.append(f"it takes all of the {max(allowed):g} s that [design] duration allows: more may leave less")
-        least = min((row for row in self.rows if row is not tuned), key=lambda row: row.worst_energy or 0.0)
-        if least.worst_energy is not None and least.worst_energy < tuned.worst_energy and least.duration > longest:
-            more = least.duration - tuned.duration
-            gains.append(f"{least.name} leaves {least.worst_energy:.6g} J, but takes {more:.3g} s longer")
-        return gains
+        return [f"{left}: {words} the {best.worst_energy:.6g} J of {known}"]
 
 
 Step = Callable[[str], None]
@@ -220,7 +235,11 @@ def build(
                 only = {other: wide if other == name else [1.0] for other in problem.over}
                 along = _swept(problem, shapers, only)[1].reshape(len(shapers), -1)
             curves[name] = Curves(wide, wide * float(leaf(problem.plant, name)), dict(zip(shapers, along, strict=True)))
-    numbers = zip(exact, exact.values(), nominal, energies, vibrations, map(split.get, exact), strict=True)
+    exceeded = [""] * len(shapers)
+    if solution is not None and limits_kept.limits_of(problem).any:
+        step("limits")
+        exceeded = limits_kept.exceeded(problem, shapers)
+    numbers = zip(exact, exact.values(), nominal, energies, vibrations, map(split.get, exact), exceeded, strict=True)
     rows = [Row(*values) for values in numbers]
     return Report(problem, rows, left_out, curves, solution)
 
@@ -284,6 +303,7 @@ def rehearse(problem: Problem, closed: dict[str, Shaper], tuned: Shaping) -> Non
     """
     shapers = {**closed, **_split(closed, problem.design.sample_time), "tuned": tuned}
     shapers = {name: placed(problem, shaper) for name, shaper in shapers.items()}
+    limits_kept.rehearse(problem, shapers)
     if problem.over:
         run_first_chunk(_study(problem, shapers, _judged(problem)[1]))
     *_, alike = alike_shapers(list(shapers.values()), problem.plant.axes)

@@ -103,6 +103,7 @@ def numbers(report: Report) -> dict[str, Any]:
             "nominal_residual_energy": None if np.isnan(row.nominal_energy) else row.nominal_energy,
             "worst_residual_energy": row.worst_energy,
             "worst_residual_vibration": row.worst_vibration,
+            **({"exceeds": row.exceeded} if row.exceeded else {}),
         }
         for row in report.rows
     ]
