@@ -295,6 +295,12 @@ QUESTIONED = {
         '"spring.k3" = { low = "1 %", high = "3 %" }',
         "0.03 is read as 0.03 times the nominal 100",
     ),
+    "an absolute value near 1": (
+        "m2 = 1.0",
+        "m2 = 1.4",
+        "1.9 is read as 1.9 times the nominal 1.4",
+        BASE.replace("low = 0.8, high = 1.2", "low = 1.1, high = 1.9"),
+    ),
     "millimetres": ("distance = 1.0", "distance = 1000.0", "distance: 1000 is read as 1000 m"),
     "grams": ("m2 = 1.0", "m2 = 1e7", "plant.m2: 1e+07 is read as 1e+07 kg"),
 }
@@ -302,8 +308,8 @@ QUESTIONED = {
 
 @pytest.mark.parametrize("case", QUESTIONED)
 def test_odd_sizes_are_questioned(load, case):
-    old, new, words = QUESTIONED[case]
-    (question,) = load(old, new).questions
+    old, new, words, *text = QUESTIONED[case]
+    (question,) = load(old, new, *text).questions
     assert "problem.toml:" in question
     assert words in question
 

@@ -10,6 +10,7 @@ import math
 import os
 import sys
 import time
+import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -52,6 +53,8 @@ def made(draft: "Draft") -> "Problem":
     from jshape.problems.problem import load
 
     problem = load(draft)
+    # What looks absolute has been questioned in the file's own words.
+    warnings.filterwarnings("ignore", r"over\[.* are multiples of the nominal")
     for question in problem.questions:
         say(f"warning: {question}", err=True)
     return problem

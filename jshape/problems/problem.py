@@ -32,7 +32,7 @@ from jshape.problems.mistakes import TABLES
 from jshape.problems.reading import Draft, Part, read, with_class
 from jshape.problems.schema import Adapt, Design, Front
 from jshape.problems.units import Units
-from jshape.sweeps.leaves import check_over, leaf
+from jshape.sweeps.leaves import check_over, leaf, look_absolute
 from jshape.time_optimal import TimeOptimal
 
 MADE = {"Axes": Axes, "Synchronised": TimeOptimal.synchronised, "TimeOptimal": TimeOptimal}
@@ -187,9 +187,9 @@ def _units(plant: AbstractPlant) -> Units:
 
 
 def _question(name: str, multiples: np.ndarray, nominal: float, draft: Draft) -> list[str]:
-    """Question multiples of nominal that are far from 1."""
+    """Question multiples of nominal that are far from 1, or look like absolute values."""
     greatest, least = float(np.max(np.abs(multiples))), float(np.min(multiples))
-    if greatest <= GREATEST_MULTIPLE:
+    if greatest <= GREATEST_MULTIPLE and (draft.over[name].absolute or not look_absolute(multiples, nominal)):
         if least >= 0 and greatest >= LEAST_MULTIPLE:
             return []
         greatest = least if least < 0 else greatest

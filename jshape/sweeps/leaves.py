@@ -172,11 +172,17 @@ def warn_if_absolute(plant: AbstractPlant, over: Mapping[str, Any], command: Abs
         nominal = leaf(tree, names.get(name, name))
         if not _check.is_concrete(values, nominal):
             continue
-        least, greatest, nominal = float(np.min(values)), float(np.max(values)), float(nominal)
-        if least <= nominal <= greatest and not least <= 1 <= greatest:
+        if look_absolute(np.asarray(values), float(nominal)):
+            least, greatest = float(np.min(values)), float(np.max(values))
             words = f"{least:g} to {greatest:g} are multiples of the nominal {nominal:g}, so that {name} is"
             words += f" {least * nominal:g} to {greatest * nominal:g}; give relative=False for absolute values"
             warnings.warn(f"over[{name!r}]: {words}", stacklevel=4)
+
+
+def look_absolute(multiples: np.ndarray, nominal: float) -> bool:
+    """Whether the nominal value is among multiples, and 1 is not."""
+    least, greatest = float(np.min(multiples)), float(np.max(multiples))
+    return least <= nominal <= greatest and not least <= 1 <= greatest
 
 
 def grid(absolute: Mapping[str, Array | np.ndarray]) -> dict[str, Array]:
