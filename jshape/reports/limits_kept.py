@@ -7,11 +7,13 @@ import numpy as np
 from jshape.axes import for_axes
 from jshape.command import as_command
 from jshape.design.tuning.constraints import command_slack
-from jshape.design.tuning.scaled_problem import EXCEEDED
 from jshape.design.tuning.scenarios import Limits
 from jshape.metrics import peak_deflection
 from jshape.problems.problem import Problem
 from jshape.sweeps.evaluate import Study, alike_shapers, evaluate, run_first_chunk, study
+
+BEYOND = 1e-5
+"""A limit that is exceeded by less, as a fraction of itself, is kept: peaks of a sweep are known to about 1e-6."""
 
 
 def limits_of(problem: Problem) -> Limits:
@@ -35,8 +37,8 @@ def exceeded(problem: Problem, shapers: dict[str, Any]) -> list[str]:
         for i, (name, shaper) in enumerate(shapers.items()):
             if kind != "peak_deflection":
                 over = -float(np.min(command_slack(alone, plant, command, shaper), initial=0.0))
-                found[name] += [f"{what} by {100 * over:.3g} %"] if over > EXCEEDED else []
-            elif not deflections[axis][i] <= limit * (1 + EXCEEDED):
+                found[name] += [f"{what} by {100 * over:.3g} %"] if over > BEYOND else []
+            elif not deflections[axis][i] <= limit * (1 + BEYOND):
                 found[name].append(f"{what} {deflections[axis][i]:.4g} {plant.unit}")
     return [", ".join(words) for words in found.values()]
 

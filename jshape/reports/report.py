@@ -144,9 +144,6 @@ class Report:
         others = [row for row in self.rows if row is not tuned]
         kept, longest = [row for row in others if not row.exceeded], tuned.duration * (1 + ALIKE)
         gains = self._gain(tuned, [row for row in kept if row.duration <= longest])
-        if len(kept) < len(others):
-            words = ", ".join(f"{row.name} ({row.exceeded})" for row in others if row.exceeded)
-            gains.append(f"limits are exceeded by {words}")
         if not gains:
             return []
         allowed = self.problem.design.duration
@@ -157,6 +154,12 @@ class Report:
             more = least.duration - tuned.duration
             gains.append(f"{least.name} leaves {least.worst_energy:.6g} J, but takes {more:.3g} s longer")
         return gains
+
+    @property
+    def exceeding(self) -> str:
+        """Which shapers exceed limits on the move, and which ones, in words; ``""`` where none does."""
+        words = [f"{row.name} ({row.exceeded})" for row in self.rows if row.exceeded]
+        return f"limits are exceeded by {', '.join(words)}" if words else ""
 
     def _gain(self, tuned: Row, others: list[Row]) -> list[str]:
         """Beside the best of the others, where there are any that leave something."""
@@ -236,7 +239,7 @@ def build(
                 along = _swept(problem, shapers, only)[1].reshape(len(shapers), -1)
             curves[name] = Curves(wide, wide * float(leaf(problem.plant, name)), dict(zip(shapers, along, strict=True)))
     exceeded = [""] * len(shapers)
-    if solution is not None and limits_kept.limits_of(problem).any:
+    if limits_kept.limits_of(problem).any:
         step("limits")
         exceeded = limits_kept.exceeded(problem, shapers)
     numbers = zip(exact, exact.values(), nominal, energies, vibrations, map(split.get, exact), exceeded, strict=True)

@@ -47,6 +47,8 @@ def show_report(report: "Report", folder: Path, written: list[Path]) -> None:
         say(console, f"tuned: {report.solution.message}")
         for line in report.gains():
             say(console, line)
+    if report.exceeding:
+        say(console, report.exceeding)
     say(console, f"results in {folder}, with {', '.join(str(path.relative_to(folder)) for path in written)}")
     if report.solution is not None:
         row, time = report.advised, report.problem.design.sample_time
