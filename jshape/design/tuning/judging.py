@@ -112,7 +112,11 @@ def solution(judge: ScaledProblem, best: Candidate, balance: Optimality, enough:
     found = judge.values(judge.vector(best.point))
     values, slack = found.energies, float(found.slacks.min(initial=1.0))
     status = Status.INTERRUPTED if course.interrupted else status_of(values, found.slacks, best.optimal)
-    doubts = missed(scenarios, point) if slack < -EXCEEDED else ""
+    doubts = ""
+    if slack < -EXCEEDED:
+        # Which one it is takes a while to compute.
+        percents = f"; a limit is missed by {-100 * slack:.3g} %"
+        doubts = percents if course.interrupted else missed(scenarios, point)
     if not enough:
         doubts += "; the modes' phases differ so much over the set that a worse plant may stand between its plants"
     objective, finer = value_of(problem.objective, values), on_finer_set(problem, best.point, found)

@@ -381,7 +381,9 @@ class Search(Candidates):
             self.progress("impulses to the samples", tried, 0, best)
 
         search = digital.OnTicks(self.judge, sample_time, self.best.merit, iterations, report)
-        points = [one.point for one in sorted(self.candidates, key=lambda one: one.merit)] + self.others
+        points = [one.point for one in sorted(self.candidates, key=lambda one: one.merit)]
+        # Who interrupts does not wait for what the others leave.
+        points = points[:JUDGED] if self.interrupted else points + self.others
         for _ in range(EXCHANGES):
             point, optimal, ended = search.run(points, self.random.spawn(1)[0])
             self.interrupted |= not ended
