@@ -145,7 +145,9 @@ def linearise(scenarios: Scenarios, point: Point, ends: Any, steps: Any) -> Line
     return Linearisation(energies, jacobian, slack, slack_jacobian, slack_bends, *curvature)
 
 
-def _linearised_backward(scenarios: Scenarios, flat: Array, unravel, ends: Array, steps: Any) -> Linearisation:
+def _linearised_backward(
+    scenarios: Scenarios, flat: Array, unravel: Callable[[Array], Point], ends: Array, steps: Any
+) -> Linearisation:
     """The same by reverse mode: one pass back for each plant and for each slack."""
     energies, jacobian = _every_plant(
         scenarios,
