@@ -31,6 +31,9 @@ def test_derivatives_of_all_modes(ours, exact, of_jax):
     for derive in (jax.grad, lambda f: jax.grad(jax.grad(f)), lambda f: jax.jacfwd(jax.grad(f)), jax.jacfwd):
         found, expected = jax.vmap(derive(ours))(values), jax.vmap(derive(of_jax))(values)
         np.testing.assert_allclose(found, expected, rtol=0, atol=4e-16)
+    # The value that comes with a derivative is the value.
+    found, _ = jax.jvp(ours, (values,), (jnp.ones_like(values),))
+    np.testing.assert_array_equal(found, ours(values))
 
 
 def test_no_number_where_the_reduction_would_lose_digits():

@@ -52,8 +52,10 @@ def unpacked(path):
 def test_what_a_unit_holds(units, fmi, tmp_path):
     with zipfile.ZipFile(units[fmi].path) as archive:
         names = set(archive.namelist())
+        description = archive.read("modelDescription.xml")
     main = f"sources/fmi{fmi[0]}.c"
     assert {"modelDescription.xml", main, "sources/core.h", "sources/crane.h", "sources/model.h"} < names
+    assert description.startswith(b"<?xml version='1.0' encoding='UTF-8'?>\n")
     # The same bytes again, apart from what the compiler put into the library.
     again = tmp_path / "again.fmu"
     js.export(SHAPER, "fmu", again, sample_time=SAMPLE_TIME, name="crane", fmi=fmi)

@@ -67,6 +67,12 @@ def test_files_beside_the_problem_stay_where_they_were_edited(tmp_path):
             check(b"new")
 
 
+def test_tables_have_their_head_and_one_ending_of_lines():
+    rows = [[1, 2.5], ["a,b", 'say "c"']]
+    assert _files.as_csv(["x", "y"], rows) == 'x,y\n1,2.5\n"a,b","say ""c"""\n'
+    assert _files.as_csv(["x"], [], ending="\r\n") == "x\r\n"
+
+
 def test_digests_are_those_of_sha256():
     known = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
     assert (_files.digest("abc"), _files.digest(b"abc")) == (known, known)

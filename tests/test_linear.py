@@ -649,6 +649,12 @@ def test_wrong_vibration(name, vibration):
         linear.KINDS[name](1.0, 0.1, vibration)
 
 
+@pytest.mark.parametrize(("n", "t", "most"), [(3, 0.49, "1"), (3, 1.0, "1"), (4, 1.6, "1.5"), (5, np.inf, "2")])
+def test_wrong_duration_of_an_mzv(n, t, most):
+    with pytest.raises(ValueError, match=f"^t must be (from 0.5 to below {most} for n = {n}|finite), not"):
+        linear.mzv(5.0, 0.1, n=n, t=t)
+
+
 @pytest.mark.parametrize("order", [-1, True])
 def test_wrong_order(order):
     with pytest.raises(ValueError, match=f"order must be a whole number of at least 0, not {order!r}"):

@@ -621,12 +621,18 @@ def test_a_slowly_damped_mode_settles_when_its_envelope_does():
     assert found == pytest.approx(0.75 + np.log(2 / (3 * np.pi) / 0.02) / (0.001 * 2 * np.pi), abs=0.5)
 
 
+SOFT_AT_REST = plants.TwoMass(spring=plants.PowerLawSpring(1000.0, 3))
+
+
+def test_a_spring_without_stiffness_at_rest_is_refused():
+    with pytest.raises(ValueError, match="plant: a TwoMass whose spring has no stiffness at rest"):
+        js.overshoot(SOFT_AT_REST, None, 1.0)
+
+
 @pytest.mark.slow
 def test_a_spring_without_stiffness_at_rest_has_no_period():
     """How long a payload must be observed depends on how far it swings then: no number is right for every move."""
-    plant = plants.TwoMass(spring=plants.PowerLawSpring(1000.0, 3))
-    with pytest.raises(ValueError, match="plant: a TwoMass whose spring has no stiffness at rest"):
-        js.overshoot(plant, None, 1.0)
+    plant = SOFT_AT_REST
     assert np.isnan(jax.jit(lambda d: js.overshoot(plant, None, d))(1.0))
     forced = plants.ForcedMass(1.0, plants.PowerLawSpring(1000.0, 3))
     assert np.isnan(js.residual_vibration(forced, js.Shaper([0.5, 0.5], [0.0, 0.3]), 8.0))

@@ -19,7 +19,7 @@ from jshape.design.tuning.linear_models import HOLD, MOST_NUMBERS, TRIED, Linear
 from jshape.design.tuning.local_search import Descent, side_by_side
 from jshape.design.tuning.objective import value_of
 from jshape.design.tuning.restarts import apart
-from jshape.design.tuning.scaled_problem import OPTIMAL, ScaledProblem
+from jshape.design.tuning.scaled_problem import ScaledProblem
 from jshape.design.tuning.scenarios import Point
 from jshape.design.tuning.zero_energy import towards_zero
 
@@ -150,10 +150,10 @@ class OnTicks:
                 # Where zero is out of reach, it gives up that the amplitudes sum to 1.
                 zero = zero._replace(amplitudes=self.bounds.each(self.bounds.project, zero.amplitudes))
                 descent.x = min(descent.x, search.vector(zero), key=lambda x: search.merit(search.point(x)))
-            if descent.search.optimality(descent.point).residual >= OPTIMAL:
-                descent.polish()
-            else:
+            if descent.search.optimality(descent.point).holds:
                 descent.optimal = True
+            else:
+                descent.polish()
         return descent.search.merit(descent.point)
 
     def _design(self, near: dict[Ticks, Point]) -> None:

@@ -13,7 +13,7 @@ from jshape.design.tuning import interval
 from jshape.design.tuning.design_problem import DesignProblem
 from jshape.design.tuning.judging import Candidate, bare_energy
 from jshape.design.tuning.local_search import Descent, distinct, side_by_side
-from jshape.design.tuning.scaled_problem import MISSED, OPTIMAL, ScaledProblem
+from jshape.design.tuning.scaled_problem import MISSED, ScaledProblem
 from jshape.design.tuning.scenarios import Point
 from jshape.design.tuning.zero_energy import rounding
 
@@ -140,15 +140,15 @@ class Candidates:
         Returns:
             The search that moved it, to go on from; ``None`` where it stays.
         """
-        best, residual = self.best, self.judge.optimality(self.best.point).residual
-        if residual < OPTIMAL:
+        best, reached = self.best, self.judge.optimality(self.best.point)
+        if reached.holds:
             self.candidates.append(best._replace(optimal=True))
             return None
         descent = Descent(ScaledProblem(self.problem), best.point, BETWEEN)
         descent.run(BETWEEN)
         descent.polish()
         close = self.judge.merit(descent.point) <= best.merit * (1 + 1e-9)
-        if not close or self.judge.optimality(descent.point).residual >= residual:
+        if not close or self.judge.optimality(descent.point).residual >= reached.residual:
             return None
         # Better, if not by what its value shows: it takes the place of all others.
         self.candidates = [Candidate(self.judge.merit(descent.point), descent.point, descent.optimal)]

@@ -23,7 +23,7 @@ from jshape.design.tuning.epigraph import Merit, Model, Vector, minimise_epigrap
 from jshape.design.tuning.evaluate import LOOSEST, Linearisation, Values
 from jshape.design.tuning.interior_point import minimising
 from jshape.design.tuning.objective import value_of
-from jshape.design.tuning.scaled_problem import EXCEEDED, OPTIMAL, ScaledProblem, scale_of
+from jshape.design.tuning.scaled_problem import EXCEEDED, ScaledProblem, scale_of
 from jshape.design.tuning.scenarios import Point
 
 NEARLY = 1e-2
@@ -157,27 +157,27 @@ class Descent:
         learn from each step, whatever the energies there, then SLSQP on the energies, no further than a little around.
         """
         search, space, (iterations, reach) = self.search, self.search.space, POLISHED
-        residual, found, within = search.optimality(self.point).residual, search.linearise(self.x), reach
+        best, found, within = search.optimality(self.point), search.linearise(self.x), reach
         for _ in range(iterations):
-            if residual < OPTIMAL:
+            if best.holds:
                 break
             trial, *_ = end_of(self._propose(found, self._merit(scale_of(found.energies)), within))
             if np.all(trial == self.x):
                 break
             there, step = search.linearise(trial), trial - self.x
             self._update(step, found, there)
-            if (reached := search.optimality(search.point(trial)).residual) < residual:
-                self.x, residual, found = trial, reached, there
+            if (reached := search.optimality(search.point(trial))).residual < best.residual:
+                self.x, best, found = trial, reached, there
             else:
                 within = 0.25 * np.abs(step).max()
-        if residual >= OPTIMAL:
+        if not best.holds:
             merit = self._merit(scale_of(search.values(self.x).energies))
             lower, upper = np.maximum(space.lower, self.x - reach), np.minimum(space.upper, self.x + reach)
             boxed = space._replace(lower=lower, upper=upper)
             trial = minimise_epigraph(search.linearise, boxed, merit, self.x, iterations)
-            if (reached := search.optimality(search.point(trial)).residual) < residual:
-                self.x, residual = trial, reached
-        self.optimal = self.optimal or residual < OPTIMAL
+            if (reached := search.optimality(search.point(trial))).residual < best.residual:
+                self.x, best = trial, reached
+        self.optimal = self.optimal or best.holds
 
     def _tighten(self, tolerance: float) -> None:
         self.tolerance = min(self.tolerance, max(tolerance, self.finest))
@@ -290,7 +290,7 @@ class Descent:
             self.ended = True
             reached = self.search.optimality(self.point)
             nearly = self.radius >= WIDE and max(reached.residual, reached.slope) < NEARLY
-            self.optimal = nearly or reached.residual < OPTIMAL
+            self.optimal = nearly or reached.holds
 
 
 def least_change(residuals: np.ndarray, step: Vector) -> np.ndarray:

@@ -35,8 +35,8 @@ from jshape.simulation.schedule import schedule
 from jshape.simulation.simulate import initial, natural_frequencies
 from jshape.simulation.steps import TOLERANCE, least_tolerance
 
-OPTIMAL = 1e-6
-"""An optimality residual that counts as an optimum."""
+OPTIMAL, FLAT = 1e-6, 1e-3
+"""An optimality residual, and a slope relative to the objective, that count as an optimum."""
 
 EXCEEDED = 1e-6
 """A limit that is exceeded by less, as a fraction of itself, is kept."""
@@ -71,6 +71,12 @@ class Optimality(NamedTuple):
     multipliers: np.ndarray
     residual: float
     slope: float
+
+    @property
+    def holds(self) -> bool:
+        """Whether this is an optimum. In a flat, curved valley, where some energies are steep, the residual alone is
+        small long before the end of it."""
+        return self.residual < OPTIMAL and self.slope < FLAT
 
 
 class ScaledProblem:

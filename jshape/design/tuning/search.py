@@ -21,7 +21,7 @@ from jshape.design.tuning.judging import Candidate, Course, solution
 from jshape.design.tuning.local_search import COARSE, KNOWN, Descent, distinct, merged, side_by_side
 from jshape.design.tuning.messages import doubts, not_optimal, objective_found
 from jshape.design.tuning.restarts import ENOUGH, Around, around
-from jshape.design.tuning.scaled_problem import MISSED, NEAR, OPTIMAL, Optimality, ScaledProblem
+from jshape.design.tuning.scaled_problem import MISSED, NEAR, Optimality, ScaledProblem
 from jshape.design.tuning.scenarios import Limits, Point
 from jshape.design.tuning.solution import Solution
 from jshape.design.tuning.zero_energy import End, ends_of
@@ -56,7 +56,7 @@ LIMITED = 2
 """Times as much as derivatives without limits on the deflection cost those with them."""
 
 OTHERS = 3
-"""Further searches while the best design is in doubt, at most, where amplitudes are fixed."""
+"""Further searches while the best design is in doubt, at most."""
 
 ON_TICKS = 60
 """The same, where impulses are moved to the samples."""
@@ -115,7 +115,7 @@ class Search(Candidates):
                 # Zero is out of reach, as far as is known: the least energy is looked for.
                 self._descend(ends + starts, iterations or ITERATIONS, 2 * most)
         another = iterations is None and len(starts) > 1
-        for number in range(OTHERS if self.problem.bounds.fixed_amplitudes else 1):
+        for number in range(OTHERS):
             if another and self._worth_another(number):
                 self._again(min(most, len(starts)))
         self._keep_limits(iterations or ITERATIONS, most)
@@ -367,7 +367,7 @@ class Search(Candidates):
         merits = [self.judge.merit(end) for end in ends]
         best = int(np.argmin(merits))
         self.history = np.minimum.accumulate(values[best]).tolist()
-        optimal = self.judge.optimality(ends[best]).residual < OPTIMAL
+        optimal = self.judge.optimality(ends[best]).holds
         self.candidates = [Candidate(merits[best], ends[best], optimal)]
         self.summary = f"{self._value()} after {iterations} steps of Adam from {len(starts)} starts"
         self.progress("Adam", 1, 1, merits[best])
