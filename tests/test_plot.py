@@ -48,9 +48,9 @@ def test_a_shaper_has_one_line_in_all_figures():
     vibrations = {name: np.linspace(0.001, 0.5, 20) / (1 + i) for i, name in enumerate(NAMES)}
     sensitivity = plot.sensitivity("payload mass (kg)", np.linspace(1, 8, 20), vibrations, band=(2, 6)).figure
     runs = {name: run(1.0 + i) for i, name in enumerate(NAMES[:3])} | {"tuned": run(9.0)}
-    moves = plot.response(runs, {"tuned": [run(10.0)]}, ("trolley", "payload"), unshaped=run(20.0), sway="sway (mm)")[
-        0, 0
-    ].figure
+    names = "trolley", "payload"
+    axes = plot.response(runs, {"tuned": [run(10.0)]}, names, unshaped=run(20.0), sway="sway (mm)", limit=4.5)
+    moves = axes[0, 0].figure
     colours = {name: line_of(sensitivity.axes[0], 100 * values).get_color() for name, values in vibrations.items()}
     assert len(set(colours.values())) == len(NAMES)
     for row, (name, response) in enumerate(runs.items()):
@@ -62,6 +62,9 @@ def test_a_shaper_has_one_line_in_all_figures():
         bare = line_of(sway, run(20.0).deflection)
         assert (bare.get_color(), bare.get_zorder()) == (looks(["unshaped"])["unshaped"]["color"], 1)
         assert (position.get_ylabel(), sway.get_ylabel()) == ("position (m)", "sway (mm)")
+        # The limit on it, to both sides.
+        levels = [list(line.get_ydata()) for line in sway.lines if line.get_linestyle() == ":"]
+        assert levels == [[-4.5, -4.5], [4.5, 4.5]]
     assert line_of(moves.axes[-1], run(10.0).deflection).get_linewidth() < 1
     assert sensitivity.axes[0].get_xlabel() == "payload mass (kg)"
     for figure in (sensitivity, moves):
@@ -86,13 +89,15 @@ def test_axes_are_logarithmic_where_values_span_decades():
 def test_a_crane_sways(tmp_path):
     """The figure's numbers are those of the simulation, in mm, and the shaped move ends without sway."""
     path = tmp_path / "crane.toml"
-    path.write_text(f'{MOVE}\n[plant]\ntype = "Crane"\ncable_length = "500 mm"\n', encoding="utf-8")
+    design = '[design]\npeak_deflection = "80 mm"\n'
+    path.write_text(f'{MOVE}\n[plant]\ntype = "Crane"\ncable_length = "500 mm"\n{design}', encoding="utf-8")
     problem = load(path)
     shapers = {"unshaped": js.Shaper([1.0], [0.0]), "linear ZV": js.design.linear.zv(float(np.sqrt(9.81 / 0.5)))}
     made = report.build(problem, None, closed=(shapers, {}))
     (figure,) = [values for name, _, values in report_files.figures(made) if name == "response"]
-    nominal, extremes, names, label, bare, sway = figure
+    nominal, extremes, names, label, bare, sway, limit = figure
     assert (list(nominal), names, label, sway) == (["linear ZV"], ("trolley", "payload"), "position (m)", "sway (mm)")
+    assert limit == pytest.approx(80)
     assert extremes == {"linear ZV": []}
     found = js.simulate(problem.plant, problem.distance, horizon=float(bare.times[-1]), samples=len(bare.times))
     np.testing.assert_allclose(bare.deflection, 1000 * np.asarray(found.deflection), atol=1e-4)
@@ -111,8 +116,8 @@ def test_a_tower_crane_sways_both_ways(tmp_path):
         problem, None, closed=({"unshaped": js.Shaper([1.0], [0.0]), "ZV": js.Shaper([0.5, 0.5], [0.0, 1.4])}, {})
     )
     drawn = {name: values for name, _, values in report_files.figures(made) if name.startswith("response")}
-    assert [values[-1] for values in drawn.values()] == ["sway sideways (°)", "sway outwards (°)"]
-    for (*_, bare, _), state, start in zip(drawn.values(), (1, 0), (0.0, 3.0), strict=True):
+    assert [values[-2:] for values in drawn.values()] == [("sway sideways (°)", None), ("sway outwards (°)", None)]
+    for (*_, bare, _, _), state, start in zip(drawn.values(), (1, 0), (0.0, 3.0), strict=True):
         end = float(bare.times[-1])
         found = js.simulate(problem.plant, problem.distance, horizon=end, samples=len(bare.times))
         np.testing.assert_allclose(bare.deflection, np.degrees(found.states[:, state]), atol=1e-4)

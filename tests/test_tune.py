@@ -480,8 +480,8 @@ def test_weights_of_an_objective_of_ones_own():
 
 @pytest.mark.slow
 def test_the_end_of_a_flat_valley():
-    """Pairs of impulses that all but cancel, nearer or farther apart: slopes vanish beside those of single energies long
-    before the end, which was 0.5 % lower than where the design had converged."""
+    """Pairs of impulses that all but cancel, nearer or farther apart: slopes vanish beside those of single energies
+    long before the end, which was 0.5 % lower than where the design had converged."""
     command = js.Trapezoid(0.62411751, 1.0764748, 0.54411715)
     over, options = {"cable_length": np.linspace(0.8, 1.2, 7)}, dict(amplitudes="bounded", limit=3.5901223)
     found = js.tune(plants.Crane(5.3791802), command, 6, 5.5477165, over=over, objective="cvar", **options)

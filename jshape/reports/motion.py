@@ -16,6 +16,8 @@ COMMAND: dict[str, Any] = dict(color="0.45", linewidth=1.0, linestyle=(0, (4, 2)
 
 ENDS: dict[str, Any] = dict(linewidth=0.7, alpha=0.5)
 
+LIMIT: dict[str, Any] = dict(color="0.3", linewidth=0.8, linestyle=":")
+
 
 def response(
     nominal: "Mapping[str, Response]",
@@ -24,6 +26,7 @@ def response(
     label: str = "position (m)",
     unshaped: "Response | None" = None,
     sway: str | None = None,
+    limit: float | None = None,
     *,
     ax: Any = None,
     style: Any = None,
@@ -37,6 +40,7 @@ def response(
         label: of the vertical axis.
         unshaped: the response without a shaper, drawn behind the sway.
         sway: label of the deflection, which is then drawn beside the position.
+        limit: on the deflection, marked on both sides, in its unit.
         ax: axes to draw in, one a panel; a new figure's unless given.
         style: any that ``matplotlib.style.use`` takes; jshape's, below the user's ``rcParams``, unless given.
 
@@ -58,12 +62,15 @@ def response(
             if sway:
                 _sway(row[1], run, extremes.get(name, []), unshaped, line)
                 row[1].set_ylabel(sway)
+                for level in () if limit is None else (-limit, limit):
+                    row[1].axhline(level, **LIMIT)
         for axis in axes[-1]:
             axis.set_xlabel("time (s)")
             axis.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10], min_n_ticks=3))
         parts = {names[0]: COMMAND} if names[0] else {}
         parts |= {names[1]: dict(color="black", linewidth=1.4)}
         parts |= {"ends of the uncertainty": dict(color="black", **ENDS)} if any(extremes.values()) else {}
+        parts |= {"limit": LIMIT} if sway and limit is not None else {}
         parts |= {"unshaped": looks(["unshaped"])["unshaped"]} if sway and unshaped is not None else {}
         legend(axes[0, 0], ax, parts, handlelength=1.6, columnspacing=1.0)
     return axes

@@ -14,6 +14,7 @@ from jshape.command import as_command
 from jshape.plants import AbstractCrane, AbstractPlant, FlexibleJoint, FlexibleLink, SloshingTank
 from jshape.plants.slewing import AbstractSlewingCrane
 from jshape.problems.problem import Problem
+from jshape.reports.limits_kept import limits_of
 from jshape.reports.places import bent_along
 from jshape.shaper import Shaping
 from jshape.simulation.schedule import schedule
@@ -29,8 +30,8 @@ def responses(
 ) -> Iterator[tuple[str, tuple]]:
     """Name and numbers of each figure of ``plot.response``.
 
-    The nominal plant, the ends of the uncertainty and, where it sways, the sway; of several axes a figure for each that
-    moves.
+    The nominal plant, the ends of the uncertainty and, where it sways or the deflection has a limit, the deflection; of
+    several axes a figure for each that moves.
 
     Args:
         problem: the problem.
@@ -59,7 +60,8 @@ def responses(
     extremes = {name: [run(end, shaper) for end in ends] for name, shaper in shapers.items()}
     turning = [plant.axis_unit(i) == "rad" for i in range(max(len(plant.axes), 1))]
     liquid = isinstance(plant, SloshingTank)
-    sways = any(turning) or isinstance(plant, AbstractCrane)
+    limits = limits_of(problem).peak_deflection
+    sways = any(turning) or isinstance(plant, AbstractCrane) or bool(limits)
     unshaped = run(plant, bare) if sways else None
     axes = moving(plant, move)
     for i, axis in [(plant.axes.index(axis), axis) for axis in axes] or [(0, "")]:
@@ -73,6 +75,9 @@ def responses(
         moved = {"displacement": turned if turns else "base", "force": ""}.get(drive, "tank" if liquid else "trolley")
         label = f"{axis} {'angle (°)' if turns else 'position (m)'}".strip()
         _, unit, words = bent_along(plant, next(iter(nominal.values())), i)
+        # Of a crane that slews angles of the cable are drawn, on which there is no limit.
+        limit = None if isinstance(plant, AbstractSlewingCrane) and i < 2 else limits.get(axis)
+        scale = 1e3 if unit == "mm" else 180 / np.pi
         values = (
             {name: along(drawn) for name, drawn in nominal.items()},
             {name: [along(drawn) for drawn in some] for name, some in extremes.items()},
@@ -80,6 +85,7 @@ def responses(
             label,
             None if unshaped is None else along(unshaped),
             f"{words} ({unit})" if sways else None,
+            None if limit is None else scale * float(limit),
         )
         yield f"response_{axis}" if axis else "response", values
 
