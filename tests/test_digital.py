@@ -134,14 +134,18 @@ def test_a_hardening_spring_beside_every_choice():
 def test_closed_forms_are_judged_as_a_controller_plays_them():
     """Exact times were judged, 0.015 J, where the export that was advised leaves 0.102."""
     zv = js.design.linear.zv(6.0, 0.05)
-    split = report._split({"unshaped": js.Shaper([1.0], [0.0]), "ZV": zv}, 0.15)
+    split = report.split_between({"unshaped": js.Shaper([1.0], [0.0]), "ZV": zv}, 0.15)
     assert list(split) == ["ZV"]
     after = float(zv.times[1]) / 0.15 - 3
     np.testing.assert_allclose(split["ZV"].times, [0, 0.45, 0.6], rtol=1e-12)
     np.testing.assert_allclose(split["ZV"].amplitudes[1:] / zv.amplitudes[1], [1 - after, after], rtol=1e-12)
-    assert report._split({"ZV": js.Shaper([0.5, 0.5], [0.0, 0.3])}, 0.15) == report._split({"ZV": zv}, None) == {}
+    assert (
+        report.split_between({"ZV": js.Shaper([0.5, 0.5], [0.0, 0.3])}, 0.15)
+        == report.split_between({"ZV": zv}, None)
+        == {}
+    )
     # As many impulses, but elsewhere.
-    early = report._split({"ZV": js.Shaper([0.5, 0.5], [0.0, 0.1])}, 0.15)["ZV"]
+    early = report.split_between({"ZV": js.Shaper([0.5, 0.5], [0.0, 0.1])}, 0.15)["ZV"]
     np.testing.assert_allclose(early.amplitudes, [2 / 3, 1 / 3], rtol=1e-12)
     np.testing.assert_allclose(early.times, [0.0, 0.15])
 

@@ -222,6 +222,8 @@ def test_ros2_filters_of_several_axes(tmp_path):
     assert (tmp_path / "s_tilt.yaml").read_text(encoding="utf-8") == written["tilt"]
     with pytest.raises(ValueError, match=r"name must be a letter followed by .*, not 'my-arm'"):
         js.export(SHAPER, "ros2_filter", sample_time=0.01, name="my-arm")
+    with pytest.raises(ValueError, match="name must not be 'On', which YAML takes for a value"):
+        js.export(SHAPER, "ros2_filter", sample_time=0.01, name="On")
 
 
 @pytest.mark.slow
@@ -254,6 +256,8 @@ def test_headers_of_several_axes_fit_into_one_program():
     assert "#ifndef SHAPER_X_H" in made["x"]
     assert "#ifndef SHAPER_Y_H" in made["y"]
     assert "shaper_y_reset(" in made["y"]
+    with pytest.raises(ValueError, match="axes that differ in capital letters only, as files would: x, X"):
+        js.export({"x": SHAPER, "X": SHAPER}, "c99", sample_time=0.01)
     assert json.loads(js.export({"x": SHAPER}, "json")["x"])["name"] == "x"
 
 

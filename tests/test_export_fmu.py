@@ -157,6 +157,12 @@ def test_simulated_by_fmpy(units, fmi, kind):
     np.testing.assert_allclose(found, expected[: 199 - late], rtol=0, atol=1e-12)
 
 
+@pytest.mark.parametrize("name", ["core", "Model", "equations"])
+def test_names_of_files_that_every_unit_has(name):
+    with pytest.raises(ValueError, match=f"name must not be '{name}', which a file of every unit is called"):
+        js.export(SHAPER, "fmu", sample_time=SAMPLE_TIME, name=name)
+
+
 def test_no_compiler_is_one_line(monkeypatch):
     monkeypatch.setattr(compiler.shutil, "which", lambda name: None)
     monkeypatch.setattr(compiler.importlib.util, "find_spec", lambda name: None)

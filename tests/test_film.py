@@ -19,6 +19,7 @@ from typer.testing import CliRunner
 import jshape as js
 from jshape._files import digest, write_results
 from jshape.cli import app
+from jshape.cli.animate import _chosen
 from jshape.problems.problem import load
 from jshape.reports import film, plot, report
 from jshape.reports.places import motion_of
@@ -334,6 +335,38 @@ def test_a_sweep_takes_the_shapers_of_each_axis(tmp_path, monkeypatch):
     row = next(line.split() for line in result.output.splitlines() if line.strip().startswith("tuned"))
     greatest = float(found.residual_energy.max())
     assert any(abs(float(cell) / greatest - 1) < 2e-3 for cell in row[1:])
+
+
+@pytest.mark.slow
+def test_sweeps_and_films_shape_the_axes_that_are_shaped_as_a_controller_plays_them(tmp_path, monkeypatch):
+    """All axes were shaped, at exact times, where the report beside it shaped one, at multiples of the cycle."""
+    monkeypatch.chdir(tmp_path)
+    text = (
+        '[command.trolley]\ntype = "Trapezoid"\ndistance = "3 m"\nspeed = "1 m/s"\nacceleration = "1 m/s²"\n'
+        '[command.hoist]\ntype = "Trapezoid"\ndistance = "-1 m"\nspeed = "1 m/s"\nacceleration = "1 m/s²"\n'
+        '[plant]\ntype = "HoistingCrane"\ncable_length = "4 m"\n'
+        "[uncertainty]\ncable_length = { values = [0.9, 1.1] }\n"
+        '[design]\nshapers = ["trolley"]\nsample_time = "0.15 s"\n'
+    )
+    (tmp_path / "mine.toml").write_text(text, encoding="utf-8")
+    js.export(js.Shaper([0.5, 0.5], [0.0, 2.0]), "json", tmp_path / "zv.json", name="zv")
+    # Of the second impulse, at 13 1/3 cycles, two thirds come at the thirteenth.
+    played = {"trolley": js.Shaper([1 / 2, 1 / 3, 1 / 6], [0.0, 1.95, 2.1])}
+    problem = load(tmp_path / "mine.toml")
+    result = run(app, ["sweep", "mine.toml", "--shaper", "zv.json", "--metric", "residual_energy", "--out", "swept"])
+    assert result.exit_code == 0, result.output
+    found = json.loads((tmp_path / "swept" / "results.json").read_text())["metrics"]["residual_energy"]
+    assert "are those of what is played" in " ".join(result.output.split())
+    expected = {"zv": played}
+    # The closed forms are those of the report.
+    for row in report.build(problem, None).rows:
+        expected[row.name] = report.placed(problem, row.played or row.shaper)
+    alone = js.sweep(problem.plant, expected, problem.distance, problem.over, "residual_energy").residual_energy
+    for name in expected:
+        assert found[name]["worst"] == pytest.approx(float(alone.sel(shaper=name).max()), rel=1e-9)
+    name, shown = _chosen(problem, tmp_path / "zv.json", tmp_path, lambda _: None)
+    assert (name, list(shown)) == ("zv", ["trolley"])
+    np.testing.assert_allclose(shown["trolley"].times, [0.0, 1.95, 2.1], rtol=1e-12)
 
 
 @pytest.mark.slow

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import jshape as js
-from jshape.design.linear.minimax import _groups, drawn_together
+from jshape.design.linear.minimax import _groups, drawn_together, minimax
 from jshape.design.tuning import linear_models
 from jshape.design.tuning.bounds import design_bounds
 from jshape.design.tuning.design_problem import design_problem
@@ -81,6 +81,15 @@ def three_modes():
     models = linear_models.LinearModels(search)
     models.fit(np.array([search.vector(one) for one in starts(problem, 12, 0)]))
     return plant, over, duration, models
+
+
+def test_the_least_of_any_positive_impulses_in_any_unit():
+    """Two modes 10 % apart: the same impulses, whether energies are microjoules or megajoules."""
+    omega = np.array([[0.95], [1.05]])
+    found = {unit: minimax(1j * omega, np.full((2, 1), unit), 7.0) for unit in (1e-6, 1.0, 1e6)}
+    for unit, one in found.items():
+        np.testing.assert_allclose(one.amplitudes, found[1.0].amplitudes, rtol=1e-6)
+        assert one.bound == pytest.approx(unit * found[1.0].bound, rel=1e-6)
 
 
 def test_no_positive_impulses_leave_less_than_the_lower_bound(three_modes):

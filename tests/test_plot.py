@@ -19,6 +19,7 @@ from jshape.problems.problem import load
 from jshape.reports import limits_kept, plot, report, report_files, tables
 from jshape.reports.responses import responses
 from jshape.reports.style import columns, decades, looks
+from jshape.sweeps.quantities import about_metric
 
 NAMES = ("linear ZV", "linear ZVDD", "energy 3-impulse", "energy 4-impulse, first order", "tuned")
 
@@ -105,6 +106,20 @@ def test_a_crane_sways(tmp_path):
 
 
 @pytest.mark.slow
+def test_the_ends_of_values_in_any_order():
+    """The first and the last were drawn."""
+    plant, move = js.plants.Crane(0.5), js.Trapezoid(1.0, 0.5, 1.0)
+    problem = dataclasses.replace(
+        load("paper_001"), plant=plant, distance=move, over={"cable_length": np.array([1.0, 1.2, 0.8])}
+    )
+    bare = js.Shaper([1.0], [0.0])
+    ((_, (_, extremes, *_)),) = responses(problem, {"bare": bare}, bare, 2.5)
+    for drawn, factor in zip(extremes["bare"], (0.8, 1.2), strict=True):
+        found = js.simulate(js.plants.Crane(0.5 * factor), move, horizon=float(drawn.times[-1]), samples=600)
+        np.testing.assert_allclose(drawn.deflection, 1000 * np.asarray(found.deflection), atol=1e-3)
+
+
+@pytest.mark.slow
 def test_a_tower_crane_sways_both_ways(tmp_path):
     """In degrees, sideways and outwards; the trolley is drawn where it is, from the axis of slewing."""
     path = tmp_path / "tower.toml"
@@ -172,6 +187,31 @@ def test_what_tuning_gains_and_what_more_time_would_bring():
     assert "2 times less than the 0.1 J of linear ZVD, the best closed form that takes at most 1 %" in nearly.gains()[0]
     alone = report.Report(problem, rows(unshaped=(0, 0.5), tuned=(1.5, 0.05)), {}, {}, None)
     assert alone.gains()[0].endswith("0.5 J of the bare command; no closed form takes no longer")
+    harmful = report.Report(problem, rows(unshaped=(0, 0.5), linear_ZV=(1, 0.6), tuned=(1.5, 0.05)), {}, {}, None)
+    assert harmful.gains()[0].endswith("the bare command; no closed form that takes no longer leaves less")
+
+
+def test_times_of_moves_as_they_are_played():
+    """Ends between samples are played later, impulses of nothing not at all."""
+    exact = report.Row("linear ZVD", js.Shaper([0.5, 0.5], [0.0, 2.0]), 0.0, 0.01, 0.01)
+    exact = dataclasses.replace(exact, played=js.Shaper([0.5, 0.4, 0.1], [0.0, 1.9, 2.1]))
+    tuned = report.Row("tuned", js.Shaper([0.5, 0.5, 0.0], [0.0, 1.0, 1.5]), 0.0, 0.05, 0.05)
+    made = report.Report(load("paper_001"), [exact, tuned], {}, {}, None)
+    assert [made.move_time(row) for row in (exact, tuned)] == [2.1, 1.0]
+    bare = report.Row("unshaped", js.Shaper([1.0], [0.0]), 0.0, 0.5, 0.5)
+    assert dataclasses.replace(made, rows=[bare, exact, tuned]).gains()[-1].endswith("but takes 1.1 s longer")
+
+
+def test_modes_without_a_mass_have_energies_per_kilogram():
+    plant = js.plants.ModalPlant([5.0, 9.0])
+    problem = dataclasses.replace(load("paper_001"), plant=plant, over={"omega": np.array([0.9, 1.1])})
+    made = report.Report(problem, rows(unshaped=(0, 0.5), linear_ZV=(1, 0.2), tuned=(1.5, 0.05)), {}, {}, None)
+    assert "0.05 J/kg: 4 times less than the 0.2 J/kg of linear ZV" in made.gains()[0]
+    assert [heading.split("\n")[-1] for heading in tables._cells(made)[0]] == ["(s)", "(J/kg)", "(J/kg)", "(% of move)"]
+    assert about_metric("residual_energy", plant)[1] == "J/kg"
+    assert about_metric("residual_energy", js.plants.Crane(1.0))[1] == "J"
+    link = js.plants.FlexibleLink(5.0, js.plants.Beam(1.0, 2.0, 0.5))
+    assert about_metric("residual_energy", link)[1] == "J/(kg m²)"
 
 
 def test_a_closed_form_that_exceeds_a_limit_is_not_advised():
@@ -187,7 +227,7 @@ def test_a_closed_form_that_exceeds_a_limit_is_not_advised():
     assert some.advised is tuned
     assert some.gains() == [
         "worst residual energy 0.05 J: 10 times less than the 0.5 J of the bare command;"
-        " no closed form takes no longer",
+        " no closed form that takes no longer and keeps the limits leaves less",
         "linear ZVD leaves 0.01 J, but takes 0.5 s longer",
     ]
     assert (kept.exceeding, some.exceeding) == ("", "limits are exceeded by linear ZV (peak_deflection 0.9 m)")
@@ -220,6 +260,18 @@ def test_which_limits_a_shaper_exceeds(over):
     assert found == [f"peak_deflection {swung['bare']:.4g} m, speed_limit by 5.26 %", ""]
     assert exceeded(peak_deflection=swung["bare"] * (1 + 1e-4), speed_limit=1.0) == ["", ""]
     assert exceeded() == ["", ""]
+
+
+def test_limits_are_in_the_unit_of_their_axis(monkeypatch):
+    found = {"slew": np.array([0.0723]), "trolley": np.array([0.5])}
+    monkeypatch.setattr(limits_kept, "_deflections", lambda *_: found)
+    moves = js.Axes(slew=js.Trapezoid(1.0, 0.5, 1.0), trolley=js.Trapezoid(1.0, 0.5, 1.0))
+    problem = load("paper_001")
+    design = problem.design.model_copy(update={"peak_deflection": {"slew": 0.01, "trolley": 0.2}})
+    tower = js.plants.TowerCrane(3.0, 2.0)
+    problem = dataclasses.replace(problem, plant=tower, distance=moves, design=design)
+    words = "peak_deflection of slew 0.0723 rad, peak_deflection of trolley 0.5 m"
+    assert limits_kept.exceeded(problem, {"bare": js.Shaper([1.0], [0.0])}) == [words]
 
 
 def test_five_shapers_at_most_are_drawn():

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from jshape.problems.problem import load
 from jshape.reports import plot
+from jshape.reports.tables import show_sweep
 
 
 @pytest.fixture(autouse=True)
@@ -40,6 +42,23 @@ def test_one_leaf_is_curves():
     for line, name in zip(axis.lines, ("two", "tuned"), strict=True):
         assert line.get_label() == name
         np.testing.assert_array_equal(line.get_ydata(), ds.residual_energy.sel(shaper=name))
+
+
+def test_values_in_any_order_are_drawn_in_theirs():
+    values = np.array([[3.0, 1.0, 2.0], [6.0, 2.0, 4.0]])
+    data = xr.Dataset({"overshoot": (("shaper", "m2"), values)}, {"shaper": ["a", "b"], "m2": [1.3, 0.8, 1.0]})
+    for line, expected in zip(plot.sweep(data).lines, np.sort(values), strict=False):
+        assert (line.get_xdata().tolist(), line.get_ydata().tolist()) == ([0.8, 1.0, 1.3], expected.tolist())
+
+
+def test_times_that_did_not_come(capsys):
+    values = dict(settling_time=[[np.inf, 3.0]], rise_time=[[np.inf, 1.0]], overshoot=[[np.inf, 0.1]])
+    units = dict(settling_time="s", rise_time="s", overshoot="1")
+    data = {n: (("shaper", "m2"), v, dict(units=units[n], long_name=n)) for n, v in values.items()}
+    show_sweep(load("paper_001"), xr.Dataset(data, {"shaper": ["a"], "m2": [0.8, 1.0]}), {})
+    printed = capsys.readouterr().out
+    counts = [printed.count(words) for words in ("not in 20 periods", "not in a period", "diverged", "never")]
+    assert counts == [3, 3, 3, 0]
 
 
 def test_two_leaves_are_panels_with_one_scale():

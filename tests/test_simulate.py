@@ -1,6 +1,7 @@
 """Simulation: adaptive and fixed steps against SciPy, which shares nothing with either."""
 
 import math
+import re
 
 import diffrax
 import equinox as eqx
@@ -15,6 +16,7 @@ from scipy.linalg import expm
 import jshape as js
 from jshape import plants
 from jshape.command import PiecewisePolynomial
+from jshape.simulation.response import _curves
 from jshape.simulation.schedule import schedule
 from jshape.simulation.simulate import default_horizon, final_state, initial, steps_for
 
@@ -298,6 +300,12 @@ def test_a_picture_names_no_unit_that_it_does_not_know(runs):
     # Radians, where a joint bends.
     row = runs["adaptive"]._repr_html_().partition("peak deflection</th><td>")[2]
     assert float(row.partition("</td>")[0]) == pytest.approx(np.max(np.abs(runs["adaptive"].deflection)), rel=1e-3)
+
+
+def test_a_picture_fills_its_height():
+    picture = _curves([0.0, 1.0, 2.0], [0.0, 1.0, 1.0], [0.0, 0.5, 2.0])
+    lines = re.findall(r'points="([^"]*)"', picture)
+    assert lines == ["0.0,120.0 160.0,60.0 320.0,60.0", "0.0,120.0 160.0,90.0 320.0,0.0"]
 
 
 @pytest.mark.parametrize("case", WRONG)

@@ -132,9 +132,12 @@ def _chosen(
         ValueError: for a folder that is given and holds no tuned shaper of this problem.
     """
     from jshape.export import read_shaper, read_tuned
+    from jshape.reports import report
 
     if given is not None and not given.is_dir():
-        return given.stem, read_shaper(given)
+        shaper = read_shaper(given)
+        split = report.split_between({"": shaper}, problem.design.sample_time)
+        return given.stem, report.placed(problem, split.get("", shaper))
     folder = results if given is None else given
     wrong = _not_of(problem, folder)
     if wrong is None:
@@ -143,10 +146,8 @@ def _chosen(
         raise ValueError(f"--shaper {wrong}")
     if folder.exists():
         _shared.say(f"{wrong}; the best closed form is shown", err=True)
-    from jshape.reports import report
-
     row = report.best(report.build(problem, None, step))
-    return row.name, row.shaper
+    return row.name, report.placed(problem, row.played or row.shaper)
 
 
 def _not_of(problem: "Problem", folder: Path) -> str | None:

@@ -39,6 +39,7 @@ def sweep(
     from jshape._files import printable
     from jshape.design.closed_forms import closed_forms
     from jshape.export import read_shaper, read_tuned
+    from jshape.reports.report import placed, split_between
     from jshape.reports.results import write_sweep
     from jshape.reports.tables import show_sweep
     from jshape.sweeps.sweep import sweep as sweep_plants
@@ -57,6 +58,8 @@ def sweep(
             if name in shapers:
                 raise ValueError(f"--shaper {path}: there is a shaper of that name already, {name!r}")
             shapers[name] = read_tuned(path) if path.is_dir() else read_shaper(path)
+        split = split_between(shapers, read.design.sample_time)
+        shapers = {name: placed(read, split.get(name, one)) for name, one in shapers.items()}
         plants = samples or math.prod(len(values) for values in over.values())
         _shared.announced(read.distance, plants, len(shapers), "shapers", _shared.most_impulses(shapers.values()))
         step("sweep")
@@ -80,5 +83,5 @@ def sweep(
             raise
         step("files")
         files = write_sweep(read, found, folder)
-    show_sweep(read, found, left_out)
+    show_sweep(read, found, left_out, bool(split))
     _shared.say(f"results in {folder}: {', '.join(files)}")

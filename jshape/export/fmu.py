@@ -22,6 +22,9 @@ from jshape.shaper import Shaper
 
 VERSIONS = ("2.0", "3.0")
 
+OWN = ("core", "equations", "model")
+"""Names of files of every unit; its own header has the unit's name."""
+
 
 class Variable(NamedTuple):
     """A variable of a unit.
@@ -105,9 +108,11 @@ def unit(
         step: communication step that is suggested, s.
 
     Raises:
-        ValueError: for an unknown version, and where there is no C compiler.
+        ValueError: for an unknown version, a name that a file of every unit has, and where there is no C compiler.
     """
     _check.one_of(fmi, "fmi", VERSIONS)
+    if name.lower() in OWN:
+        raise ValueError(f"name must not be {name!r}, which a file of every unit is called")
     reals = sum(not variable.boolean for variable in variables)
     numbers = {
         "N_REAL": reals,

@@ -146,6 +146,8 @@ def _each_axis(shapers: Mapping[str, Shaper | None], format: str, path: Path | N
     form, made = FORMATS[format], {}
     if format == "reprapfirmware" and len(shapers) > 1:
         raise ValueError(f"format 'reprapfirmware' has one shaper for all axes; give one, not {', '.join(shapers)}")
+    if len({axis.lower() for axis in shapers}) < len(shapers):
+        raise ValueError(f"shaper maps axes that differ in capital letters only, as files would: {', '.join(shapers)}")
     if "axis" in options and "axis" in form.options:
         raise ValueError(f"axis is what shaper maps ({', '.join(shapers)}); leave it out, not {options['axis']!r}")
     paths = {} if path is None else axis_files(path, shapers)

@@ -9,6 +9,9 @@ from jshape.shaper import Shaper
 ROW = 6
 """Taps in a line of the file."""
 
+VALUES = ("y", "n", "yes", "no", "on", "off", "true", "false", "null")
+"""Words that YAML 1.1 takes for truth values and for nothing."""
+
 
 def ros2_filter(
     shaper: Shaper,
@@ -38,6 +41,8 @@ def ros2_filter(
     """
     if not isinstance(name, str) or not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name):
         raise ValueError(f"name must be a letter followed by letters, digits and underscores, not {name!r}")
+    if name.lower() in VALUES:
+        raise ValueError(f"name must not be {name!r}, which YAML takes for a value")
     taps = shaper.digitise(sample_time, method, modes)
     words = [_number(tap) for tap in taps.tolist()]
     rows = [", ".join(words[begin : begin + ROW]) for begin in range(0, len(words), ROW)]

@@ -96,6 +96,9 @@ class AbstractPlant(Checked):
     force_unit: ClassVar[str] = "N"
     """Unit of the command of a plant that a force drives."""
 
+    energy_unit: ClassVar[str] = "J"
+    """Unit of the energies: modes that are known by their frequencies alone have no mass."""
+
     @abc.abstractmethod
     def vector_field(self, t: Number, state: State, inputs: Inputs) -> State:
         """Time derivative of the state at time ``t`` (s)."""

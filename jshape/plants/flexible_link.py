@@ -49,6 +49,7 @@ class FlexibleLink(AbstractPlant):
     servo_integral: Scalar | None = eqx.field(converter=Argument(positive, optional=True))
     drive: ClassVar = "displacement"
     unit: ClassVar = "rad"
+    energy_unit: ClassVar = "J/(kg m²)"
 
     def __init__(
         self,

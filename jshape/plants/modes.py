@@ -1,6 +1,6 @@
 """The base of plants made of independent linear modes: their lists with one entry a mode."""
 
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -16,6 +16,7 @@ class AbstractModes(AbstractPlant):
     omega: Float[Array, " modes"] = eqx.field(converter=Argument(positive, convert=as_array))
     zeta: Float[Array, " modes"] = eqx.field(converter=Argument(damping_ratio, convert=as_array))
     gains: Float[Array, " modes"] = eqx.field(converter=Argument(finite, convert=as_array))
+    energy_unit: ClassVar = "J/kg"
 
     def __init__(self, omega: Any, zeta: Any = 0.0, gains: Any = 1.0):
         self.omega = jnp.atleast_1d(as_array(omega, "omega"))

@@ -37,9 +37,11 @@ def exceeded(problem: Problem, shapers: dict[str, Any]) -> list[str]:
         for i, (name, shaper) in enumerate(shapers.items()):
             if kind != "peak_deflection":
                 over = -float(np.min(command_slack(alone, plant, command, shaper), initial=0.0))
-                found[name] += [f"{what} by {100 * over:.3g} %"] if over > BEYOND else []
+                part = " of the distance" if kind == "command_overshoot" else ""
+                found[name] += [f"{what} by {100 * over:.3g} %{part}"] if over > BEYOND else []
             elif not deflections[axis][i] <= limit * (1 + BEYOND):
-                found[name].append(f"{what} {deflections[axis][i]:.4g} {plant.unit}")
+                unit = plant.axis_unit(plant.axes.index(axis) if axis else 0)
+                found[name].append(f"{what} {deflections[axis][i]:.4g} {unit}")
     return [", ".join(words) for words in found.values()]
 
 

@@ -89,7 +89,7 @@ def sensitivity(
 
 
 def pareto(dataset: "xr.Dataset", *, ax: Axes | None = None, style: Any = None) -> Axes:
-    """The least objective (J, logarithmic) against the duration, a line a design, the closed forms as points."""
+    """The least objective (logarithmic) against the duration, a line a design, the closed forms as points."""
     with using(style, ax):
         axis = panels(ax)[0, 0]
         for i, name in enumerate(dataset["design"].values):
@@ -117,15 +117,16 @@ def pareto(dataset: "xr.Dataset", *, ax: Axes | None = None, style: Any = None) 
                 near["bbox"] = dict(facecolor=axis.get_facecolor(), alpha=0.8, linewidth=0, pad=0.5)
                 near |= dict(xytext=(-3, 3), ha="right") if at > 0.6 * longest else dict(xytext=(3, 3), ha="left")
                 axis.annotate(plain(name), (at, value), **near)
-        objective = f"{dataset['objective'].attrs['long_name']} (J)"
-        axis.set(xlabel="duration of the shaper (s)", ylabel=objective, xlim=(0, None), yscale="log")
+        axis.set(xlabel="duration of the shaper (s)", ylabel=_label(dataset["objective"]), xlim=(0, None), yscale="log")
         axis.yaxis.set_minor_formatter(NullFormatter())
         place_legend(axis, ax, *axis.get_legend_handles_labels(), ncols=3)
     return axis
 
 
-def convergence(history: np.ndarray, objective: str, *, ax: Axes | None = None, style: Any = None) -> Axes:
-    """The objective (J) over the iterations, logarithmic."""
+def convergence(
+    history: np.ndarray, objective: str, unit: str = "J", *, ax: Axes | None = None, style: Any = None
+) -> Axes:
+    """The objective over the iterations, logarithmic."""
     with using(style, ax):
         axis = panels(ax, size=(WIDTH, 2.0))[0, 0]
         values = np.maximum(np.asarray(history, float), 1e-32)
@@ -135,7 +136,7 @@ def convergence(history: np.ndarray, objective: str, *, ax: Axes | None = None, 
         words = {"nominal": "residual energy", "worst": "worst residual energy", "mean": "mean residual energy"}
         axis.set(
             xlabel="iteration" if objective == "nominal" else "evaluations",
-            ylabel=f"{words.get(objective, 'tail mean of the energy')} (J)",
+            ylabel=f"{words.get(objective, 'tail mean of the energy')} ({unit})",
             # Most is gained by the first few of hundreds.
             xscale="log" if many else "linear",
             xmargin=0.02,
@@ -322,6 +323,8 @@ def sweep(dataset: "xr.Dataset", metric: str | None = None, *, ax: Any = None, s
     leaves = [str(name) for name in data.dims if name != "shaper"]
     if len(leaves) > 2:
         raise ValueError(f"dataset has the leaves {', '.join(leaves)}; select values of all but two, as by ds.sel")
+    if leaves != ["sample"]:
+        data = data.sortby(leaves)
     with using(style, ax):
         if leaves == ["sample"]:
             return _exceedance(data, ax, style)

@@ -4,7 +4,7 @@
 """
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -120,7 +120,9 @@ class Report:
         """From the first impulse to the end of the shaped command, s."""
         move, shaper = as_command(self.problem.distance), placed(self.problem, row.played or row.shaper)
         if isinstance(shaper, Shaper):
-            return float(shaper.duration) + float(move.duration)
+            # An impulse of nothing takes no time.
+            times = np.asarray(shaper.times)[np.asarray(shaper.amplitudes) != 0]
+            return float(np.max(times, initial=0.0)) + float(move.duration)
         return float(shaped(move, shaper).duration)
 
     @property
@@ -143,7 +145,7 @@ class Report:
             return []
         others = [row for row in self.rows if row is not tuned]
         kept, longest = [row for row in others if not row.exceeded], tuned.duration * (1 + ALIKE)
-        gains = self._gain(tuned, [row for row in kept if row.duration <= longest])
+        gains = self._gain(tuned, [row for row in others if row.duration <= longest])
         if not gains:
             return []
         allowed = self.problem.design.duration
@@ -151,8 +153,9 @@ class Report:
             gains.append(f"it takes all of the {max(allowed):g} s that [design] duration allows: more may leave less")
         least = min(kept, key=lambda row: row.worst_energy or 0.0, default=tuned)
         if least.worst_energy is not None and least.worst_energy < tuned.worst_energy and least.duration > longest:
-            more = least.duration - tuned.duration
-            gains.append(f"{least.name} leaves {least.worst_energy:.6g} J, but takes {more:.3g} s longer")
+            more = self.move_time(least) - self.move_time(tuned)
+            left = f"{least.worst_energy:.6g} {self.problem.plant.energy_unit}"
+            gains.append(f"{least.name} leaves {left}, but takes {more:.3g} s longer")
         return gains
 
     @property
@@ -162,18 +165,23 @@ class Report:
         return f"limits are exceeded by {', '.join(words)}" if words else ""
 
     def _gain(self, tuned: Row, others: list[Row]) -> list[str]:
-        """Beside the best of the others, where there are any that leave something."""
-        left = f"worst residual energy {tuned.worst_energy:.6g} J"
-        if not others:
+        """Beside the best of the others, which take no longer, that keeps the limits, if it leaves something."""
+        unit = self.problem.plant.energy_unit
+        left = f"worst residual energy {tuned.worst_energy:.6g} {unit}"
+        kept = [row for row in others if not row.exceeded]
+        if not kept:
             return [f"{left}: no closed form that takes no longer keeps the limits"]
-        best = min(others, key=lambda row: row.worst_energy or 0.0)
+        best = min(kept, key=lambda row: row.worst_energy or 0.0)
         if not best.worst_energy or not tuned.worst_energy or not np.isfinite(best.worst_energy):
             return []
         ratio = best.worst_energy / tuned.worst_energy
         words = f"{ratio:.3g} times less than" if ratio > 1 else f"{1 / ratio:.3g} times more than"
         known = f"{best.name}, the best closed form that takes at most {100 * ALIKE:g} % longer"
-        known = "the bare command; no closed form takes no longer" if best.name == "unshaped" else known
-        return [f"{left}: {words} the {best.worst_energy:.6g} J of {known}"]
+        if best.name == "unshaped":
+            keeps = " and keeps the limits" if len(kept) < len(others) else ""
+            worse = f"no closed form that takes no longer{keeps} leaves less"
+            known = f"the bare command; {worse if len(others) > 1 else 'no closed form takes no longer'}"
+        return [f"{left}: {words} the {best.worst_energy:.6g} {unit} of {known}"]
 
 
 Step = Callable[[str], None]
@@ -205,7 +213,7 @@ def build(
         problem, closed = _as_designed(problem, solution), None
     found, left_out = closed_forms(problem.plant, problem.distance) if closed is None else closed
     exact: dict[str, Any] = {**found, **({} if solution is None else {"tuned": solution.shaping})}
-    split = _split(found, problem.design.sample_time)
+    split = split_between(found, problem.design.sample_time)
     shapers = {name: placed(problem, shaper) for name, shaper in {**exact, **split}.items()}
     curves: dict[str, Curves] = {}
     energies: Any = [None] * len(shapers)
@@ -274,12 +282,14 @@ def _at_the_peaks(
     return {name: low[which] + share * (high - low)[which]}
 
 
-def _split(closed: dict[str, Shaper], sample_time: float | None) -> dict[str, Shaper]:
+def split_between(shapers: Mapping[str, Shaping], sample_time: float | None) -> dict[str, Shaper]:
     """Those shapers whose impulses fall between a controller's samples, s, each impulse split between the samples
     around it, as ``js.export`` does; where samples are so fine that none can tell, nothing is split."""
     split = {}
-    for name, shaper in closed.items():
-        if sample_time is None or not 0 < float(shaper.duration) <= MOST_SAMPLES * sample_time:
+    for name, shaper in shapers.items():
+        if sample_time is None or not isinstance(shaper, Shaper):
+            continue
+        if not 0 < float(shaper.duration) <= MOST_SAMPLES * sample_time:
             continue
         played = impulses(shaper.digitise(sample_time, "split"), sample_time)
         if len(played.times) != len(shaper.times) or not np.allclose(played.times, shaper.times, 1e-9, 0.0):
@@ -304,7 +314,7 @@ def rehearse(problem: Problem, closed: dict[str, Shaper], tuned: Shaping) -> Non
         closed: its closed forms.
         tuned: any shaper of the tuned one's form.
     """
-    shapers = {**closed, **_split(closed, problem.design.sample_time), "tuned": tuned}
+    shapers = {**closed, **split_between(closed, problem.design.sample_time), "tuned": tuned}
     shapers = {name: placed(problem, shaper) for name, shaper in shapers.items()}
     limits_kept.rehearse(problem, shapers)
     if problem.over:

@@ -123,7 +123,7 @@ def numbers(report: Report) -> dict[str, Any]:
         "problem_digest": digest(report.problem.text),
         "file_digests": {name: digest(content) for name, content in report.problem.files.items()},
         "title": report.problem.title,
-        "units": {"times": "s", "energies": "J", "vibrations": "fraction of the distance"},
+        "units": {"times": "s", "energies": report.problem.plant.energy_unit, "vibrations": "fraction of the distance"},
         "shapers": rows,
         "left_out": report.left_out,
         "tuned": tuned,
@@ -153,7 +153,7 @@ def figures(report: Report, step: Step = lambda _: None) -> Iterator[tuple[str, 
         yield f"sensitivity_{name}", "sensitivity", (problem.labels[name], curves.values, vibrations, 5.0, band)
     if report.solution is not None and len(report.solution.history) > 1:
         objective = "nominal" if not report.solution.samples else problem.objective
-        yield "convergence", "convergence", (np.asarray(report.solution.history), objective)
+        yield "convergence", "convergence", (np.asarray(report.solution.history), objective, problem.plant.energy_unit)
     step("responses")
     # Four at most, in the same order and so with the same colours: the last closed form makes room.
     shown = [*chosen[:3], chosen[-1]] if chosen[-1].name == "tuned" else chosen[:4]

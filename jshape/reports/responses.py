@@ -42,9 +42,9 @@ def responses(
     plant, move = problem.plant, as_command(problem.distance)
     horizon = _check.scalar(shown_until(plant, duration), "horizon")
     ends = [
-        with_leaves(plant, {name: values[at] * leaf(plant, name)})
+        with_leaves(plant, {name: end * leaf(plant, name)})
         for name, values in problem.over.items()
-        for at in (0, -1)
+        for end in (min(values), max(values))
     ]
     # As many steps for all as the fastest takes, a power of two, so that one program runs them: that of the rehearsal.
     most = max(steps_between(one, schedule(one, move), horizon, SAMPLES) for one in (plant, *ends))

@@ -27,6 +27,10 @@ IMPULSE = 9
 """Columns that an amplitude or a time takes, with the space after it."""
 
 
+NOT_YET = {"settling_time": "not in 20 periods", "rise_time": "not in a period"}
+"""What an infinite time stands for: how long the payload is observed after the move."""
+
+
 def show_report(report: "Report", folder: Path, written: list[Path]) -> None:
     """The problem as understood, every shaper in a row, its impulses, what tuning gained, where the results lie."""
     console = new_console()
@@ -40,9 +44,7 @@ def show_report(report: "Report", folder: Path, written: list[Path]) -> None:
     show_impulses(console, impulses)
     _show_left_out(console, report.left_out)
     if any(row.played is not None for row in report.rows):
-        words = "of shapers with impulses between the samples, the energies, vibrations and curves are those of what is"
-        words += " played: each impulse split between the samples around it, as jshape export does"
-        say(console, f"sample_time {report.problem.design.sample_time:g} s: {words}")
+        say(console, _as_played(report.problem))
     if report.solution is not None:
         say(console, f"tuned: {report.solution.message}")
         for line in report.gains():
@@ -58,10 +60,17 @@ def show_report(report: "Report", folder: Path, written: list[Path]) -> None:
         say(console, f"Next: jshape export {shaper} {given} ({cycle}--list shows the other formats)")
 
 
+def _as_played(problem: "Problem") -> str:
+    words = "of shapers with impulses between the samples, the energies, vibrations and curves are those of what is"
+    words += " played: each impulse split between the samples around it, as jshape export does"
+    return f"sample_time {problem.design.sample_time:g} s: {words}"
+
+
 def _cells(report: "Report") -> tuple[list[str], list[tuple[str, list[str]]]]:
     """The headings and the rows of a report's table."""
-    headings = ["move\ntime\n(s)", "nominal\nenergy\n(J)"]
-    headings += ["worst\nenergy\n(J)", "worst\nvibration\n(% of move)"] if report.problem.over else []
+    unit = report.problem.plant.energy_unit
+    headings = ["move\ntime\n(s)", f"nominal\nenergy\n({unit})"]
+    headings += [f"worst\nenergy\n({unit})", "worst\nvibration\n(% of move)"] if report.problem.over else []
     rows = []
     for row in report.rows:
         cells = [f"{report.move_time(row):.4f}", number(row.nominal_energy)]
@@ -133,8 +142,9 @@ def show_impulses(console: Console, shapers: Iterable[tuple[str, "Shaper"]]) -> 
     console.print()
 
 
-def show_sweep(problem: "Problem", found: "xr.Dataset", left_out: dict[str, str]) -> None:
-    """Mean, 95 % quantile and worst of every shaper, a table a metric."""
+def show_sweep(problem: "Problem", found: "xr.Dataset", left_out: dict[str, str], played: bool = False) -> None:
+    """Mean, 95 % quantile and worst of every shaper, a table a metric; ``played``: whether some of them are split
+    between a controller's samples."""
     # Half a second of loading xarray, which those who only tune a shaper do without.
     from jshape.sweeps.sweep import summary
 
@@ -144,21 +154,23 @@ def show_sweep(problem: "Problem", found: "xr.Dataset", left_out: dict[str, str]
         data = found[metric]
         unit = "" if data.attrs["units"] == "1" else f" ({data.attrs['units']})"
         title = f"{data.attrs['long_name']}{unit}, {data.size // data.sizes['shaper']} plants"
-        # A time that is infinite is one that never comes.
-        infinite = "never" if data.attrs["units"] == "s" else "diverged"
+        infinite = NOT_YET.get(str(metric).partition(".")[0], "diverged")
         table = summary(data).to_dataframe().iterrows()
         rows = [(str(name), [number(value, infinite) for value in row]) for name, row in table]
         show_table(console, "shaper", ["mean", "95 % quantile", "worst"], rows, title)
         if "error" in data.attrs:
             say(console, f"finer steps change this by at most {data.attrs['error']:.1e}")
     _show_left_out(console, left_out)
+    if played:
+        say(console, _as_played(problem))
 
 
 def show_front(problem: "Problem", front: "xr.Dataset") -> None:
     """The least objective for every duration, a column a design, then the closed forms."""
     console = new_console()
     show_problem(console, problem)
-    title = f"{front['objective'].attrs['long_name']} (J) for each duration"
+    unit = front["objective"].attrs["units"]
+    title = f"{front['objective'].attrs['long_name']} ({unit}) for each duration"
     objectives = front["objective"].transpose("duration", "design").to_pandas()
     rows = [(f"{time:.4f}", ["" if x != x else number(x) for x in row]) for time, row in objectives.iterrows()]
     show_table(console, "duration (s)", list(objectives.columns), rows, title)
@@ -166,7 +178,7 @@ def show_front(problem: "Problem", front: "xr.Dataset") -> None:
         closed = front.sel(closed_form=name)
         value, count, time = (float(closed[f"closed_{key}"]) for key in ("objective", "impulses", "duration"))
         impulses = f", {count:.0f} impulses" if count > 1 else ""
-        say(console, f"{name}: {number(value)} J in {time:.4f} s{impulses}")
+        say(console, f"{name}: {number(value)} {unit} in {time:.4f} s{impulses}")
 
 
 def number(value: float, infinite: str = "diverged") -> str:

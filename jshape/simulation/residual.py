@@ -100,8 +100,8 @@ def require_met(
         if np.all(np.isnan(np.asarray(first))):
             raise ValueError(f"plant: the residual energy of {name} is not known ({_KINKS})")
         asked = "the default" if tolerance is None else f"{tolerance:g}"
+        known = f"{float(np.max(np.asarray(error))):.2g} {plant.energy_unit}"
         raise ValueError(
             f"tolerance ({asked}) was not met: the residual energy of {name} after "
-            f"{float(plan.breaks[-1]):.4g} s is known to about {float(np.max(np.asarray(error))):.2g} J only, with "
-            + _REMEDIES[method]
+            f"{float(plan.breaks[-1]):.4g} s is known to about {known} only, with {_REMEDIES[method]}"
         )

@@ -48,6 +48,8 @@ def about_metric(name: str, plant: AbstractPlant) -> tuple[str, str]:
     """The long name and the unit of a metric, of one axis (``"overshoot.trolley"``) or of the whole plant."""
     kind, _, axis = name.partition(".")
     words, unit = METRICS.get(kind, (kind, "SI"))
+    if kind == "residual_energy":
+        unit = plant.energy_unit
     if kind == "peak_deflection" and (axis or not plant.axes):
         unit = plant.axis_unit(plant.axes.index(axis) if axis else 0)
     return (f"{words}, {axis}" if axis else words), unit

@@ -25,6 +25,10 @@ UNEVEN = 0.02
 BETWEEN = 8
 """Places at which each interval is looked at between its samples."""
 
+CLOSER, WIDEST = 4, 500
+"""How often it is looked again, ``BETWEEN`` times as finely, between so many samples at most where the path may depart
+farther than was seen."""
+
 COPIES = 16
 """Of all states, that are in memory at once."""
 
@@ -123,11 +127,39 @@ def shape(trajectory: Trajectory, shapers: Mapping[str, Shaper], step: float) ->
         np.max(np.abs(exact - unshaped), axis=0),
         np.max(np.abs(shaped_states(done, {}, fine)[:, :, 0] - exact), axis=0),
         {
-            unit: distance(exact[:, same], unshaped[:, same])
+            unit: _departure(trajectory, shapers, fine, exact, unshaped, [other == unit for other in trajectory.units])
             for unit in dict.fromkeys(trajectory.units)
-            for same in [[other == unit for other in trajectory.units]]
         },
     )
+
+
+def _departure(
+    trajectory: Trajectory,
+    shapers: Mapping[str, Shaper],
+    at: Float[np.ndarray, " times"],
+    exact: Float[np.ndarray, "times joints"],
+    path: Float[np.ndarray, "times joints"],
+    same: list[bool],
+) -> float:
+    """The greatest distance of the shaped path from the unshaped one.
+
+    Between two points it is at most half of what they are away and the way between them, together: there it is looked
+    again where that is more than has been found.
+    """
+    points, path = exact[:, same], path[:, same]
+    away = distances(points, path)
+    for _ in range(CLOSER):
+        most = away[:-1] + away[1:] + np.linalg.norm(np.diff(points, axis=0), axis=1)
+        near = np.argsort(-most, kind="stable")[:WIDEST]
+        near = near[most[near] > 2 * (1 + 1e-9) * np.max(away)]
+        if not len(near):
+            break
+        between = np.linspace(at[near], at[near + 1], BETWEEN, endpoint=False)[1:].ravel()
+        more = shaped_states(trajectory, shapers, between)[:, same, 0]
+        order = np.argsort(np.append(at, between), kind="stable")
+        at, away = np.append(at, between)[order], np.append(away, distances(more, path))[order]
+        points = np.append(points, more, axis=0)[order]
+    return float(np.max(away))
 
 
 def _wrapped(positions: Float[np.ndarray, " points"]) -> int | None:
@@ -196,12 +228,14 @@ def _polynomial(times: Float[np.ndarray, " points"], states: Float[np.ndarray, "
     return PPoly(np.array([fifth, fourth, third, a / 2, v, start]), times)
 
 
-def distance(points: Float[np.ndarray, "points joints"], path: Float[np.ndarray, "rest joints"]) -> float:
-    """The greatest distance of points from a path, which is given by points on it and the straight lines between."""
-    # Of the points at which either stands still, one is enough.
-    points, path = (x[np.append(True, np.any(np.diff(x, axis=0) != 0, axis=1))] for x in (points, path))
+def distances(
+    points: Float[np.ndarray, "points joints"], path: Float[np.ndarray, "rest joints"]
+) -> Float[np.ndarray, " points"]:
+    """The distances of points from a path, which is given by points on it and the straight lines between."""
+    # Of the points at which it stands still, one is enough.
+    path = path[np.append(True, np.any(np.diff(path, axis=0) != 0, axis=1))]
     if len(path) == 1:
-        return float(np.max(np.linalg.norm(points - path, axis=1)))
+        return np.linalg.norm(points - path, axis=1)
     # Pieces of the lines, none longer than their mean, so that middles say where the nearest one may be.
     lengths = np.linalg.norm(np.diff(path, axis=0), axis=1)
     most = np.mean(lengths)
@@ -209,7 +243,7 @@ def distance(points: Float[np.ndarray, "points joints"], path: Float[np.ndarray,
     of = np.repeat(np.arange(len(counts)), counts)
     line = np.diff(path, axis=0)[of] / counts[of, None]
     begin = path[of] + (np.arange(len(of)) - np.repeat(np.cumsum(counts) - counts, counts))[:, None] * line
-    tree, greatest = KDTree(begin + line / 2), np.full(len(points), np.inf)
+    tree, found = KDTree(begin + line / 2), np.full(len(points), np.inf)
     left, tried = np.arange(len(points)), min(8, len(begin))
     while len(left):
         away, nearest = (np.reshape(x, (len(left), tried)) for x in tree.query(points[left], tried))
@@ -217,9 +251,9 @@ def distance(points: Float[np.ndarray, "points joints"], path: Float[np.ndarray,
             off = points[left] - begin[column]
             along = np.sum(off * line[column], axis=1) / np.sum(line[column] ** 2, axis=1)
             off -= np.clip(along, 0.0, 1.0)[:, None] * line[column]
-            greatest[left] = np.minimum(greatest[left], np.linalg.norm(off, axis=1))
+            found[left] = np.minimum(found[left], np.linalg.norm(off, axis=1))
         if tried == len(begin):
             break
-        left = left[away[:, -1] < greatest[left] + most / 2]
+        left = left[away[:, -1] < found[left] + most / 2]
         tried = min(4 * tried, len(begin))
-    return float(np.max(greatest))
+    return found

@@ -71,6 +71,11 @@ class DesignProblem:
         """Whether the worst case counts, which may stand between the plants of the set."""
         return self.objective == "worst" and bool(self.scenarios.samples)
 
+    @property
+    def energy_unit(self) -> str:
+        """Of what the plants are left with."""
+        return self.scenarios.plant.energy_unit
+
     def total(self, energies: Float[np.ndarray, " plants"], point: Point) -> float:
         """The objective with the cost of the shaper's duration, J."""
         return value_of(self.objective, energies) + self.time_cost * float(np.sum(point.gaps))

@@ -123,7 +123,7 @@ def solution(judge: ScaledProblem, best: Candidate, balance: Optimality, enough:
     doubts += above_the_limit(problem.bounds, point)
     rounding = least_tolerance(jnp.result_type(float)) * float(np.max(found.greatest))
     if finer > APART * objective + rounding and scenarios.metric is None and isinstance(problem.objective, str):
-        doubts += f"; {finer:.6g} J on a finer set: plants between those given are left more"
+        doubts += f"; {finer:.6g} {problem.energy_unit} on a finer set: plants between those given are left more"
     # Who interrupts does not wait for as many moves.
     if scenarios.differing_limits and not course.interrupted:
         for most in interval.most_used(problem, best.point, interval.resolved(problem).axes)[:1]:

@@ -323,17 +323,18 @@ class Starts(NamedTuple):
     minimax: Minimax | None = None
     agreed: bool = True
 
-    def more(self, impulses: int, left: float) -> str:
+    def more(self, impulses: int, left: float, unit: str) -> str:
         """The part of a message that says how little more impulses may leave; empty unless that is less than half.
 
         Args:
             impulses: number of impulses of the design.
-            left: objective of the design with the cost of its time, J.
+            left: objective of the design with the cost of its time, in that unit.
+            unit: of the energies.
         """
         least = self.minimax
         if least is None or len(least.times) <= impulses or 2 * least.bound >= left:
             return ""
-        return f"; {len(least.times)} impulses in the time allowed may leave as little as {least.bound:.3g} J"
+        return f"; {len(least.times)} impulses in the time allowed may leave as little as {least.bound:.3g} {unit}"
 
 
 def linear_starts(search: ScaledProblem, designs: list[Point], random: np.random.Generator) -> Starts:

@@ -28,7 +28,7 @@ def objective_found(problem: DesignProblem, energies: np.ndarray, point: Point) 
     name, value = objective_name(problem.objective), value_of(problem.objective, energies)
     if value >= DIVERGED_ENERGY:
         return f"{name} unknown: a plant diverges, or its move takes too many steps"
-    unit = "" if problem.scenarios.metric is not None or callable(problem.objective) else " J"
+    unit = "" if problem.scenarios.metric is not None or callable(problem.objective) else f" {problem.energy_unit}"
     cost = f" and {problem.time_cost * point.gaps.sum():.6g} for its time" if problem.time_cost else ""
     return f"{name} {value:.6g}{unit}{cost}"
 
@@ -73,7 +73,8 @@ def missed(scenarios: Scenarios, point: Point) -> str:
     for name, axis, _, alone in scenarios.limits.each(scenarios.plant.axes):
         case = eqx.tree_at(lambda x: x.limits, scenarios, alone)
         if (slack := float(slacks(case, point).min())) < -EXCEEDED:
-            found.append(f"; {name}{f' of {axis}' if axis else ''} is missed by {-100 * slack:.3g} %")
+            part = " of the distance" if name == "command_overshoot" else ""
+            found.append(f"; {name}{f' of {axis}' if axis else ''} is missed by {-100 * slack:.3g} %{part}")
     return "".join(found)
 
 

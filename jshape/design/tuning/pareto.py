@@ -160,7 +160,7 @@ def pareto(
     except KeyboardInterrupt:
         if np.all(np.isnan(table[..., 0])):
             raise
-    return _dataset(table, designs, times, objective, _closed(problems[0], distance), groups)
+    return _dataset(table, designs, times, objective, _closed(problems[0], distance), groups, plant.energy_unit)
 
 
 def _front(
@@ -287,6 +287,7 @@ def _dataset(
     objective: Objective,
     closed: list[tuple[str, int, float, float]],
     groups: tuple[tuple[str, ...], ...],
+    unit: str,
 ) -> xr.Dataset:
     """Rows of numbers (see ``_row``) as a dataset with names and units."""
     along, count = ("design", "duration"), len(groups) or 1
@@ -294,11 +295,11 @@ def _dataset(
     # One shaper has no axis of the dataset to itself.
     each, shapers = ((*along, "axis", "impulse"), shapers) if count > 1 else ((*along, "impulse"), shapers[..., 0, :])
     amplitude, time = shapers[:, :, 0], shapers[:, :, 1]
-    energy = dict(units="J", long_name=f"residual energy, {objective_name(objective)}")
+    energy = dict(units=unit, long_name=f"residual energy, {objective_name(objective)}")
     status = np.array([member.value for member in STATUSES])[table[..., 3].astype(int)]
     variables = {
         "objective": (along, table[..., 0], energy),
-        "objective_on_finer_set": (along, table[..., 1], dict(units="J", long_name="the same on a finer set")),
+        "objective_on_finer_set": (along, table[..., 1], dict(units=unit, long_name="the same on a finer set")),
         "optimality": (along, table[..., 2], dict(units="1", long_name="first-order optimality residual")),
         "status": (along, status, dict(long_name="how the search ended")),
         "converged": (along, status == Status.CONVERGED.value, dict(long_name="whether it ended at an optimum")),

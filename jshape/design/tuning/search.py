@@ -281,7 +281,7 @@ class Search(Candidates):
             # What another search met, or did not meet, leaves the doubt.
             self.doubt = doubts(self._undecided, self.around) or self.doubt
         self.summary += self.doubt if self.best.optimal else not_optimal(iterations)
-        self.summary += self.models.more(self.problem.bounds.impulses, self._total())
+        self.summary += self.models.more(self.problem.bounds.impulses, self._total(), self.problem.energy_unit)
 
     @property
     def _undecided(self) -> bool:
@@ -296,7 +296,8 @@ class Search(Candidates):
         self.summary = f"{self._value()}, the best of {self.refined} refined starts out of {self.tried}"
         if self._reached():
             self.candidates, self.doubt = [self.best._replace(optimal=True)], ""
-            self.summary += f", zero but for rounding beside the bare command's {self._bare:.6g} J"
+            self.summary += f", zero but for rounding beside the bare command's {self._bare:.6g}"
+            self.summary += f" {self.problem.energy_unit}"
         elif self.problem.has_roots:
             self.summary += "; no shaper with these impulses and this duration was found that leaves none"
 
