@@ -63,12 +63,10 @@ def _axes(tab: Tab) -> None:
     def choose() -> None:
         if names := state.axes(tab.state):
             own = ui.switch(words.OWN_SHAPER, value=bool(tab.state.own)).props("dense data-testid=own")
-            own.on_value_change(lambda event: tab.change(lambda now: changes.with_own(now, bool(event.value))))
+            own.on_value_change(lambda event: tab.change(changes.with_own, bool(event.value)))
             own.tooltip(words.OWN_SHAPER_MEANS)
             axis = ui.toggle(names, value=tab.state.axis).props("dense no-caps data-testid=axis")
-            axis.on_value_change(
-                lambda event: tab.change(lambda now: changes.with_axis(now, event.value), impulses=True)
-            )
+            axis.on_value_change(lambda event: tab.change(changes.with_axis, event.value, impulses=True))
 
     choose()
     tab.renewed.append(choose.refresh)

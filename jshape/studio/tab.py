@@ -7,7 +7,7 @@ import tempfile
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVarTuple
 
 from nicegui import Client, app, ui
 
@@ -16,6 +16,8 @@ from jshape.studio.changes import with_amplitude, with_time
 from jshape.studio.live import Live
 from jshape.studio.state import Pin, State
 from jshape.studio.work import Work
+
+Given = TypeVarTuple("Given")
 
 LOG = logging.getLogger("jshape.studio")
 
@@ -138,15 +140,15 @@ class Tab:
             begin()
         self.paint(self.dark)
 
-    def change(self, make: Callable[[State], State], *, impulses: bool = False) -> None:
+    def change(self, make: Callable[[State, *Given], State], *given: *Given, impulses: bool = False) -> None:
         """Show another state.
 
         Args:
-            make: the new state from the old one.
+            make: the new state from the old one and what is ``given``.
             impulses: whether the shaper is another, so that its sliders follow.
         """
         try:
-            self.state = make(self.state)
+            self.state = make(self.state, *given)
         except ValueError as error:
             self.warn(str(error))
             return

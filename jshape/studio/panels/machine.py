@@ -25,9 +25,9 @@ def build(tab: Tab) -> None:
         for parameter in state.parameters(tab.state):
             _parameter(tab, parameter)
 
-    async def begin(made: Callable[[], State]) -> None:
+    async def begin(made: Callable[..., State], *given: Any) -> None:
         tab.clear(words.COMPUTING)
-        tab.change(lambda _: made(), impulses=True)
+        tab.change(lambda _: made(*given), impulses=True)
         sliders.refresh()
         for renew in tab.renewed:
             renew()
@@ -36,7 +36,7 @@ def build(tab: Tab) -> None:
     async def chosen(event: events.ValueChangeEventArguments) -> None:
         # A file that was dropped has another machine shown here, or none.
         if event.value is not None and (tab.state.files or event.value != tab.state.starter.plant):
-            await begin(lambda: state.begin(event.value))
+            await begin(state.begin, event.value)
 
     async def loaded(event: events.UploadEventArguments) -> None:
         upload.reset()
@@ -73,7 +73,7 @@ def build(tab: Tab) -> None:
     sliders()
 
 
-def _driven(tab: Tab, begin: Callable[[Callable[[], State]], Awaitable[None]]) -> None:
+def _driven(tab: Tab, begin: Callable[..., Awaitable[None]]) -> None:
     """Which joint of a machine from a file follows the command."""
 
     @ui.refreshable
@@ -83,7 +83,7 @@ def _driven(tab: Tab, begin: Callable[[Callable[[], State]], Awaitable[None]]) -
             names = [joint.name for joint in machine_file.joints(text)]
             joint = ui.select(names, value=now, label=words.DRIVEN.format(name=name)).classes("w-full")
             joint.props("dense data-testid=driven")
-            joint.on_value_change(lambda event: begin(lambda: state.from_machine(name, text.encode(), event.value)))
+            joint.on_value_change(lambda event: begin(state.from_machine, name, text.encode(), event.value))
 
     choose()
     tab.renewed.append(choose.refresh)
@@ -122,10 +122,9 @@ def _parameter(tab: Tab, parameter: Parameter) -> None:
         )
         share.props(f'dense outlined aria-label="{words.UNCERTAIN_BY.format(leaf=name)}" placeholder="–" debounce=300')
         share.set_visibility(leaf is not None)
-        if parameter.fixed:
-            number.disable()
+    share.on_value_change(lambda event: _uncertain(tab, str(leaf), event.value))
     if parameter.fixed:
-        share.on_value_change(lambda event: _uncertain(tab, str(leaf), event.value))
+        number.disable()
         return
     step = (parameter.high - parameter.low) / 200
     slider = Slider(min=parameter.low, max=parameter.high, step=step, value=parameter.value).classes("w-full")
@@ -145,16 +144,15 @@ def _parameter(tab: Tab, parameter: Parameter) -> None:
             slider.props["min"], slider.props["max"] = ends
         if slider.value is None or _rounded(slider.value) != value:
             slider.set_value(value)
-        tab.change(lambda before: changes.with_value(before, path, value))
+        tab.change(changes.with_value, path, value)
 
     slider.on_value_change(moved)
     number.on_value_change(given)
-    share.on_value_change(lambda event: _uncertain(tab, str(leaf), event.value))
 
 
 def _uncertain(tab: Tab, leaf: str, percent: float | None) -> None:
     part = None if not percent else percent / 100
-    tab.change(lambda before: changes.with_uncertainty(before, leaf, part))
+    tab.change(changes.with_uncertainty, leaf, part)
 
 
 def _rounded(value: float) -> float:

@@ -32,7 +32,7 @@ def tune(tab: Tab) -> None:
     def ask() -> tuple[dict[str, Any], None]:
         best.clear()
         shown.set_visibility(True)
-        tab.change(lambda before: _designed(before, int(count.value or 3), str(kind.value), duration.value))
+        tab.change(_designed, count.value, str(kind.value), duration.value)
         return _asked(tab.state), None
 
     def during(now: dict[str, Any]) -> None:
@@ -43,9 +43,9 @@ def tune(tab: Tab) -> None:
     def show(found: dict[str, Any]) -> str:
         shapers = found["shapers"]
         if "" in shapers:
-            tab.change(lambda now: changes.with_impulses(now, *shapers[""]), impulses=True)
+            tab.change(changes.with_impulses, *shapers[""], impulses=True)
         else:
-            tab.change(lambda now: changes.with_shapers(now, shapers), impulses=True)
+            tab.change(changes.with_shapers, shapers, impulses=True)
         return found["message"]
 
     renew()
@@ -89,7 +89,7 @@ def pareto(tab: Tab) -> None:
         if (point := points.get(key or "")) is not None:
             # All axes share the shapers of the front.
             shaper = Pin("", tuple(point["amplitudes"]), tuple(point["times"]), tab.state.axis)
-            tab.change(lambda now: changes.with_design_of(now, shaper), impulses=True)
+            tab.change(changes.with_design_of, shaper, impulses=True)
             for turn in tab.turned:
                 turn()
 
@@ -119,9 +119,10 @@ def _asked(shown: State) -> dict[str, Any]:
     return {"text": shown.text, "files": shown.files, "code": own_code.allowed()}
 
 
-def _designed(before: State, impulses: int, amplitudes: str, duration: float | None) -> State:
+def _designed(before: State, impulses: float | None, amplitudes: str, duration: float | None) -> State:
     """The state with the design that the fields hold; a range of durations stays where no single one is given."""
     design = before.starter.design
     kept = duration or (design["duration"] if isinstance(design.get("duration"), list) else None)
     limit = design.get("limit", 1.5) if amplitudes == "bounded" else None
-    return changes.with_design(before, impulses=impulses, amplitudes=amplitudes, duration=kept, limit=limit)
+    count = int(impulses or 3)
+    return changes.with_design(before, impulses=count, amplitudes=amplitudes, duration=kept, limit=limit)

@@ -19,11 +19,11 @@ def build(tab: Tab) -> None:
         rows.refresh()
 
     def remove(name: str) -> None:
-        tab.change(lambda before: changes.without_pin(before, name))
+        tab.change(changes.without_pin, name)
         rows.refresh()
 
     def take(pin: Pin) -> None:
-        tab.change(lambda before: changes.with_design_of(before, pin), impulses=True)
+        tab.change(changes.with_design_of, pin, impulses=True)
         for turn in tab.turned:
             turn()
 

@@ -57,8 +57,8 @@ def _impulses(tab: Tab) -> None:
                 second.props(f'dense aria-label="{named[1]}" data-testid="time-{i}"')
                 second.set_enabled(i > 0)
                 label = ui.label(_impulse(tab.state, i)).classes("text-xs").style("width:104px")
-            first.on_value_change(lambda event, i=i: moved(changes.with_amplitude, i, event))
-            second.on_value_change(lambda event, i=i: moved(changes.with_time, i, event))
+            first.on_value_change(functools.partial(moved, changes.with_amplitude, i))
+            second.on_value_change(functools.partial(moved, changes.with_time, i))
             rows.append((first, second, label))
 
     def moved(make: Callable[[State, int, float], State], i: int, event: Any) -> None:
@@ -101,4 +101,4 @@ async def closed_form(tab: Tab, name: str, every: bool = False) -> None:
         tab.warn(str(error))
         return
     tab.warn("")
-    tab.change(lambda now: put(now, *found), impulses=True)
+    tab.change(put, *found, impulses=True)
