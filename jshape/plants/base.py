@@ -63,6 +63,11 @@ def part(kind: type, default: Callable[[], Any] | None = None) -> Argument:
     return Argument(convert=convert)
 
 
+def state_matrix(plant: Any, time: Number, state: State, inputs: Inputs) -> Float[Array, "state state"]:
+    """The derivative of the state's rates by the state."""
+    return jax.jacfwd(lambda y: plant.vector_field(time, y, inputs))(state)
+
+
 class AbstractPlant(Checked):
     """A flexible machine as an ordinary differential equation with parameters as leaves.
 
@@ -153,7 +158,7 @@ class AbstractPlant(Checked):
 
     def _linearised_frequency(self, inputs: Inputs) -> Float[Array, "..."]:
         state = self.rest_state(inputs)
-        matrix = jax.jacfwd(lambda y: self.vector_field(jnp.zeros(()), y, inputs))(state)
+        matrix = state_matrix(self, jnp.zeros(()), state, inputs)
         magnitude = jnp.sort(jnp.abs(jnp.linalg.eigvals(matrix)))
         # What is free to go anywhere has two eigenvalues of 0, which come out as the root of rounding.
         eps = float(jnp.finfo(magnitude.dtype).eps)

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 from jshape._check import Argument, as_array, finite
 from jshape._types import Inputs, Number, Position, Scalar, State
 from jshape.plants._swing import swing
-from jshape.plants.base import Coast
+from jshape.plants.base import Coast, state_matrix
 from jshape.plants.modes import AbstractModes
 
 
@@ -79,7 +79,7 @@ class ModalPlant(AbstractModes):
     def propagate(self, state: State, inputs: Inputs, duration: Number) -> State:
         """The exact state after ``duration`` (s) at a constant input, by the matrix exponential, without steps."""
         rest = self.rest_state(inputs)
-        matrix = jax.jacfwd(lambda y: self.vector_field(duration, y, inputs))(rest)
+        matrix = state_matrix(self, duration, rest, inputs)
         return rest + jax.scipy.linalg.expm(matrix * duration) @ (state - rest)
 
 

@@ -20,6 +20,7 @@ from jshape._types import ArrayLike, Inputs, Scalar, State
 from jshape.command import polynomial
 from jshape.compilation_cache import kept
 from jshape.plants import AbstractPlant
+from jshape.plants.base import state_matrix
 from jshape.plants.modes import AbstractModes
 from jshape.shaper import Shaping
 from jshape.simulation.integrate import integrate
@@ -237,10 +238,7 @@ def _jacobians(plant: AbstractPlant, plan: Schedule) -> Float[Array, "places sta
     time = jnp.zeros_like(plan.breaks[0])
     places = [(plant.rest_state(start), start), (plant.rest_state(start), end), (plant.rest_state(end), start)]
 
-    def jacobian(state, inputs):
-        return jax.jacfwd(lambda y: plant.vector_field(time, y, inputs))(state)
-
-    return jnp.stack([jacobian(*place) for place in places])
+    return jnp.stack([state_matrix(plant, time, *place) for place in places])
 
 
 state_jacobians: Any = kept(_jacobians)

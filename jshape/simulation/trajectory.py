@@ -17,6 +17,7 @@ from jshape._types import Scalar, State
 from jshape.command import polynomial
 from jshape.compilation_cache import kept
 from jshape.plants import AbstractSpring
+from jshape.plants.base import state_matrix
 from jshape.simulation.integrate import integrate
 from jshape.simulation.replay import field_of
 from jshape.simulation.schedule import Schedule, Segments, inputs_at
@@ -157,7 +158,7 @@ def trajectory(plant, plan: Schedule, state, periods: float, name: str, steps: i
     rounding = 4 * float(jnp.finfo(states.dtype).eps) * steps * len(segments.begin)
     accuracy = max(ACCURACY, min(rounding, COARSEST))
     greatest, duration = jnp.max(jnp.abs(states), axis=(0, 1)), jnp.sum(segments.duration)
-    matrix = jax.jacfwd(lambda y: plant.vector_field(segments.begin[-1], y, plan.final_inputs(plant)))(states[-1, -1])
+    matrix = state_matrix(plant, segments.begin[-1], states[-1, -1], plan.final_inputs(plant))
     # What the states' last digits leave in their rates, summed up over the move.
     floor = 4 * float(jnp.finfo(states.dtype).eps) * duration * (jnp.abs(matrix) @ greatest)
     met = jnp.all((errors[-1, -1] <= accuracy * greatest + floor) & jnp.isfinite(greatest))
@@ -213,7 +214,7 @@ def farthest_later(plant, plan: Schedule, along: Trajectory) -> Array:
     close = apart > 1e-9 * jnp.max(frequencies)
     beat = jnp.max(jnp.where(close, 2 * jnp.pi / jnp.where(close, apart, 1.0), 0.0))
     times = jnp.maximum(2 * beat, along.time[-1, -1]) * jnp.linspace(0.0, 1.0, _LATER)
-    matrix = jax.jacfwd(lambda y: plant.vector_field(plan.breaks[-1], y, inputs))(rest)
+    matrix = state_matrix(plant, plan.breaks[-1], rest, inputs)
     values, vectors = jnp.linalg.eig(jax.lax.stop_gradient(matrix))
     parts = jnp.linalg.solve(vectors, (along.end - rest).astype(vectors.dtype))
     swings = (jnp.abs(values) > 1e-6 * jnp.max(frequencies)) & jnp.isfinite(parts)
@@ -232,7 +233,7 @@ def _turned(plant, plan: Schedule, along: Trajectory, frequency: Scalar) -> Arra
     """
     inputs = plan.final_inputs(plant)
     rest = plant.rest_state(inputs)
-    matrix = jax.jacfwd(lambda y: plant.vector_field(plan.breaks[-1], y, inputs))(rest)
+    matrix = state_matrix(plant, plan.breaks[-1], rest, inputs)
     decay, (angles, rates) = -matrix[2, 2] / 2, (along.end - rest).reshape(2, 2)
     quarter = (rates + decay * angles) / frequency
     speed = 3 / 8 * frequency * (angles[0] * quarter[1] - angles[1] * quarter[0])
