@@ -2,14 +2,12 @@
 
 from collections.abc import Callable
 from functools import lru_cache
-from typing import TypeVar
+from typing import Any
 
 import numpy as np
 
-R = TypeVar("R")
 
-
-def last_result(function: Callable[[np.ndarray], R]) -> Callable[[np.ndarray], R]:
-    """The same function of a list of floats, which is not computed again where it was computed last."""
-    cached = lru_cache(1)(lambda numbers: function(np.frombuffer(numbers)))
-    return lambda x: cached(x.tobytes())
+def value_and_jacobian(function: Callable[[np.ndarray], tuple[Any, Any]]) -> tuple[Any, Any]:
+    """Both results of a function of a list of floats, each as a function of its own, computed together and once."""
+    both = lru_cache(1)(lambda numbers: function(np.frombuffer(numbers)))
+    return (lambda x: both(x.tobytes())[0]), (lambda x: both(x.tobytes())[1])

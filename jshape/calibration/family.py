@@ -16,13 +16,13 @@ from scipy.optimize import minimize
 
 from jshape import _check
 from jshape._blas import one_thread
-from jshape._memo import last_result
+from jshape._memo import value_and_jacobian
 from jshape._types import ArrayLike, Progress
 from jshape.calibration.fit import HIGHEST
 from jshape.calibration.score import CEILING, ZETAS, Bins, rate
 from jshape.calibration.smoothing import ACCELERATION, CORNER_SPEED, smoothing_slopes, terms
 from jshape.calibration.spectrum import Spectrum
-from jshape.calibration.tuned import Tuned, judged
+from jshape.calibration.tuned import Tuned, check_limits, judged
 from jshape.kalico import KINDS as SMOOTH
 from jshape.kalico import smooth
 from jshape.klipper import DAMPING, KINDS, ROOM, VERSIONS, ei, highest_zeta, mzv, named, plain_shape
@@ -88,8 +88,7 @@ def families(version: str) -> list[Family]:
         version: Klipper's, that of 2024 has no parameters; or Kalico's smooth shapers.
     """
     if version == "kalico":
-        shapes = {kind: smooth(kind, 1.0) for kind in SMOOTH}
-        return [Family(kind, lambda zeta, kind=kind: shapes[kind], 0.0, 0.0, 0.99) for kind in SMOOTH]
+        return [Family(kind, partial(_for_any_damping, smooth(kind, 1.0)), 0.0, 0.0, 0.99) for kind in SMOOTH]
     found, plain = [], KINDS
     if version == "current":
         plain = [kind for kind in KINDS if kind not in ("mzv", "ei")]
@@ -101,6 +100,10 @@ def families(version: str) -> list[Family]:
         formula = partial(plain_shape, kind, version=version)
         found.append(Family(kind, formula, 0.0, 0.0, highest_zeta(kind, version)))
     return found
+
+
+def _for_any_damping(shape: tuple[Any, Any], zeta: Any) -> tuple[Any, Any]:
+    return shape
 
 
 FIRMWARES = (*VERSIONS, "kalico")
@@ -150,10 +153,7 @@ def tune_firmware(
         words = "one must be limited" if vibration is None else "only one may be limited"
         raise ValueError(f"vibration and smoothing: {words}; the other is made the least")
     _check.function(progress, "progress")
-    if vibration is not None:
-        _check.require(vibration, "vibration", lambda v: 0 <= v < 1, "be a fraction from 0 to below 1")
-    if smoothing is not None:
-        _check.positive(smoothing, "smoothing")
+    check_limits(vibration, smoothing)
     _check.require(zeta, "zeta", lambda z: 0 < z <= 0.3, "be over 0, up to 0.3")
     _check.require(highest, "highest", lambda f: LOWEST < f <= 2000, f"lie between {LOWEST:g} and 2000 Hz")
     ceiling = max(CEILING, highest)
@@ -296,7 +296,7 @@ class _Search:
         unit = family.high - family.low or 1.0
         left, blur = (float(part[0]) for part in self.values(family, number, zeta, np.array([frequency])))
         bounded = max(left, 1e-3) if self.vibration is None else blur
-        both = last_result(lambda x: self.conditions(family, x, unit, bounded))
+        slack, slopes = value_and_jacobian(lambda x: self.conditions(family, x, unit, bounded))
         target = np.array([0.0, 0.0, 0.0, 1.0])
         lowest, highest = np.log(self.frequencies[[0, -1]])
         run = minimize(
@@ -310,7 +310,7 @@ class _Search:
                 (lowest, highest),
                 (0.0, None),
             ],
-            constraints=[{"type": "ineq", "fun": lambda x: both(x)[0], "jac": lambda x: both(x)[1]}],
+            constraints=[{"type": "ineq", "fun": slack, "jac": slopes}],
             options={"maxiter": 60, "ftol": 1e-9},
         )
         if not np.all(np.isfinite(run.x)):

@@ -15,7 +15,7 @@ from scipy.optimize import minimize
 
 from jshape import _check
 from jshape._blas import one_thread
-from jshape._memo import last_result
+from jshape._memo import value_and_jacobian
 from jshape._types import Progress
 from jshape.calibration.modes import remaining
 from jshape.calibration.score import CEILING, ZETAS, Bins, Rated, rate
@@ -119,10 +119,7 @@ def tune(
         raise ValueError("vibration and smoothing: only one may be limited; the other is made the least")
     seed = _check.count(seed, "seed", 0, 10**18)
     _check.function(progress, "progress")
-    if vibration is not None:
-        _check.require(vibration, "vibration", lambda v: 0 <= v < 1, "be a fraction from 0 to below 1")
-    if smoothing is not None:
-        _check.positive(smoothing, "smoothing")
+    check_limits(vibration, smoothing)
     words = f"be from 0 to below 1/{n}, so that {n} impulses can sum to 1"
     _check.require(least, "least", lambda each: 0 <= each < 1 / n, words)
     bins = Bins(spectra, zetas, shift, ceiling)
@@ -150,6 +147,14 @@ def tune(
             return least_blur
     rated = rate("tuned", *_merged(amplitudes, times), Bins(spectra, zetas, ceiling=ceiling), corner_speed)
     return judged(rated, spectra, met, search.message(met, agree, len(candidates)), shift, zetas, ceiling)
+
+
+def check_limits(vibration: float | None, smoothing: float | None) -> None:
+    """*Raises* ``ValueError`` where the one that is limited is out of range."""
+    if vibration is not None:
+        _check.require(vibration, "vibration", lambda v: 0 <= v < 1, "be a fraction from 0 to below 1")
+    if smoothing is not None:
+        _check.positive(smoothing, "smoothing")
 
 
 def judged(
@@ -233,7 +238,7 @@ class _Search:
             random.dirichlet(np.full(n - 1, 5.0)) * random.uniform(0.4, 1.0),
             1.0,
         ]
-        conditions = last_result(self.conditions)
+        slack, slopes = value_and_jacobian(self.conditions)
         unity, target = np.r_[np.ones(n), np.zeros(n)], np.r_[np.zeros(2 * n - 1), 1.0]
         found = minimize(
             lambda x: x[-1],
@@ -242,7 +247,7 @@ class _Search:
             method="SLSQP",
             bounds=[(self.least, 1.0)] * n + [(0.0, 1.0)] * (n - 1) + [(0.0, None)],
             constraints=[
-                {"type": "ineq", "fun": lambda x: conditions(x)[0], "jac": lambda x: conditions(x)[1]},
+                {"type": "ineq", "fun": slack, "jac": slopes},
                 {"type": "eq", "fun": lambda x: x[:n].sum() - 1, "jac": lambda _: unity},
             ],
             options={"maxiter": 300, "ftol": 1e-8},

@@ -7,7 +7,7 @@ record has of its own.
 
 import dataclasses
 from collections.abc import Callable
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -17,7 +17,7 @@ from jaxtyping import Array
 from scipy.interpolate import CubicSpline
 from scipy.optimize import least_squares
 
-from jshape._memo import last_result
+from jshape._memo import value_and_jacobian
 from jshape.command import polynomial
 from jshape.simulation.integrate import integrate
 from jshape.simulation.schedule import Schedule, Segments
@@ -259,16 +259,13 @@ def _least_squares(
 ) -> Any:
     """SciPy's fit over the first rows of each record."""
 
-    @last_result
     def compared(p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         parts = problem.compared(p, steps)
         cut = [(w * r[:rows], w * s[:rows]) for (r, s), w in zip(parts, weights, strict=True)]
         return np.concatenate([r for r, _ in cut]), np.concatenate([s for _, s in cut])
 
-    def jacobian(p):
-        return compared(p)[1]
-
+    residuals, jacobian = value_and_jacobian(compared)
     return least_squares(
-        lambda p: compared(p)[0], p, cast(Any, jacobian), bounds=(lower, np.inf), x_scale="jac",
+        residuals, p, jacobian, bounds=(lower, np.inf), x_scale="jac",
         ftol=1e-12, xtol=1e-12, gtol=1e-15, max_nfev=100,
     )  # fmt: skip

@@ -9,12 +9,12 @@ Source: Golub and Pereyra, SIAM J. Numer. Anal. 10 (1973), the derivative of a p
 
 import abc
 import dataclasses
-from typing import Any, ClassVar, cast
+from typing import ClassVar
 
 import numpy as np
 from scipy.optimize import least_squares
 
-from jshape._memo import last_result
+from jshape._memo import value_and_jacobian
 from jshape._types import ArrayLike
 from jshape.identification._uncertainty import covariance
 
@@ -163,14 +163,15 @@ def _refined(family: AbstractFamily, omega: np.ndarray, zeta: np.ndarray, noise:
     count, channels, converged = len(omega), family.data.shape[1], True
     if count:
         lower, upper = np.repeat([family.lowest, 0.0], count), np.repeat([family.highest, STEEPEST], count)
-        projected: Any = last_result(lambda x: project(family, x[:count], x[count:], noise))
 
-        def jacobian(x):
-            return projected(x)[3]
+        def projected(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            residuals, _, _, slopes, _ = project(family, x[:count], x[count:], noise)
+            return residuals.ravel(), slopes
 
+        values, jacobian = value_and_jacobian(projected)
         start = np.clip(np.concatenate([omega, zeta]), lower + 1e-9 * upper, upper * (1 - 1e-9))
         found = least_squares(
-            lambda x: projected(x)[0].ravel(), start, cast(Any, jacobian), bounds=(lower, upper),
+            values, start, jacobian, bounds=(lower, upper),
             x_scale="jac", ftol=1e-10, xtol=1e-10, gtol=1e-12, max_nfev=60,
         )  # fmt: skip
         omega, zeta, converged = found.x[:count], found.x[count:], found.status > 0

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 from scipy.optimize import least_squares
 
 from jshape import _check
-from jshape._memo import last_result
+from jshape._memo import value_and_jacobian
 from jshape._types import ArrayLike, Scalar, State
 from jshape.command import PiecewisePolynomial
 from jshape.compilation_cache import kept
@@ -179,11 +179,11 @@ def _levenberg_marquardt(at: Any, gaps: np.ndarray, iterations: int) -> tuple[np
             np.vstack([np.nan_to_num(jacobian) * np.exp(logs), np.zeros((missing, len(logs)))]),
         )
 
-    both = last_result(function)
+    values, jacobian = value_and_jacobian(function)
     run = least_squares(
-        lambda logs: both(logs)[0],
+        values,
         np.log(gaps),
-        jac=lambda logs: both(logs)[1],  # pyright: ignore[reportArgumentType]
+        jac=jacobian,
         method="lm",
         xtol=1e-15,
         ftol=1e-15,
