@@ -42,3 +42,7 @@ axes a tuple of these."""
 
 Progress = Callable[[str, int, int, float], Any]
 """``progress(stage, done, total, best)``: called along the way of long work; infinite ``best`` where there is none."""
+
+
+def silent(*_: Any) -> None:
+    """Progress that nobody is shown."""

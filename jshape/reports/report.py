@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from jshape._types import silent
 from jshape.axes import moving
 from jshape.command import as_command
 from jshape.design.closed_forms import closed_forms
@@ -69,6 +70,10 @@ class Row:
     def impulses(self) -> int:
         """Of the shaper that has most."""
         return max(len(shaper.times) for shaper in self.shapers.values())
+
+
+def _worst_energy(row: Row) -> float:
+    return row.worst_energy or 0.0
 
 
 def stem_of(name: str) -> str:
@@ -134,8 +139,8 @@ class Report:
             return tuned
         longest = tuned.duration * (1 + ALIKE)
         short = [row for row in self.rows if row.worst_energy is not None and row.duration <= longest]
-        best = min((row for row in short if not row.exceeded), key=lambda row: row.worst_energy or 0.0, default=tuned)
-        return best if (best.worst_energy or 0.0) < tuned.worst_energy else tuned
+        best = min((row for row in short if not row.exceeded), key=_worst_energy, default=tuned)
+        return best if _worst_energy(best) < tuned.worst_energy else tuned
 
     def gains(self) -> list[str]:
         """The gain of tuning over the best closed form that takes no longer, in words, and what more time would bring;
@@ -151,7 +156,7 @@ class Report:
         allowed = self.problem.design.duration
         if isinstance(allowed, list) and tuned.duration > (1 - 1e-3) * max(allowed):
             gains.append(f"it takes all of the {max(allowed):g} s that [design] duration allows: more may leave less")
-        least = min(kept, key=lambda row: row.worst_energy or 0.0, default=tuned)
+        least = min(kept, key=_worst_energy, default=tuned)
         if least.worst_energy is not None and least.worst_energy < tuned.worst_energy and least.duration > longest:
             more = self.move_time(least) - self.move_time(tuned)
             left = f"{least.worst_energy:.6g} {self.problem.plant.energy_unit}"
@@ -171,7 +176,7 @@ class Report:
         kept = [row for row in others if not row.exceeded]
         if not kept:
             return [f"{left}: no closed form that takes no longer keeps the limits"]
-        best = min(kept, key=lambda row: row.worst_energy or 0.0)
+        best = min(kept, key=_worst_energy)
         if not best.worst_energy or not tuned.worst_energy or not np.isfinite(best.worst_energy):
             return []
         ratio = best.worst_energy / tuned.worst_energy
@@ -197,7 +202,7 @@ def interrupted(problem: Problem, solution: Solution) -> Report:
 def build(
     problem: Problem,
     solution: Solution | None,
-    step: Step = lambda _: None,
+    step: Step = silent,
     closed: tuple[dict[str, Shaper], dict[str, str]] | None = None,
 ) -> Report:
     """Evaluate every shaper of a problem, the tuned one last, all on the machine as it was designed.

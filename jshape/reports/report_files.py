@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from jshape._files import as_csv, digest, results_of, whole, write_results, write_text
+from jshape._types import silent
 from jshape.export import export
 from jshape.plants import AbstractOscillator
 from jshape.reports.report import Report, Row, Step, badness, placed, stem_of
@@ -23,7 +24,7 @@ Draw = Callable[..., None]
 """``draw(path, kind, *numbers)``: draws and saves that figure, a function of ``jshape.reports.plot``."""
 
 
-def write(report: Report, folder: Path, step: Step = lambda _: None, draw: Draw | None = None) -> list[Path]:
+def write(report: Report, folder: Path, step: Step = silent, draw: Draw | None = None) -> list[Path]:
     """Write the numbers, the shapers, the problem and the figures into a folder, each whole, what took longest first.
 
     Args:
@@ -139,7 +140,7 @@ def _impulses(shapers: Mapping[str, Shaper]) -> dict[str, dict[str, list[float]]
     }
 
 
-def figures(report: Report, step: Step = lambda _: None) -> Iterator[tuple[str, str, tuple]]:
+def figures(report: Report, step: Step = silent) -> Iterator[tuple[str, str, tuple]]:
     """The report's figures one at a time: name, kind, and the numbers to draw.
 
     Those whose numbers are there already come first, so that they can be drawn while the others are computed.

@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 
 from jshape._files import write_results
-from jshape._types import Progress
+from jshape._types import Progress, silent
 from jshape.adaptive.closed_loop import loop_figures as figures
 from jshape.adaptive.closed_loop.loop import Trace, run
 from jshape.adaptive.closed_loop.metrics import accumulated_vibration, residual, settled_after, settling_time
@@ -55,7 +55,7 @@ class Experiment:
         return [(float(self.schedule.loads[last[a]]), a, b) for a, b in itertools.pairwise(starts)]
 
 
-def experiment(problem: Problem, *, progress: Progress = lambda *_: None) -> Experiment:
+def experiment(problem: Problem, *, progress: Progress = silent) -> Experiment:
     """Run the experiment of a problem's ``[adapt]`` table.
 
     Args:

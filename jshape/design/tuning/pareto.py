@@ -19,7 +19,7 @@ import numpy as np
 import xarray as xr
 
 from jshape import _check
-from jshape._types import ArrayLike, Progress
+from jshape._types import ArrayLike, Progress, silent
 from jshape.command import Distance
 from jshape.design.closed_forms import closed_forms
 from jshape.design.tuning import interval
@@ -130,7 +130,7 @@ def pareto(
 
     def compute(missing: list[int]) -> Iterator[tuple[int, np.ndarray]]:
         for index in missing:
-            report = functools.partial(progress, names[index]) if progress is not None else lambda *_: None
+            report = functools.partial(progress or silent, names[index])
             front: list[Candidate] = []
             try:
                 _front(front, problems[index], times, starts, seed, iterations, report)

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from jshape._compiling import beside
+from jshape._types import silent
 from jshape.design.tuning.computing import Computing, end_of
 from jshape.design.tuning.design_problem import DesignProblem
 from jshape.design.tuning.epigraph import Rows, Space, Vector
@@ -93,9 +94,7 @@ class ScaledProblem:
         least: the least that ``tightest`` may become.
     """
 
-    def __init__(
-        self, problem: DesignProblem, fixed_gaps: bool = False, report: Callable[[float], Any] = lambda _: None
-    ):
+    def __init__(self, problem: DesignProblem, fixed_gaps: bool = False, report: Callable[[float], Any] = silent):
         self.problem, self.fixed_gaps, self.report = problem, fixed_gaps, report
         self.least = least_tolerance(jnp.result_type(float))
         self.usual = self.tightest = max(TOLERANCE, self.least)

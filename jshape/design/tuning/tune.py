@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from jshape import _check
-from jshape._types import ArrayLike, Progress
+from jshape._types import ArrayLike, Progress, silent
 from jshape.axes import moving
 from jshape.command import Distance
 from jshape.design.tuning import digital
@@ -130,7 +130,7 @@ def tune(
         digital.check(sample_time, problem.bounds)
     points = starting_points(problem, starts, seed) if start is None else [_begin(problem, start)]
     make_room()
-    search = Search(problem, progress or (lambda stage, done, total, best: None), seed, starts)
+    search = Search(problem, progress or silent, seed, starts)
     return search.run(points, method, iterations, sample_time)
 
 
