@@ -227,7 +227,12 @@ def _ei(zeta: Any, v_tol: float = VIBRATION) -> tuple[Any, Any]:
 def _fitted(amplitudes: list[list[float]], times: list[list[float]]) -> Callable[[Any], tuple[Any, Any]]:
     """Cubic polynomials of the damping, a row an impulse; times in undamped periods."""
     a, t = np.array(amplitudes), np.array(times)
-    return lambda zeta: (a @ zeta ** np.arange(4), t @ zeta ** np.arange(4))
+
+    def shape(zeta: Any) -> tuple[Any, Any]:
+        powers = zeta ** np.arange(4)
+        return a @ powers, t @ powers
+
+    return shape
 
 
 def _two_hump_2024(zeta: Any) -> tuple[Any, Any]:

@@ -8,6 +8,7 @@ compiles in half the time of optimistix's.
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -56,7 +57,7 @@ def levenberg_marquardt(
         jacobian, (value, aux) = linearised(candidate)
         better = (jnp.sum(value**2) < jnp.sum(best.residuals**2)) & jnp.all(jnp.isfinite(jacobian))
         tried = LeastSquares(candidate, jacobian, value, aux)
-        best = jax.tree.map(lambda new, old: jnp.where(better, new, old), tried, best)
+        best = jax.tree.map(partial(jnp.where, better), tried, best)
         damping = jnp.maximum(damping * jnp.where(better, 0.2, 5.0), _LEAST_DAMPING)
         normal = best.jacobian.T @ best.jacobian
         # An unknown on which nothing depends stays where it is.

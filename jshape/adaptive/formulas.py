@@ -50,6 +50,10 @@ def _repeat(times: int, function: Callable[[Any], Any], value: Any) -> Any:
     return value
 
 
+def _repeat_traced(times: int, function: Callable[[Any], Any], value: Any) -> Any:
+    return jax.lax.fori_loop(0, times, lambda _, now: function(now), value)
+
+
 JAX = Numbers(
     xp=jnp,
     math=jnp,
@@ -58,7 +62,7 @@ JAX = Numbers(
     select=lambda condition, this, otherwise: jax.tree.map(partial(jnp.where, condition), this, otherwise),
     put=lambda array, index, value: array.at[index].set(value),
     when=jax.lax.cond,
-    repeat=lambda times, function, value: jax.lax.fori_loop(0, times, lambda _, now: function(now), value),
+    repeat=_repeat_traced,
     constant=jax.lax.stop_gradient,
 )
 NUMPY = Numbers(

@@ -3,6 +3,7 @@
 import re
 import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
@@ -117,12 +118,11 @@ def _asked() -> "Starter | None":
     starter = STARTERS[chosen - 1]
     move, entry = dict(starter.move), catalogue.plants()[starter.plant]
     if "distance" in move:
-        move["distance"] = _ask(
-            "How far does it move", move["distance"], lambda answer: distance(answer, entry.command_unit())
-        )
+        read = partial(distance, unit=entry.command_unit())
+        move["distance"] = _ask("How far does it move", move["distance"], read)
     for axis, unit in entry.command_units().items():
         if isinstance(inner := move.get(axis), dict):
-            far = _ask(f"How far: {axis}", inner["distance"], lambda answer, unit=unit: distance(answer, unit))
+            far = _ask(f"How far: {axis}", inner["distance"], partial(distance, unit=unit))
             move[axis] = {**inner, "distance": far}
     leaf, spread = next(iter(starter.uncertain.items()))
     default = f"{spread['low']} to {spread['high']}"

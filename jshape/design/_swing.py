@@ -24,7 +24,11 @@ def half_period(plant: AbstractOscillator, low: Scalar, high: Scalar) -> Scalar:
         stiffness = plant.spring.k1 + plant.spring.k3 * half**2
         m = plant.spring.k3 * half**2 / (2 * stiffness)
         return 2 * complete_elliptic_k(m) * jnp.sqrt(plant.inertia() / stiffness)
-    return swing_integral(plant, low, high, lambda speed: 1 / speed)
+    return swing_integral(plant, low, high, _slowness)
+
+
+def _slowness(speed: Scalar) -> Scalar:
+    return 1 / speed
 
 
 def swing_integral(
@@ -41,7 +45,7 @@ def times_from_turns(plant: AbstractOscillator, turns: Sequence[Scalar], others:
 
     Source: Moonmangmee and Chatlatanagulchai (2025), Eqs. 43 (with its bracket corrected) and 50.
     """
-    find = jax.vmap(lambda turn, other: integral_from_turn(plant, turn, other, lambda speed: 1 / speed))
+    find = jax.vmap(lambda turn, other: integral_from_turn(plant, turn, other, _slowness))
     return find(jnp.stack(turns), jnp.stack(others))
 
 

@@ -191,7 +191,7 @@ def _approximate_swings(plant: AbstractOscillator, size: Scalar, shares: Any, da
     """Ways (m), base positions (m) and durations (s) of swings, without damping or nearly with it."""
     ways = size * shares
     bases = _bases(plant, ways)
-    times = jax.vmap(lambda base, way: half_period(plant, -base, way - base))(bases, ways)
+    times = _half_periods(plant, bases, ways)
     if damping != "ignore":
         loss = _loss_harmonic if damping == "harmonic" else _loss_orbit
         bases = _bases(plant, ways, jax.vmap(lambda *swing: loss(plant, *swing))(bases, ways, times))
@@ -199,6 +199,10 @@ def _approximate_swings(plant: AbstractOscillator, size: Scalar, shares: Any, da
         # Only the beginning of a search then.
         bases = jnp.where(jnp.isnan(bases), FARTHEST * ways, bases)
     return ways, bases, times
+
+
+def _half_periods(plant: AbstractOscillator, bases: Array, ways: Array) -> Array:
+    return jax.vmap(lambda base, way: half_period(plant, -base, way - base))(bases, ways)
 
 
 def _assemble(bases: Array, ways: Array, times: Array, size: Scalar) -> tuple[Array | np.ndarray, Array | np.ndarray]:
@@ -222,7 +226,7 @@ def _first_order_shares(plant: AbstractOscillator, size: Scalar, swings: int) ->
     def lag(s: Scalar) -> Scalar:
         ways = size * shares(s)
         bases = _bases(plant, ways)
-        times = jax.vmap(lambda base, way: half_period(plant, -base, way - base))(bases, ways)
+        times = _half_periods(plant, bases, ways)
         before, after = jax.vmap(plant.spring.force)(ways - bases), jax.vmap(plant.spring.force)(-bases)
         total = jnp.zeros_like(s)
         for i in range(swings):

@@ -142,7 +142,7 @@ class _Writer:
         n, m = left.ndim - len(of_left), right.ndim - len(of_right)
         left = left.reshape(*left.shape[:n], *([1] * m), -1)
         right = right.reshape(*([1] * n), *right.shape[:m], -1)
-        return self.total(self.elementwise(lambda a, b: f"{a} * {b}", [left, right]), (n + m,))
+        return self.total(self.elementwise(_ELEMENTARY["mul"].format, [left, right]), (n + m,))
 
 
 def _placed(elements: np.ndarray, places: np.ndarray) -> np.ndarray:
@@ -175,11 +175,11 @@ def _form(kind: str, parameters: Any, count: int) -> Callable[..., str]:
     """How an operation on elements is written."""
     if kind == "integer_pow":
         power = parameters["y"]
-        return lambda a: " * ".join([a] * power) if 1 <= power <= 4 else f"pow({a}, {float(power)!r})"
+        return (" * ".join(["{0}"] * power) if 1 <= power <= 4 else f"pow({{0}}, {float(power)!r})").format
     if kind == "select_n":
         if count != 3:
             raise ValueError("select_n of more than two cases")
-        return lambda which, no, yes: f"{which} ? {yes} : {no}"
+        return "{0} ? {2} : {1}".format
     return _ELEMENTARY[kind].format
 
 

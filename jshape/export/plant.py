@@ -55,13 +55,16 @@ def export_plant(
     as_inputs = functools.partial(jax.tree.unflatten, structure)
     example: list[Any] = [jnp.asarray(rest), *(jnp.zeros((), rest.dtype) for _ in inputs)]
     time = np.array("TIME", object)
+
+    def slopes(t: Any, x: Any, *u: Any) -> Any:
+        return plant.vector_field(t, x, as_inputs(u))
+
+    def stored(x: Any, *u: Any) -> Any:
+        return jnp.reshape(plant.residual_energy(x, as_inputs(u)), (1,))
+
     try:
-        field, derivatives = written_out(
-            lambda t, x, *u: plant.vector_field(t, x, as_inputs(u)), [time, *names], [jnp.zeros(()), *example]
-        )
-        energy, (total,) = written_out(
-            lambda x, *u: jnp.reshape(plant.residual_energy(x, as_inputs(u)), (1,)), names, example
-        )
+        field, derivatives = written_out(slopes, [time, *names], [jnp.zeros(()), *example])
+        energy, (total,) = written_out(stored, names, example)
     except ValueError as error:
         raise ValueError(f"plant: {kind} cannot be written out in C: it has the operation {error}") from None
     if any("TIME" in line for line in [*field, *derivatives]):

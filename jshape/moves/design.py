@@ -128,7 +128,7 @@ def improved(begin: Shaper, cost: Callable[[Shaper], Scalar], most: int) -> Shap
     """The positive shaper of least cost near ``begin``, in at most so many steps of BFGS, or ``begin`` if better."""
     point, least = cheapest(cost, begin, most)
     better = least < cost(begin)
-    return jax.tree.map(lambda new, old: jnp.where(better, new, old), _shaper(point), begin)
+    return jax.tree.map(functools.partial(jnp.where, better), _shaper(point), begin)
 
 
 def _shaper(point: Float[Array, " point"]) -> Shaper:

@@ -8,6 +8,7 @@ A policy has a memory, a pytree of arrays that begins anew with every episode::
 """
 
 import abc
+from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -84,7 +85,5 @@ def advance_policy(
     made = move(here, state, choice, params) if isinstance(choice, Shaper) else step(here, state, choice, params)
     state, observation, reward, terminated, truncated, info = made
     fresh = (*reset(again, params), policy.init(params))
-    carry = jax.tree.map(
-        lambda new, old: jnp.where(terminated | truncated, new, old), fresh, (state, observation, memory)
-    )
+    carry = jax.tree.map(partial(jnp.where, terminated | truncated), fresh, (state, observation, memory))
     return carry, (reward, info)

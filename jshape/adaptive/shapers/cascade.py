@@ -9,7 +9,6 @@ from functools import partial, reduce
 from operator import and_, ge, ne, or_
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -206,7 +205,7 @@ class Cascade:
             reach = xp.maximum(reach, xp.max(old[1], axis=1))
         new = Tuning(omega, zeta, gains, delays, reach, 0 * tuning.faded)
         if numbers is JAX:
-            return jax.tree.map(lambda now, was: jnp.where(admissible, now, was), new, tuning)
+            return numbers.select(admissible, new, tuning)
         return as_lists(new) if admissible else tuning
 
 

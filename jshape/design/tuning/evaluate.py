@@ -149,13 +149,11 @@ def _linearised_backward(
     scenarios: Scenarios, flat: Array, unravel: Callable[[Array], Point], ends: Array, steps: Any
 ) -> Linearisation:
     """The same by reverse mode: one pass back for each plant and for each slack."""
-    energies, jacobian = _every_plant(
-        scenarios,
-        lambda case, end: _with_jacobian(
-            lambda x: _energy_and_end(case, unravel(x), end, steps, False)[0], flat, False
-        ),
-        ends,
-    )
+
+    def whole(case: Scenarios, end: Array) -> tuple[Any, Any]:
+        return _with_jacobian(lambda x: _energy_and_end(case, unravel(x), end, steps, False)[0], flat, False)
+
+    energies, jacobian = _every_plant(scenarios, whole, ends)
     slack, slack_jacobian = _with_jacobian(lambda x: slacks(scenarios, unravel(x)), flat, False)
     slack_bends, ends_slopes = jnp.zeros((*slack_jacobian.shape, len(flat))), jnp.zeros((len(ends), 0, len(flat)))
     curvature = _no_curvature(*jacobian.shape)
