@@ -5,6 +5,7 @@ rewards, info = rollout(jax.random.key(0), policy, params, moves=64)
 """
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -224,7 +225,7 @@ class Guard(AbstractPolicy):
 
         found = retuned(vibration, tuned)
         sound = jnp.all(jnp.isfinite(found.amplitudes) & jnp.isfinite(found.times)) & (bank.made > 0)
-        return jax.tree.map(lambda new, old: jnp.where(sound, new, old), found, tuned)
+        return jax.tree.map(partial(jnp.where, sound), found, tuned)
 
     def _plausible(self, log_prior: Float[Array, " plants"]) -> Int[Array, " plausible"]:
         """Indices of the plants of the most probable variants."""

@@ -4,6 +4,7 @@ Each mode is looked for in a band. It may lie beyond half the sample rate, as lo
 are aliases of each other.
 """
 
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -92,10 +93,13 @@ def fit_tones(
         weights = _solve(normal + ridge, columns @ samples)
         return jnp.sum((samples - weights @ columns) ** 2), weights.reshape(2, modes).T
 
+    def misfit_at(omega: Float[Array, " modes"], mode: int, frequency: Scalar) -> Scalar:
+        return fit(omega.at[mode].set(frequency))[0]
+
     omega = jnp.mean(bands, axis=1)
     for mode in [m for _ in range(SWEEPS if modes > 1 else 1) for m in range(modes)]:
         grid = evenly(bands[mode], GRID)
-        misfit = jax.vmap(lambda w, mode=mode, omega=omega: fit(omega.at[mode].set(w))[0])(grid)
+        misfit = jax.vmap(partial(misfit_at, omega, mode))(grid)
         omega = omega.at[mode].set(_at_peak(grid, -misfit))
     misfit, weights = fit(omega)
     amplitude = jnp.hypot(weights[:, 0], weights[:, 1])
