@@ -19,6 +19,9 @@ from experiments.rivals.rival import Design, Rival
 
 HERE = Path(__file__).parent
 
+GROUPS = (shapers.rivals, ramps.rivals, filters.rivals, tuned.rivals, collocation.rivals)
+"""What makes the rivals of a machine, collocation, which may not converge, last."""
+
 QUICK = ("bare trapezoid", "ZV", "speed ramps of a period", "notch", "collocation, nominal", "tuned, 1 × ZV")
 """The rivals of the small version, on the first machine alone."""
 
@@ -41,21 +44,14 @@ def main(arguments: list[str] | None = None) -> None:
     count = QUICK_PAYLOADS if chosen.quick else JUDGED
     casadi = ["casadi"] if collocation.available() else []
     keep(path, "about", about(processor(), "jshape", "jax", "scipy", *casadi) | dict(payloads=count))
-    jobs = [(name, rival) for group in _groups(chosen.quick) for name in names for rival in group(machines()[name])]
+    rivals = [(name, rival) for group in GROUPS for name in names for rival in group(machines()[name])]
+    jobs = [(name, rival) for name, rival in rivals if not chosen.quick or rival.name in QUICK]
     for done, (name, rival) in enumerate(jobs, start=1):
         key = f"{name}: {rival.name}"
         if key not in read(path):
             keep(path, key, measured(machines()[name], rival, count))
         print(f"{done}/{len(jobs)} {key}: {_words(read(path)[key])}", flush=True)
     write(read(path), chosen.out)
-
-
-def _groups(quick: bool) -> list[Any]:
-    """What makes the rivals of a machine, collocation, which may not converge, last."""
-    groups = [shapers.rivals, ramps.rivals, filters.rivals, tuned.rivals, collocation.rivals]
-    if not quick:
-        return groups
-    return [lambda machine, group=group: [one for one in group(machine) if one.name in QUICK] for group in groups]
 
 
 def _words(row: dict[str, Any]) -> str:

@@ -5,6 +5,7 @@ within a thousandth of their ends, and what is then missing is spread over the w
 """
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from scipy import signal
@@ -51,7 +52,7 @@ def _design(sections: Callable[[Machine], Sections]) -> Callable[[Machine], Desi
         chosen = sections(machine)
         # The slowest pole says how long the response takes.
         slowest = min(float(np.min(-np.roots(below).real)) for _, below in chosen)
-        return lambda machine: each_axis(machine, lambda axis: filtered(axis, chosen, slowest))
+        return partial(each_axis, command=partial(filtered, sections=chosen, slowest=slowest))
 
     return design
 

@@ -5,7 +5,7 @@ acceleration a ramp of one period: jerk-limited, the jerk derived from the reson
 ramps last a whole period, at less acceleration, which is a zero, too, and only the other modes need a jerk limit.
 """
 
-from functools import reduce
+from functools import partial, reduce
 
 import jax.numpy as jnp
 import numpy as np
@@ -31,12 +31,12 @@ def _periods(machine: Machine) -> list[float]:
 
 def _jerk_ramps(machine: Machine) -> Design:
     periods = _periods(machine)
-    return lambda machine: each_axis(machine, lambda axis: reduce(averaged, periods, trapezoid(axis)))
+    return partial(each_axis, command=lambda axis: reduce(averaged, periods, trapezoid(axis)))
 
 
 def _speed_ramps(machine: Machine) -> Design:
     slowest, *others = _periods(machine)
-    return lambda machine: each_axis(machine, lambda axis: reduce(averaged, others, matched(axis, slowest)))
+    return partial(each_axis, command=lambda axis: reduce(averaged, others, matched(axis, slowest)))
 
 
 def matched(axis: Axis, period: float) -> js.Trapezoid:

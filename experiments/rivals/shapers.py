@@ -1,6 +1,7 @@
 """Shapers of linear theory, on the trapezoid: ZV, ZVD, EI, and specified insensitivity over the payloads' band."""
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
@@ -19,7 +20,7 @@ ON_OFF_SHARES = (0.8, 1.0, 1.7)
 def rivals(machine: Machine) -> list[Rival]:
     """The bare trapezoid, three closed forms, and jshape's own shapers of linear theory."""
     kinds = {"ZV": "zv", "ZVD": "zvd", "EI": "ei"}
-    found = [Rival("bare trapezoid", "bare", lambda _: lambda machine: each_axis(machine, trapezoid))]
+    found = [Rival("bare trapezoid", "bare", lambda _: partial(each_axis, command=trapezoid))]
     found += [Rival(name, "closed forms", _closed_form(kind)) for name, kind in kinds.items()]
     kinds = {"SI": ("positive", SHARES), "SI on-off": ("unity", ON_OFF_SHARES)}
     return found + [
@@ -32,7 +33,7 @@ def rivals(machine: Machine) -> list[Rival]:
 def shaping(shaper: js.Shaper) -> Design:
     """The trapezoid of every axis through one shaper."""
     on_off = float(shaper.duration) if np.any(np.asarray(shaper.amplitudes) < 0) else 0.0
-    return lambda machine: each_axis(machine, lambda axis: as_pieces(shaper.shape(trapezoid(axis, on_off))))
+    return partial(each_axis, command=lambda axis: as_pieces(shaper.shape(trapezoid(axis, on_off))))
 
 
 def _closed_form(kind: str) -> Callable[[Machine], Design]:
