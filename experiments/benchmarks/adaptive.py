@@ -205,7 +205,7 @@ def moves() -> list[dict[str, Any]]:
         loop.begin(known)
         begin = 1e3 * (time.perf_counter() - begun)
         none = np.full(len(strategy.model.times), np.nan)
-        plan = fastest(lambda loop=loop, none=none: loop.replanned(loop.memory, 0, 1.0, none)) / 1e3
+        plan = fastest(partial(loop.replanned, loop.memory, 0, 1.0, none)) / 1e3
         most = dict(late=float(np.quantile(taken, 0.999)), longest=max(taken), plan=plan, begin=begin)
         rows.append(row(f"{name}, a sample", float(np.median(taken)), **most))
     return rows
@@ -230,29 +230,31 @@ def many() -> list[dict[str, Any]]:
     scale, samples = jnp.linspace(0.5, 2.0, LOOPS), 400
     values = jnp.asarray(signal(samples))
     reference, readings = map(jnp.asarray, machine(TIME, samples))
-    # Under vmap the damped sinusoids are fitted with every sample; see their docstring.
-    steps: dict[str, Any] = {
-        name: (identifier.start(), lambda state, k, own=identifier: own.step(state, values[k[0]] * k[1]))
-        for name, identifier in IDENTIFIERS.items()
-        if not isinstance(identifier, DampedSinusoids)
-    }
-    for name, strategy in strategies(TIME).items():
 
-        def move(state, k, own=strategy):
-            return own.step(state, reference[k[0]] * k[1], Readings(*(readings[k[0]] * k[1])))
+    def identify(own: Any, state: Any, k: Any, factor: Any) -> Any:
+        return own.step(state, values[k] * factor)[0]
 
-        steps[name] = strategy.start(reference[0]), move
-    rows = []
-    for name, (start, step) in steps.items():
+    def move(own: Any, state: Any, k: Any, factor: Any) -> Any:
+        return own.step(state, reference[k] * factor, Readings(*(readings[k] * factor)))[0]
 
-        def run(state: Any, step: Any = step) -> Any:
-            side = jax.vmap(lambda state, k, factor: step(state, (k, factor))[0], in_axes=(0, None, 0))
+    def taken(start: Any, step: Callable[..., Any]) -> float:
+        side = jax.vmap(step, in_axes=(0, None, 0))
+
+        def run(state: Any) -> Any:
             return jax.lax.scan(lambda state, k: (side(state, k, scale), None), state, jnp.arange(samples))[0]
 
         state = jax.tree.map(lambda leaf: jnp.stack([leaf] * LOOPS), start)
         compiled = jax.jit(run).lower(state).compile()
-        rows.append(row(name, fastest(lambda run=compiled, state=state: jax.block_until_ready(run(state))) / samples))
-    return rows
+        return fastest(lambda: jax.block_until_ready(compiled(state))) / samples
+
+    # Under vmap the damped sinusoids are fitted with every sample; see their docstring.
+    steps: dict[str, Any] = {
+        name: (identifier.start(), partial(identify, identifier))
+        for name, identifier in IDENTIFIERS.items()
+        if not isinstance(identifier, DampedSinusoids)
+    }
+    steps |= {name: (own.start(reference[0]), partial(move, own)) for name, own in strategies(TIME).items()}
+    return [row(name, taken(*of)) for name, of in steps.items()]
 
 
 def drift() -> list[dict[str, Any]]:
@@ -260,7 +262,11 @@ def drift() -> list[dict[str, Any]]:
     identifier = SlidingDFT(TIME, 64, (20.0, 200.0), 7.0)
     bins = np.asarray(identifier.omegas[0])
     dft = np.exp(-1j * np.outer(bins, TIME * np.arange(64)))
-    advance = jax.jit(lambda state, given: jax.lax.scan(lambda s, x: (identifier.step(s, x)[0], None), state, given)[0])
+
+    @jax.jit
+    def advance(state: Any, samples: jax.Array) -> Any:
+        return jax.lax.scan(lambda state, sample: (identifier.step(state, sample)[0], None), state, samples)[0]
+
     random, state, last = np.random.default_rng(1), identifier.start(), np.zeros(64)
     memory, rows, block = np.zeros((len(bins), 1), complex), [], 1_000_000
     for done in range(1, 101):

@@ -148,7 +148,10 @@ def _draw_smooth(rng, cases: int) -> Row:
 
 
 def _driven(command: Callable[[Row], Any]) -> Callable[[Row], Case]:
-    return lambda row: (_pair(row, row["k3"]), _staircase(row), command(row), row["state"])
+    def build(row: Row) -> Case:
+        return _pair(row, row["k3"]), _staircase(row), command(row), row["state"]
+
+    return build
 
 
 def _draw_damper(rng, cases: int) -> Row:
@@ -258,14 +261,18 @@ def _draw_joint(rng, cases: int) -> Row:
     return row | dict(limit=kp * powers(rng, -1, 1, cases))
 
 
+CONTROLLERS: dict[str, tuple[Any, ...]] = {
+    "P": (js.plants.ProportionalController, "kp"),
+    "PI": (js.plants.PIController, "kp", "ki"),
+    "PD": (js.plants.PDController, "kp", "kd"),
+    "clipped": (js.plants.PDController, "kp", "kd", "limit"),
+}
+
+
 def _joint(kind: str) -> Callable[[Row], Case]:
     def build(row: Row) -> Case:
-        control: Any = dict(
-            P=lambda: js.plants.ProportionalController(row["kp"]),
-            PI=lambda: js.plants.PIController(row["kp"], row["ki"]),
-            PD=lambda: js.plants.PDController(row["kp"], row["kd"]),
-            clipped=lambda: js.plants.PDController(row["kp"], row["kd"], row["limit"]),
-        )[kind]()
+        controller, *gains = CONTROLLERS[kind]
+        control = controller(*(row[gain] for gain in gains))
         spring, damper = js.plants.Duffing(row["k"], row["k3"]), js.plants.LinearDamper(row["c"])
         plant = js.plants.FlexibleJoint(row["motor"], row["link"], spring, control, damper, row["kd"])
         state = jnp.append(row["state"], 0.0) if kind == "PI" else row["state"]

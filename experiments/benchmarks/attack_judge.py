@@ -1,6 +1,7 @@
 """The attack's judge: DOP853, or a closed form where a family has one."""
 
 import itertools
+from operator import itemgetter
 from typing import Any, NamedTuple
 
 import jax
@@ -116,7 +117,7 @@ def scipy_energy(case: Case, rtol: float = 1e-13) -> float:
     field, segments = jax.jit(field_of(plant)), plan.segments()
     largest = np.max(np.abs(state), initial=0.0)
     for i in range(len(segments.begin)):
-        segment = jax.tree.map(lambda x, i=i: x[i], segments)
+        segment = jax.tree.map(itemgetter(i), segments)
         if float(segment.duration) == 0:
             continue
         asked = itertools.count()

@@ -8,13 +8,17 @@ import jax.numpy as jnp
 
 from experiments.benchmarks.duffing import AMPLITUDES, K1, K3, TIMES
 
+
+def _by_forward_mode(function, argnums):
+    def both(amplitudes, times):
+        return function(amplitudes, times), jax.jacfwd(function, argnums)(amplitudes, times)
+
+    return both
+
+
 ADJOINTS = {
     "reverse": (diffrax.RecursiveCheckpointAdjoint(), diffrax.Dopri8(), jax.value_and_grad),
-    "forward": (
-        diffrax.ForwardMode(),
-        diffrax.Dopri8(scan_kind="bounded"),
-        lambda f, argnums: lambda a, t: (f(a, t), jax.jacfwd(f, argnums)(a, t)),
-    ),
+    "forward": (diffrax.ForwardMode(), diffrax.Dopri8(scan_kind="bounded"), _by_forward_mode),
 }
 """diffrax's ways to a gradient: adjoint, solver, and how value and gradient are taken."""
 

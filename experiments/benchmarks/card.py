@@ -22,6 +22,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.interpreters.partial_eval import dce_jaxpr
 
+from experiments.benchmarks import duffing
 from experiments.benchmarks.by_diffrax import ADJOINTS, diffrax_energies, diffrax_energy
 from experiments.benchmarks.duffing import AMPLITUDES, GAPS, K1, K3, LEVELS, TIMES, energies, energy, scipy_energy
 from experiments.benchmarks.record import about, keep, least
@@ -131,23 +132,16 @@ def gradient(plants: int, double: bool, steps: int | None) -> dict[str, Any]:
         dtype = masses.dtype
         point = (jnp.asarray(AMPLITUDES, dtype), jnp.asarray(TIMES, dtype))
 
-        def mean(one: Callable[..., Any], masses: jax.Array, derive: Any = lambda f: f) -> Callable[[], Any]:
-            program = jax.jit(lambda m, a, t: derive(lambda a, t: jnp.mean(jax.vmap(lambda r: one(r, a, t))(m)))(a, t))
-            return functools.partial(program, masses, *point)
+        def times_of(*given: Any) -> tuple[float, float]:
+            return first_and_least(functools.partial(duffing.mean_energy(*given), *point))[1:]
 
-        def ours(r: Any, a: Any, t: Any) -> Any:
-            return energy(r, a, t, steps)
-
-        _, _, plain = first_and_least(mean(ours, masses))
-        _, first, seconds = first_and_least(mean(ours, masses, lambda f: jax.value_and_grad(f, argnums=(0, 1))))
+        ours = functools.partial(energy, steps=steps)
+        _, plain = times_of(ours, masses)
+        first, seconds = times_of(ours, masses, functools.partial(jax.value_and_grad, argnums=(0, 1)))
         theirs = []
         for adjoint, solver, derive in ADJOINTS.values() if double and steps is None else ():
-
-            def of_diffrax(r: Any, a: Any, t: Any, solver: Any = solver, adjoint: Any = adjoint) -> Any:
-                return diffrax_energy(r, a, t, 1e-8, solver, adjoint)
-
-            run = mean(of_diffrax, fewer, functools.partial(derive, argnums=(0, 1)))
-            theirs.append(first_and_least(run)[2] / len(fewer))
+            one = functools.partial(diffrax_energy, tolerance=1e-8, solver=solver, adjoint=adjoint)
+            theirs.append(times_of(one, fewer, functools.partial(derive, argnums=(0, 1)))[1] / len(fewer))
     return dict(
         what=f"{'double' if double else 'single'}, {f'{steps} steps' if steps else 'the default call'}",
         plants=plants, first=first, seconds=seconds, plants_a_second=plants / seconds, over_value=seconds / plain,
@@ -159,9 +153,11 @@ def grown(plants: int) -> dict[str, Any]:
     """The default call and its gradient, double precision."""
     with jax.enable_x64(True):
         masses = masses_of(plants)
-        program = jax.jit(
-            jax.grad(lambda a: jnp.sum(jax.vmap(lambda m: energy(m, a, jnp.asarray(TIMES), None))(masses)))
-        )
+
+        def total(amplitudes: jax.Array) -> jax.Array:
+            return jnp.sum(jax.vmap(lambda m: energy(m, amplitudes, jnp.asarray(TIMES), None))(masses))
+
+        program = jax.jit(jax.grad(total))
         _, _, seconds = first_and_least(lambda: energies(masses, None))
         _, _, slope = first_and_least(lambda: program(jnp.asarray(AMPLITUDES)))
     return dict(plants=plants, value=seconds, gradient=slope)

@@ -3,6 +3,7 @@
 import functools
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from scipy.integrate import solve_ivp
 
@@ -25,6 +26,19 @@ def energy(mass, amplitudes, times, steps, method="dopri8"):
 def energies(masses, steps: int | None, method: str = "dopri8"):
     """The energies as a user writes them: ``vmap`` of ``js.residual_energy``."""
     return jax.vmap(lambda m: energy(m, AMPLITUDES, TIMES, steps, method))(masses)
+
+
+def mean_energy(energy, masses, derive=lambda function: function, constant: bool = False):
+    """The compiled mean of ``energy(mass, amplitudes, times)``, derived, as a function of amplitudes and times; the
+    masses are its constants or its arguments."""
+
+    def mean(masses, amplitudes, times):
+        return jnp.mean(jax.vmap(energy, in_axes=(0, None, None))(masses, amplitudes, times))
+
+    def derived(masses, amplitudes, times):
+        return derive(functools.partial(mean, masses))(amplitudes, times)
+
+    return jax.jit(functools.partial(derived, masses)) if constant else functools.partial(jax.jit(derived), masses)
 
 
 def scipy_energy(mass: float, method: str, tolerance: float) -> float:

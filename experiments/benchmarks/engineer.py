@@ -75,9 +75,11 @@ def design(
         calls += 1
         return energies(x[:n], np.append(0.0, np.cumsum(x[n:])))
 
-    points = sorted(points, key=lambda x: left(x).max())
-    best = points[0]
-    for start in points[:REFINED]:
+    def spare(z: np.ndarray) -> np.ndarray:
+        total = z[n:-1].sum()
+        return np.array([total - shortest, longest - total])
+
+    def refined(start: np.ndarray) -> np.ndarray:
         scale = left(start).max()
         end = minimize(
             lambda z: z[-1],
@@ -86,14 +88,19 @@ def design(
             bounds=[(0, 1)] * n + [(0, longest)] * (n - 1) + [(None, None)],
             constraints=[
                 dict(type="eq", fun=lambda z: z[:n].sum() - 1),
-                dict(type="ineq", fun=lambda z: np.array([z[n:-1].sum() - shortest, longest - z[n:-1].sum()])),
-                dict(type="ineq", fun=lambda z, scale=scale: z[-1] - left(z[:-1]) / scale),
+                dict(type="ineq", fun=spare),
+                dict(type="ineq", fun=lambda z: z[-1] - left(z[:-1]) / scale),
             ],
             method="SLSQP",
             options=dict(maxiter=100, ftol=1e-10),
         )
-        if left(end.x[:-1]).max() < left(best).max():
-            best = end.x[:-1]
+        return end.x[:-1]
+
+    points = sorted(points, key=lambda x: left(x).max())
+    best = points[0]
+    for found in map(refined, points[:REFINED]):
+        if left(found).max() < left(best).max():
+            best = found
     return best[:n] / best[:n].sum(), np.append(0.0, np.cumsum(best[n:])), calls
 
 

@@ -159,8 +159,12 @@ def error(params: Params) -> float:
             lambda p: p.steps, wide(params), Steps(8 * params.steps.move, 8 * params.steps.window),
             is_leaf=lambda x: isinstance(x, Steps),
         )  # fmt: skip
-        every = jax.jit(lambda s, a, p: jax.vmap(step, in_axes=(0, 0, 0, None))(keys, s, a, p)[5])
-        found, exact = every(states, actions, params), every(wide(states), actions.astype(float), finer)
+
+        @jax.jit
+        def infos(states: Any, actions: Any, params: Params) -> Any:
+            return jax.vmap(step, in_axes=(0, 0, 0, None))(keys, states, actions, params)[5]
+
+        found, exact = infos(states, actions, params), infos(wide(states), actions.astype(float), finer)
         bare = exact.evaluation.energy / exact.residual
         worst = jnp.where(
             exact.lost | found.lost, 0.0, jnp.abs(found.evaluation.energy - exact.evaluation.energy) / bare

@@ -8,6 +8,7 @@ Shapers and commands last as long whatever their number of impulses and segments
 
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -84,16 +85,13 @@ def cases() -> Iterator[tuple[str, int, int, Callable[..., Any], np.ndarray]]:
         return js.residual_energy(make(mass), js.Shaper(jnp.append(x, 1 - jnp.sum(x)), even(len(x) + 1)), 1.0)
 
     for plants in 10 ** np.arange(8):
-        yield "plants", int(plants), int(plants), lambda m, x: shaped(two, m, x), np.array([0.25, 0.5])
+        yield "plants", int(plants), int(plants), partial(shaped, two), np.array([0.25, 0.5])
     for impulses in (2, 4, 8, 16, 32):
         amplitudes = np.full(impulses - 1, 1 / impulses)
-        yield "impulses", impulses, PLANTS, lambda m, x: shaped(two, m, x), amplitudes
+        yield "impulses", impulses, PLANTS, partial(shaped, two), amplitudes
     for masses in (1, 2, 4, 8):
-
-        def chain(mass, masses=masses):
-            return Chain(mass, masses)
-
-        yield "states", 2 * masses, PLANTS, lambda m, x, c=chain: shaped(c, m, x), np.array([0.25, 0.5])
+        chain = partial(Chain, masses=masses)
+        yield "states", 2 * masses, PLANTS, partial(shaped, chain), np.array([0.25, 0.5])
     for segments in (1, 2, 4, 8, 16, 32, 64):
         times = DURATION * np.arange(segments + 1) / segments
         planned = (1 - np.cos(np.pi * times / DURATION)) / 2
@@ -123,7 +121,7 @@ def measure(what: str, number: int, plants: int, energy: Callable[..., Any], x: 
         firsts[name] = time.perf_counter() - begin
         if name == "value":
             flagged = float(jnp.mean(jnp.isnan(found)))
-    again = {name: lambda run=run: run(x) for name, run in runs.items()}
+    again = {name: partial(run, x) for name, run in runs.items()}
     taken = firsts if plants > MANY else least(again, rounds=1 if plants == MANY else 5)
     row = Row(what, number, *firsts.values(), *(taken[name] / plants for name in runs), flagged)
     print(row, flush=True)

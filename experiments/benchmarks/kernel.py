@@ -23,6 +23,7 @@ import numba
 import numpy as np
 
 import jshape as js
+from experiments.benchmarks import duffing
 from experiments.benchmarks.by_diffrax import ADJOINTS, diffrax_energies, diffrax_energy, diffrax_modal
 from experiments.benchmarks.duffing import AMPLITUDES, GAPS, K1, K3, LEVELS, TIMES, energies, energy, scipy_energy
 from experiments.benchmarks.record import about, keep, least, processor
@@ -194,12 +195,10 @@ def gradient_row(states: int, constant: bool, steps: int | None) -> dict[str, An
     """One row, for a number of states, the masses constants of the programs or arguments of theirs."""
     masses, point = jnp.linspace(0.6, 1.4, 1000), (jnp.asarray(AMPLITUDES), jnp.asarray(TIMES))
     if states == 2:
-
-        def ours(r, a, t):
-            return energy(r, a, t, steps)
+        ours = functools.partial(energy, steps=steps)
 
         def theirs(solver, adjoint):
-            return lambda r, a, t: diffrax_energy(r, a, t, 1e-8, solver, adjoint)
+            return functools.partial(diffrax_energy, tolerance=1e-8, solver=solver, adjoint=adjoint)
     else:
         omega = jnp.asarray([4.0, 6.0, 8.0, 10.0][: states // 2])
 
@@ -208,15 +207,12 @@ def gradient_row(states: int, constant: bool, steps: int | None) -> dict[str, An
 
         theirs = functools.partial(diffrax_modal, omega)
     programs: dict[str, Callable[..., Any]] = {
-        "value": _mean(ours, masses, constant),
-        "gradient": _mean(ours, masses, constant, lambda f: jax.value_and_grad(f, argnums=(0, 1))),
+        "value": duffing.mean_energy(ours, masses, constant=constant),
+        "gradient": duffing.mean_energy(ours, masses, functools.partial(jax.value_and_grad, argnums=(0, 1)), constant),
     }
     for name, (adjoint, solver, derive) in ADJOINTS.items():
-
-        def both(f, derive=derive):
-            return derive(f, argnums=(0, 1))
-
-        programs[f"diffrax {name}"] = _mean(theirs(solver, adjoint), masses, constant, both)
+        both = functools.partial(derive, argnums=(0, 1))
+        programs[f"diffrax {name}"] = duffing.mean_energy(theirs(solver, adjoint), masses, both, constant)
     if states == 2:
         programs["heyoka"] = lambda a, t: heyoka_gradient(np.asarray(masses), np.asarray(a), np.asarray(t), 1e-9)
     best = least({name: functools.partial(program, *point) for name, program in programs.items()})
@@ -241,17 +237,6 @@ def gradient_row(states: int, constant: bool, steps: int | None) -> dict[str, An
     numbers = ", ".join(f"{k} {v:.3g}" for k, v in row.items() if isinstance(v, float))
     print(f"{states} states, masses as {row['masses']}, {steps or 'default'} steps: {numbers}")
     return row
-
-
-def _mean(energy, masses, constant: bool, derive=lambda f: f):
-    """The compiled mean of ``energy(mass, amplitudes, times)``, derived, as a function of amplitudes and times."""
-
-    def mean(m):
-        return derive(lambda a, t: jnp.mean(jax.vmap(lambda r: energy(r, a, t))(m)))
-
-    if constant:
-        return jax.jit(mean(masses))
-    return functools.partial(jax.jit(lambda m, a, t: mean(m)(a, t)), masses)
 
 
 # --- one cost and gradient --------------------------------------------------------------------------------------------

@@ -43,7 +43,7 @@ PUBLISHED = (
 """Million trajectories a second on a V100, as the repository has them."""
 
 
-def field(state: Any, rho: Any) -> Any:
+def field(t: Any, state: Any, rho: Any) -> Any:
     x, y, z = state
     return jnp.stack([10 * (y - x), x * (rho - z) - y, x * y - 8 / 3 * z])
 
@@ -55,7 +55,7 @@ class Lorenz(js.plants.AbstractPlant):
     drive = "displacement"
 
     def vector_field(self, t, state, inputs):
-        return field(state, self.rho)
+        return field(t, state, self.rho)
 
     def residual_energy(self, state, inputs):
         return jnp.sum(state**2) / 2
@@ -71,7 +71,7 @@ def start(rho: Any) -> Any:
 def fixed(rho: Any) -> Any:
     """The state at t = 1 with fixed steps of this kernel."""
     one = jnp.ones(1, rho.dtype)
-    return integrate(lambda t, y, rho: field(y, rho), start(rho), one, one * rho, STEPS, "tsit5")[0]
+    return integrate(field, start(rho), one, one * rho, STEPS, "tsit5")[0]
 
 
 def default(rho: Any) -> Any:
@@ -84,7 +84,7 @@ def default(rho: Any) -> Any:
 def of_diffrax(rho: Any, adaptive: bool) -> Any:
     """The same by diffrax."""
     control = diffrax.PIDController(rtol=1e-8, atol=1e-8) if adaptive else diffrax.ConstantStepSize()
-    term = diffrax.ODETerm(lambda t, y, rho: field(y, rho))
+    term = diffrax.ODETerm(field)
     solved = diffrax.diffeqsolve(
         term, diffrax.Tsit5(), 0.0, 1.0, 1 / STEPS, start(rho), rho, stepsize_controller=control, throw=False
     )
