@@ -36,10 +36,12 @@ def main() -> None:
     jax.config.update("jax_enable_x64", True)
     strategies = {name: js.adaptive.case(name, TIME) for name in NAMES}
     begun = time.perf_counter()
-    found = js.adaptive.study(
-        js.plants.FlexibleLink(), strategies, schedules=SCHEDULES, chunk=25,
-        progress=lambda stage, done, total, best: print(f"{done}/{total}, {time.perf_counter() - begun:.0f} s"),
-    )  # fmt: skip
+
+    def progress(stage: str, done: int, total: int, best: float) -> None:
+        print(f"{done}/{total}, {time.perf_counter() - begun:.0f} s")
+
+    link = js.plants.FlexibleLink()
+    found = js.adaptive.study(link, strategies, schedules=SCHEDULES, chunk=25, progress=progress)
     figure = recovery(found, "residual", "residual (% of move)", 100.0)
     figure.savefig(HERE / "recovery.svg", metadata={"Date": None})
     below = 100 * js.adaptive.recovered(found)

@@ -157,7 +157,7 @@ def verdict(rows: dict[str, Any]) -> str:
     shares = [row["more"]["guarded"] for row in rows.values()]
     overall = np.average(shares, weights=[EPISODES[key.split()[0]] for key in rows])
     many = {key: row["more"]["guarded"] for key, row in rows.items() if row["more"]["guarded"] > 0.1}
-    best = {key: min(CLASSICAL, key=lambda each, row=row: row["regret"][each]) for key, row in rows.items()}
+    best = {key: min(CLASSICAL, key=row["regret"].get) for key, row in rows.items()}
     behind = {key: row for key, row in rows.items() if row["regret"]["guarded"] > row["regret"][best[key]]}
     words = [f"\nThe guarded policy costs more than the better fixed shaper in {100 * overall:.1f} % of all episodes."]
     words += [f"More than 10 %: {key}, {100 * share:.1f} %." for key, share in many.items()]

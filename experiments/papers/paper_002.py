@@ -39,13 +39,17 @@ from jshape.design import insensitive, linear
 
 def rows_of_design(paper: js.Shaper) -> list[Row]:
     """Eqs. 1 to 5."""
-    rows, impulses = [], lambda values: ", ".join(f"{float(value):.9f}" for value in values)
+    rows = []
+
+    def listed(values: Any) -> str:
+        return ", ".join(f"{float(value):.9f}" for value in values)
+
     for omega, zeta in (FIRST, SECOND):
         shaper, root = linear.zvd(omega, zeta), np.sqrt(1 - zeta**2)
         k = np.exp(-zeta * np.pi / root)
         a, t = np.array([1, 2 * k, k**2]) / (1 + 2 * k + k**2), np.pi / (omega * root) * np.arange(3)
         same = np.allclose(shaper.amplitudes, a, atol=1e-15) and np.allclose(shaper.times, t, atol=1e-15)
-        formulas = f"A {impulses(shaper.amplitudes)}; t {impulses(shaper.times)} s"
+        formulas = f"A {listed(shaper.amplitudes)}; t {listed(shaper.times)} s"
         rows.append(Row(f"shaper for {omega:g} rad/s, ζ = {zeta:g}", "Eq. 4", "the formulas", formulas, same))
     pole = complex(-FIRST[0] * FIRST[1], FIRST[0] * np.sqrt(1 - FIRST[1] ** 2))
     zvd, zv = linear.zvd(*FIRST), linear.zv(*FIRST)

@@ -42,5 +42,10 @@ def largest(shaper: js.Shaper, band: tuple[float, float]) -> float:
 
 def bob_at(hertz: float, place: float) -> float:
     """The bob's position below ``place`` for that frequency of small swings, m."""
-    x: Any = brentq(lambda x: moments(x)[0] * G / moments(x)[1] - (hertz * HERTZ) ** 2, place, L)
+
+    def excess(x: float) -> float:
+        first, second = moments(x)
+        return first * G / second - (hertz * HERTZ) ** 2
+
+    x: Any = brentq(excess, place, L)
     return x

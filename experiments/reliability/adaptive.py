@@ -156,9 +156,8 @@ def looped(names: list[str], loops: int, seed: int, keep: Path | None) -> dict[s
         several = runner(strategies()[name])
         for first in range(0, loops, SIDE):
             numbers = range(first, min(first + SIDE, loops))
-            found[name].append(
-                kept(keep, f"{name}.{seed}.{first}.{loops}", lambda n=numbers, s=several: pair(s, n, seed))
-            )
+            compute = functools.partial(pair, several, numbers, seed)
+            found[name].append(kept(keep, f"{name}.{seed}.{first}.{loops}", compute))
             done += len(numbers)
             left = (time.perf_counter() - begun) * (loops * len(names) / done - 1)
             print(f"{name}: {100 * done / loops / len(names):.0f} % done, {left:.0f} s left", flush=True)

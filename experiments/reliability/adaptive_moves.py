@@ -6,6 +6,7 @@ A Duffing pair makes steps of 1 m whose records of 151 or 200 samples are spoilt
 
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any, cast
 
 import jax
@@ -120,11 +121,8 @@ def rows(hours: float, seed: int, kept: Callable[..., dict[str, Any]]) -> Iterat
         compiled, parts, begun = jax.jit(run()), [], time.perf_counter()
         for i in range(0, len(keys), SIDE):
             some = slice(i, i + SIDE)
-            parts.append(
-                kept(
-                    f"{name}.{seed}.{i}.{len(keys)}", lambda c=compiled, k=keys, s=spoilt, n=some: _pair(c, k[n], s[n])
-                )
-            )
+            compute = partial(_pair, compiled, keys[some], spoilt[some])
+            parts.append(kept(f"{name}.{seed}.{i}.{len(keys)}", compute))
             left = (time.perf_counter() - begun) * (len(keys) / (i + SIDE) - 1)
             print(f"{name}: {100 * (i + SIDE) / len(keys):.0f} % done, {left:.0f} s left", flush=True)
         bad, fine = ({k: np.concatenate([part[f"{j}{k}"] for part in parts]) for k in KEPT} for j in (0, 1))

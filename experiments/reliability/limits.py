@@ -42,7 +42,7 @@ class Case(NamedTuple):
 
 MOVE = js.Trapezoid(4.0, 1.0, 0.5)
 CASES = {
-    "crane, 4 m": Case(lambda v: js.plants.Crane(v), "cable_length", 4.0, 7, (0.8, 1.2), MOVE, 4.0),
+    "crane, 4 m": Case(js.plants.Crane, "cable_length", 4.0, 7, (0.8, 1.2), MOVE, 4.0),
     "double pendulum, 6 and 1 m": Case(
         lambda v: js.plants.DoublePendulumCrane(6.0, 1.0, 500.0, v), "payload_mass", 100.0, 5, (0.5, 1.5), MOVE, 5.0
     ),
@@ -74,28 +74,32 @@ def judged(case: Case, mean: bool, limit: float, starts: list[js.Shaper]) -> flo
     every = BETWEEN if mean else 1
     known: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
 
+    def impulses(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        free, inner = np.split(x, [IMPULSES - 1])
+        return np.append(free, 1 - free.sum()), np.concatenate([[0.0], inner, [case.duration]])
+
     def at(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         if (key := x.tobytes()) not in known:
-            amplitudes = np.append(x[: IMPULSES - 1], 1 - x[: IMPULSES - 1].sum())
-            times = np.concatenate([[0.0], x[IMPULSES - 1 :], [case.duration]])
-            known[key] = tuple(np.asarray(part) for part in of(jnp.asarray(amplitudes), jnp.asarray(times)))
+            known[key] = tuple(np.asarray(part) for part in of(*map(jnp.asarray, impulses(x))))
         return known[key]
+
+    def objective(energies: np.ndarray) -> np.ndarray:
+        return energies[::every].mean(keepdims=True) if mean else energies
 
     least = np.inf
     for start in starts:
         x = np.concatenate([np.asarray(start.amplitudes)[:-1], np.asarray(start.times)[1:-1]])
         unit = max(float(at(x)[0].max()), 1e-12)
         # With the epigraph's variable: the greatest energy, or that of the mean, which takes its place.
-        value = (lambda e: e[::every].mean(keepdims=True)) if mean else (lambda e: e)
         kept = [
-            dict(type="ineq", fun=lambda z, unit=unit, value=value: z[-1] - value(at(z[:-1])[0]) / unit),
+            dict(type="ineq", fun=lambda z, unit=unit: z[-1] - objective(at(z[:-1])[0]) / unit),
             dict(type="ineq", fun=lambda z: 1 - at(z[:-1])[1] / limit),
-            dict(type="ineq", fun=lambda z: np.append(z[: IMPULSES - 1], 1 - z[: IMPULSES - 1].sum())),
-            dict(type="ineq", fun=lambda z: np.diff(np.concatenate([[0.0], z[IMPULSES - 1 : -1], [case.duration]]))),
+            dict(type="ineq", fun=lambda z: impulses(z[:-1])[0]),
+            dict(type="ineq", fun=lambda z: np.diff(impulses(z[:-1])[1])),
         ]
         end = minimize(lambda z: z[-1], np.append(x, 1.0), method="SLSQP", constraints=kept, options=dict(maxiter=80)).x
         if np.all(np.isfinite(end)) and at(end[:-1])[1].max() <= limit * (1 + 1e-6):
-            least = min(least, float(value(at(end[:-1])[0]).max()))
+            least = min(least, float(objective(at(end[:-1])[0]).max()))
     return least
 
 
