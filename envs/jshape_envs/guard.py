@@ -279,9 +279,8 @@ def guarded(
     over_payloads = np.where(inside, (1 - BEYOND) / inside.sum(), BEYOND / (~inside).sum())
     variants = [damping(stiffness(params, stiff, stiff), damped).machine for stiff, damped in VARIANTS]
     over_variants = np.where(np.arange(len(VARIANTS)) == 0, 1 - BEYOND, BEYOND / (len(VARIANTS) - 1))
-    impulses = []
-    for policy in (proposer, fallback, other, FixedPayload(middle(params), Hedge(params.period, params.period))):
-        impulses.append(_impulses(policy, params))
+    policies = proposer, fallback, other, FixedPayload(middle(params), Hedge(params.period, params.period))
+    impulses = [_impulses(policy, params) for policy in policies]
     return Guard(
         proposer,
         fallback,

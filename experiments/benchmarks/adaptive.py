@@ -278,13 +278,9 @@ def drift() -> list[dict[str, Any]]:
             found, memory[i] = lfilter([1.0], [1.0, -np.exp(1j * TIME * omega)], changes, zi=memory[i])
             textbook[i] = abs(found[-1])
         if done in (1, 10, 100):
-            exact = abs(dft @ last)
-
-            def error(values, exact=exact):
-                return float(np.max(abs(values - exact)) / np.max(exact))
-
-            ours = error(np.asarray(identifier.spectrum(state)[1]))
-            rows.append(dict(samples=done * block, ours=ours, textbook=error(textbook)))
+            exact, both = abs(dft @ last), (np.asarray(identifier.spectrum(state)[1]), textbook)
+            ours, theirs = (float(np.max(abs(values - exact)) / np.max(exact)) for values in both)
+            rows.append(dict(samples=done * block, ours=ours, textbook=theirs))
             print(rows[-1])
     return rows
 

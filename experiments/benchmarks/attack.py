@@ -91,8 +91,7 @@ def classify(family: Family, values: np.ndarray, truth: Verdict, doubt: np.ndarr
     words = np.where(undecided, "undecided", words)
     words = np.where(np.isnan(values), "flagged", words)
     # A plant that leaves for good takes the judge's steps down to nothing.
-    words = np.where(np.isinf(values), np.where(truth.diverged, "infinite", "wrong"), words)
-    return words
+    return np.where(np.isinf(values), np.where(truth.diverged, "infinite", "wrong"), words)
 
 
 def attack(name: str, cases: int, seed: int) -> dict[str, Any]:

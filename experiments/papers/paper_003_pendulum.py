@@ -47,5 +47,4 @@ def bob_at(hertz: float, place: float) -> float:
         first, second = moments(x)
         return first * G / second - (hertz * HERTZ) ** 2
 
-    x: Any = brentq(excess, place, L)
-    return x
+    return float(brentq(excess, place, L))

@@ -3,8 +3,9 @@
 Among the former are those with fewer impulses, filled up with impulses of amplitude 0.
 """
 
+import contextlib
 import functools
-from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -74,19 +75,14 @@ def _energy(plant: AbstractPlant, size: float, impulses: int) -> list[Shaper]:
     """Shapers of the energy method for a move of that size; none where it does not apply."""
     if not isinstance(plant, AbstractOscillator) or plant.drives()[0] != "displacement":
         return []
-    designs: list[Callable[[], Shaper]] = [
-        lambda: energy_shapers.robust(plant, size, impulses - 2, damping="ignore"),
-    ]
+    designs: list[tuple[Any, ...]] = [(energy_shapers.robust, impulses - 2)]
     if impulses == 3:
-        designs.append(lambda: energy_shapers.fast_three_impulse(plant, size, damping="ignore"))
-        designs.append(lambda: energy_shapers.negative(plant, size, damping="ignore"))
+        designs += [(energy_shapers.fast_three_impulse,), (energy_shapers.negative,)]
     if impulses >= 4:
-        designs.append(lambda: energy_shapers.first_order_robust(plant, size, impulses, damping="ignore"))
+        designs.append((energy_shapers.first_order_robust, impulses))
     found = []
-    for design in designs:
-        try:
-            found.append(design())
-        except ValueError:
-            # A spring that does not swing that far has no such shaper; the others remain.
-            continue
+    for design, *counts in designs:
+        # A spring that does not swing that far has no such shaper; the others remain.
+        with contextlib.suppress(ValueError):
+            found.append(design(plant, size, *counts, damping="ignore"))
     return found
