@@ -81,6 +81,7 @@ TESTS = {
     "jshape/shaper.py": ("shaper", "export", "export_c99"),
     "jshape/command.py": ("command", "shaper", "command_ties"),
     "jshape/design/energy.py": ("energy", "papers_energy"),
+    "jshape/design/linear/minimax.py": ("linear", "linear_models::test_the_least_of_any_positive_impulses_in_any_unit"),
     "jshape/design/linear": ("linear",),
     "jshape/export/c99.py": ("export_c99", "export", "cli_export"),
     "jshape/export/firmware.py": ("export_firmware", "export", "cli_export"),
