@@ -68,7 +68,8 @@ def test_columns_are_asked_for(monkeypatch):
 def test_a_table_for_latex():
     """Names with LaTeX's own characters, powers of ten and signs as formulas; a row ends with two backslashes."""
     row = SimpleNamespace(name="a_b & {c} 50%", nominal_energy=3.9e-5, worst_energy=-2.5, worst_vibration=0.1)
-    problem = SimpleNamespace(title="crane #1 \\ $5", over={"m": [1.0]})
+    plant = SimpleNamespace(energy_unit="J")
+    problem = SimpleNamespace(title="crane #1 \\ $5", over={"m": [1.0]}, plant=plant)
     text = js.reports.latex_table(SimpleNamespace(problem=problem, rows=[row], move_time=lambda _: 1.5))
     assert r"\caption{crane \#1 \textbackslash{} \$5}" in text
     assert r"a\_b \& \{c\} 50\% & 1.5000 & $3.9 \times 10^{-5}$ & $-2.5$ & 10 \\" in text

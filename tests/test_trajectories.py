@@ -122,7 +122,7 @@ def test_what_shaping_does(written):
     ("amplitudes", "delay", "farthest"),
     [((0.55, 0.45), 0.1, 0.02475), ((0.44, 0.56), 0.1, 0.02464), ((0.5, 0.5), 0.11, 0.0275)],
 )
-def test_the_farthest_place_between_two_legs_of_a_path(amplitudes, delay, farthest):
+def test_the_farthest_place_between_two_legs_of_a_path(amplitudes, delay, farthest, written):
     """It is where both legs are as near, between the places that were looked at: up to 11 % more than was said."""
     along = np.linspace(0.0, 1.0, 11)
     legs = [(x, 0.0) for x in along] + [(1.0, y) for y in along[1:]]
