@@ -321,9 +321,10 @@ def test_every_plant_is_written_out_or_refused(starter, tmp_path):
     fmpy = pytest.importorskip("fmpy")
     js.export_plant(plant, "fmu", tmp_path / "plant.fmu")
     inside = unpacked(tmp_path / "plant.fmu")
-    guid = fmpy.read_model_description(str(inside.path)).guid
+    read = fmpy.read_model_description(str(inside.path))
+    assert read.modelVariables[-1].description == f"energy above that of rest, {plant.energy_unit}"
     unit = fmpy.fmi2.FMU2Model(
-        guid=guid, unzipDirectory=str(inside.folder), modelIdentifier="plant", instanceName="one"
+        guid=read.guid, unzipDirectory=str(inside.folder), modelIdentifier="plant", instanceName="one"
     )
     unit.instantiate()
     unit.setupExperiment()

@@ -77,7 +77,7 @@ def export_plant(
         energy=[*energy, f"m->real[N_REAL - 1] = {total};"],
     )
     settable = len(inputs) + len(rest)
-    variables = _variables(inputs, rest.tolist())
+    variables = _variables(inputs, rest.tolist(), plant.energy_unit)
     made = unit(name, variables, settable, len(rest), "typedef int Own;\n", {"equations.h": equations}, fmi)
     if path is not None:
         with whole(_check.path(path)) as file:
@@ -85,7 +85,7 @@ def export_plant(
     return made
 
 
-def _variables(inputs: list[str], rest: list[float]) -> list[Variable]:
+def _variables(inputs: list[str], rest: list[float], unit: str) -> list[Variable]:
     """The unit's variables in its order: inputs, states, their derivatives, the energy."""
     variables = [Variable(drive, "input", "continuous", f"{drive} that drives the plant", 0.0) for drive in inputs]
     variables += [
@@ -95,7 +95,7 @@ def _variables(inputs: list[str], rest: list[float]) -> list[Variable]:
         Variable(f"der(state[{i + 1}])", "local", "continuous", "its derivative", derivative_of=len(inputs) + i)
         for i in range(len(rest))
     ]
-    return [*variables, Variable("energy", "output", "continuous", "energy above that of rest, J")]
+    return [*variables, Variable("energy", "output", "continuous", f"energy above that of rest, {unit}")]
 
 
 def _inputs(plant: AbstractPlant) -> list[str]:

@@ -71,9 +71,9 @@ class Response(Result, eqx.Module):
         if self.times.ndim != 1 or not _check.is_concrete(self):
             return f"<code>{html.escape(repr(self))}</code>"
         peaks, left = np.atleast_1d(np.max(np.abs(self.deflection), axis=0)).tolist(), float(self.energy[-1])
-        # Each axis has a unit of its own, m or rad, which the plant knows.
+        # Each axis has a unit of its own, m or rad, and energies may be J/kg, which the plant knows.
         peak = ", ".join(f"{peak:.4g}" for peak in peaks)
-        rows = [("status", self.message), ("peak deflection", peak), ("energy at the end", f"{left:.4g} J")]
+        rows = [("status", self.message), ("peak deflection", peak), ("energy at the end", f"{left:.4g}")]
         table = "".join(f"<tr><th>{name}</th><td>{html.escape(text)}</td></tr>" for name, text in rows)
         columns = zip(*(np.reshape(x, (len(self.times), -1)).T for x in (self.command, self.payload)), strict=True)
         return f"<div>{''.join(_curves(self.times, *pair) for pair in columns)}<table>{table}</table></div>"
