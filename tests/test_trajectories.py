@@ -12,7 +12,7 @@ import jshape as js
 from jshape.cli import app
 from jshape.reports import plot
 from jshape.trajectories.files import read_trajectory, write_trajectory
-from jshape.trajectories.shaping import distances, sample_time, shape
+from jshape.trajectories.shaping import distance_from, sample_time, shape
 
 run = CliRunner().invoke
 
@@ -135,8 +135,8 @@ def test_the_farthest_place_between_two_legs_of_a_path(amplitudes, delay, farthe
 
 def test_distance_from_a_path():
     path = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 0.0], [1.0, 1.0]])
-    assert np.max(distances(np.array([[0.5, 0.25], [1.5, 0.5]]), path)) == pytest.approx(0.5, rel=1e-15)
-    assert distances(np.array([[3.0, 4.0]]), np.zeros((3, 2))) == pytest.approx(5.0)
+    assert np.max(distance_from(path)(np.array([[0.5, 0.25], [1.5, 0.5]]))) == pytest.approx(0.5, rel=1e-15)
+    assert distance_from(np.zeros((3, 2)))(np.array([[3.0, 4.0]])) == pytest.approx(5.0)
 
 
 @pytest.mark.parametrize(
@@ -375,7 +375,7 @@ def test_stamps_since_1970_come_back(head, second, tmp_path):
 
 
 def test_the_nearest_line_may_lie_far_from_the_nearest_corner():
-    assert distances(np.array([[4.0, 0.0]]), np.array([[0, 0], [8.0, 0], [8, 0.3], [4, 0.3]])) == 0.0
+    assert distance_from(np.array([[0, 0], [8.0, 0], [8, 0.3], [4, 0.3]]))(np.array([[4.0, 0.0]])) == 0.0
     random = np.random.default_rng(0)
     for joints in (1, 2, 3) * 20:
         path = np.cumsum(random.normal(size=(random.integers(2, 40), joints)) * 10 ** random.uniform(-2, 1, 1), axis=0)
@@ -383,7 +383,7 @@ def test_the_nearest_line_may_lie_far_from_the_nearest_corner():
         begin, line = path[:-1], np.diff(path, axis=0)
         along = np.clip(((points[:, None] - begin) * line).sum(-1) / (line**2).sum(-1), 0, 1)
         off = np.linalg.norm(points[:, None] - begin - along[..., None] * line, axis=-1)
-        np.testing.assert_allclose(distances(points, path), off.min(axis=1), rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(distance_from(path)(points), off.min(axis=1), rtol=1e-12, atol=1e-12)
 
 
 def test_what_cannot_be_carried_along_is_named(written):

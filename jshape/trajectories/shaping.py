@@ -7,7 +7,7 @@ and so are the samples of the result.
 """
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -36,6 +36,7 @@ LARGEST = 1e150
 """No position, velocity or acceleration is as large; squares of larger ones are not finite."""
 
 States = Float[np.ndarray, "times joints orders"]
+Points = Float[np.ndarray, "points joints"]
 
 
 class Effect(NamedTuple):
@@ -137,8 +138,8 @@ def _departure(
     trajectory: Trajectory,
     shapers: Mapping[str, Shaper],
     at: Float[np.ndarray, " times"],
-    exact: Float[np.ndarray, "times joints"],
-    path: Float[np.ndarray, "times joints"],
+    exact: Points,
+    path: Points,
     same: list[bool],
 ) -> float:
     """The greatest distance of the shaped path from the unshaped one.
@@ -146,8 +147,8 @@ def _departure(
     Between two points it is at most half of what they are away and the way between them, together: there it is looked
     again where that is more than has been found.
     """
-    points, path = exact[:, same], path[:, same]
-    away = distances(points, path)
+    points, distances = exact[:, same], distance_from(path[:, same])
+    away = distances(points)
     for _ in range(CLOSER):
         most = away[:-1] + away[1:] + np.linalg.norm(np.diff(points, axis=0), axis=1)
         near = np.argsort(-most, kind="stable")[:WIDEST]
@@ -157,7 +158,7 @@ def _departure(
         between = np.linspace(at[near], at[near + 1], BETWEEN, endpoint=False)[1:].ravel()
         more = shaped_states(trajectory, shapers, between)[:, same, 0]
         order = np.argsort(np.append(at, between), kind="stable")
-        at, away = np.append(at, between)[order], np.append(away, distances(more, path))[order]
+        at, away = np.append(at, between)[order], np.append(away, distances(more))[order]
         points = np.append(points, more, axis=0)[order]
     return float(np.max(away))
 
@@ -228,14 +229,12 @@ def _polynomial(times: Float[np.ndarray, " points"], states: Float[np.ndarray, "
     return PPoly(np.array([fifth, fourth, third, a / 2, v, start]), times)
 
 
-def distances(
-    points: Float[np.ndarray, "points joints"], path: Float[np.ndarray, "rest joints"]
-) -> Float[np.ndarray, " points"]:
-    """The distances of points from a path, which is given by points on it and the straight lines between."""
+def distance_from(path: Points) -> Callable[[Points], Float[np.ndarray, " points"]]:
+    """The distances of any points from a path, which is given by points on it and the straight lines between."""
     # Of the points at which it stands still, one is enough.
     path = path[np.append(True, np.any(np.diff(path, axis=0) != 0, axis=1))]
     if len(path) == 1:
-        return np.linalg.norm(points - path, axis=1)
+        return lambda points: np.linalg.norm(points - path, axis=1)
     # Pieces of the lines, none longer than their mean, so that middles say where the nearest one may be.
     lengths = np.linalg.norm(np.diff(path, axis=0), axis=1)
     most = np.mean(lengths)
@@ -243,17 +242,22 @@ def distances(
     of = np.repeat(np.arange(len(counts)), counts)
     line = np.diff(path, axis=0)[of] / counts[of, None]
     begin = path[of] + (np.arange(len(of)) - np.repeat(np.cumsum(counts) - counts, counts))[:, None] * line
-    tree, found = KDTree(begin + line / 2), np.full(len(points), np.inf)
-    left, tried = np.arange(len(points)), min(8, len(begin))
-    while len(left):
-        away, nearest = (np.reshape(x, (len(left), tried)) for x in tree.query(points[left], tried))
-        for column in nearest.T:
-            off = points[left] - begin[column]
-            along = np.sum(off * line[column], axis=1) / np.sum(line[column] ** 2, axis=1)
-            off -= np.clip(along, 0.0, 1.0)[:, None] * line[column]
-            found[left] = np.minimum(found[left], np.linalg.norm(off, axis=1))
-        if tried == len(begin):
-            break
-        left = left[away[:, -1] < found[left] + most / 2]
-        tried = min(4 * tried, len(begin))
-    return found
+    tree = KDTree(begin + line / 2)
+
+    def distances(points: Points) -> Float[np.ndarray, " points"]:
+        found = np.full(len(points), np.inf)
+        left, tried = np.arange(len(points)), min(8, len(begin))
+        while len(left):
+            away, nearest = (np.reshape(x, (len(left), tried)) for x in tree.query(points[left], tried))
+            for column in nearest.T:
+                off = points[left] - begin[column]
+                along = np.sum(off * line[column], axis=1) / np.sum(line[column] ** 2, axis=1)
+                off -= np.clip(along, 0.0, 1.0)[:, None] * line[column]
+                found[left] = np.minimum(found[left], np.linalg.norm(off, axis=1))
+            if tried == len(begin):
+                break
+            left = left[away[:, -1] < found[left] + most / 2]
+            tried = min(4 * tried, len(begin))
+        return found
+
+    return distances
