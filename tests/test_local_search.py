@@ -314,7 +314,8 @@ def test_where_hardly_any_energy_is_left_and_where_the_best_design_is_in_doubt(i
     found = js.tune(problem.plant, problem.command, **problem.options)
     assert found.objective < least * 1.001
     assert found.status is js.Status.STOPPED
-    assert "refined starts out of 65" in found.message
+    # Of those that were given, 32 and one played backwards, there are 33.
+    assert int(re.search(r"refined starts out of (\d+)", found.message)[1]) >= 65
     assert found.optimality < 1e-3
     # Who names the start is not led to another one.
     alone = js.tune(problem.plant, problem.command, start=found.shaper, **problem.options)
