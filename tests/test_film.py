@@ -279,15 +279,20 @@ def test_without_a_tuned_shaper_of_this_problem_the_best_closed_form_is_shown(pr
     )
 
 
-@pytest.mark.slow
-def test_each_axis_has_its_tuned_shaper(tmp_path, monkeypatch):
+def hoisting(tmp_path, monkeypatch, more: str) -> str:
+    """A crane that moves by a metre, and may hoist, as ``mine.toml`` in the folder; its text."""
     monkeypatch.chdir(tmp_path)
     text = (
         '[command.trolley]\ntype = "Trapezoid"\ndistance = "1 m"\nspeed = "1 m/s"\nacceleration = "1 m/s²"\n'
         '[plant]\ntype = "HoistingCrane"\ncable_length = "1 m"\n'
-        '[design]\nshapers = "per axis"\n'
-    )
+    ) + more
     (tmp_path / "mine.toml").write_text(text, encoding="utf-8")
+    return text
+
+
+@pytest.mark.slow
+def test_each_axis_has_its_tuned_shaper(tmp_path, monkeypatch):
+    text = hoisting(tmp_path, monkeypatch, '[design]\nshapers = "per axis"\n')
     folder = tmp_path / "mine-results"
     each = {"trolley": {"amplitudes": [0.5, 0.5], "times": [0.0, 1.0]}, "hoist": {"amplitudes": [1.0], "times": [0.0]}}
     write_results(folder, {"problem_digest": digest(text), "shapers": [{"name": "tuned", "shapers": each}]})
@@ -317,14 +322,8 @@ def test_each_axis_has_its_tuned_shaper(tmp_path, monkeypatch):
 
 @pytest.mark.slow
 def test_a_sweep_takes_the_shapers_of_each_axis(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    text = (
-        '[command.trolley]\ntype = "Trapezoid"\ndistance = "1 m"\nspeed = "1 m/s"\nacceleration = "1 m/s²"\n'
-        '[plant]\ntype = "HoistingCrane"\ncable_length = "1 m"\n'
-        "[uncertainty]\ncable_length = { low = 0.9, high = 1.1, count = 2 }\n"
-        '[design]\nshapers = "per axis"\n'
-    )
-    (tmp_path / "mine.toml").write_text(text, encoding="utf-8")
+    uncertain = "[uncertainty]\ncable_length = { low = 0.9, high = 1.1, count = 2 }\n"
+    hoisting(tmp_path, monkeypatch, uncertain + '[design]\nshapers = "per axis"\n')
     each = {"trolley": {"amplitudes": [0.5, 0.5], "times": [0.0, 1.0]}, "hoist": {"amplitudes": [1.0], "times": [0.0]}}
     write_results(tmp_path / "tuned", {"shapers": [{"name": "tuned", "shapers": each}]})
     result = run(app, ["sweep", "mine.toml", "--shaper", "tuned", "--metric", "residual_energy"])
@@ -340,15 +339,10 @@ def test_a_sweep_takes_the_shapers_of_each_axis(tmp_path, monkeypatch):
 @pytest.mark.slow
 def test_sweeps_and_films_shape_the_axes_that_are_shaped_as_a_controller_plays_them(tmp_path, monkeypatch):
     """All axes were shaped, at exact times, where the report beside it shaped one, at multiples of the cycle."""
-    monkeypatch.chdir(tmp_path)
-    text = (
-        '[command.trolley]\ntype = "Trapezoid"\ndistance = "3 m"\nspeed = "1 m/s"\nacceleration = "1 m/s²"\n'
-        '[command.hoist]\ntype = "Trapezoid"\ndistance = "-1 m"\nspeed = "1 m/s"\nacceleration = "1 m/s²"\n'
-        '[plant]\ntype = "HoistingCrane"\ncable_length = "4 m"\n'
-        "[uncertainty]\ncable_length = { values = [0.9, 1.1] }\n"
-        '[design]\nshapers = ["trolley"]\nsample_time = "0.15 s"\n'
-    )
-    (tmp_path / "mine.toml").write_text(text, encoding="utf-8")
+    hoist = '[command.hoist]\ntype = "Trapezoid"\ndistance = "-0.3 m"\nspeed = "1 m/s"\nacceleration = "1 m/s²"\n'
+    uncertain = "[uncertainty]\ncable_length = { values = [0.9, 1.1] }\n"
+    design = '[design]\nshapers = ["trolley"]\nsample_time = "0.15 s"\n'
+    hoisting(tmp_path, monkeypatch, hoist + uncertain + design)
     js.export(js.Shaper([0.5, 0.5], [0.0, 2.0]), "json", tmp_path / "zv.json", name="zv")
     # Of the second impulse, at 13 1/3 cycles, two thirds come at the thirteenth.
     played = {"trolley": js.Shaper([1 / 2, 1 / 3, 1 / 6], [0.0, 1.95, 2.1])}

@@ -7,6 +7,7 @@ import numpy as np
 from jshape.axes import for_axes
 from jshape.command import as_command
 from jshape.design.tuning.constraints import command_slack
+from jshape.design.tuning.messages import in_percent
 from jshape.design.tuning.scenarios import Limits
 from jshape.metrics import peak_deflection
 from jshape.problems.problem import Problem
@@ -37,8 +38,7 @@ def exceeded(problem: Problem, shapers: dict[str, Any]) -> list[str]:
         for i, (name, shaper) in enumerate(shapers.items()):
             if kind != "peak_deflection":
                 over = -float(np.min(command_slack(alone, plant, command, shaper), initial=0.0))
-                part = " of the distance" if kind == "command_overshoot" else ""
-                found[name] += [f"{what} by {100 * over:.3g} %{part}"] if over > BEYOND else []
+                found[name] += [f"{what} by {in_percent(kind, over)}"] if over > BEYOND else []
             elif not deflections[axis][i] <= limit * (1 + BEYOND):
                 unit = plant.axis_unit(plant.axes.index(axis) if axis else 0)
                 found[name].append(f"{what} {deflections[axis][i]:.4g} {unit}")

@@ -63,8 +63,6 @@ def doubts(undecided: bool, near: Around | None) -> str:
 def missed(scenarios: Scenarios, point: Point) -> str:
     """The part of a message that names the limits that a design misses, each with its excess in per cent.
 
-    The excess is a part of the limit; of an overshoot, which is a fraction itself, it is a part of the distance.
-
     Args:
         scenarios: the moves and their limits.
         point: the design.
@@ -73,9 +71,13 @@ def missed(scenarios: Scenarios, point: Point) -> str:
     for name, axis, _, alone in scenarios.limits.each(scenarios.plant.axes):
         case = eqx.tree_at(lambda x: x.limits, scenarios, alone)
         if (slack := float(slacks(case, point).min())) < -EXCEEDED:
-            part = " of the distance" if name == "command_overshoot" else ""
-            found.append(f"; {name}{f' of {axis}' if axis else ''} is missed by {-100 * slack:.3g} %{part}")
+            found.append(f"; {name}{f' of {axis}' if axis else ''} is missed by {in_percent(name, -slack)}")
     return "".join(found)
+
+
+def in_percent(limit: str, excess: float) -> str:
+    """The excess over the limit of that name: a part of it; of an overshoot, which is one itself, of the distance."""
+    return f"{100 * excess:.3g} %{' of the distance' if limit == 'command_overshoot' else ''}"
 
 
 def above_the_limit(bounds: Bounds, point: Point) -> str:
